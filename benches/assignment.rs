@@ -1,5 +1,5 @@
-//! Benchmarks of exact 1-Wasserstein distances on one thread, and of one assignment among 16 policies
-//! on all.
+//! Benchmarks of exact 1-Wasserstein distances on one thread, and of one assignment among 16
+//! policies on all threads.
 
 use std::hint::black_box;
 

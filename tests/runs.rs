@@ -107,7 +107,8 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
     let (summary, reference) = whole(3, 1);
     assert_eq!((summary.groups.len(), summary.variants.len()), (4, 16));
     assert!(summary.policies >= 1 && summary.decisions >= 8 * 80);
-    // two turns of one rollout, and one of all others, since each visit ends before its policy acts
+    // two iterations of one rollout; the third one takes the rest of the stream, since each visit
+    // ends before its new policy acts
     assert_eq!(lines(&reference[1]), 1 + 3, "a header and a row a turn");
     assert_eq!(lines(&reference[2]), 1 + 16, "sixteen variants after the stream");
     assert_eq!(lines(&reference[4]), 1 + 16 * 3, "an answer to 1, 4 and 20 episodes of each");

@@ -51,14 +51,6 @@ pub struct PermutationTest {
     pub tail_p_value: f64,
 }
 
-impl PermutationTest {
-    /// Returns the distance in units of the mean distance between random splits; zero where all
-    /// pooled frames are equal.
-    pub fn ratio(&self) -> f64 {
-        self.distance / self.null.mean.max(f64::MIN_POSITIVE)
-    }
-}
-
 /// Distances between all pooled frames, and the memory for the part that one split needs.
 pub(crate) struct PooledDistances {
     all: Vec<f64>,

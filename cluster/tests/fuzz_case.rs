@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::oracle;
 
-/// What became of an input.
+/// Outcome of one input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Outcome {
     /// Solved and certified; no oracle covers it.

@@ -36,7 +36,7 @@ pub use filters::{Album, Filters};
 pub use merging::Merge;
 pub use opinion::{Look, Opinion};
 pub use probability::Probabilities;
-pub use recogniser::{Finding, Recogniser, Situation};
+pub use recogniser::{Finding, Recogniser, Situation, Trial};
 pub use settings::RecogniserSettings;
 
 /// Compiles and runs the example of the README.

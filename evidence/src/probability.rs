@@ -23,7 +23,7 @@ pub(crate) struct Weighed {
 
 /// Weight of "none of these", relative to 1 for a policy without evidence against it.
 const NONE: f64 = 0.05;
-/// Least weight of a policy whose own episodes would look like these: a p-value of 0.08.
+/// Least weight of a policy whose own episodes would look like these: a p-value of 0.07.
 const TYPICAL: f64 = 0.5;
 /// Least weight of a policy whose difference may be drift.
 const ACCEPTED: f64 = 0.1;

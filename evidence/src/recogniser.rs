@@ -28,22 +28,40 @@ pub struct Finding {
     pub look: Look,
     /// Changepoint, in decisions of all environments, if the task group changed: episodes that
     /// began before it belong to the earlier group. [`Recogniser::assign`] judges the later
-    /// episodes, [`Recogniser::review`] the earlier ones.
+    /// episodes, [`Recogniser::review`] the earlier ones, unless the policy was proposed for a group
+    /// that is over.
     pub cut: Option<usize>,
     /// Indices of the policies that are rejected for this task group from here on.
     pub rejected: Vec<usize>,
-    /// `true` if pictures and vectors alone do not single out the named policy, so that it should
-    /// act for some episodes before it acts for a whole rollout.
-    pub is_contested: bool,
+    /// Trial that the named policy must pass, unless it is the one that acted.
+    pub trial: Trial,
     /// `true` if the evidence from before the named policy acted rejects it, because pictures or
     /// vectors differ or it was merged: its returns must show that it serves the group.
     pub is_unproven: bool,
-    /// `true` if the group changed while a proposed policy acted, so that the episodes were judged
-    /// by pictures and vectors alone: the named policy trains on them as they are.
-    pub is_settled: bool,
-    /// `true` if the named policy stands in for a new one, because there are `max_policies` already:
-    /// it needs no trial.
-    pub is_final: bool,
+}
+
+/// Trial of a policy that is named in place of the one that acted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Trial {
+    /// No trial of the named policy: the decision is final.
+    #[default]
+    None,
+    /// One rollout that the named policy collects itself.
+    Rollout,
+    /// A few episodes of the named policy first, as many as a decision needs and at least one in
+    /// each environment, since several policies may fit; then one rollout.
+    Episodes,
+    /// No trial, since it would come too late: the task group changed while another policy was on
+    /// trial. The named policy trains on the rollout of that one, or, if it only acted for a few
+    /// episodes, on one of its own.
+    Waived,
+}
+
+impl Trial {
+    /// Returns the trial of a policy that looks alone single out, or do not.
+    fn of_policy(is_contested: bool) -> Self {
+        if is_contested { Self::Episodes } else { Self::Rollout }
+    }
 }
 
 impl Finding {
@@ -84,7 +102,7 @@ const MOST_HELD: usize = 16;
 // rollouts 82 % had as many policies as groups, 79 % with 0.2 and 47 % with 0.02 (seeds 1000 on).
 const ALIKE: f64 = 0.1;
 
-/// Largest number of policies that were created and did not train yet, as their group gave way.
+/// Number of policies without training from which on rollouts of new groups are held.
 const MOST_UNTRAINED: usize = 8;
 
 /// Rollout that no policy trained on, since it was too little to decide.
@@ -94,6 +112,22 @@ pub(crate) struct Held {
     /// Index of the policy that acted.
     pub(crate) collector: usize,
     pub(crate) accounts: Vec<Account>,
+}
+
+impl Held {
+    /// Checks a restored rollout: 1 to `most` summaries, and a collector among the policies or the
+    /// next new one.
+    pub(crate) fn check(&self, most: usize, policies: usize) -> Result<(), EvidenceError> {
+        let got = self.accounts.len();
+        if self.collector > policies {
+            return Err(EvidenceError::NoPolicy { policy: self.collector, policies });
+        }
+        match got {
+            0 => Err(EvidenceError::TooFewEpisodes { got, needed: 1 }),
+            _ if got > most => Err(EvidenceError::TooManyAccounts { got, most }),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Recogniser of task groups: remembers the episodes that each policy trained on, and decides whose
@@ -227,8 +261,8 @@ impl Recogniser {
     }
 
     /// Creates the policy that a decision asks for, which remembers the pictures and vectors of
-    /// `accounts`. If there are `max_policies` already, the most similar one is named instead. If too
-    /// many wait for their first training, the episodes are held.
+    /// `accounts`. If there are `max_policies` already, the most similar one is named instead, without a
+    /// trial. If too many wait for their first training, the episodes are held.
     fn open(
         &mut self,
         accounts: &[&Account],
@@ -238,12 +272,15 @@ impl Recogniser {
         if finding.decision != Decision::New {
             return Ok(finding);
         }
-        let acting = || self.memories.iter().filter(|memory| !memory.is_gone());
-        if acting().count() >= self.settings.max_policies {
+        if self.memories.len() >= self.settings.max_policies {
             let policy = self.most_similar(&finding.opinions).unwrap_or(situation.collector);
-            return Ok(Finding { decision: Decision::Existing(policy), is_final: true, ..finding });
+            return Ok(Finding {
+                decision: Decision::Existing(policy),
+                trial: Trial::None,
+                ..finding
+            });
         }
-        let untrained = acting().filter(|memory| !memory.is_trained).count();
+        let untrained = self.memories.iter().filter(|memory| !memory.is_trained).count();
         if situation.can_wait && untrained >= MOST_UNTRAINED {
             self.hold(accounts, situation.collector);
             return Ok(Finding { decision: Decision::Undecided, ..finding });
@@ -286,10 +323,8 @@ impl Recogniser {
             look: Look::First,
             cut: None,
             rejected: sure.then_some(situation.collector).into_iter().collect(),
-            is_contested: alike || rivals.len() > 1,
+            trial: Trial::of_policy(alike || rivals.len() > 1),
             is_unproven: false,
-            is_settled: false,
-            is_final: false,
             opinions,
         })
     }
@@ -299,7 +334,7 @@ impl Recogniser {
     /// and there is a changepoint, only the earlier episodes count, for whose group the policy was
     /// proposed. If pictures or vectors reject a policy that they had accepted, the group has
     /// changed, and the rollout is judged as by [`Recogniser::assign`]
-    /// ([`Finding::is_settled`]).
+    /// ([`Trial::Waived`]).
     ///
     /// # Errors
     /// Errors of [`Recogniser::assign`].
@@ -329,7 +364,12 @@ impl Recogniser {
             return Ok(finding);
         }
         if !situation.is_unproven && self.has_moved(&finding.opinions[situation.collector]) {
-            return self.start_over(&accounts[cut.unwrap_or(0)..], cut.is_some(), situation, rng);
+            let later = &accounts[cut.unwrap_or(0)..];
+            let found = self.start_over(later, cut.is_some(), situation, rng)?;
+            let is_open = situation.can_wait || found.trial == Trial::Waived;
+            // trials could go on for ever in groups that change with every rollout
+            let trial = if is_open { found.trial } else { Trial::None };
+            return Ok(Finding { cut: cut.map(|_| later[0].began), trial, ..found });
         }
         // no policy is tried twice for one task, or trials might never end
         finding.rejected.push(situation.collector);
@@ -348,8 +388,8 @@ impl Recogniser {
         let situation = Situation { rejected: &[], is_unproven: false, ..situation };
         let finding = self.look(accounts, situation, rng)?;
         match finding.decision {
-            Decision::Existing(_) if !is_cut && !finding.is_contested => {
-                Ok(Finding { is_settled: true, ..finding })
+            Decision::Existing(_) if !is_cut && finding.trial == Trial::Rollout => {
+                Ok(Finding { trial: Trial::Waived, ..finding })
             }
             Decision::Existing(_) if !situation.can_wait => Ok(finding),
             _ => {
@@ -368,13 +408,15 @@ impl Recogniser {
         })
     }
 
-    /// Remembers a rollout that no policy may train on. The latest [`MOST_HELD`] are kept.
+    /// Remembers a rollout that no policy may train on, or its latest `memory` episodes. The latest
+    /// [`MOST_HELD`] rollouts are kept.
     fn hold(&mut self, accounts: &[&Account], collector: usize) {
-        if self.held.len() == MOST_HELD {
+        while self.held.len() >= MOST_HELD {
             self.held.pop_front();
         }
-        let accounts = accounts.iter().copied().cloned().collect();
-        self.held.push_back(Held { collector, accounts });
+        let latest = &accounts[accounts.len().saturating_sub(self.settings.memory)..];
+        let kept = latest.iter().copied().cloned().collect();
+        self.held.push_back(Held { collector, accounts: kept });
     }
 
     /// Removes and returns the held rollout that looks most like this one, if it may be of the same
@@ -431,12 +473,6 @@ impl Recogniser {
             misfit: opinion.misfit(),
         });
         Ok(Probabilities::of(&weighed.collect::<Vec<_>>()))
-    }
-
-    /// Returns `true` if a policy may be proposed although pictures or vectors reject it or it was
-    /// merged: it did not act, and was not tried before.
-    fn may_have_drifted(&self, policy: usize, situation: Situation) -> bool {
-        policy != situation.collector && !situation.rejected.contains(&policy)
     }
 
     /// Checks that a policy is known, or is the next new one.
@@ -501,7 +537,9 @@ impl Recogniser {
         let named = choice.kept().or_else(|| rivals.first().copied());
         let examiner = Examiner(&self.settings);
         let (most, farthest) = (examiner.drifted(), examiner.farthest());
-        let may_have = |policy| self.may_have_drifted(policy, situation);
+        // a policy that looks differ from is proposed if it did not act and was not tried before
+        let may_have =
+            |policy| policy != situation.collector && !situation.rejected.contains(&policy);
         let can_show = |policy: usize| examiner.knows(&self.memories[policy]);
         let are_kin = |a: usize, b: usize| {
             self.memories[a].heir == Some(b) || self.memories[b].heir == Some(a)
@@ -512,10 +550,8 @@ impl Recogniser {
             look: Look::Second,
             cut: None,
             rejected: self.rejected(&opinions, named, situation),
-            is_contested: choice.is_alike(self.settings.doubt) || rivals.len() != 1,
+            trial: Trial::of_policy(choice.is_alike(self.settings.doubt) || rivals.len() != 1),
             is_unproven: named.is_some_and(|policy| opinions[policy].is_rejected()),
-            is_settled: false,
-            is_final: false,
             opinions,
         })
     }

@@ -15,8 +15,8 @@ pub struct RecogniserSettings {
     /// Number of episodes remembered for each policy, the latest of its training; at least
     /// `min_episodes`.
     pub memory: usize,
-    /// Largest number of policies, at least 1. Beyond it a rollout that fits no policy trains the
-    /// most similar one, which then serves several task groups.
+    /// Largest number of policies, merged ones included, at least 1. Beyond it a rollout that fits
+    /// no policy trains the most similar one, which then serves several task groups.
     pub max_policies: usize,
     /// Number of episodes that a rollout must show, and that must be remembered for a policy, to be
     /// tested; at least 4.

@@ -51,15 +51,17 @@ impl Recogniser {
     ///
     /// # Errors
     /// Errors of the deserialiser, a state of another format or with unknown fields, numbers that
-    /// are not finite, lists of different lengths, unknown policy indices, merges in a circle, or a
-    /// policy without episodes or with more than `memory`. Nothing is replaced then.
+    /// are not finite, lists of different lengths, unknown policy indices, merges in a circle, a
+    /// policy or held rollout without episodes or with more than `memory`. Nothing is replaced then.
     pub fn restore<'de, D: Deserializer<'de>>(&mut self, state: D) -> Result<(), D::Error> {
         let State { policies: memories, held, .. } = State::deserialize(state)?;
         let (most, policies) = (self.settings().memory, memories.len());
         let mut checks = memories.iter().map(|memory| memory.check(most, policies));
         let checked = checks.try_for_each(|check| check);
+        let held_checks = || held.iter().try_for_each(|held| held.check(most, policies));
         checked
             .and_then(|()| check_heirs(&memories))
+            .and_then(|()| held_checks())
             .and_then(|()| check(known(&memories).chain(held.iter().flat_map(|h| &h.accounts))))
             .map_err(D::Error::custom)?;
         (self.memories, self.held) = (memories, held);

@@ -1,7 +1,7 @@
 //! Decisions on episodes of drawn worlds.
 
 use cluster::{Decision, Verdict};
-use evidence::{Account, Accountant, Album, Recogniser, RecogniserSettings, Situation};
+use evidence::{Account, Accountant, Album, Recogniser, RecogniserSettings, Situation, Trial};
 use symmetry::{D2, Irrep};
 use worlds::WorldKind;
 
@@ -80,7 +80,7 @@ fn no_more_policies_are_created_than_the_settings_allow() {
         let mut full = bounded(3);
         let situation = Situation { rejected, can_wait: false, ..Situation::of(reviewed) };
         let found = full.review(&unknown, situation, &mut rng()).unwrap();
-        assert!(found.is_final && full.policies() == 3, "{found:?}");
+        assert!(found.trial == Trial::None && full.policies() == 3, "{found:?}");
         found.decision
     });
     assert!(matches!(named[0], Decision::Existing(0..3)) && named == [named[0]; 3], "{named:?}");
@@ -271,7 +271,7 @@ fn a_policy_whose_group_drifted_meanwhile_is_heard() {
             continue;
         }
         heard += 1;
-        assert!(finding.is_contested && !finding.rejected.contains(&1));
+        assert!(finding.trial == Trial::Episodes && !finding.rejected.contains(&1));
         let situation = Situation {
             collector: 1,
             rejected: &finding.rejected,

@@ -105,6 +105,28 @@ fn states_with_unknown_fields_are_refused() {
 }
 
 #[test]
+fn held_rollouts_that_no_run_could_have_are_refused() {
+    let mut recogniser = knowing(WorldKind::Appearance, 1000, 1);
+    let unknown = rollout(WorldKind::Appearance, 1000, 3, 0);
+    recogniser.assign(&unknown, Situation::of(0), &mut rng()).unwrap();
+    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    assert!(recogniser.clone().restore(&state).is_ok());
+    let accounts = &state["held"][0]["accounts"];
+    let many = vec![accounts.as_array().unwrap().clone(); 3].concat();
+    let cases = [
+        ("collector", 2.into(), "policy 2 was named"),
+        ("accounts", Vec::<serde_json::Value>::new().into(), "got 0 episodes"),
+        ("accounts", many.into(), "60"),
+    ];
+    for (field, value, part) in cases {
+        let mut wrong = state.clone();
+        wrong["held"][0][field] = value;
+        let message = recogniser.clone().restore(&wrong).unwrap_err().to_string();
+        assert!(message.contains(part), "{field}: {message}");
+    }
+}
+
+#[test]
 fn states_of_another_version_are_refused_by_name() {
     let mut recogniser = knowing(WorldKind::Appearance, 1000, 1);
     let state = recogniser.state(serde_json::value::Serializer).unwrap();

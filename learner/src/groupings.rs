@@ -12,7 +12,6 @@ pub use distance::Distance;
 pub use evidence::Evident;
 pub use grouping::{
     Candidates, Episodes, Grouping, GroupingDecision, Learned, Lesson, Needs, Query, Recognised,
-    Trial,
 };
 pub use oracle::{Labels, Single};
 pub use settings::{GroupingSettings, RemovedSettings};

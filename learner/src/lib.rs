@@ -15,9 +15,10 @@ mod learners;
 pub mod overrides;
 
 pub use error::LearnerError;
+pub use evidence::Trial;
 pub use groupings::{
     Candidates, Distance, Episodes, Evident, Grouping, GroupingDecision, GroupingSettings, Labels,
-    Learned, Lesson, Needs, Query, Recognised, RemovedSettings, Single, Trial,
+    Learned, Lesson, Needs, Query, Recognised, RemovedSettings, Single,
 };
 pub use learners::{
     CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, Handover, Iteration,

@@ -28,7 +28,7 @@ fn with(mut settings: CoversSettings, change: impl FnOnce(&mut CoversSettings)) 
     settings
 }
 
-/// What cannot be is said, in words with this part.
+/// Checks that a result is an error whose message has this part.
 fn assert_refused<T>(result: Result<T, LearnerError>, part: &str) {
     let message = result.err().unwrap().to_string();
     assert!(message.contains(part), "{message}");

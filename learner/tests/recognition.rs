@@ -34,7 +34,7 @@ fn after(grouping: GroupingSettings, groups: &[usize]) -> Covers {
     covers
 }
 
-/// What it says of a group, and whether a second time the same.
+/// Answer for a group, which must be the same a second time.
 fn named(covers: &mut Covers, group: usize, episodes: usize) -> Option<usize> {
     let mut ask = || {
         let mut env = Bars::new();

@@ -210,7 +210,7 @@ fn of_twins_one_goes_on() {
     assert_eq!(turns(&mut short_covers, &mut short_env, 3), expected);
 }
 
-/// What a turn tells and logs of policies that were merged in it.
+/// Report and metrics of an iteration in which policies were merged.
 #[test]
 fn merges_are_seen() {
     let (mut env, mut covers) = learner(twins());

@@ -6,7 +6,7 @@ use symmetry::{D2, Irrep};
 
 use crate::group::TaskGroup;
 use crate::picture::{PICTURE_SIZE, Picture};
-use crate::world::Scene;
+use crate::scene::Scene;
 
 /// Largest absolute coordinate of the hand, in units of half the picture's side.
 // Below 1, so that the hand's centre stays in the picture.
@@ -24,7 +24,7 @@ pub(crate) struct Episode {
     hand: [f32; 2],
     object: [f32; 2],
     still: Picture,
-    /// The picture without the object, until that appears.
+    /// Picture without the object, in scenes in which it appears late.
     empty: Option<Picture>,
     first: Vec<u8>,
     now: Vec<u8>,
@@ -38,7 +38,7 @@ impl Episode {
         let drawn = D2::from_bits(rng.random_range(0..4));
         let [from, to] = scene.object_range;
         let object = [0; 2].map(|_| rng.random_range(from..=to));
-        let empty = (scene.first_seen > 0)
+        let empty = (scene.decisions_without_object > 0)
             .then(|| Picture::without_hand(&scene, &group, object, false, &mut rng.clone()));
         let still = Picture::without_hand(&scene, &group, object, true, &mut rng);
         let mut episode = Self {
@@ -66,7 +66,7 @@ impl Episode {
         for (hand, shift) in self.hand.iter_mut().zip(motion) {
             *hand = (*hand + shift).clamp(-REACH, REACH);
         }
-        self.scene.first_seen = self.scene.first_seen.saturating_sub(1);
+        self.scene.decisions_without_object = self.scene.decisions_without_object.saturating_sub(1);
         self.look();
         let place = self.place();
         let pay = &self.group.reward;
@@ -75,7 +75,7 @@ impl Episode {
 
     /// Takes the present picture.
     fn look(&mut self) {
-        let empty = self.empty.as_ref().filter(|_| self.scene.first_seen > 0);
+        let empty = self.empty.as_ref().filter(|_| self.scene.decisions_without_object > 0);
         let picture = empty.unwrap_or(&self.still).with_hand(self.hand);
         self.now = picture.with_camera_noise(self.scene.noise_amplitude, &mut self.rng);
     }

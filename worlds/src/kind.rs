@@ -6,7 +6,9 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::group::{HandDynamics, RewardFunction, TaskGroup};
 use crate::look::{Appearance, Shape, Texture};
-use crate::nuisance::{Nuisance, brighter, farther, noisier, rescaled, tinted, unchanged};
+use crate::scene::{
+    Nuisance, change_light, move_object, raise_noise, rescale_rewards, tint_ground, unchanged,
+};
 
 /// Property in which the task groups of a world can differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -28,7 +30,7 @@ pub enum Property {
 }
 
 /// Kind of a world: the properties in which its task groups differ, and the nuisance that acts in
-/// it.
+/// it. Positions, light, ground and noise change within 250 rounds and return within the next 250.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WorldKind {
     /// Colour, shape, size, texture and number of copies; positions of targets differ as well.
@@ -51,8 +53,7 @@ pub enum WorldKind {
     Identical,
     /// Groups of [`WorldKind::Appearance`], with colours that change a little with time.
     Drift,
-    /// Groups of [`WorldKind::Appearance`], with objects that move outwards or inwards. Like
-    /// the next three changes, this one takes 250 rounds, and is then reversed.
+    /// Groups of [`WorldKind::Appearance`], with objects that move outwards or inwards.
     MovingObject,
     /// Groups of [`WorldKind::Appearance`], with light that becomes 1.3 or 0.6 times as bright.
     ChangingLight,
@@ -64,8 +65,14 @@ pub enum WorldKind {
     RescaledReward,
 }
 
-/// Name of a kind, least and largest default number of groups, properties, and nuisance.
-type Spec = (&'static str, [usize; 2], &'static [Property], Nuisance);
+/// Description of a kind.
+struct Spec {
+    name: &'static str,
+    /// Least and largest default number of groups.
+    num_groups: [usize; 2],
+    properties: &'static [Property],
+    nuisance: Nuisance,
+}
 
 impl WorldKind {
     /// All kinds of worlds.
@@ -90,7 +97,7 @@ impl WorldKind {
     const fn spec(self) -> Spec {
         use Property::{Colour, Dynamics, Form, Ground, Reward, Shape, Target};
         const LOOKS: &[Property] = &[Colour, Shape, Form, Target];
-        match self {
+        let (name, num_groups, properties, nuisance): (_, _, _, Nuisance) = match self {
             Self::Appearance => ("appearance", [8, 8], LOOKS, unchanged),
             Self::Shape => ("shape", [8, 8], &[Shape, Target], unchanged),
             Self::Colour => ("colour", [8, 8], &[Colour, Target], unchanged),
@@ -101,32 +108,34 @@ impl WorldKind {
             Self::Dynamics => ("dynamics", [2, 5], &[Dynamics], unchanged),
             Self::Identical => ("identical", [2, 16], &[], unchanged),
             Self::Drift => ("drift", [2, 6], LOOKS, unchanged),
-            Self::MovingObject => ("moving-object", [1, 4], LOOKS, farther),
-            Self::ChangingLight => ("changing-light", [1, 4], LOOKS, brighter),
-            Self::ChangingGround => ("changing-ground", [1, 4], LOOKS, tinted),
-            Self::RisingNoise => ("rising-noise", [1, 4], LOOKS, noisier),
-            Self::RescaledReward => ("rescaled-reward", [1, 4], LOOKS, rescaled),
-        }
+            Self::MovingObject => ("moving-object", [1, 4], LOOKS, move_object),
+            Self::ChangingLight => ("changing-light", [1, 4], LOOKS, change_light),
+            Self::ChangingGround => ("changing-ground", [1, 4], LOOKS, tint_ground),
+            Self::RisingNoise => ("rising-noise", [1, 4], LOOKS, raise_noise),
+            Self::RescaledReward => ("rescale_rewards-reward", [1, 4], LOOKS, rescale_rewards),
+        };
+        Spec { name, num_groups, properties, nuisance }
     }
 
     /// Returns the kind's name in tables, for instance `appearance`.
     pub const fn name(self) -> &'static str {
-        self.spec().0
+        self.spec().name
     }
 
     /// Returns the properties in which groups differ.
     pub const fn properties(self) -> &'static [Property] {
-        self.spec().2
+        self.spec().properties
     }
 
     /// Returns the change of the scene in the course of a stream.
     pub(crate) const fn nuisance(self) -> Nuisance {
-        self.spec().3
+        self.spec().nuisance
     }
 
     /// Draws the default number of groups, which is fixed for some kinds.
     pub(crate) fn draw_num_groups(self, rng: &mut ChaCha8Rng) -> usize {
-        let [least, most] = self.spec().1;
+        let [least, most] = self.spec().num_groups;
+        // a draw would change the worlds of kinds with a fixed number
         if least == most { most } else { rng.random_range(least..=most) }
     }
 
@@ -170,7 +179,7 @@ impl Property {
     const fn num_values(self) -> usize {
         match self {
             Self::Colour | Self::Shape | Self::Ground | Self::Target => 8,
-            Self::Form => SIZES.len(),
+            Self::Form => 1,
             Self::Reward => 4,
             Self::Dynamics => HAND_DYNAMICS.len(),
         }
@@ -189,9 +198,10 @@ impl Property {
         match self {
             Self::Colour => group.appearance.colour = COLOURS[value],
             Self::Shape => group.appearance.shape = Shape::ALL[value],
-            Self::Form => group.appearance.half_size = SIZES[value],
+            // drawn with the whole appearance alone
+            Self::Form => {}
             Self::Ground => {
-                // each bit makes a channel brighter or darker
+                // each bit makes a channel change_light or darker
                 let tint = |bit| if value & bit == 0 { -35.0 } else { 35.0 };
                 group.ground_tint = [1, 2, 4].map(tint);
             }

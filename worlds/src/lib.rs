@@ -34,16 +34,17 @@ mod episode;
 mod group;
 mod kind;
 mod look;
-mod nuisance;
 mod picture;
+mod scene;
 mod stream;
 mod world;
 
 pub use group::{HandDynamics, RewardFunction, TaskGroup};
 pub use kind::{Property, WorldKind};
 pub use look::{Appearance, Shape, Texture};
+pub use scene::Scene;
 pub use stream::{DEFAULT_HORIZON, StreamError, TaskStream, Visit};
-pub use world::{Scene, World};
+pub use world::World;
 
 /// Compiles and runs the example of the README.
 #[cfg(doctest)]

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::group::TaskGroup;
 use crate::look::{Appearance, Shape, Texture};
-use crate::world::Scene;
+use crate::scene::Scene;
 
 /// Width and height of a picture in pixels.
 pub(crate) const PICTURE_SIZE: usize = 48;
@@ -44,8 +44,8 @@ impl Picture {
         for [dx, dy] in group.appearance.copy_centres().filter(|_| is_seen) {
             picture.paint(&group.appearance, [object[0] + dx, object[1] + dy]);
         }
-        let light = 1.0 + rng.random_range(-1.0..=1.0) * scene.max_light_deviation;
-        let light = scene.brightness * light;
+        let deviation = rng.random_range(-1.0..=1.0) * scene.max_light_deviation;
+        let light = scene.brightness * (1.0 + deviation);
         picture.0.iter_mut().for_each(|value| *value *= light);
         picture
     }

@@ -5,28 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::group::TaskGroup;
 use crate::kind::WorldKind;
-
-/// Surroundings of the object, which all groups of a world share.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Scene {
-    /// Colour of the ground, in 0..=255: grey, unless it changes with time.
-    pub ground: [f32; 3],
-    /// Number of small grey objects on the ground, at new positions in every episode.
-    pub num_clutter_objects: usize,
-    /// Mean brightness of the pictures.
-    pub brightness: f32,
-    /// Largest deviation of an episode's brightness, relative to the mean.
-    pub max_light_deviation: f32,
-    /// Amplitude of the uniform camera noise, in levels of 0..=255.
-    pub noise_amplitude: f32,
-    /// Range of both coordinates of an object, from the centre of the picture, in units of half its
-    /// side.
-    pub object_range: [f32; 2],
-    /// Number of decisions of an episode before the object appears.
-    pub first_seen: usize,
-    /// Factor on all rewards.
-    pub reward_scale: f32,
-}
+use crate::scene::Scene;
 
 /// World of synthetic tasks: task groups in one scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,7 +16,7 @@ pub struct World {
     pub seed: u64,
     /// Task groups of the world.
     pub groups: Vec<TaskGroup>,
-    /// Surroundings of the object, which all groups share, at the beginning of a stream.
+    /// Surroundings at the beginning of a stream, before rewards are scaled.
     pub scene: Scene,
     /// Surroundings at the largest change that the nuisance of the kind causes.
     pub changed_scene: Scene,
@@ -60,7 +39,7 @@ impl World {
 
     fn with_rng(kind: WorldKind, seed: u64, number: usize, mut rng: ChaCha8Rng) -> Self {
         let groups = kind.draw_groups(number, &mut rng);
-        let scene = Scene::draw(kind, &mut rng);
+        let scene = draw_scene(kind, &mut rng);
         let [scene, changed_scene] = kind.nuisance()(scene, &mut rng);
         Self { kind, seed, groups, scene, changed_scene }
     }
@@ -98,22 +77,20 @@ impl World {
 /// Rounds in which a scene changes from one extreme to the other.
 const CHANGE_ROUNDS: f32 = 250.0;
 
-impl Scene {
-    /// Draws surroundings; positions range widely for [`WorldKind::Appearance`] only.
-    fn draw(kind: WorldKind, rng: &mut ChaCha8Rng) -> Self {
-        // appearance worlds have the widest range, 0.2 to 0.7; others draw a width from 0.05 to 0.5
-        let wide = kind == WorldKind::Appearance;
-        let width = if wide { 0.5 } else { rng.random_range(0.05..0.5) };
-        let from = 0.2 + rng.random_range(0.0..=1.0) * (0.5 - width);
-        Self {
-            ground: [rng.random_range(90.0..160.0); 3],
-            num_clutter_objects: rng.random_range(0..=3),
-            brightness: 1.0,
-            max_light_deviation: rng.random_range(0.0..0.12),
-            noise_amplitude: rng.random_range(0.0..8.0),
-            object_range: [from, from + width],
-            first_seen: if kind == WorldKind::LateObject { 5 } else { 0 },
-            reward_scale: 1.0,
-        }
+/// Draws surroundings; positions range widely for [`WorldKind::Appearance`] only.
+fn draw_scene(kind: WorldKind, rng: &mut ChaCha8Rng) -> Scene {
+    // appearance worlds have the widest range, 0.2 to 0.7; others draw a width from 0.05 to 0.5
+    let wide = kind == WorldKind::Appearance;
+    let width = if wide { 0.5 } else { rng.random_range(0.05..0.5) };
+    let from = 0.2 + rng.random_range(0.0..=1.0) * (0.5 - width);
+    Scene {
+        ground: [rng.random_range(90.0..160.0); 3],
+        num_clutter_objects: rng.random_range(0..=3),
+        brightness: 1.0,
+        max_light_deviation: rng.random_range(0.0..0.12),
+        noise_amplitude: rng.random_range(0.0..8.0),
+        object_range: [from, from + width],
+        decisions_without_object: if kind == WorldKind::LateObject { 5 } else { 0 },
+        reward_scale: 1.0,
     }
 }

@@ -60,7 +60,7 @@ impl Baseline {
         let points: Vec<f32> = match self.rule {
             Rule::Histogram => courses.iter().flat_map(|c| histogram(spec, c)).collect(),
             Rule::Image => courses.iter().flat_map(|c| mean_image(spec, c)).collect(),
-            Rule::Network | Rule::Threshold | Rule::Evidence => {
+            _ => {
                 let first = |course: &Course| course.vectors[..spec.vector_irreps.len()].to_vec();
                 let observations = Observations {
                     images: courses.iter().flat_map(|course| course.image.clone()).collect(),
@@ -75,9 +75,9 @@ impl Baseline {
         Ok(Frames::new(points, 1, dim)?)
     }
 
-    /// Returns the policy whose descriptions differ least by a permutation test, or a new one. The
-    /// levels are those of the learner's own rule: of its first look, and by a fitted tail of a
-    /// rejection.
+    /// Returns the policy whose descriptions differ least by a permutation test, or a new one. A
+    /// policy is rejected at the levels of the learner's own rule: `doubt` for the exact p-value
+    /// and `level` for that of the fitted tail.
     fn test(&self, clouds: Vec<Candidate>, seed: u64) -> Result<Decision, LearnerError> {
         let tests = clouds.into_par_iter().map(|clouds| {
             let source = Source { clouds, side: Side::Both };

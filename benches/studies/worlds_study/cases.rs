@@ -52,7 +52,7 @@ impl Case {
 #[derive(Clone, Debug, Default, PartialEq, clap::Args)]
 pub struct Plan {
     /// Visits of all groups together, for a table of this stream alone [default: two of each group,
-    /// and at least eight in worlds that change]
+    /// and at least eight if surroundings change]
     #[arg(long)]
     pub visits: Option<usize>,
     /// Rounds that a visit lasts, for a table of this stream alone; a rollout has 4

@@ -11,7 +11,7 @@ use crate::trial::ROUNDS;
 use crate::{Answer, Job};
 
 /// Version of the study. Results of two versions do not belong in one table.
-pub const VERSION: u32 = 8;
+pub const VERSION: u32 = 9;
 
 /// Counts of one world, in the order of the file's columns.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -37,15 +37,13 @@ pub struct Record {
     /// Number of first turns of returning groups; `noticed` counts those that are right.
     pub switches: usize,
     pub noticed: usize,
-    /// Number of episodes trained on; `foreign` counts those that belong to another policy.
+    /// Number of rounds trained on; `foreign` counts those that belong to another policy.
     pub learnt: usize,
     pub foreign: usize,
     /// Number of policies that were merged into another one.
     pub merged: usize,
     /// Time of the decisions of the slowest turn, in microseconds.
     pub slowest_us: u128,
-    /// Size of the learner's checkpoint, in bytes.
-    pub state_bytes: usize,
 }
 
 impl Record {
@@ -57,7 +55,7 @@ impl Record {
             rule: job.rule,
             kind: job.case.name().to_owned(),
             seed: job.seed,
-            visits: job.plan.visits.map_or("two".to_owned(), |n| n.to_string()),
+            visits: job.plan.visits.map_or("default".to_owned(), |n| n.to_string()),
             stay: format!("{}-{}", rounds.start(), rounds.end()),
             ..Self::default()
         }
@@ -193,11 +191,11 @@ mod tests {
     #[test]
     fn lines_of_another_version_are_refused() {
         let path = scratch("version");
-        for text in ["kind,seed\nshape,7\n", "version,kind\n8,shape\n"] {
+        for text in ["kind,seed\nshape,7\n", "version,kind\n9,shape\n"] {
             fs::write(&path, text).unwrap();
             let rejected = Results::open(Some(&path)).err().unwrap();
             let message = rejected.to_string();
-            assert!(message.contains("expected version 8"), "{message}");
+            assert!(message.contains("expected version 9"), "{message}");
             assert_eq!(fs::read_to_string(&path).unwrap(), text);
         }
         fs::remove_file(&path).unwrap();
@@ -217,7 +215,7 @@ mod tests {
         for (visits, rule, seed) in others {
             assert_eq!(again.known(&job(visits, rule, seed)), None);
         }
-        let text = fs::read_to_string(&path).unwrap().replace("\n8,", "\n5,");
+        let text = fs::read_to_string(&path).unwrap().replace("\n9,", "\n5,");
         fs::write(&path, text).unwrap();
         let rejected = Results::open(Some(&path)).err().unwrap();
         assert!(rejected.to_string().contains("it holds version 5"));

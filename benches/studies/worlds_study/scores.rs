@@ -66,15 +66,11 @@ pub fn record(job: &Job, outcome: &Outcome) -> Record {
     let judged = judge(outcome);
     let served = Served::of(outcome);
     let count = |holds: &dyn Fn(&Judged) -> bool| judged.iter().filter(|j| holds(j)).count();
-    let of = |turn: &Turn| {
-        turn.learnt
-            .iter()
-            .flatten()
-            .map(|&group| (outcome.now(turn.policy), group))
-            .collect::<Vec<_>>()
-    };
-    let learnt: Vec<(usize, usize)> = outcome.turns.iter().flat_map(of).collect();
-    let foreign = learnt.iter().filter(|(policy, group)| !served.is_pair(*policy, *group));
+    let learnt = outcome.turns.iter().flat_map(|turn| {
+        let (served, policy) = (&served, outcome.now(turn.policy));
+        turn.learnt.iter().flatten().map(move |&group| served.is_pair(policy, group))
+    });
+    let learnt: Vec<bool> = learnt.collect();
     Record {
         groups: outcome.distinct,
         policies: outcome.left(),
@@ -86,10 +82,9 @@ pub fn record(job: &Job, outcome: &Outcome) -> Record {
         switches: count(&|(turn, _, new)| turn.is_known && *new),
         noticed: count(&|(turn, right, new)| turn.is_known && *new && *right),
         learnt: learnt.len(),
-        foreign: foreign.count(),
+        foreign: learnt.iter().filter(|&&is_own| !is_own).count(),
         merged: outcome.merged(),
         slowest_us: outcome.slowest.as_micros(),
-        state_bytes: outcome.state,
         ..Record::new(job)
     }
 }

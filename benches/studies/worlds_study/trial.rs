@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use learner::{
-    CheckpointExtent, CommonSettings, Grouping, GroupingSettings, Handover, Iteration, Learner,
-    NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Training,
+    CommonSettings, Grouping, GroupingSettings, Handover, Iteration, Learner, NewPolicyInit,
+    PolicyCollection, PolicyCollectionSettings, Training,
 };
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -55,8 +55,6 @@ pub struct Outcome {
     pub heirs: Vec<Option<usize>>,
     /// Time of the decisions of the slowest turn.
     pub slowest: Duration,
-    /// Size of a checkpoint of the learner (bytes).
-    pub state: usize,
 }
 
 impl Outcome {
@@ -78,7 +76,7 @@ impl Outcome {
     }
 }
 
-/// Stream of a world that the policies can see behind the pictures.
+/// Stream of a world, shared with policies that read its hidden state.
 #[derive(Clone, Debug)]
 struct Shared(Arc<Mutex<Bed>>);
 
@@ -86,7 +84,7 @@ struct Shared(Arc<Mutex<Bed>>);
 struct Bed {
     stream: TaskStream,
     case: Case,
-    /// First round that was trained on last, and the group of each round.
+    /// First round of the latest training data, and the group of each of its rounds.
     learnt: (usize, [Option<usize>; ROUNDS]),
 }
 
@@ -203,10 +201,7 @@ impl Trial {
             let is_known = has_returned((since..=turn.last).map(|round| bed.group_at(round)));
             self.outcome.turns.push(Turn { is_known, ..turn });
         }
-        let state =
-            self.learner.to_checkpoint_bytes("trial".as_ref(), CheckpointExtent::Everything, "")?;
-        let policies = self.learner.policy_count();
-        Ok(Outcome { policies, state: state.len(), ..self.outcome })
+        Ok(Outcome { policies: self.learner.policy_count(), ..self.outcome })
     }
 
     fn round(&self) -> usize {

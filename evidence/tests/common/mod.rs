@@ -70,7 +70,7 @@ pub fn mirrored(stream: TaskStream, g: D2) -> TaskStream {
     stream.with_variant(g)
 }
 
-/// What was said of each policy.
+/// Evidence on each policy, as text.
 pub fn said(finding: &Finding) -> Vec<String> {
     finding.opinions.iter().map(ToString::to_string).collect()
 }
@@ -79,13 +79,13 @@ pub fn rng() -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(0)
 }
 
-/// What a recogniser says of a rollout that it may leave undecided. It does not remember the
+/// Decision of a recogniser on a rollout that it may leave undecided. It does not remember the
 /// rollout.
 pub fn look(recogniser: &Recogniser, seen: &[Account], collector: usize) -> Finding {
     recogniser.clone().assign(seen, Situation::of(collector), &mut rng()).unwrap()
 }
 
-/// What a recogniser says of a rollout that it must decide. It does not remember the rollout.
+/// Decision of a recogniser on a rollout that it must decide. It does not remember the rollout.
 pub fn settle(recogniser: &Recogniser, seen: &[Account], collector: usize) -> Finding {
     let situation = Situation { can_wait: false, ..Situation::of(collector) };
     recogniser.clone().assign(seen, situation, &mut rng()).unwrap()

@@ -23,11 +23,8 @@ pub fn learners() -> Vec<LearnerSettings> {
 const THRESHOLD: GroupingSettings = GroupingSettings::Threshold { threshold: 0.0 };
 
 fn evidence() -> GroupingSettings {
-    grouping(r#"{"evidence": {"filters": 1, "memory": 4}}"#)
-}
-
-fn grouping(text: &str) -> GroupingSettings {
-    serde_json::from_str(text).unwrap_or(GroupingSettings::Single)
+    let text = r#"{"evidence": {"filters": 1, "memory": 4}}"#;
+    serde_json::from_str(text).unwrap_or_else(|error| panic!("{text}: {error}"))
 }
 
 fn of_covers() -> [CoversSettings; 4] {

@@ -45,12 +45,12 @@ impl Grouping for Distance {
 /// Largest number of episodes of a policy that [`nearest`] compares with.
 const COMPARED: usize = 40;
 
-/// Returns the one of these policies whose first frames the rollout's are nearest to; policy 0
-/// without any.
+/// Returns the policy whose first frames are nearest to those of the rollout; 0 if `policies` is
+/// empty.
 ///
 /// A frame unlike all remembered ones, for example of another camera, may by chance be less distant
 /// in the features of a wrong policy. So every two policies are compared in the features of both,
-/// and the nearer one meets the next.
+/// and the nearer one is compared with the next.
 ///
 /// # Errors
 /// Errors of a network.

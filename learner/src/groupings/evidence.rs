@@ -9,7 +9,7 @@ use crate::error::LearnerError;
 
 use super::distance::nearest;
 use super::grouping::{
-    Candidates, Episodes, Grouping, GroupingDecision, Learned, Lesson, Needs, Query, Trial,
+    Candidates, Episodes, Grouping, GroupingDecision, Learned, Lesson, Needs, Query,
 };
 
 /// Grouping that compares summaries of episodes with those that each policy trained on
@@ -59,18 +59,9 @@ impl Evident {
             decision: finding.decision,
             evidence: opinions.map(|o| o.evidence(settings, finding.look)).collect(),
         };
-        let trial = if finding.is_final {
-            Trial::None
-        } else if finding.is_settled {
-            Trial::Waived
-        } else if finding.is_contested {
-            Trial::Episodes
-        } else {
-            Trial::Rollout
-        };
         GroupingDecision {
             cut: finding.cut,
-            trial,
+            trial: finding.trial,
             provisional: finding.is_unproven,
             rejected: finding.rejected,
             accepted,

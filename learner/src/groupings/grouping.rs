@@ -1,7 +1,7 @@
 //! Trait of all groupings, with their queries and answers.
 
 use cluster::{Assignment, Candidate, Contest, Decision, Evidence};
-use evidence::Course;
+use evidence::{Course, Trial};
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
 use serde_json::Value;
@@ -133,7 +133,8 @@ pub struct GroupingDecision {
     /// Evidence for and against each policy; empty if nothing was compared.
     pub evidence: Vec<Evidence>,
     /// Changepoint, in decisions of all environments, if the rollout shows two task groups. Only
-    /// the later group was judged, or in a trial only the earlier one.
+    /// the later group was judged, or in a trial only the earlier one, unless the policy was proposed
+    /// for a group that is over.
     pub cut: Option<usize>,
     /// Trial that the named policy must pass once it acts, before the decision is final.
     pub trial: Trial,
@@ -172,23 +173,6 @@ impl GroupingDecision {
             accepted: Vec::new(),
         }
     }
-}
-
-/// Trial that a grouping demands of a policy that it named in place of the one that acted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Trial {
-    /// No trial of the named policy: the decision is final.
-    #[default]
-    None,
-    /// One rollout that the named policy collects itself.
-    Rollout,
-    /// A few episodes of the named policy first, [`Needs::episodes`] and at least one in each
-    /// environment, since several policies may fit; then one rollout.
-    Episodes,
-    /// No trial, since it would come too late: the task group changed while another policy was on
-    /// trial. The named policy trains on the rollout of that one, whatever the settings say of
-    /// rollouts that change hands.
-    Waived,
 }
 
 /// Episodes that a grouping remembers for a policy.

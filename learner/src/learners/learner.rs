@@ -115,7 +115,8 @@ pub struct Iteration {
     /// Evidence for and against each policy that the grouping compared; empty for learners and
     /// groupings that compare nothing.
     pub evidence: Vec<Evidence>,
-    /// Evidence of the first rollout, if it left the grouping undecided and more were collected.
+    /// Evidence of the first decision that left the grouping undecided, so that more rollouts were
+    /// collected; `None` without such a decision.
     pub first_rollout_evidence: Option<Vec<Evidence>>,
     /// Number of rollouts that the grouping left undecided, so that no policy trained on them.
     pub discarded: usize,
@@ -235,7 +236,7 @@ pub fn per_policy_column_names() -> impl Iterator<Item = &'static str> {
 }
 
 /// Largest number of rollouts of an iteration that may be left undecided.
-// Groups that all change at once need one each; a new policy is worth less than a run that hangs.
+// Groups that all change at once need one each. The bound prevents an endless iteration.
 const MOST_DISCARDED: usize = 16;
 
 impl Iteration {

@@ -41,7 +41,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
     /// Runs lines 4 to 16 of Algorithm 1 once. Lines 2, 3 and 18 count the steps up to the next
     /// assignment: here every rollout is assigned, since `N_u` and `N_s` are equal.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, LearnerError> {
-        let mut iteration = Iteration::default();
+        let (mut iteration, policies) = (Iteration::default(), self.policies.len());
         let (actor, decision) = loop {
             // Lines 4 to 7: roll out N_s steps with the current policy into D (`self.rollout`); O
             // (`observed`) takes the first k frames of each episode.
@@ -78,6 +78,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         // Extension: policies that turn out to serve one group are merged.
         let update = self.update(&mut iteration.seconds)?;
         iteration.policy = self.current;
+        iteration.policy_created = self.current >= policies;
         self.merge_duplicates(env, learned, &mut iteration)?;
 
         iteration.evidence = decision.evidence;

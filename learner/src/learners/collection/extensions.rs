@@ -1,14 +1,14 @@
-//! Steps of the learner that the paper's Algorithm 1 does not have: undecided rollouts, policies that
-//! prove themselves before they learn, rollouts of two groups, and policies that are merged.
+//! Steps of the learner that the paper's Algorithm 1 does not have: undecided rollouts, trials of
+//! policies before they train, rollouts of two groups, and policies that are merged.
 
 use std::time::Instant;
 
 use cluster::Decision;
-use evidence::Course;
+use evidence::{Course, Trial};
 use rl::{Experience as _, VectorEnv};
 
 use crate::error::LearnerError;
-use crate::groupings::{Episodes, GroupingDecision, Learned, Lesson, Query, Trial};
+use crate::groupings::{Episodes, GroupingDecision, Learned, Lesson, Query};
 use crate::learners::learner::{Iteration, IterationSeconds};
 
 use super::PolicyCollection;
@@ -43,7 +43,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             self.adapt_rollout()?;
             return Ok(Some(collector));
         }
-        // ends because a grouping names no rejected policy again, and waits for a second new one
+        // ends because a grouping names no rejected policy again in one group, and decides without
+        // a trial once too many rollouts were discarded
         loop {
             // all collections so far are of other policies, and a replay would take them
             if decision.cut.is_some() {
@@ -66,6 +67,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                     return Ok(Some(actor));
                 }
                 if decision.trial == Trial::Waived {
+                    // earlier collections are of another group
+                    self.rollout.keep_latest(1);
                     self.adapt_rollout()?;
                     return Ok(Some(actor));
                 }
@@ -106,7 +109,10 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             return Ok(true);
         }
         if judged.policy != Decision::Undecided {
-            iteration.policy_created = self.make_current(&judged, observed.frames)?;
+            // a policy that exists needs no frames of two groups
+            let is_mixed = judged.cut.is_some() && judged.policy != Decision::New;
+            let frames = if is_mixed { Vec::new() } else { observed.frames };
+            iteration.policy_created = self.make_current(&judged, frames)?;
         }
         *decision = judged;
         Ok(false)
