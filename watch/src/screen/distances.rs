@@ -19,34 +19,45 @@ const WITH_RATIOS: u16 = 14;
 
 /// Draws a row for each policy that the latest rollout was compared with: the distance, the
 /// threshold, and a bar of their ratio. If there is room, the ratios of all rollouts follow below.
+/// A rule that decides by more than the distance has no threshold: the distances stand alone.
 pub fn draw_distances(run: &RunData, frame: &mut Frame, area: Rect) {
     let newest = run.rollouts.last();
     let distances = newest.map_or(&[][..], |row| &row.distances[..]);
     let thresholds = newest.map_or_else(Vec::new, |row| run.thresholds(row));
+    let with_thresholds = thresholds.iter().any(Option::is_some);
+    let columns = if with_thresholds { 4 } else { 2 };
     let title = match (run.rollouts.len(), distances) {
         (0, _) => "W1: no rollout yet".to_owned(),
         (rollouts, []) => format!("W1: none in rollout {}", rollouts - 1),
-        (rollouts, _) => format!("W1 of rollout {} and its threshold", rollouts - 1),
+        (rollouts, _) if with_thresholds => {
+            format!("W1 of rollout {} and its threshold", rollouts - 1)
+        }
+        (rollouts, _) => format!("W1 of rollout {}", rollouts - 1),
     };
     let thresholds = thresholds.into_iter().chain(std::iter::repeat(None));
     let compared = distances.iter().zip(thresholds).enumerate();
     let rows = compared.map(|(policy, (&distance, threshold))| {
         let colour = Style::new().fg(policy_colour(run, policy));
         let ratio = distance.zip(threshold).map(|(distance, threshold)| distance / threshold);
-        Row::new([
-            Cell::new(Span::styled(format!("policy {policy}"), colour)),
-            Cell::new(format_number(distance, 2)),
-            Cell::new(format_number(threshold, 2)),
-            Cell::new(Span::styled(bar(ratio), colour)),
-        ])
+        Row::new(
+            [
+                Cell::new(Span::styled(format!("policy {policy}"), colour)),
+                Cell::new(format_number(distance, 2)),
+                Cell::new(format_number(threshold, 2)),
+                Cell::new(Span::styled(bar(ratio), colour)),
+            ]
+            .into_iter()
+            .take(columns),
+        )
     });
     let widths = [10, 6, 9, BAR as u16].map(Constraint::Length);
-    let header = Row::new(["", "W1", "threshold", ""]).style(Style::new().bold());
+    let header = ["", "W1", "threshold", ""].into_iter().take(columns);
+    let header = Row::new(header).style(Style::new().bold());
     let table = Table::new(rows, widths).header(header);
     let block = Block::bordered().title(title);
     let inner = block.inner(area);
     frame.render_widget(block, area);
-    let height = if inner.height >= WITH_RATIOS {
+    let height = if with_thresholds && inner.height >= WITH_RATIOS {
         // a row for the header; the bound of 99 keeps the number within u16
         (inner.height / 2).min(distances.len().min(99) as u16 + 1)
     } else {

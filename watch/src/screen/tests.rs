@@ -20,7 +20,8 @@ const NARROW: (u16, u16) = (40, 12);
 /// Run that visits two groups with rising rewards; the second rollout of the second group is
 /// assigned to the policy of the first group.
 fn run() -> RunData {
-    let mut run = RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers));
+    // the paper's settings, which have a threshold
+    let mut run = RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Paper));
     let stream = run.experiment.schedule.total_decisions();
     let groups = [0, 1].map(|number: usize| run.experiment.schedule.groups[number].group.clone());
     for (turn, (group, policy)) in
@@ -35,7 +36,6 @@ fn run() -> RunData {
             reward: Some(100.0 + 60.0 * turn as f64),
             success: Some(turn as f64 / 5.0),
             distances: vec![Some(1.5), Some(f64::NAN)],
-            permutation_maxima: vec![Some(1.0), Some(0.7)],
             ..RolloutRow::default()
         });
         run.timings.push(TimingRow { decisions: stream / 8, total: 10.0, ..TimingRow::default() });
@@ -135,7 +135,19 @@ fn a_wide_screen_shows_everything() {
         cells.map(str::to_owned).collect::<Vec<_>>()
     };
     assert_eq!(policy("│policy 0   ")[..2], ["1.50", "1.00"]);
-    assert_eq!(policy("│policy 1   "), ["-", "0.70", "-"]);
+    assert_eq!(policy("│policy 1   "), ["-", "1.00", "-"]);
+}
+
+#[test]
+fn distances_without_a_threshold_stand_alone() {
+    let mut run = run();
+    run.experiment = Budget::Smoke.experiment(Method::Covers);
+    let text = lines(&drawn(&run, WIDE)).join("\n");
+    assert!(text.contains("W1 of rollout 5") && !text.contains("threshold"), "{text}");
+    let policy = text.lines().find(|line| line.contains("│policy 0   ")).unwrap();
+    let (_, after) = policy.split_once("│policy 0   ").unwrap();
+    let cells: Vec<_> = after.split_whitespace().take(2).collect();
+    assert_eq!(cells, ["1.50", "│"], "{policy}");
 }
 
 #[test]
