@@ -112,7 +112,7 @@ impl WorldKind {
             Self::ChangingLight => ("changing-light", [1, 4], LOOKS, change_light),
             Self::ChangingGround => ("changing-ground", [1, 4], LOOKS, tint_ground),
             Self::RisingNoise => ("rising-noise", [1, 4], LOOKS, raise_noise),
-            Self::RescaledReward => ("rescale_rewards-reward", [1, 4], LOOKS, rescale_rewards),
+            Self::RescaledReward => ("rescaled-reward", [1, 4], LOOKS, rescale_rewards),
         };
         Spec { name, num_groups, properties, nuisance }
     }
@@ -201,7 +201,7 @@ impl Property {
             // drawn with the whole appearance alone
             Self::Form => {}
             Self::Ground => {
-                // each bit makes a channel change_light or darker
+                // each bit makes a channel lighter or darker
                 let tint = |bit| if value & bit == 0 { -35.0 } else { 35.0 };
                 group.ground_tint = [1, 2, 4].map(tint);
             }
