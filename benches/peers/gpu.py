@@ -171,6 +171,7 @@ def measured(session, ask):
     try:
         return median(float(ask()) for _ in range(session.rounds))
     except RuntimeError as error:
+        session.failed = True
         return str(error)
 
 

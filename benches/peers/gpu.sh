@@ -15,11 +15,11 @@ cp "$target/release/covers" "$target/release/examples/gpu_times" "$target/releas
 # the program of a test target is named in cargo's messages
 tests() {
   cargo test --release --locked "${packages[@]}" --no-run --message-format json "${@:2}" |
-    python3 -c 'import json, sys; print(*[m["executable"] for m in map(json.loads, sys.stdin) if m.get("executable") and m["profile"]["test"] and sys.argv[1] in m["package_id"]], sep="\n")' "$1"
+    python3 -c 'import json, sys; print(*[m["executable"] for m in map(json.loads, sys.stdin) if m.get("executable") and m["profile"]["test"] and "#" + sys.argv[1] + "@" in m["package_id"]], sep="\n")' "$1"
 }
 cp "$(tests covers-equivariant --test gpu)" "$folder/tests/equivariant"
 cp "$(tests covers-rl --test gpu)" "$folder/tests/rl"
-cp "$(tests covers@ --test suite)" "$folder/tests/covers"
+cp "$(tests covers-rs --test suite)" "$folder/tests/covers-rs"
 # MuJoCo with what it needs, and the Vulkan loader; drivers come with the GPU
 ldd "$folder/bin/covers" | awk '/mujoco|ccd|lodepng|qhull|tinyxml2/ { print $3 }' | xargs -I{} cp -L {} "$folder/lib"
 ldconfig -p | awk '/libvulkan.so.1 / { print $NF; exit }' | xargs -I{} cp -L {} "$folder/lib"
