@@ -3,8 +3,6 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::Parser;
-use covers::export::ExportOptions;
 use covers::presets::Method;
 use covers::{CoversError, Experiment, LearnerSettings};
 use envs::{Camera, Control, Embodiment, ExtraView};
@@ -12,23 +10,14 @@ use rl::{CriticSettings, EncoderSettings, NetworkSettings};
 use safetensors::tensor::{Dtype, SafeTensors};
 use symmetry::Group;
 
+use crate::common::covers;
 use crate::common::onnx::{Tensor, run, weights};
 use crate::common::packed::small;
 use crate::common::scratch::Scratch;
 
-#[derive(Debug, Parser)]
-struct Options {
-    #[command(flatten)]
-    export: ExportOptions,
-}
-
 fn export(run: &Path, policy: &str, out: &Path) -> Result<String, CoversError> {
     let (run, to) = (run.display().to_string(), out.display().to_string());
-    let mut printed = Vec::new();
-    let arguments = ["export", &run, "--policy", policy, "--out", &to];
-    let options = Options::try_parse_from(arguments).unwrap().export;
-    options.run(&mut printed)?;
-    Ok(String::from_utf8(printed).unwrap())
+    covers(&["export", &run, "--policy", policy, "--out", &to])
 }
 
 /// The arrays of a safetensors file.
