@@ -11,7 +11,6 @@ use covers::{
     Summary,
 };
 use envs::{Camera, Embodiment, Layout, TaskGroup, TaskRegistry, VecEnvSettings};
-use rl::EnvSpec;
 use symmetry::Group;
 
 use crate::common::{covers as command, faulty::Faulty, scratch::Scratch};
@@ -401,22 +400,10 @@ fn changes_reach_the_experiment() {
     assert_eq!((settings.network.group, settings.ppo.gamma), (Group::C1, 0.97));
 }
 
-fn spec(size: usize) -> EnvSpec {
-    let settings = VecEnvSettings {
-        num_envs: 2,
-        camera: Camera { size, ..Camera::default() },
-        ..VecEnvSettings::default()
-    };
-    Stream::env_spec(&settings)
-}
-
-/// How a learner on pictures of this size is refused.
-fn refusal(settings: CoversSettings, size: usize) -> String {
-    Covers::new(settings, &spec(size)).err().unwrap().to_string()
-}
-
 #[test]
 fn an_image_size_that_breaks_exactness_is_refused_with_the_rule() {
-    let message = refusal(CoversSettings::default(), 44);
+    let camera = Camera { size: 44, ..Camera::default() };
+    let spec = Stream::env_spec(&VecEnvSettings { camera, ..VecEnvSettings::default() });
+    let message = Covers::new(CoversSettings::default(), &spec).err().unwrap().to_string();
     assert!(message.contains("44") && message.contains("16"));
 }
