@@ -148,12 +148,13 @@ fn a_finished_run_is_overwritten_only_when_told() {
 }
 
 #[test]
-fn files_that_are_removed_while_the_run_goes_on_come_back_whole() {
+fn files_that_are_removed_or_cut_while_the_run_goes_on_come_back_whole() {
     let scratch = Scratch::new("removed");
     let (run, folder) = begun(&scratch);
     for file in TABLES.iter().chain(&["timings.csv"]) {
         fs::remove_file(folder.join(file)).unwrap();
     }
+    fs::write(folder.join("units.csv"), "roll").unwrap();
     let written = finish(run);
     assert_same(&written, expected());
     let metrics = &written[Path::new("metrics.csv")];
