@@ -6,10 +6,9 @@
 mod npz;
 mod parity;
 mod recording;
-mod recording_error;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Subcommand;
@@ -76,7 +75,10 @@ impl Check {
     pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
         match *self {
             Self::Mask(ref options) => Ok(options.run(out)?),
-            Self::Parity { ref folder, json } => Ok(check_parity(folder, json, out)?),
+            Self::Parity { ref folder, json } => {
+                let rows = compare_recordings(folder)?;
+                Ok(print(&rows, json, out, parity_line, ParityRow::passes)?)
+            }
             Self::Experts { embodiment, seeds, json } => {
                 Ok(check_experts(embodiment, seeds, json, out)?)
             }
@@ -100,8 +102,7 @@ fn check_experts(
             measure_expert(scene, element, Control::default(), seeds)
         })?);
     }
-    print(&rows, json, out, expert_line)?;
-    Ok(rows.iter().all(ExpertRow::passes))
+    print(&rows, json, out, expert_line, ExpertRow::passes)
 }
 
 /// Applies `check` to the variants `elements` of the standard groups on all CPUs, and returns
@@ -136,8 +137,7 @@ fn check_symmetry(
     let others = [D2::FlipX, D2::FlipY, D2::HalfTurn];
     let rows =
         of_variants(embodiment, &others, |scene, element| measure_symmetry(scene, element, seeds))?;
-    print(&rows, json, out, symmetry_line)?;
-    Ok(rows.iter().all(SymmetryRow::passes))
+    print(&rows, json, out, symmetry_line, SymmetryRow::passes)
 }
 
 fn symmetry_line(row: &SymmetryRow) -> String {
@@ -153,12 +153,6 @@ fn symmetry_line(row: &SymmetryRow) -> String {
         row.pixels_differing,
         row.return_ratio
     )
-}
-
-fn check_parity(folder: &Path, json: bool, out: &mut impl Write) -> Result<bool, RunError> {
-    let rows = compare_recordings(folder)?;
-    print(&rows, json, out, parity_line)?;
-    Ok(rows.iter().all(ParityRow::passes))
 }
 
 fn parity_line(row: &ParityRow) -> String {
@@ -178,20 +172,21 @@ fn parity_line(row: &ParityRow) -> String {
     )
 }
 
-/// Prints one line for each row, or all rows as one JSON array.
+/// Prints one line for each row, or all rows as one JSON array. Returns `true` if all rows pass.
 fn print<R: Serialize>(
     rows: &[R],
     json: bool,
     out: &mut impl Write,
-    line: impl Fn(&R) -> String,
-) -> Result<(), RunError> {
+    line: fn(&R) -> String,
+    passes: fn(&R) -> bool,
+) -> Result<bool, RunError> {
     let text = if json {
         serde_json::json!(rows).to_string()
     } else {
         rows.iter().map(line).collect::<Vec<_>>().join("\n")
     };
-    writeln!(out, "{text}")
-        .map_err(|error| RunError::cannot_write("standard output".as_ref(), error))
+    writeln!(out, "{text}").map_err(RunError::writing("standard output".as_ref()))?;
+    Ok(rows.iter().all(passes))
 }
 
 #[cfg(test)]

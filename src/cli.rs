@@ -93,7 +93,7 @@ impl RunFolderOptions {
         let Some(path) = &self.folder else {
             return RunFolder::create(&self.runs, name);
         };
-        std::fs::create_dir_all(path).map_err(|error| RunError::cannot_write(path, error))?;
+        std::fs::create_dir_all(path).map_err(RunError::writing(path))?;
         let folder = RunFolder::from_path(path);
         Ok(if self.overwrite { folder.allow_overwriting() } else { folder })
     }

@@ -225,11 +225,9 @@ fn array_job(options: &SweepOptions, jobs: usize) -> Result<String, CoversError>
         return Ok(format!("{:#}", array.kubernetes_job_json(image)?));
     }
     // members of the array may start in another folder
-    let absolute =
-        |path: &Path| std::path::absolute(path).map_err(|error| RunError::cannot_read(path, error));
+    let absolute = |path: &Path| std::path::absolute(path).map_err(RunError::reading(path));
     let (plan, runs) = (absolute(array.plan)?, absolute(array.runs)?);
-    let program = std::env::current_exe()
-        .map_err(|error| RunError::cannot_read(Path::new("covers"), error))?;
+    let program = std::env::current_exe().map_err(RunError::reading(Path::new("covers")))?;
     let (plan, runs) = (&plan, &runs);
     Ok(ArrayJob { plan, runs, ..array }.slurm_script(&program))
 }

@@ -29,7 +29,6 @@ impl CompletionsOptions {
         let mut script = Vec::new();
         let name = program.get_name().to_owned();
         clap_complete::generate(self.shell, &mut program, name, &mut script);
-        let written = out.write_all(&script);
-        written.map_err(|error| RunError::cannot_write(Path::new("standard output"), error))
+        out.write_all(&script).map_err(RunError::writing(Path::new("standard output")))
     }
 }

@@ -109,8 +109,7 @@ impl DoctorOptions {
         } else {
             findings.iter().map(Finding::line).collect::<Vec<_>>().join("\n")
         };
-        let written = writeln!(out, "{text}");
-        written.map_err(|error| RunError::cannot_write(Path::new("standard output"), error))?;
+        writeln!(out, "{text}").map_err(RunError::writing(Path::new("standard output")))?;
         Ok(findings.iter().all(|found| found.health != Health::Bad))
     }
 }
@@ -303,7 +302,7 @@ struct Scratch(PathBuf);
 impl Scratch {
     fn new() -> Result<Self, RunError> {
         let path = std::env::temp_dir().join(format!("covers-doctor-{}", std::process::id()));
-        fs::create_dir_all(&path).map_err(|error| RunError::cannot_write(&path, error))?;
+        fs::create_dir_all(&path).map_err(RunError::writing(&path))?;
         Ok(Self(path))
     }
 }

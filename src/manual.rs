@@ -42,8 +42,8 @@ impl ManualOptions {
             }
             None => {
                 let page = render(self.chosen(&program)?);
-                let written = page.and_then(|page| out.write_all(&page));
-                written.map_err(|error| RunError::cannot_write(Path::new("standard output"), error))
+                page.and_then(|page| out.write_all(&page))
+                    .map_err(RunError::writing(Path::new("standard output")))
             }
         }
     }
@@ -61,10 +61,9 @@ impl ManualOptions {
 
 /// Writes the pages of a command and its subcommands, and returns their number.
 fn write(command: &Command, folder: &Path) -> Result<usize, RunError> {
-    fs::create_dir_all(folder).map_err(|error| RunError::cannot_write(folder, error))?;
+    fs::create_dir_all(folder).map_err(RunError::writing(folder))?;
     let path = folder.join(format!("{}.1", title(command)));
-    let written = render(command).and_then(|page| fs::write(&path, page));
-    written.map_err(|error| RunError::cannot_write(&path, error))?;
+    render(command).and_then(|page| fs::write(&path, page)).map_err(RunError::writing(&path))?;
     let below = command.get_subcommands().map(|own| write(own, folder));
     below.sum::<Result<usize, _>>().map(|below| 1 + below)
 }

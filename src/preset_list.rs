@@ -31,10 +31,10 @@ impl PresetsOptions {
         let text = match self.preset {
             // not through a `Value`, which would print 0.95 of an f32 as 0.949999988079071
             Some(preset) => serde_json::to_string_pretty(&self.budget.experiment(preset))
-                .map_err(|error| RunError::cannot_write(stdout, error))?,
+                .map_err(RunError::writing(stdout))?,
             None => format!("presets:\n{}\n\nbudgets:\n{}", lines::<Method>(), lines::<Budget>()),
         };
-        writeln!(out, "{text}").map_err(|error| RunError::cannot_write(stdout, error))
+        writeln!(out, "{text}").map_err(RunError::writing(stdout))
     }
 }
 

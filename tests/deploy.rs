@@ -3,24 +3,22 @@
 use std::fs;
 use std::path::Path;
 
-use clap::Parser;
 use covers::CoversError;
-use covers::program::Program;
+
+use crate::common::{covers, scratch::Scratch};
 
 /// What the program prints, deploying the policies for robots that come with the project.
 fn deployed(out: &Path, rest: &str) -> Result<String, CoversError> {
     let run = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained-robot");
     let (run, out) = (run.display(), out.display());
-    let line = format!("covers deploy {run} --task goal-reach --out {out} {rest}");
-    let program = Program::try_parse_from(line.split(' ')).unwrap();
-    let mut printed = Vec::new();
-    assert_eq!(program.run(&mut printed)?, 0);
-    Ok(String::from_utf8(printed).unwrap())
+    let line = format!("deploy {run} --task goal-reach --out {out} {rest}");
+    covers(&line.split(' ').collect::<Vec<_>>())
 }
 
 #[test]
 fn a_sweep_runs_the_first_trials_again_but_for_nominal_amounts() {
-    let folder = std::env::temp_dir().join(format!("covers-deploy-{}", std::process::id()));
+    let scratch = Scratch::new("deploy");
+    let folder = scratch.0.join("new");
     let sweep = "--trials 2 --sweep-trials 1 --sweep mask-growth=20,60";
     let printed = deployed(&folder, sweep).unwrap();
     assert_eq!(printed.matches("among the trials above").count(), 1, "{printed}");
@@ -43,5 +41,4 @@ fn a_sweep_runs_the_first_trials_again_but_for_nominal_amounts() {
 
     let refused = deployed(&folder, sweep).unwrap_err().to_string();
     assert!(refused.contains("table.md"), "{refused}");
-    fs::remove_dir_all(&folder).unwrap();
 }

@@ -3,20 +3,13 @@
 use std::fs;
 use std::path::Path;
 
-use clap::Parser;
 use covers::CoversError;
-use covers::commands::Command;
 use covers::presets::Method;
 
+use crate::common::covers;
 use crate::common::packed::small;
 use crate::common::protobuf::Message;
 use crate::common::scratch::Scratch;
-
-#[derive(Debug, Parser)]
-struct Options {
-    #[command(subcommand)]
-    command: Command,
-}
 
 const METRICS: &str = "rollout,decisions,group,straddles,policy,reward,success,distances,loss\n\
     0,500,goal-reach,false,0,20.5,0.25,,0.5\n\
@@ -48,11 +41,7 @@ fn running(scratch: &Scratch) -> std::path::PathBuf {
 
 fn report(run: &Path, folder: &Path) -> Result<String, CoversError> {
     let (run, to) = (run.display().to_string(), folder.display().to_string());
-    let mut out = Vec::new();
-    let arguments = ["covers", "report", &run, "--tensorboard", &to];
-    let command = Options::try_parse_from(arguments).unwrap().command;
-    command.run(&mut out)?;
-    Ok(String::from_utf8(out).unwrap())
+    covers(&["report", &run, "--tensorboard", &to])
 }
 
 /// CRC32C bit by bit (RFC 3720, appendix B.4), masked as TensorFlow masks it.
@@ -165,9 +154,8 @@ fn runs_of_one_name_are_refused() {
     let run = running(&scratch).display().to_string();
     let boards = scratch.0.join("boards");
     let to = boards.display().to_string();
-    let arguments = ["covers", "report", &run, &run, "--tensorboard", &to];
-    let command = Options::try_parse_from(arguments).unwrap().command;
-    let message = command.run(&mut Vec::new()).err().unwrap().to_string();
+    let refused = covers(&["report", &run, &run, "--tensorboard", &to]);
+    let message = refused.unwrap_err().to_string();
     assert!(message.matches("packed").count() == 2, "{message}");
     assert!(!boards.exists());
 }

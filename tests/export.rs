@@ -3,8 +3,6 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::Parser;
-use covers::export::ExportOptions;
 use covers::presets::Method;
 use covers::{CoversError, Experiment, LearnerSettings};
 use envs::{Camera, Control, Embodiment, ExtraView};
@@ -12,23 +10,14 @@ use rl::{CriticSettings, EncoderSettings, NetworkSettings};
 use safetensors::tensor::{Dtype, SafeTensors};
 use symmetry::Group;
 
-use crate::common::onnx::{Tensor, run, weights};
+use crate::common::covers;
+use crate::common::onnx::{Tensor, run, tensor, weights};
 use crate::common::packed::small;
 use crate::common::scratch::Scratch;
 
-#[derive(Debug, Parser)]
-struct Options {
-    #[command(flatten)]
-    export: ExportOptions,
-}
-
 fn export(run: &Path, policy: &str, out: &Path) -> Result<String, CoversError> {
     let (run, to) = (run.display().to_string(), out.display().to_string());
-    let mut printed = Vec::new();
-    let arguments = ["export", &run, "--policy", policy, "--out", &to];
-    let options = Options::try_parse_from(arguments).unwrap().export;
-    options.run(&mut printed)?;
-    Ok(String::from_utf8(printed).unwrap())
+    covers(&["export", &run, "--policy", policy, "--out", &to])
 }
 
 /// The arrays of a safetensors file.
@@ -44,7 +33,7 @@ fn arrays(path: &Path) -> Vec<(String, Tensor)> {
             }
             other => panic!("{other:?}"),
         };
-        (name.to_owned(), Tensor::new(view.shape(), values))
+        (name.to_owned(), tensor(view.shape(), values))
     });
     arrays.collect()
 }
@@ -65,9 +54,9 @@ fn difference(folder: &Path) -> f64 {
     let mut largest: f64 = 0.0;
     for (name, tensor) in &outputs {
         let kept = named(name).unwrap();
-        assert_eq!(tensor.shape, kept.shape, "{name}");
-        assert!(kept.values.iter().any(|&value| value != 0.0), "{name}");
-        for (got, wanted) in tensor.values.iter().zip(&kept.values) {
+        assert_eq!(tensor.shape(), kept.shape(), "{name}");
+        assert!(kept.iter().any(|&value| value != 0.0), "{name}");
+        for (got, wanted) in tensor.iter().zip(&kept) {
             assert!(got.is_finite() && wanted.is_finite(), "{name}");
             largest = largest.max((got - wanted).abs() / wanted.abs().max(1.0));
         }
@@ -133,11 +122,11 @@ fn weights_and_their_description_belong_to_the_model() {
     assert_eq!(arrays.len(), 2 * (5 + 1 + 2 + 2) + 1);
     for (name, array) in &arrays {
         match name.as_str() {
-            "log_std" => assert_eq!(array.values, model["actor.log_std"].values),
+            "log_std" => assert!(array.iter().eq(&model["actor.log_std"])),
             _ => assert_eq!(array, &model[name], "{name}"),
         }
     }
-    assert_eq!(model["image.0.weight"].shape, [16, 6, 4, 4]);
+    assert_eq!(model["image.0.weight"].shape(), [16, 6, 4, 4]);
     let text = fs::read_to_string(folder.join("policy.json")).unwrap();
     let about: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(about["policy"], 1);

@@ -5,6 +5,8 @@ use covers::schedule::Schedule;
 use covers::{Experiment, Run, RunFolder};
 use envs::TaskGroup;
 
+use crate::common::scratch::Scratch;
+
 /// Decisions in Goal Reach.
 const DECISIONS: usize = 8000;
 
@@ -17,14 +19,12 @@ fn experiment() -> Experiment {
 
 #[test]
 fn goal_reach_is_learnt_from_pixels() {
-    let name = format!("covers-learns-{}", std::process::id());
-    let folder = RunFolder::create(&std::env::temp_dir(), &name).unwrap();
-    let path = folder.path().to_owned();
+    let scratch = Scratch::new("learns");
+    let folder = RunFolder::create(&scratch.0, "run").unwrap();
     let mut run = Run::start(experiment(), folder).unwrap();
     let untrained = run.evaluate(1).unwrap();
     while run.advance().unwrap().is_some() {}
     let trained = run.summary().unwrap().unwrap().variants;
-    std::fs::remove_dir_all(path).unwrap();
     assert_eq!((untrained.len(), trained.len()), (4, 4));
     for (before, after) in untrained.iter().zip(&trained) {
         assert!(before.success <= 0.5, "{before:?}");

@@ -3,28 +3,17 @@
 use std::fs;
 use std::path::Path;
 
-use clap::Parser;
 use covers::CoversError;
 use covers::presets::Method;
-use covers::render::RenderOptions;
 use gif::{ColorOutput, DecodeOptions};
 
+use crate::common::covers;
 use crate::common::packed::small;
 use crate::common::scratch::Scratch;
 
-#[derive(Debug, Parser)]
-struct Options {
-    #[command(flatten)]
-    render: RenderOptions,
-}
-
 fn render(run: &Path, out: &Path, more: &[&str]) -> Result<String, CoversError> {
     let (run, to) = (run.display().to_string(), out.display().to_string());
-    let arguments = [&["render", &run, "--out", &to], more].concat();
-    let mut printed = Vec::new();
-    let options = Options::try_parse_from(arguments).unwrap().render;
-    options.run(&mut printed)?;
-    Ok(String::from_utf8(printed).unwrap())
+    covers(&[&["render", &run, "--out", &to], more].concat())
 }
 
 /// The sides of a GIF, the number of its pictures, and its first one as `[height, width, 4]`.

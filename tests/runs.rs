@@ -5,36 +5,15 @@ use std::path::{Path, PathBuf};
 
 use clap::Parser;
 use covers::cli::StreamOptions;
-use covers::commands::Command;
 use covers::presets::{Budget, Method};
 use covers::{
-    Covers, CoversError, CoversSettings, DeviceChoice, Experiment, LearnerSettings, Run, RunFolder,
-    Stream, Summary,
+    Covers, CoversSettings, DeviceChoice, Experiment, LearnerSettings, Run, RunFolder, Stream,
+    Summary,
 };
-use envs::tasks::DrawerClose;
-use envs::{
-    Camera, Embodiment, EpisodeStart, ExpertCommand, Layout, Measurement, Placement, StepReward,
-    Task, TaskGroup, TaskParts, TaskRegistry, VecEnvSettings,
-};
-use rand_chacha::ChaCha8Rng;
-use rl::EnvSpec;
+use envs::{Camera, Embodiment, Layout, TaskGroup, TaskRegistry, VecEnvSettings};
 use symmetry::Group;
 
-use crate::common::scratch::Scratch;
-
-/// The subcommands as the program has them.
-#[derive(Debug, Parser)]
-struct Options {
-    #[command(subcommand)]
-    command: Command,
-}
-
-/// Runs `covers` with these arguments; returns what it printed.
-fn command(arguments: &[&str]) -> Result<String, CoversError> {
-    let mut out = Vec::new();
-    Options::try_parse_from([&["covers"], arguments].concat()).unwrap().command.run(&mut out)?;
-    Ok(String::from_utf8(out).unwrap())
-}
+use crate::common::{covers as command, faulty::Faulty, scratch::Scratch};
 
 /// The folder of the policies that come with the project.
 fn pretrained() -> PathBuf {
@@ -234,36 +213,12 @@ fn an_interrupted_run_with_labels_goes_on_to_the_same_bytes() {
     assert!(bytes == reference);
 }
 
-/// Drawer Close under a name of somebody else's.
-struct Alias;
-
-impl Task for Alias {
-    fn name(&self) -> &str {
-        "alias"
-    }
-
-    fn parts(&self) -> TaskParts<'_> {
-        DrawerClose.parts()
-    }
-
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        DrawerClose.draw_placement(rng)
-    }
-
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
-        DrawerClose.reward(start, now, finger)
-    }
-
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
-        DrawerClose.expert(placement, now)
-    }
-}
-
 #[test]
 fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
     let scratch = Scratch::new("alias");
     let mut tasks = TaskRegistry::standard();
-    tasks.register(TaskGroup::from_task(&Alias)).unwrap();
+    static ALIAS: Faulty = Faulty::new("alias", usize::MAX, || unreachable!("it never fails"));
+    tasks.register(TaskGroup::from_task(&ALIAS)).unwrap();
     let mut experiment = small(Method::Covers);
     experiment.schedule.groups[1].group = "alias".to_owned();
     experiment.checkpoints.every = 1;
@@ -352,7 +307,7 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let table = command(&["eval", few.to_str().unwrap(), "--episodes", "16"]);
     assert_eq!(table.lines().count(), 2 + 3, "{table}");
     let too_few = ["pack", folder, none.to_str().unwrap(), "--episodes", "3"];
-    let message = self::command(&too_few).unwrap_err().to_string();
+    let message = crate::common::covers(&too_few).unwrap_err().to_string();
     assert!(message.contains("`episodes` is 3"), "{message}");
     let sawyer = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "16"]);
     assert_eq!(sawyer.lines().count(), 2 + 3, "{sawyer}");
@@ -445,29 +400,10 @@ fn changes_reach_the_experiment() {
     assert_eq!((settings.network.group, settings.ppo.gamma), (Group::C1, 0.97));
 }
 
-fn spec(size: usize) -> EnvSpec {
-    let settings = VecEnvSettings {
-        num_envs: 2,
-        camera: Camera { size, ..Camera::default() },
-        ..VecEnvSettings::default()
-    };
-    Stream::env_spec(&settings)
-}
-
-/// How a learner on pictures of this size is refused.
-fn refusal(settings: CoversSettings, size: usize) -> String {
-    Covers::new(settings, &spec(size)).err().unwrap().to_string()
-}
-
 #[test]
 fn an_image_size_that_breaks_exactness_is_refused_with_the_rule() {
-    let message = refusal(CoversSettings::default(), 44);
+    let camera = Camera { size: 44, ..Camera::default() };
+    let spec = Stream::env_spec(&VecEnvSettings { camera, ..VecEnvSettings::default() });
+    let message = Covers::new(CoversSettings::default(), &spec).err().unwrap().to_string();
     assert!(message.contains("44") && message.contains("16"));
-}
-
-#[test]
-fn a_rollout_that_does_not_fit_the_environments_is_refused() {
-    let settings = CoversSettings { rollout_steps: 7, ..CoversSettings::default() };
-    let message = refusal(settings, 16);
-    assert!(message.contains("`rollout_steps` is 7"), "{message}");
 }

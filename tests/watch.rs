@@ -3,7 +3,6 @@
 use std::fs;
 use std::path::Path;
 
-use clap::Parser;
 use covers::experiments::text::event_text;
 use covers::presets::{Budget, Method};
 use covers::watch::WatchOptions;
@@ -14,21 +13,10 @@ use serde_json::Value;
 use crate::common::packed;
 use crate::common::scratch::Scratch;
 
-/// The options as the program has them.
-#[derive(Debug, Parser)]
-struct Options {
-    #[command(flatten)]
-    watch: WatchOptions,
-}
-
 /// What `covers watch` prints of a folder, as a program hears it.
 fn watched(folder: &Path, json: bool) -> Result<String, CoversError> {
-    let folder = folder.to_str().unwrap();
-    let words = ["watch", folder, "--json"];
-    let words = &words[..2 + usize::from(json)];
     let mut out = Vec::new();
-    let options = Options::try_parse_from(words).unwrap();
-    options.watch.print_events(&mut out)?;
+    WatchOptions { run_folder: folder.to_owned(), json }.print_events(&mut out)?;
     Ok(String::from_utf8(out).unwrap())
 }
 

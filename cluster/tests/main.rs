@@ -14,4 +14,3 @@ mod oracles;
 mod properties;
 mod reservoir;
 mod transport;
-mod weighted;

@@ -1,124 +1,213 @@
-//! Metric properties of the distance on random clouds.
+//! Properties of transport between measures of equal and of given weights.
 
-use cluster::{MAX_COST, wasserstein1};
+use cluster::{Solver, TransportPlan, Wasserstein, Weights, transport, wasserstein1};
 use proptest::prelude::*;
 
-use crate::common::uniform;
+use crate::common::{self, random_costs};
 
 const DIM: usize = 3;
 
-fn cloud() -> impl Strategy<Value = Vec<f32>> {
-    // quarters: differences and translations are exact in f32, and ties are common
-    let coordinate = (-40i16..40).prop_map(|q| f32::from(q) / 4.0);
-    let points = prop::collection::vec(prop::array::uniform3(coordinate), 1..14);
-    points.prop_map(|points| points.concat())
+/// Points with weights of sum one; `None` for equal weights.
+#[derive(Clone, Debug)]
+struct Measure {
+    points: Vec<[f32; DIM]>,
+    weights: Option<Vec<f64>>,
+}
+
+impl Measure {
+    fn weights(&self) -> Weights<'_> {
+        let equal = Weights::Uniform(self.points.len());
+        self.weights.as_deref().map_or(equal, Weights::Given)
+    }
+
+    /// Weights of all points, as numbers.
+    fn shares(&self) -> Vec<f64> {
+        let n = self.points.len();
+        self.weights.clone().unwrap_or(vec![1.0 / n as f64; n])
+    }
+
+    fn shifted(&self, t: &[f32; DIM]) -> Self {
+        let points = self.points.iter().map(|p| [p[0] + t[0], p[1] + t[1], p[2] + t[2]]);
+        Self { points: points.collect(), weights: self.weights.clone() }
+    }
+
+    /// Replaces each point by `times` copies, which share its weight.
+    fn copied(&self, times: usize) -> Self {
+        let parts = |weights: &Vec<f64>| {
+            let part: Vec<f64> = weights.iter().map(|w| w / times as f64).collect();
+            part.repeat(times)
+        };
+        Self { points: self.points.repeat(times), weights: self.weights.as_ref().map(parts) }
+    }
+
+    fn mean(&self, d: usize) -> f64 {
+        self.points.iter().zip(self.shares()).map(|(p, w)| f64::from(p[d]) * w).sum()
+    }
+}
+
+fn measure() -> impl Strategy<Value = Measure> {
+    // quarters: translations are exact in f32, and ties, duplicates and weights of zero are common
+    let coordinate = (-8i8..8).prop_map(|q| f32::from(q) / 4.0);
+    let points = prop::collection::vec((prop::array::uniform3(coordinate), 0u8..5), 1..14);
+    (points, any::<bool>()).prop_map(|(mut points, equal)| {
+        points[0].1 += 1;
+        let sum: f64 = points.iter().map(|(_, count)| f64::from(*count)).sum();
+        let weights = points.iter().map(|(_, count)| f64::from(*count) / sum).collect();
+        let points = points.into_iter().map(|(point, _)| point).collect();
+        Measure { points, weights: (!equal).then_some(weights) }
+    })
 }
 
 fn translation() -> impl Strategy<Value = [f32; DIM]> {
-    prop::array::uniform3(-8i16..8).prop_map(|t| t.map(f32::from))
+    prop::array::uniform3(-8i8..8).prop_map(|t| t.map(f32::from))
 }
 
-/// Mean of coordinate `d` over the points of `cloud`.
-fn mean(cloud: &[f32], d: usize) -> f64 {
-    let values = cloud.iter().skip(d).step_by(DIM);
-    values.map(|&v| f64::from(v)).sum::<f64>() * DIM as f64 / cloud.len() as f64
+fn plan(x: &Measure, y: &Measure) -> TransportPlan {
+    let (from, to) = (x.points.as_flattened(), y.points.as_flattened());
+    let mut workspace = Wasserstein::new();
+    workspace.solve((from, x.weights()), (to, y.weights()), DIM).expect("two measures").clone()
 }
 
-fn shifted(x: &[f32], t: &[f32; DIM]) -> Vec<f32> {
-    x.chunks_exact(DIM).flat_map(|p| [p[0] + t[0], p[1] + t[1], p[2] + t[2]]).collect()
+fn w1(x: &Measure, y: &Measure) -> f64 {
+    match (&x.weights, &y.weights) {
+        (None, None) => wasserstein1(x.points.as_flattened(), y.points.as_flattened(), DIM)
+            .expect("finite clouds of whole points"),
+        _ => plan(x, y).cost,
+    }
 }
 
-fn w1(x: &[f32], y: &[f32]) -> f64 {
-    wasserstein1(x, y, DIM).expect("finite clouds of whole points")
+fn distance(p: &[f32; DIM], q: &[f32; DIM]) -> f64 {
+    let squares = p.iter().zip(q).map(|(a, b)| f64::from(a - b).powi(2));
+    squares.sum::<f64>().sqrt()
 }
 
 proptest! {
     #![proptest_config(ProptestConfig {
         failure_persistence: None,
-        ..ProptestConfig::with_cases(200)
+        ..ProptestConfig::with_cases(500)
     })]
 
     #[test]
-    fn is_symmetric(x in cloud(), y in cloud()) {
-        prop_assert!((w1(&x, &y) - w1(&y, &x)).abs() < 1e-9);
+    fn is_a_metric(x in measure(), y in measure(), z in measure()) {
+        let mut reordered = x.clone();
+        reordered.points.reverse();
+        reordered.weights.iter_mut().for_each(|weights| weights.reverse());
+        prop_assert!(w1(&x, &reordered).abs() < 1e-12);
+        prop_assert!((w1(&x, &y) - w1(&y, &x)).abs() < 1e-12);
+        prop_assert!(w1(&x, &z) <= w1(&x, &y) + w1(&y, &z) + 1e-12);
     }
 
     #[test]
-    fn is_zero_from_a_cloud_to_itself_reordered(x in cloud()) {
-        let mut points: Vec<&[f32]> = x.chunks_exact(DIM).collect();
-        points.reverse();
-        prop_assert!(w1(&x, &points.concat()).abs() < 1e-9);
+    fn a_translation_costs_its_length(x in measure(), t in translation()) {
+        prop_assert!((w1(&x, &x.shifted(&t)) - distance(&t, &[0.0; DIM])).abs() < 1e-12);
     }
 
     #[test]
-    fn obeys_the_triangle_inequality(x in cloud(), y in cloud(), z in cloud()) {
-        prop_assert!(w1(&x, &z) <= w1(&x, &y) + w1(&y, &z) + 1e-9);
+    fn moving_both_measures_changes_nothing(x in measure(), y in measure(), t in translation()) {
+        prop_assert!((w1(&x, &y) - w1(&x.shifted(&t), &y.shifted(&t))).abs() < 1e-12);
     }
 
     #[test]
-    fn a_translation_costs_its_length(x in cloud(), t in translation()) {
-        let length = t.iter().map(|&c| f64::from(c).powi(2)).sum::<f64>().sqrt();
-        prop_assert!((w1(&x, &shifted(&x, &t)) - length).abs() < 1e-9 * length.max(1.0));
+    fn splitting_points_changes_nothing(x in measure(), y in measure(), times in 1usize..4) {
+        let whole = w1(&x, &y);
+        prop_assert!((whole - w1(&x.copied(times), &y)).abs() < 1e-12);
+        prop_assert!((whole - w1(&x.copied(times), &y.copied(times))).abs() < 1e-12);
+        prop_assert!(w1(&x, &x.copied(times)).abs() < 1e-12);
     }
 
     #[test]
-    fn moving_both_clouds_changes_nothing(x in cloud(), y in cloud(), t in translation()) {
-        prop_assert!((w1(&x, &y) - w1(&shifted(&x, &t), &shifted(&y, &t))).abs() < 1e-9);
+    fn points_without_weight_change_nothing(x in measure(), y in measure()) {
+        let (points, weights): (Vec<_>, Vec<_>) =
+            x.points.iter().copied().zip(x.shares()).filter(|(_, w)| *w > 0.0).unzip();
+        let kept = Measure { points, weights: Some(weights) };
+        prop_assert!((w1(&x, &y) - w1(&kept, &y)).abs() < 1e-12);
     }
 
     #[test]
-    fn duplicating_a_cloud_changes_nothing(x in cloud(), y in cloud(), times in 1usize..4) {
-        prop_assert!((w1(&x, &y) - w1(&x.repeat(times), &y)).abs() < 1e-9);
+    fn is_at_least_the_distance_of_the_means(x in measure(), y in measure()) {
+        let apart = (0..DIM).map(|d| (x.mean(d) - y.mean(d)).powi(2)).sum::<f64>().sqrt();
+        prop_assert!(w1(&x, &y) >= apart - 1e-12);
     }
 
     #[test]
-    fn one_point_pays_the_mean_distance(p in translation(), y in cloud()) {
-        let square = |(a, b): (&f32, f32)| f64::from(a - b).powi(2);
-        let far = |q: &[f32]| q.iter().zip(p).map(square).sum::<f64>().sqrt();
-        let mean = y.chunks_exact(DIM).map(far).sum::<f64>() / (y.len() / DIM) as f64;
-        prop_assert!((w1(&p, &y) - mean).abs() < 1e-9);
-    }
-
-    #[test]
-    fn is_at_least_the_distance_of_the_means(x in cloud(), y in cloud()) {
-        let apart = (0..DIM).map(|d| (mean(&x, d) - mean(&y, d)).powi(2)).sum::<f64>().sqrt();
-        prop_assert!(w1(&x, &y) >= apart - 1e-9);
-    }
-
-    #[test]
-    fn a_far_point_in_both_clouds_changes_nothing(
-        mut x in cloud(),
-        mut y in cloud(),
-        exponent in 2i32..31,
-    ) {
-        let points = x.len().min(y.len()) / DIM;
-        x.truncate(points * DIM);
-        y.truncate(points * DIM);
-        let expected = w1(&x, &y) * points as f64 / (points + 1) as f64;
-        x.extend([10.0_f32.powi(exponent); DIM]);
-        y.extend([10.0_f32.powi(exponent); DIM]);
-        prop_assert!((w1(&x, &y) - expected).abs() <= 1e-9 * expected);
-    }
-
-    #[test]
-    fn costs_that_only_forbid_a_pair_may_be_any(
-        n in 2usize..12,
-        drawn in prop::collection::vec((0u8..40, any::<bool>()), 144),
-        exponent in 4i32..100,
-    ) {
-        // a plan within the pairs allowed, the diagonal, costs less than any with another pair
-        let value = |forbidden: f64| {
-            let cost: Vec<f64> = (0..n * n)
-                .map(|k| match drawn[k] {
-                    (quarters, allowed) if allowed || k / n == k % n => f64::from(quarters) / 4.0,
-                    _ => forbidden,
-                })
-                .collect();
-            uniform(&cost, n, n).expect("finite costs").cost
+    fn plan_and_potentials_prove_each_other(x in measure(), y in measure()) {
+        // by the definitions, not by the crate's certificate
+        let plan = plan(&x, &y);
+        let (u, v) = (&plan.source_potentials, &plan.sink_potentials);
+        let mut sent = vec![0.0; x.points.len()];
+        let mut received = vec![0.0; y.points.len()];
+        let mut paid = 0.0;
+        for e in &plan.entries {
+            prop_assert!(e.mass > 0.0);
+            sent[e.source] += e.mass;
+            received[e.sink] += e.mass;
+            paid += e.mass * distance(&x.points[e.source], &y.points[e.sink]);
+        }
+        let (a, b) = (x.shares(), y.shares());
+        for (got, expected) in sent.iter().chain(&received).zip(a.iter().chain(&b)) {
+            prop_assert!((got - expected).abs() < 1e-14);
+        }
+        for (p, source) in x.points.iter().zip(u) {
+            for (q, sink) in y.points.iter().zip(v) {
+                prop_assert!(source + sink <= distance(p, q) + 1e-13);
+            }
+        }
+        let worth = |w: &[f64], potentials: &[f64]| -> f64 {
+            w.iter().zip(potentials).map(|(w, p)| w * p).sum()
         };
-        let expected = value(1e3);
-        for forbidden in [10.0_f64.powi(exponent), MAX_COST] {
-            prop_assert!((value(forbidden) - expected).abs() <= 1e-9 * expected);
+        let dual = worth(&a, u) + worth(&b, v);
+        prop_assert!((paid - dual).abs() < 1e-13 && (paid - plan.cost).abs() < 1e-13);
+        prop_assert!(plan.entries.len() < x.points.len() + y.points.len());
+    }
+
+    #[test]
+    fn powers_of_two_scale_every_bit(x in measure(), y in measure(), exponent in -40i32..40) {
+        let scale = 2.0_f32.powi(exponent);
+        let scaled = |measure: &Measure| {
+            let mut scaled = measure.clone();
+            scaled.points.as_flattened_mut().iter_mut().for_each(|c| *c *= scale);
+            scaled
+        };
+        let scaled = plan(&scaled(&x), &scaled(&y));
+        let plan = plan(&x, &y);
+        prop_assert_eq!(scaled.cost, plan.cost * f64::from(scale));
+        prop_assert_eq!(scaled.pivots, plan.pivots);
+        prop_assert_eq!(scaled.entries, plan.entries);
+    }
+
+    #[test]
+    fn a_warm_start_follows_any_growth_and_shrinkage(
+        seed in 0u64..1000,
+        steps in prop::collection::vec(
+            (1usize..25, 1usize..25, any::<bool>(), any::<bool>()),
+            1..12,
+        ),
+    ) {
+        // point i and point j keep their cost; weights change between equal and increasing
+        let all = random_costs(seed, 25 * 25);
+        let mut solver = Solver::new();
+        for (n, m, rising, tied) in steps {
+            let cost: Vec<f64> = (0..n * m)
+                .map(|k| all[k / m * 25 + k % m])
+                .map(|c| if tied { (2.0 * c).round() } else { c })
+                .collect();
+            let sum = (n * (n + 1) / 2) as f64;
+            let weights: Vec<f64> = (1..=n).map(|i| i as f64 / sum).collect();
+            let sources = if rising { Weights::Given(&weights) } else { Weights::Uniform(n) };
+            let warm = solver.solve_again(&cost, sources, Weights::Uniform(m)).unwrap().cost;
+            let cold = transport(&cost, sources, Weights::Uniform(m)).unwrap().cost;
+            prop_assert!((warm - cold).abs() < 1e-13, "{warm} and {cold}");
         }
     }
+}
+
+#[test]
+fn powers_of_two_scale_the_bits_of_a_priced_shortlist() {
+    let (n, m) = (40, 600);
+    let cost = random_costs(1, n * m);
+    let scaled: Vec<f64> = cost.iter().map(|c| c * 2.0_f64.powi(-60)).collect();
+    let plan = common::uniform(&cost, n, m).unwrap();
+    let small = common::uniform(&scaled, n, m).unwrap();
+    assert_eq!(small.entries, plan.entries);
+    assert_eq!(small.cost, plan.cost * 2.0_f64.powi(-60));
 }

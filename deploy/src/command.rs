@@ -288,10 +288,9 @@ impl DeployOptions {
         std::fs::create_dir_all(folder).map_err(written)?;
         let bytes = if self.gif {
             let title = format!("{}, trial {}", trial.variant, trial.index);
-            encode_gif(&strip.to_film(&title))
-                .map_err(|error| RunError::cannot_write(&path, error))?
+            encode_gif(&strip.to_film(&title)).map_err(RunError::writing(&path))?
         } else {
-            strip.to_picture().to_png().map_err(|error| RunError::cannot_write(&path, error))?
+            strip.to_picture().to_png().map_err(RunError::writing(&path))?
         };
         Ok(write_atomically(&LocalDisk, &path, &bytes)?)
     }

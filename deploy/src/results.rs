@@ -24,7 +24,7 @@ impl ResultsFolder {
     /// # Errors
     /// [`RunError::FileExists`] if one of the files exists, and a folder that cannot be created.
     pub fn create(folder: &Path, faults: impl Iterator<Item = Fault>) -> Result<Self, DeployError> {
-        std::fs::create_dir_all(folder).map_err(|error| RunError::cannot_write(folder, error))?;
+        std::fs::create_dir_all(folder).map_err(RunError::writing(folder))?;
         // check all files before any trial runs, which takes minutes
         let results = Self { folder: folder.to_owned() };
         let swept = faults.flat_map(|fault| ["csv", "svg"].map(|ending| results.of(fault, ending)));
@@ -73,30 +73,17 @@ impl ResultsFolder {
 
 #[cfg(test)]
 mod tests {
-    use symmetry::D2;
-
     use super::*;
-
-    fn score(number: usize) -> TrialScore {
-        TrialScore {
-            group: TaskGroup::BUTTON_PRESS,
-            element: D2::FlipX,
-            trial_index: number,
-            policy: 1,
-            policy_fits: true,
-            success: number == 0,
-            success_at_end: false,
-            refused_commands: 2,
-        }
-    }
+    use crate::table::tests::score;
 
     #[test]
     fn what_another_run_wrote_is_kept() {
         let folder = std::env::temp_dir().join(format!("covers-results-{}", std::process::id()));
         let create = |fault: Fault| ResultsFolder::create(&folder, std::iter::once(fault));
         let results = create(Fault::MaskMargin).unwrap();
-        let swept = vec![(0.0, vec![score(0)]), (10.0, vec![score(1)])];
         let groups = [TaskGroup::BUTTON_PRESS];
+        let scores = [(0, true), (1, false)].map(|(n, success)| score(groups[0], n, success));
+        let swept = vec![(0.0, scores[..1].to_vec()), (10.0, scores[1..].to_vec())];
         for _ in 0..2 {
             results.write_sweep(Fault::MaskMargin, &groups, &swept).unwrap();
         }
@@ -105,7 +92,7 @@ mod tests {
         create(Fault::AngleError).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
         assert_eq!(read("mask-growth.csv"), sweep_csv(Fault::MaskMargin, &swept));
-        results.write_trials(&[score(0), score(1)]).unwrap();
+        results.write_trials(&scores).unwrap();
         let lines = "button-press,flip x,0,1,1,1,0,2\nbutton-press,flip x,1,1,1,0,0,2\n";
         assert!(read("trials.csv").ends_with(lines));
         assert!(read("table.md").contains("| button-press | 2 | 0.50 |"));

@@ -69,31 +69,17 @@ fn curve(drawing: &mut SvgPlot, stroke: &Stroke, group: TaskGroup, swept: &Sweep
 
 #[cfg(test)]
 mod tests {
-    use symmetry::D2;
-
     use super::*;
-
-    fn score(group: TaskGroup, success: bool) -> TrialScore {
-        TrialScore {
-            group,
-            element: D2::FlipX,
-            trial_index: 3,
-            policy: 1,
-            policy_fits: true,
-            success,
-            success_at_end: false,
-            refused_commands: 2,
-        }
-    }
+    use crate::table::tests::score;
 
     const GROUPS: [TaskGroup; 2] = [TaskGroup::GOAL_REACH, TaskGroup::BUTTON_PRESS];
 
     fn swept() -> SweepResults {
         let [reach, press] = GROUPS;
-        let trials = |successes| (0..4).map(move |n| score(press, n < successes));
+        let trials = |successes| (0..4).map(move |n| score(press, 3, n < successes));
         vec![
-            (0.0, trials(4).chain([score(reach, true)]).collect()),
-            (10.0, trials(1).chain([score(reach, false)]).collect()),
+            (0.0, trials(4).chain([score(reach, 3, true)]).collect()),
+            (10.0, trials(1).chain([score(reach, 3, false)]).collect()),
         ]
     }
 

@@ -142,8 +142,22 @@ fn policies(scores: &[&TrialScore]) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
+
+    /// Returns the score of a trial with policy 1 and two refused commands.
+    pub fn score(group: TaskGroup, trial_index: usize, success: bool) -> TrialScore {
+        TrialScore {
+            group,
+            element: D2::FlipX,
+            trial_index,
+            policy: 1,
+            policy_fits: true,
+            success,
+            success_at_end: false,
+            refused_commands: 2,
+        }
+    }
 
     #[test]
     fn intervals_are_wilsons() {
@@ -162,14 +176,8 @@ mod tests {
     #[test]
     fn a_group_has_a_line_with_its_policies_and_the_papers_figure() {
         let score = |group, number, success| TrialScore {
-            group,
-            element: D2::Identity,
-            trial_index: number,
             policy: 2 + number / 3,
-            policy_fits: true,
-            success,
-            success_at_end: false,
-            refused_commands: 0,
+            ..score(group, number, success)
         };
         let mut scores: Vec<_> =
             (0..4).map(|number| score(TaskGroup::PLATE_SLIDE, number, number > 0)).collect();

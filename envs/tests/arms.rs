@@ -5,8 +5,8 @@ use std::sync::Arc;
 use envs::conformance::measure_expert;
 use envs::embodiments::{Arm, ArmSettings, Finger, Gripper, KinovaGen3};
 use envs::{
-    ACTION_DIM, Camera, Control, Embodiment, EmbodimentSpec, EnvError, HAND_TARGET_START, Scene,
-    StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    Camera, Control, Embodiment, EmbodimentSpec, EnvError, HAND_TARGET_START, Scene, TableTop,
+    TaskGroup, VecEnvSettings,
 };
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
@@ -180,20 +180,6 @@ fn made(settings: ArmSettings) -> Embodiment {
     Embodiment::from_spec(Box::leak(Box::new(Arm::new(settings).unwrap())))
 }
 
-/// A tip as large as the arm touches links that are joints away.
-#[test]
-fn an_arm_names_the_pairs_of_links_that_do_not_collide() {
-    let ball = "<link name=\"tip\"><collision><geometry><sphere radius=\"2\"/></geometry></collision>\
-                </link>";
-    let urdf = SIX_JOINT.replacen("<link name=\"tip\"/>", ball, 1);
-    let robot = envs::robots::RobotDescription::from_urdf(&urdf).unwrap();
-    let arm = Arm::new(ArmSettings { robot, ..six_joint("six_joint_with_a_ball") });
-    let pair = ["column", "tip"].map(str::to_owned);
-    assert!(arm.unwrap().excluded_link_pairs().contains(&pair));
-    let thin = Arm::new(six_joint("six_joint")).unwrap();
-    assert!(!thin.excluded_link_pairs().contains(&pair));
-}
-
 /// Scenes, settings and experts must accept a foreign arm like the crate's own.
 #[test]
 fn an_arm_of_somebody_elses_drives_a_scripted_expert() {
@@ -250,28 +236,4 @@ fn arms_that_cannot_be_driven_are_refused() {
     let name = made(six_joint("Six Joint"));
     let scene = Scene::new(TaskGroup::GOAL_REACH, name, Camera::default());
     assert!(matches!(scene, Err(EnvError::InvalidEmbodimentName { .. })));
-}
-
-/// Observations must not depend on the number of worker threads.
-#[test]
-fn arms_move_alike_on_any_number_of_threads() {
-    let told = |threads| {
-        let settings = VecEnvSettings {
-            num_envs: 4,
-            threads,
-            embodiment: Embodiment::KINOVA_GEN3,
-            ..VecEnvSettings::default()
-        };
-        let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
-        let mut batch = StepBuffers::new(&settings);
-        env.reset(batch.observations_mut()).unwrap();
-        let mut random = ChaCha8Rng::seed_from_u64(1003);
-        for _ in 0..10 {
-            let actions: Vec<f32> =
-                (0..4 * ACTION_DIM).map(|_| random.random_range(-1.0..1.0)).collect();
-            env.step(&actions, batch.step_mut()).unwrap();
-        }
-        (batch.images.clone(), batch.vectors.clone(), batch.rewards.clone())
-    };
-    assert!(told(1) == told(3));
 }

@@ -6,17 +6,16 @@ use std::sync::{Arc, Mutex};
 
 use envs::conformance::{ConformanceError, check, measure_expert, measure_symmetry};
 use envs::{
-    Camera, Control, Embodiment, EnvError, EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec,
-    Placement, Scene, StepReward, Task, TaskGroup, TaskParts,
+    Camera, Control, Embodiment, EnvError, EpisodeStart, Measurement, MetaWorldSpec, Placement,
+    Scene, TaskGroup,
 };
 use glam::DVec3;
-use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::common::spoilt::{Reward, Spoilt};
 use crate::common::{self, PushBlock};
 
-fn leaked(task: impl Task + 'static) -> TaskGroup {
+fn leaked(task: PushBlock) -> TaskGroup {
     TaskGroup::from_task(Box::leak(Box::new(task)))
 }
 
@@ -224,34 +223,16 @@ fn a_malformed_name_is_refused() {
 /// The rules must also cover a task's settings for Meta-World's layout.
 #[test]
 fn a_flaw_of_the_metaworld_layout_alone_is_found() {
-    struct Stuck(PushBlock);
-    impl Task for Stuck {
-        fn name(&self) -> &str {
-            self.0.name()
-        }
-        fn parts(&self) -> TaskParts<'_> {
-            self.0.parts()
-        }
-        fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-            self.0.draw_placement(rng)
-        }
-        fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
-            self.0.reward(start, now, finger)
-        }
-        fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
-            self.0.expert(placement, now)
-        }
-        fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
-            Some(MetaWorldSpec {
-                name: "push-block",
-                hand_target: DVec3::new(0.0, 0.0, 0.2),
-                extra_mjcf: None,
-                draw_placement: |_| Placement { object: DVec3::ZERO, goal: DVec3::X },
-            })
-        }
-    }
-    let message = check(leaked(Stuck(PushBlock::default()))).unwrap_err();
-    assert!(message.to_string().contains("metaworld"), "{message}");
+    let stuck = Spoilt {
+        meta_world: Some(MetaWorldSpec {
+            name: "push-block",
+            hand_target: DVec3::new(0.0, 0.0, 0.2),
+            extra_mjcf: None,
+            draw_placement: |_| Placement { object: DVec3::ZERO, goal: DVec3::X },
+        }),
+        ..Spoilt::default()
+    };
+    assert_flaw("stuck", stuck, "metaworld");
 }
 
 /// Returns the rows of every variant with `embodiment`.

@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-use crate::common::{self, PushBlock};
+use crate::common::PushBlock;
 
 fn table(layout: Layout, group: TaskGroup) -> TableTop {
     let scene = Scene::new_in_layout(layout, group, Embodiment::HAND, Camera::default());
@@ -32,13 +32,6 @@ fn a_snapshot_of_another_scene_is_refused() {
     for group in ["button-press", "drawer-close"] {
         assert!(message.contains(group), "{message}");
     }
-}
-
-#[test]
-fn the_metaworld_layout_has_no_mirrored_variants() {
-    let mut table = table(Layout::MetaWorld, TaskGroup::PLATE_SLIDE);
-    let message = table.reset(D2::FlipX, &mut rng()).unwrap_err().to_string();
-    assert!(message.contains("`metaworld` has no variant under flip x"), "{message}");
 }
 
 #[test]
@@ -64,8 +57,8 @@ fn a_vector_environment_runs_the_metaworld_layout_and_refuses_its_mirrored_varia
     // Meta-World starts the button's hand 0.2 m back
     assert!((batch.vectors[1] + 0.2).abs() < 0.01, "{:?}", batch.vectors);
     let refused = env.set_task_group(TaskGroup::BUTTON_PRESS, &D2::ALL);
-    let error = refused.unwrap_err();
-    assert!(matches!(error, EnvError::NoSuchVariant { .. }), "{error}");
+    let message = refused.unwrap_err().to_string();
+    assert!(message.contains("`metaworld` has no variant under flip x"), "{message}");
 }
 
 #[test]
@@ -80,20 +73,4 @@ fn a_vector_environment_runs_a_task_of_somebody_elses() {
     let green = |pixel: &[u8]| pixel[1] > 60 && pixel[0] < 60;
     let pixels = batch.images.chunks_exact(6).filter(|pixel| green(pixel));
     assert!(pixels.count() > 4 * 10, "the block shows");
-}
-
-/// Groups are compared by name, so the second would silently get the first one's scene.
-#[test]
-fn two_tasks_of_one_name_are_refused() {
-    let settings = VecEnvSettings { num_envs: 1, ..VecEnvSettings::default() };
-    let wide = PushBlock {
-        scene: common::SCENE.replace("0.04 0.04 0.04", "0.06 0.04 0.04"),
-        ..PushBlock::default()
-    };
-    let group = |task: PushBlock| TaskGroup::from_task(Box::leak(Box::new(task)));
-    let (first, second) = (group(PushBlock::default()), group(wide));
-    let mut env = VecEnv::new(settings, first, &D2::ALL).unwrap();
-    env.set_task_group(first, &D2::ALL).unwrap();
-    let message = env.set_task_group(second, &D2::ALL).unwrap_err().to_string();
-    assert!(message.contains("called `push-block` already"), "{message}");
 }

@@ -12,7 +12,6 @@ mod inpainting;
 mod layouts;
 mod pictures;
 mod randomisation;
-mod rewards;
 mod scenes;
 mod simulated_arm;
 mod solids;

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Camera, Control, EnvError, ExtraView, ObservationsMut, RGB_CHANNELS, Randomisation,
-    Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, VECTOR_DIM, VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, Control, Embodiment, EnvError, ExtraView, ObservationsMut, RGB_CHANNELS,
+    Randomisation, Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, VECTOR_DIM, VecEnv,
+    VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -25,8 +26,8 @@ fn action(step: usize) -> Vec<f32> {
 }
 
 /// Returns everything that 15 steps over a switch of groups observe, as one list of numbers.
-fn trace(threads: usize) -> Vec<u32> {
-    let settings = settings(threads);
+fn trace(threads: usize, embodiment: Embodiment) -> Vec<u32> {
+    let settings = VecEnvSettings { embodiment, ..settings(threads) };
     let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
     let mut buffers = StepBuffers::new(&settings);
     let mut trace = Vec::new();
@@ -50,9 +51,11 @@ fn trace(threads: usize) -> Vec<u32> {
 
 #[test]
 fn any_number_of_threads_gives_the_same_bits() {
-    let one = trace(1);
-    for threads in [2, 3, 8] {
-        assert_eq!(trace(threads), one, "{threads} threads");
+    for embodiment in [Embodiment::SAWYER, Embodiment::KINOVA_GEN3] {
+        let one = trace(1, embodiment);
+        for threads in [2, 3, 8] {
+            assert!(trace(threads, embodiment) == one, "{embodiment} on {threads} threads");
+        }
     }
 }
 

@@ -38,8 +38,7 @@ pub(crate) fn write_checkpoint(
     // if checkpoints with higher numbers counted, they could push out the one just written
     checkpoints.retain(|(number, _)| *number <= rollouts);
     for (_, old) in checkpoints.iter().skip(keep) {
-        let removed = disk.remove(old);
-        removed.map_err(|error| RunError::cannot_write(old, error))?;
+        disk.remove(old).map_err(RunError::writing(old))?;
     }
     Ok(())
 }
@@ -48,8 +47,8 @@ pub(crate) fn write_checkpoint(
 /// checkpoints that the run will write.
 pub(crate) fn rename_damaged(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(), RunError> {
     for path in paths {
-        let moved = disk.rename(path, &path.with_added_extension("damaged"));
-        moved.map_err(|error| RunError::cannot_write(path, error))?;
+        disk.rename(path, &path.with_added_extension("damaged"))
+            .map_err(RunError::writing(path))?;
     }
     Ok(())
 }

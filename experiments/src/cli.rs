@@ -38,6 +38,5 @@ impl Threads {
 /// [`RunError::Write`].
 pub fn print_escaped(out: &mut impl Write, line: &str) -> Result<(), RunError> {
     let line = escape_unprintable_lines(line);
-    writeln!(out, "{line}")
-        .map_err(|error| RunError::cannot_write(Path::new("standard output"), error))
+    writeln!(out, "{line}").map_err(RunError::writing(Path::new("standard output")))
 }

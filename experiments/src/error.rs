@@ -190,6 +190,17 @@ impl RunError {
         Self::Read { path, source }
     }
 
+    /// Returns a function that makes a [`RunError::Read`] for `path` of a cause.
+    pub fn reading<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
+        move |source| Self::cannot_read(path, source)
+    }
+
+    /// Returns a function that makes a [`RunError::Write`] for `path` of a cause, as
+    /// [`RunError::cannot_write`] does.
+    pub fn writing<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
+        move |source| Self::cannot_write(path, source)
+    }
+
     /// Returns a [`RunError::Read`] for a file that can be read but has invalid contents.
     pub fn damaged_file(path: &Path, problem: String) -> Self {
         LearnerError::damaged_file(path, problem).into()

@@ -67,7 +67,7 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::Write`].
     pub fn create(parent: &Path, name: &str) -> Result<Self, RunError> {
-        create_dir_all(parent).map_err(|error| RunError::cannot_write(parent, error))?;
+        create_dir_all(parent).map_err(RunError::writing(parent))?;
         let mut attempt = 1;
         loop {
             let suffix = if attempt == 1 { String::new() } else { format!("-{attempt}") };
@@ -125,10 +125,7 @@ impl RunFolder {
     /// Removes the files of the run in the folder, so that another can start; other files stay.
     pub(crate) fn remove_run_files(&self) -> Result<(), RunError> {
         let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
-        let sync = |folder: &Path| {
-            let synced = self.disk.sync_folder(folder);
-            synced.map_err(|error| RunError::cannot_write(folder, error))
-        };
+        let sync = |folder: &Path| self.disk.sync_folder(folder).map_err(RunError::writing(folder));
         // The summary first: a run that has ended is not resumed without a checkpoint. Then all
         // checkpoints, synced before anything else goes: after a power cut, none of them may be
         // taken for a checkpoint of the next run.
@@ -194,9 +191,9 @@ impl RunFolder {
             tables: BTreeMap<String, String>,
         }
         let path = self.file_path(SUMMARY_FILE);
-        let summary = std::fs::read(&path).map_err(|error| RunError::cannot_read(&path, error))?;
-        let summary: Checksums = serde_json::from_slice(&summary)
-            .map_err(|error| RunError::cannot_read(&path, error))?;
+        let summary = std::fs::read(&path).map_err(RunError::reading(&path))?;
+        let summary: Checksums =
+            serde_json::from_slice(&summary).map_err(RunError::reading(&path))?;
         let Some(expected) = summary.tables.get(name) else {
             return Ok(());
         };
@@ -247,8 +244,8 @@ impl RunFolder {
     /// [`RunError::Write`].
     pub fn write_experiment(&self, experiment: &Experiment) -> Result<(), RunError> {
         let path = self.file_path(EXPERIMENT);
-        let text = serde_json::to_string_pretty(experiment);
-        let text = text.map_err(|error| RunError::cannot_write(&path, error))? + "\n";
+        let text =
+            serde_json::to_string_pretty(experiment).map_err(RunError::writing(&path))? + "\n";
         self.replace_file(EXPERIMENT, text.as_bytes())
     }
 
@@ -311,7 +308,7 @@ impl RunFolder {
         let folder = Self::from_path(path);
         let checkpoint = checkpoints::checkpoint_path(&folder.checkpoint_folder(), 0);
         let bytes = learner.to_checkpoint_bytes(&checkpoint, extent, "")?;
-        create_dir(path).map_err(|error| RunError::cannot_write(path, error))?;
+        create_dir(path).map_err(RunError::writing(path))?;
         folder.prepare_for_run()?;
         folder.write_experiment(experiment)?;
         write_atomically(folder.disk(), &checkpoint, &bytes)?;
@@ -343,14 +340,12 @@ impl RunFolder {
         // a line torn by a full disk or a power cut must not swallow the next one
         let torn = contents.last().is_some_and(|&last| last != b'\n');
         let line = format!("{}{line}\n", if torn { "\n" } else { "" });
-        let added = self.disk.append(&path, line.as_bytes());
-        added.map_err(|error| RunError::cannot_write(&path, error))
+        self.disk.append(&path, line.as_bytes()).map_err(RunError::writing(&path))
     }
 
     /// Appends the provenance of a process that works on the run.
     pub(crate) fn record_provenance(&self, provenance: &Provenance) -> Result<(), RunError> {
-        let line = serde_json::to_string(provenance);
-        let line = line.map_err(|error| RunError::cannot_write(&self.path, error))?;
+        let line = serde_json::to_string(provenance).map_err(RunError::writing(&self.path))?;
         self.append_line(Provenance::FILE_NAME, &line)
     }
 
@@ -397,8 +392,7 @@ impl RunFolder {
 
     /// Writes an image as PNG.
     pub(crate) fn write_png(&self, name: &str, picture: &Picture) -> Result<(), RunError> {
-        let bytes = picture.to_png();
-        let bytes = bytes.map_err(|error| RunError::cannot_write(&self.file_path(name), error))?;
+        let bytes = picture.to_png().map_err(RunError::writing(&self.file_path(name)))?;
         self.replace_file(name, &bytes)
     }
 }

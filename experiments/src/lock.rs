@@ -53,8 +53,7 @@ impl FolderLock {
         }
         let owner = owner();
         let owner_path = folder.join(OWNER);
-        let written = fs::write(&owner_path, &owner);
-        written.map_err(|error| RunError::cannot_write(&owner_path, error))?;
+        fs::write(&owner_path, &owner).map_err(RunError::writing(&owner_path))?;
         let folder = folder.to_owned();
         let claim = Claim { folder, owner };
         Ok(Self { _file: file, claim })
@@ -160,23 +159,5 @@ impl Disk for FencedDisk {
     fn sync_folder(&self, path: &Path) -> io::Result<()> {
         self.claim.verify()?;
         self.disk.sync_folder(path)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_second_writer_is_told_who_the_first_is() {
-        let folder = std::env::temp_dir().join(format!("covers-lock-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        let first = FolderLock::acquire(&folder).unwrap();
-        let message = FolderLock::acquire(&folder).unwrap_err().to_string();
-        let process = format!("process {}", std::process::id());
-        assert!(message.contains(&process), "{message}");
-        drop(first);
-        FolderLock::acquire(&folder).unwrap();
-        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

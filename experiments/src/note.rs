@@ -67,7 +67,7 @@ impl SavedRun {
     /// [`RunError::Read`], also for counts and rows that no run has, and for a checkpoint whose
     /// name states another number of rollouts.
     pub fn parse(path: &Path, note: &str) -> Result<Self, RunError> {
-        let saved: Self = serde_json::from_str(note).map_err(|e| RunError::cannot_read(path, e))?;
+        let saved: Self = serde_json::from_str(note).map_err(RunError::reading(path))?;
         let wrong = |what: &str| RunError::damaged_file(path, format!("the run's note: {what}"));
         saved.check().map_err(wrong)?;
         let rollouts = saved.state.stats.rollouts;

@@ -114,8 +114,7 @@ pub struct Summary {
 impl Summary {
     /// Writes the summary to the folder of a run, which marks the run as finished.
     pub(crate) fn write(&self, folder: &RunFolder) -> Result<(), RunError> {
-        let text = serde_json::to_string_pretty(self);
-        let text = text.map_err(|error| RunError::cannot_write(folder.path(), error))?;
+        let text = serde_json::to_string_pretty(self).map_err(RunError::writing(folder.path()))?;
         folder.replace_file(SUMMARY_FILE, text.as_bytes())
     }
 }

@@ -84,7 +84,7 @@ impl Provenance {
     /// [`RunError::Read`].
     pub fn read(folder: &Path) -> Result<Vec<Self>, RunError> {
         let path = folder.join(Self::FILE_NAME);
-        let text = std::fs::read_to_string(&path).map_err(|e| RunError::cannot_read(&path, e))?;
+        let text = std::fs::read_to_string(&path).map_err(RunError::reading(&path))?;
         let lines = text.lines();
         Ok(lines.flat_map(serde_json::from_str).collect())
     }

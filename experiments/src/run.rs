@@ -367,8 +367,7 @@ impl Run {
             due_episodes_per_env: due,
             tables: self.tables.snapshot(),
         };
-        let note = state.into_note(&self.experiment);
-        let note = note.map_err(|error| RunError::cannot_write(&path, error))?;
+        let note = state.into_note(&self.experiment).map_err(RunError::writing(&path))?;
         let bytes = self.learner.to_checkpoint_bytes(&path, CheckpointExtent::Everything, &note)?;
         // tables and logs are synced first, so that a checkpoint is never ahead of them on the disk
         self.tables.sync()?;

@@ -389,15 +389,14 @@ fn unfit(folder: &Path, problem: &str) -> RunError {
 
 /// Returns the last part of a path, also for `.`.
 fn name_of(path: &Path) -> Result<String, RunError> {
-    let whole = path.canonicalize();
-    let whole = whole.map_err(|error| RunError::cannot_read(path, error))?;
+    let whole = path.canonicalize().map_err(RunError::reading(path))?;
     let name = whole.file_name().unwrap_or(whole.as_os_str());
     Ok(escape_unprintable(&name.to_string_lossy()))
 }
 
 /// Reads all rows of a complete table.
 fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
-    let text = std::fs::read(path).map_err(|error| RunError::cannot_read(path, error))?;
+    let text = std::fs::read(path).map_err(RunError::reading(path))?;
     // without a line end the last cell may be cut, and pass for another number
     if text.last().is_some_and(|&last| last != b'\n') {
         let problem = "the last row has no line end, as every row of a whole table has: the file \
@@ -432,7 +431,7 @@ fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Option<Vec<R>>, Run
 fn whole_rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
     let text = match std::fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
-        read => read.map_err(|error| RunError::cannot_read(path, error))?,
+        read => read.map_err(RunError::reading(path))?,
     };
     let end = text.iter().rposition(|&byte| byte == b'\n');
     let whole = &text[..end.map_or(0, |end| end + 1)];

@@ -24,7 +24,7 @@ impl CsvFile {
     /// Makes the file hold exactly `text`: later rows are removed, and a lost tail is restored. A
     /// file with other contents is first renamed.
     pub fn open(path: PathBuf, disk: Arc<dyn Disk>, text: Vec<u8>) -> Result<Self, RunError> {
-        let names = header(&text).map_err(|error| RunError::cannot_read(&path, error))?;
+        let names = header(&text).map_err(RunError::reading(&path))?;
         let table = Self { path, disk, text, names };
         table.restore()?;
         Ok(table)
@@ -67,15 +67,13 @@ impl CsvFile {
         }
         let mut writer = csv::Writer::from_writer(Vec::new());
         if self.names.is_empty() {
-            let written = writer.write_record(&names);
-            written.map_err(|error| RunError::cannot_write(&self.path, error))?;
+            writer.write_record(&names).map_err(RunError::writing(&self.path))?;
             self.names = names;
         } else if self.names != names {
             let (names, known) = (names.join(", "), self.names.join(", "));
             return Err(self.refuse(format!("a row of {names} does not fit the columns {known}")));
         }
-        let written = writer.write_record(&cells);
-        written.map_err(|error| RunError::cannot_write(&self.path, error))?;
+        writer.write_record(&cells).map_err(RunError::writing(&self.path))?;
         self.add(writer)
     }
 
@@ -88,15 +86,14 @@ impl CsvFile {
             csv::WriterBuilder::new().has_headers(self.text.is_empty()).from_writer(Vec::new());
         rows.into_iter()
             .try_for_each(|row| writer.serialize(row))
-            .map_err(|error| RunError::cannot_write(&self.path, error))?;
+            .map_err(RunError::writing(&self.path))?;
         self.add(writer)
     }
 
     /// Restores the file if it was changed, and syncs it to the disk.
     pub fn sync(&self) -> Result<(), RunError> {
         self.restore()?;
-        let synced = self.disk.sync(&self.path);
-        synced.map_err(|error| RunError::cannot_write(&self.path, error))
+        self.disk.sync(&self.path).map_err(RunError::writing(&self.path))
     }
 
     fn add(&mut self, writer: csv::Writer<Vec<u8>>) -> Result<(), RunError> {
@@ -105,8 +102,7 @@ impl CsvFile {
         let before = self.text.len();
         self.text.extend(&rows);
         if self.has_length(before) {
-            let added = self.disk.append(&self.path, &rows);
-            return added.map_err(|error| RunError::cannot_write(&self.path, error));
+            return self.disk.append(&self.path, &rows).map_err(RunError::writing(&self.path));
         }
         self.restore()
     }
@@ -132,8 +128,7 @@ impl CsvFile {
 /// [`RunError::Write`].
 pub(crate) fn rename_old(disk: &dyn Disk, path: &Path) -> Result<(), RunError> {
     let aside = free_name(path);
-    let moved = disk.rename(path, &aside);
-    moved.map_err(|error| RunError::cannot_write(&aside, error))
+    disk.rename(path, &aside).map_err(RunError::writing(&aside))
 }
 
 /// Returns the path with the first added extension of `old`, `old2` and so on that is free.
@@ -239,18 +234,6 @@ mod tests {
         let aside = table.path.with_added_extension("old");
         assert_eq!(fs::read(&aside).unwrap(), edited);
         fs::remove_file(aside).unwrap();
-        fs::remove_file(&table.path).unwrap();
-    }
-
-    #[test]
-    fn a_file_that_is_removed_or_cut_while_rows_are_written_comes_back_whole() {
-        let mut table = table("removed");
-        fs::remove_file(&table.path).unwrap();
-        table.append_row(cells(&[("rollout", "1"), ("loss", "2")])).unwrap();
-        fs::write(&table.path, "rollout").unwrap();
-        table.append_row(cells(&[("rollout", "2"), ("loss", "3")])).unwrap();
-        let text = fs::read_to_string(&table.path).unwrap();
-        assert_eq!(text, "rollout,loss\n0,1.5\n1,2\n2,3\n");
         fs::remove_file(&table.path).unwrap();
     }
 }

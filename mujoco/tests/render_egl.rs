@@ -147,56 +147,6 @@ fn mirrors_do_not_reflect() {
     assert_eq!(image(0.9), image(0.0));
 }
 
-/// Returns a ball on a spring above a table and below a bridge, which hides it at times.
-fn bridge(ball: &str) -> String {
-    format!(
-        r#"<mujoco><visual><quality shadowsize="256"/></visual><worldbody>
-             <camera name="top" pos="0 0 2"/>
-             <light directional="true" pos="-2 0 3" dir="1 0 -1"/>
-             <geom type="box" size="5 5 .1"/>
-             <geom type="box" size=".1 .5 .02" pos="0 0 .8" rgba="0 0 1 1"/>
-             <body pos="-.3 0 .4"><joint type="slide" axis="1 0 0" stiffness="20"/><geom size=".2" rgba="{ball}"/></body>
-           </worldbody></mujoco>"#
-    )
-}
-
-#[test]
-fn pictures_over_a_backdrop_are_the_whole_pictures() {
-    let shadows = RenderOptions { shadows: true, ..RenderOptions::default() };
-    let cases = [
-        ("1 0 0 1", RenderOptions::default()),
-        ("1 0 0 .5", RenderOptions::default()),
-        ("1 0 0 1", shadows),
-    ];
-    for (ball, options) in cases {
-        let (mut data, mut renderer) = ready(&bridge(ball), options);
-        let camera = data.model().camera("top").unwrap();
-        let mut backdrop = Backdrop::default();
-        renderer.draw_backdrop(&mut data, camera, &mut backdrop).unwrap();
-        let still = draw(&mut data, &mut renderer);
-        data.qpos_mut()[0] = -0.5;
-        let mut moved = false;
-        for _ in 0..60 {
-            data.step(5).unwrap();
-            data.forward().unwrap();
-            let mut over = vec![9; renderer.image_len()];
-            renderer.render_over_backdrop(&mut data, &mut backdrop, &mut over).unwrap();
-            let whole = draw(&mut data, &mut renderer);
-            assert_eq!(over, whole, "ball {ball}");
-            moved |= whole != still;
-        }
-        assert!(moved, "the ball does not show");
-    }
-}
-
-#[test]
-fn a_backdrop_that_was_not_drawn_is_refused() {
-    let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
-    let mut out = vec![0; renderer.image_len()];
-    let refused = renderer.render_over_backdrop(&mut data, &mut Backdrop::default(), &mut out);
-    assert_eq!(refused, Err(RenderError::NoBackdrop));
-}
-
 #[test]
 fn bad_arguments_are_refused() {
     let (mut data, mut renderer) = ready(SCENE, RenderOptions::default());
@@ -207,6 +157,9 @@ fn bad_arguments_are_refused() {
     let (mut other, _) = ready(SCENE, RenderOptions::default());
     let mut image = vec![0; renderer.image_len()];
     assert_eq!(renderer.render(&mut other, camera, &mut image), Err(RenderError::OtherModel));
+
+    let undrawn = renderer.render_over_backdrop(&mut data, &mut Backdrop::default(), &mut image);
+    assert_eq!(undrawn, Err(RenderError::NoBackdrop));
 
     let model = data.model().clone();
     for (width, height) in [(0, 8), (8, 4097)] {

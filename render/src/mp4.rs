@@ -34,7 +34,7 @@ impl Ffmpeg {
         let made = self.make(film, &scratch).and_then(|()| fs::read(&scratch));
         // fails if `ffmpeg` made no file
         let _ = fs::remove_file(&scratch);
-        made.map_err(|error| RunError::cannot_write(path, error))
+        made.map_err(RunError::writing(path))
     }
 
     fn make(&self, film: &Film, to: &Path) -> std::io::Result<()> {

@@ -155,8 +155,7 @@ pub fn film_groups(folder: &RunFolder, threads: usize) -> Result<Vec<(String, Ve
         let episodes = pool.install(|| player.play(&settings))?;
         let columns = names.each_ref().map(String::as_str);
         let film = compose_grid(&columns, &player.rows(&settings, &episodes));
-        let gif =
-            encode_gif(&film).map_err(|error| RunError::cannot_write(folder.path(), error))?;
+        let gif = encode_gif(&film).map_err(RunError::writing(folder.path()))?;
         Ok((group.name().to_owned(), gif))
     });
     films.collect()

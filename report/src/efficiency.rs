@@ -151,55 +151,27 @@ fn reached(decisions: &Scores) -> [String; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use experiments::presets::{Budget, Method};
-    use experiments::{RolloutRow, ScoreRow};
-
-    /// Returns a run of rollouts of 100 decisions in these groups, with the success in `a` after
-    /// some of them.
-    fn run(groups: &[&str], scores: &[(usize, f64)]) -> RunData {
-        let rollout_rows = groups.iter().zip(1..).map(|(group, number)| RolloutRow {
-            decisions: 100 * number,
-            group: (*group).to_owned(),
-            last_group: (*group).to_owned(),
-            ..RolloutRow::default()
-        });
-        let row = |&(rollouts, success): &(usize, f64)| ScoreRow {
-            rollouts,
-            decisions: 100 * rollouts,
-            group: "a".to_owned(),
-            element: "identity".to_owned(),
-            seen_in_training: true,
-            episodes: 10,
-            success,
-            success_at_end: success,
-            ..ScoreRow::default()
-        };
-        RunData {
-            rollouts: rollout_rows.collect(),
-            scores: scores.iter().map(row).collect(),
-            ..RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers))
-        }
-    }
+    use crate::fixtures::scored_run as run;
 
     #[test]
     fn decisions_of_other_groups_do_not_count() {
-        let run = run(
+        let seen = run(
             &["b", "a", "b", "b", "a", "a"],
             &[(0, 0.0), (2, 0.5), (4, 0.4), (5, 0.95), (6, 0.8)],
         );
         // 100 decisions from 0 to 0.5, 100 to 0.95, 100 to 0.8
-        let efficiency = SampleEfficiency::of_run(&run, "a").unwrap();
+        let efficiency = SampleEfficiency::of_run(&seen, "a").unwrap();
         assert!((efficiency.area_under_curve - (0.25 + 0.725 + 0.875) / 3.0).abs() < 1e-12);
         assert_eq!(efficiency.decisions_to_solve, 200.0);
         assert_eq!(efficiency.decisions_to_stay_solved, f64::INFINITY, "it ends at 0.8");
-        assert_eq!(SampleEfficiency::of_run(&run, "c"), None);
+        assert_eq!(SampleEfficiency::of_run(&seen, "c"), None);
     }
 
     /// A policy that is trained in another group may get better in this one.
     #[test]
     fn a_group_may_be_solved_while_another_one_runs() {
-        let run = run(&["a", "b", "a"], &[(0, 0.0), (1, 0.5), (2, 0.95), (3, 1.0)]);
-        let efficiency = SampleEfficiency::of_run(&run, "a").unwrap();
+        let seen = run(&["a", "b", "a"], &[(0, 0.0), (1, 0.5), (2, 0.95), (3, 1.0)]);
+        let efficiency = SampleEfficiency::of_run(&seen, "a").unwrap();
         assert_eq!(efficiency.decisions_to_solve, 100.0);
         // 100 decisions from 0 to 0.5, 100 from there to 1
         assert_eq!(efficiency.area_under_curve, 0.5);

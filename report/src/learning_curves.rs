@@ -144,33 +144,19 @@ fn success_at(curve: &[(f64, f64)], spent: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::{run, score};
     use crate::svg::read::{attribute, check_texts, of_class, tags};
-    use experiments::presets::{Budget, Method};
-    use experiments::{RolloutRow, RunData, ScoreRow};
+    use experiments::RunData;
+    use experiments::presets::Method;
     use itertools::Itertools;
 
     /// Returns a run that was scored before and after one rollout.
     fn scored(number: usize) -> RunData {
-        let score = |rollouts: usize| ScoreRow {
-            rollouts,
-            decisions: 500 * rollouts,
-            group: "goal-reach".to_owned(),
-            element: "identity".to_owned(),
-            seen_in_training: true,
-            episodes: 20,
-            success: rollouts as f64 / 2.0,
-            ..ScoreRow::default()
-        };
-        let name = format!("covers-with-a-name-{number}-seed0");
+        let score = |rollouts: usize| score(rollouts, "goal-reach", rollouts as f64 / 2.0);
         RunData {
-            rollouts: vec![RolloutRow {
-                decisions: 500,
-                group: "goal-reach".to_owned(),
-                last_group: "goal-reach".to_owned(),
-                ..RolloutRow::default()
-            }],
+            name: format!("covers-with-a-name-{number}-seed0"),
             scores: [0, 1].map(score).to_vec(),
-            ..RunData::empty(&name, Budget::Smoke.experiment(Method::Covers))
+            ..run(Method::Covers, &[("goal-reach", 0)])
         }
     }
 

@@ -9,6 +9,8 @@ mod curves;
 mod efficiency;
 mod error;
 mod events;
+#[cfg(test)]
+mod fixtures;
 mod format;
 mod learning_curves;
 mod matching;

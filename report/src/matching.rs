@@ -30,18 +30,7 @@ pub fn own_policy_of_group(rollouts: &[RolloutRow], group: &str) -> Option<usize
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Returns rollouts of these groups and policies; `*` marks those within which the group
-    /// changed.
-    fn rollouts(rows: &[(&str, usize)]) -> Vec<RolloutRow> {
-        let row = |&(group, policy): &(&str, usize)| RolloutRow {
-            group: group.trim_end_matches('*').to_owned(),
-            spans_switch: group.ends_with('*'),
-            policy,
-            ..RolloutRow::default()
-        };
-        rows.iter().map(row).collect()
-    }
+    use crate::fixtures::rollouts;
 
     #[test]
     fn a_policy_belongs_to_the_group_that_it_served_most() {

@@ -87,44 +87,16 @@ impl PolicyCountMatrix {
 
 #[cfg(test)]
 mod tests {
-    use symmetry::D2;
-
     use super::*;
-    use experiments::presets::{Budget, Method};
-    use experiments::{RecognitionRow, RolloutRow, ScoreRow};
+    use crate::fixtures::{self, answer, score};
+    use experiments::presets::Method;
 
     fn run() -> RunData {
-        let rollout = |&(group, policy): &(&str, usize)| RolloutRow {
-            group: group.trim_end_matches('*').to_owned(),
-            policy,
-            spans_switch: group.ends_with('*'),
-            ..RolloutRow::default()
-        };
-        let rollouts = [("a", 0), ("b", 1), ("b*", 0), ("a", 0), ("a", 1)];
-        let score = |group: &str| ScoreRow {
-            rollouts: 5,
-            decisions: 0,
-            group: group.to_owned(),
-            element: "identity".to_owned(),
-            seen_in_training: true,
-            episodes: 1,
-            success: 0.0,
-            ..ScoreRow::default()
-        };
-        let answer = |(group, policy, times): (&str, Option<usize>, usize)| RecognitionRow {
-            group: group.to_owned(),
-            element: D2::Identity.to_string(),
-            episodes_shown: 4,
-            policy,
-            count: times,
-        };
+        let answers = [("a", 4, Some(0), 3), ("b", 4, Some(1), 2), ("b", 4, None, 4)];
         RunData {
-            rollouts: rollouts.iter().map(rollout).collect(),
-            scores: ["a", "b"].map(score).to_vec(),
-            recognitions: [("a", Some(0), 3), ("b", Some(1), 2), ("b", None, 4)]
-                .map(answer)
-                .to_vec(),
-            ..RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers))
+            scores: ["a", "b"].map(|group| score(5, group, 0.0)).to_vec(),
+            recognitions: answers.iter().map(answer).collect(),
+            ..fixtures::run(Method::Covers, &[("a", 0), ("b", 1), ("b*", 0), ("a", 0), ("a", 1)])
         }
     }
 

@@ -220,41 +220,19 @@ fn before_first_visit(run: &RunData, group: &str) -> Result<usize, UndefinedReas
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fixtures::{self, run};
+    use experiments::DormantUnitsRow;
     use experiments::presets::{Budget, Method};
-    use experiments::{DormantUnitsRow, RolloutRow};
-
-    /// Returns a run with these groups and assigned policies; `*` marks a rollout that ends in the
-    /// next rollout's group.
-    fn run(method: Method, rollouts: &[(&str, usize)]) -> RunData {
-        let name = |(group, _): &(&str, usize)| group.trim_end_matches('*').to_owned();
-        let row = |index: usize| RolloutRow {
-            decisions: 100 * (index + 1),
-            group: name(&rollouts[index]),
-            last_group: name(&rollouts[index + usize::from(rollouts[index].0.ends_with('*'))]),
-            spans_switch: rollouts[index].0.ends_with('*'),
-            policy: rollouts[index].1,
-            ..RolloutRow::default()
-        };
-        RunData {
-            rollouts: (0..rollouts.len()).map(row).collect(),
-            ..RunData::empty("covers-seed0", Budget::Smoke.experiment(method))
-        }
-    }
 
     /// Adds scores of groups `a` and `b` after a number of rollouts, two variants each.
     fn score(run: &mut RunData, rollouts: usize, a: f64, b: f64) {
         for (group, success) in [("a", a), ("b", b)] {
             for (element, shift) in [("identity", 0.05), ("flip x", -0.05)] {
                 run.scores.push(ScoreRow {
-                    rollouts,
-                    decisions: 100 * rollouts,
-                    group: group.to_owned(),
                     element: element.to_owned(),
-                    seen_in_training: true,
-                    episodes: 10,
                     success: success + shift,
                     reward: 100.0 * success,
-                    ..ScoreRow::default()
+                    ..fixtures::score(rollouts, group, success)
                 });
             }
         }

@@ -73,37 +73,12 @@ fn cell(means: &[Option<f64>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use experiments::presets::{Budget, Method};
-    use experiments::{RolloutRow, ScoreRow};
-
-    /// Returns a run of one rollout for each letter, with scores of group `a` after some of them.
-    fn run(stream: &str, scores: &[(usize, f64)]) -> RunData {
-        let row = |group: char| RolloutRow {
-            group: group.to_string(),
-            last_group: group.to_string(),
-            ..RolloutRow::default()
-        };
-        let score = |&(rollouts, success): &(usize, f64)| ScoreRow {
-            rollouts,
-            decisions: 500 * rollouts,
-            group: "a".to_owned(),
-            element: "identity".to_owned(),
-            seen_in_training: true,
-            episodes: 20,
-            success,
-            ..ScoreRow::default()
-        };
-        RunData {
-            rollouts: stream.chars().map(row).collect(),
-            scores: scores.iter().map(score).collect(),
-            ..RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers))
-        }
-    }
+    use crate::fixtures::scored_run;
 
     #[test]
     fn a_visit_is_scored_where_it_ends() {
         let scores = [(0, 0.1), (1, 0.2), (2, 0.3), (3, 0.4), (6, 0.5)];
-        let run = run("aabaab", &scores);
+        let run = scored_run(&["a", "a", "b", "a", "a", "b"], &scores);
         assert_eq!(success_per_visit(&run, "a"), [Some(0.3), None]);
         assert_eq!(success_per_visit(&run, "b"), [None, None]);
         assert!(success_per_visit(&run, "c").is_empty());
@@ -112,7 +87,8 @@ mod tests {
     #[test]
     fn there_is_a_table_where_a_run_was_scored_within_the_stream() {
         let table = |scores: &[(usize, f64)]| {
-            let methods = MethodRuns::group_by_method(vec![run("aba", scores)]).unwrap();
+            let methods =
+                MethodRuns::group_by_method(vec![scored_run(&["a", "b", "a"], scores)]).unwrap();
             super::visits_table(&methods, &["a".to_owned()]).map(|table| table.rows)
         };
         assert_eq!(table(&[(0, 0.1), (2, 0.2), (3, 0.5)]), None);

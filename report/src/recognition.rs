@@ -94,33 +94,16 @@ fn share(
 
 #[cfg(test)]
 mod tests {
-    use symmetry::D2;
-
     use super::*;
-    use experiments::presets::{Budget, Method};
-    use experiments::{RecognitionRow, RolloutRow};
+    use crate::fixtures::{self, answer};
+    use experiments::RolloutRow;
+    use experiments::presets::Method;
 
     /// Returns a run in which policy 0 belongs to group `a` and 1 to `b`, with these answers.
     fn run(method: Method, answers: &[(&str, usize, Option<usize>, usize)]) -> RunData {
-        let rollout = |(policy, group): (usize, &str)| RolloutRow {
-            decisions: 100 * (policy + 1),
-            group: group.to_owned(),
-            last_group: group.to_owned(),
-            policy,
-            ..RolloutRow::default()
-        };
-        let answer = |&(group, episodes, policy, times): &(&str, usize, _, _)| RecognitionRow {
-            group: group.to_owned(),
-            element: D2::Identity.to_string(),
-            episodes_shown: episodes,
-            policy,
-            count: times,
-        };
-        let name = format!("{}-seed0", method.name());
         RunData {
-            rollouts: [(0, "a"), (1, "b")].map(rollout).to_vec(),
             recognitions: answers.iter().map(answer).collect(),
-            ..RunData::empty(&name, Budget::Smoke.experiment(method))
+            ..fixtures::run(method, &[("a", 0), ("b", 1)])
         }
     }
 

@@ -5,8 +5,7 @@ use std::io::{Read, Seek};
 use std::path::Path;
 
 use zip::ZipArchive;
-
-use super::recording_error::RecordingError;
+use zip::result::ZipError;
 
 /// Largest number of values in an array, so that a small hostile archive cannot fill the memory.
 const MOST_VALUES: usize = 1 << 25;
@@ -42,64 +41,59 @@ impl Array {
 }
 
 impl Npz<File> {
-    pub(crate) fn open(path: &Path) -> Result<Self, RecordingError> {
-        Self::new(File::open(path).map_err(|source| RecordingError::Open { source })?)
+    pub(crate) fn open(path: &Path) -> Result<Self, String> {
+        Self::new(File::open(path).map_err(unreadable)?)
     }
 }
 
 impl<R: Read + Seek> Npz<R> {
-    pub(crate) fn new(file: R) -> Result<Self, RecordingError> {
-        let archive = ZipArchive::new(file);
-        let archive = archive.map_err(|source| RecordingError::NotAnArchive { source })?;
-        Ok(Self { archive })
+    pub(crate) fn new(file: R) -> Result<Self, String> {
+        Ok(Self { archive: ZipArchive::new(file).map_err(not_an_archive)? })
     }
 
     /// Reads the array `name` of finite numbers with the shape `expected`, in which 0 stands for
     /// any positive size.
-    pub(crate) fn array(
-        &mut self,
-        name: &'static str,
-        expected: &[usize],
-    ) -> Result<Array, RecordingError> {
+    pub(crate) fn array(&mut self, name: &str, expected: &[usize]) -> Result<Array, String> {
         let array = parse(name, &self.member(name)?)?;
         let fits = |(&got, &wanted): (&usize, &usize)| got > 0 && (wanted == 0 || got == wanted);
         if array.shape.len() != expected.len() || !array.shape.iter().zip(expected).all(fits) {
-            return Err(RecordingError::Shape {
-                name,
-                got: array.shape,
-                expected: expected.to_vec(),
-            });
+            return Err(format!(
+                "the array `{name}` has the shape {:?}, expected {expected:?} (0 stands for any)",
+                array.shape
+            ));
         }
         match array.values.iter().position(|value| !value.is_finite()) {
-            Some(index) => Err(RecordingError::NotFinite { name, index }),
+            Some(index) => Err(format!(
+                "the array `{name}` has a value that is not finite at index {index} (row-major order)"
+            )),
             None => Ok(array),
         }
     }
 
-    fn member(&mut self, name: &'static str) -> Result<Vec<u8>, RecordingError> {
+    fn member(&mut self, name: &str) -> Result<Vec<u8>, String> {
         let Some(index) = self.archive.index_for_name(&format!("{name}.npy")) else {
             let known = self.archive.file_names().filter_map(Result::ok);
-            let known = known.map(|known| known.into_owned()).collect();
-            return Err(RecordingError::Missing { name, known });
+            let known: Vec<_> = known.map(|known| known.into_owned()).collect();
+            return Err(format!(
+                "the array `{name}` is missing among those of the archive: {}",
+                known.join(", ")
+            ));
         };
-        let file = self.archive.by_index(index);
-        let file = file.map_err(|source| RecordingError::NotAnArchive { source })?;
+        let file = self.archive.by_index(index).map_err(not_an_archive)?;
         if file.size() > MOST_BYTES {
-            return Err(RecordingError::Damaged { name, reason: TOO_LARGE });
+            return Err(damaged(name, TOO_LARGE));
         }
         let mut bytes = Vec::new();
         // the size in the archive's header may be false, so the number of bytes read is limited too
-        file.take(MOST_BYTES)
-            .read_to_end(&mut bytes)
-            .map_err(|source| RecordingError::Open { source })?;
+        file.take(MOST_BYTES).read_to_end(&mut bytes).map_err(unreadable)?;
         Ok(bytes)
     }
 }
 
 /// Parses the npy format, versions 1 to 3: magic number, version, length of the header, header (a
 /// Python dictionary), values.
-fn parse(name: &'static str, bytes: &[u8]) -> Result<Array, RecordingError> {
-    let damaged = |reason| RecordingError::Damaged { name, reason };
+fn parse(name: &str, bytes: &[u8]) -> Result<Array, String> {
+    let damaged = |reason| damaged(name, reason);
     let rest = bytes
         .strip_prefix(b"\x93NUMPY")
         .ok_or_else(|| damaged("it does not begin as an npy file"))?;
@@ -135,8 +129,8 @@ fn shape(header: &str) -> Option<Vec<usize>> {
     sizes.filter(|size| !size.is_empty()).map(|size| size.parse().ok()).collect()
 }
 
-fn values(name: &'static str, kind: &str, bytes: &[u8]) -> Result<Vec<f64>, RecordingError> {
-    let damaged = |reason| Err(RecordingError::Damaged { name, reason });
+fn values(name: &str, kind: &str, bytes: &[u8]) -> Result<Vec<f64>, String> {
+    let damaged = |reason| Err(damaged(name, reason));
     let (numbers, rest) = bytes.as_chunks::<8>();
     match kind {
         "<f8" if numbers.len() > MOST_VALUES => damaged(TOO_LARGE),
@@ -144,8 +138,24 @@ fn values(name: &'static str, kind: &str, bytes: &[u8]) -> Result<Vec<f64>, Reco
         "<f8" if !rest.is_empty() => damaged("its last number is cut"),
         "<f8" => Ok(numbers.iter().map(|&n| f64::from_le_bytes(n)).collect()),
         "|b1" => Ok(bytes.iter().map(|&byte| f64::from(byte)).collect()),
-        _ => Err(RecordingError::Kind { name, got: kind.to_owned() }),
+        _ => Err(format!(
+            "the array `{name}` holds values of kind `{kind}`, expected `<f8` (64-bit numbers) or `|b1` \
+             (truth values)"
+        )),
     }
+}
+
+/// Describes an error of the file system.
+pub(crate) fn unreadable(error: std::io::Error) -> String {
+    format!("it cannot be read: {error}")
+}
+
+fn not_an_archive(error: ZipError) -> String {
+    format!("it is not an npz archive: {error}")
+}
+
+fn damaged(name: &str, reason: &str) -> String {
+    format!("the array `{name}` is damaged: {reason}")
 }
 
 #[cfg(test)]
@@ -161,7 +171,7 @@ mod tests {
     }
 
     fn reason(file: &[u8]) -> String {
-        parse("it", file).unwrap_err().to_string()
+        parse("it", file).unwrap_err()
     }
 
     #[test]

@@ -21,7 +21,6 @@ use serde::Serialize;
 use symmetry::D2;
 
 use super::recording::{Recording, TABLE_CENTRE, largest_deviation, npz_files, to_project_frame};
-use super::recording_error::RecordingError;
 use experiments::RunError;
 
 /// Names of the boxes that replace the convex meshes of Meta-World's gripper base and goal net.
@@ -87,19 +86,19 @@ impl ParityRow {
 /// # Errors
 /// [`RunError::Read`] with the file and the problem; errors of MuJoCo.
 pub fn compare_recordings(folder: &Path) -> Result<Vec<ParityRow>, RunError> {
-    let paths = npz_files(folder).map_err(|source| RunError::cannot_read(folder, source))?;
+    let paths = npz_files(folder).map_err(RunError::reading(folder))?;
     if paths.is_empty() {
-        return Err(RunError::cannot_read(folder, RecordingError::NoFiles));
+        let problem = "no recording in it: expected files named ENGINE_TASK_POLICY.npz";
+        return Err(RunError::cannot_read(folder, problem));
     }
     paths.par_iter().map(|path| compare(path)).collect()
 }
 
 fn compare(path: &Path) -> Result<ParityRow, RunError> {
-    let group =
-        Recording::task_of_file(path).map_err(|source| RunError::cannot_read(path, source))?;
+    let problem = |problem: String| RunError::cannot_read(path, problem);
+    let group = Recording::task_of_file(path).map_err(problem)?;
     let mut replica = Replica::new(group)?;
-    let recording = Recording::read(path, replica.table.scene());
-    let recording = recording.map_err(|source| RunError::cannot_read(path, source))?;
+    let recording = Recording::read(path, replica.table.scene()).map_err(problem)?;
     let file = path.file_name().unwrap_or_default();
     let mut row = ParityRow {
         file: file.to_string_lossy().into(),

@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use envs::{Placement, Scene, StepReward, TaskGroup};
 use glam::DVec3;
 
-use super::npz::{Array, Npz};
-use super::recording_error::RecordingError;
+use super::npz::{Array, Npz, unreadable};
 
 /// Vector from Meta-World's origin, the robot's base, to the centre of the table, the origin of
 /// this project (metres).
@@ -43,17 +42,21 @@ pub(crate) struct Recording {
 
 impl Recording {
     /// Parses the task from a file's name.
-    pub(crate) fn task_of_file(path: &Path) -> Result<TaskGroup, RecordingError> {
+    pub(crate) fn task_of_file(path: &Path) -> Result<TaskGroup, String> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let task = stem.split('_').nth(1).unwrap_or_default();
         let mut groups = TaskGroup::STANDARD.into_iter();
         let named =
             |group: &TaskGroup| group.task().meta_world_spec().is_some_and(|it| it.name == task);
-        groups.find(named).ok_or(RecordingError::UnknownTask)
+        groups.find(named).ok_or_else(|| {
+            "its name says no task: expected ENGINE_TASK_POLICY.npz, where TASK is one of reach, \
+             button-press, drawer-close, plate-slide"
+                .to_owned()
+        })
     }
 
     /// Reads a recording of `scene`'s task.
-    pub(crate) fn read(path: &Path, scene: &Scene) -> Result<Self, RecordingError> {
+    pub(crate) fn read(path: &Path, scene: &Scene) -> Result<Self, String> {
         let mut npz = Npz::open(path)?;
         let reward = npz.array("reward", &[0, 0])?;
         let (e, t) = (reward.shape()[0], reward.shape()[1]);
@@ -150,11 +153,10 @@ pub(crate) fn to_project_frame(point: &[f64]) -> DVec3 {
 }
 
 /// Lists the npz files of a folder, sorted by name.
-pub(crate) fn npz_files(folder: &Path) -> Result<Vec<PathBuf>, RecordingError> {
-    let entries = std::fs::read_dir(folder).map_err(|source| RecordingError::Open { source })?;
+pub(crate) fn npz_files(folder: &Path) -> Result<Vec<PathBuf>, String> {
     let mut files = Vec::new();
-    for entry in entries {
-        let path = entry.map_err(|source| RecordingError::Open { source })?.path();
+    for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+        let path = entry.map_err(unreadable)?.path();
         if path.extension().is_some_and(|extension| extension == "npz") {
             files.push(path);
         }

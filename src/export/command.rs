@@ -56,7 +56,7 @@ impl ExportOptions {
         let weights = safetensors_weights(&policy, &path("policy.safetensors"))?;
         let golden =
             reference_outputs(&policy, &observations, &answers, &path("golden.safetensors"))?;
-        create_dir_all(&self.out).map_err(|error| RunError::cannot_write(&self.out, error))?;
+        create_dir_all(&self.out).map_err(RunError::writing(&self.out))?;
         let files = [
             ("policy.onnx", onnx_model(&policy, &about.to_string())),
             ("policy.safetensors", weights),

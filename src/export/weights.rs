@@ -75,6 +75,5 @@ fn serialize(arrays: Vec<Array>, path: &Path) -> Result<Vec<u8>, RunError> {
         TensorView::new(*dtype, shape.clone(), bytes).map(|view| (name, view))
     });
     let views = views.collect::<Result<Vec<_>, _>>();
-    let bytes = views.and_then(|views| safetensors::serialize(views, None));
-    bytes.map_err(|error| RunError::cannot_write(path, error))
+    views.and_then(|views| safetensors::serialize(views, None)).map_err(RunError::writing(path))
 }

@@ -236,7 +236,7 @@ mod tests {
             ("20, 21", "7, 20, 20", "`seeds` is a list that holds 20 twice"),
             ("covers.ppo.gamma=0.9", "covers.seed=20", "`set` is [\"covers.seed=20\"]"),
             ("gamma=0.9", "gamma=7", "gamma = 7"),
-            ("covers.ppo.gamma=0.9", "covers.seed=1", "`set` is [\"covers.seed=1\"]"),
+            ("covers.ppo.gamma=0.9", "covers.seed=1", "expected no seed: `seeds` lists them"),
             ("\"budget\"", "\"budgit\"", "`budget`"),
             ("covers-gt", "covers-gtt", "`covers-gt`"),
             ("\"budget\"", "\"seeds\": [], \"budget\"", "duplicate field `seeds`"),
@@ -257,14 +257,6 @@ mod tests {
         assert!(message.contains("-same-seed20, which are the same run"), "{message}");
         let text = text.replace("clip=0.2", "clip=0.3");
         assert!(SweepPlan::parse(&text).unwrap().jobs().is_ok());
-    }
-
-    #[test]
-    fn a_seed_in_the_settings_is_refused_also_for_a_single_seed() {
-        let text = TEXT.replace("20, 21", "20");
-        let text = text.replace("covers.ppo.gamma=0.9", "covers.seed=1");
-        let message = SweepPlan::parse(&text).unwrap().jobs().unwrap_err().to_string();
-        assert!(message.contains("`seeds` lists them"), "{message}");
     }
 
     /// Returns the plans of the repository with their names.

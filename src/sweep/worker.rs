@@ -45,7 +45,7 @@ pub fn run_worker(
     stop: &StopSignal,
     out: &mut impl Write,
 ) -> Result<SweepOutcome, RunError> {
-    std::fs::create_dir_all(runs).map_err(|error| RunError::cannot_write(runs, error))?;
+    std::fs::create_dir_all(runs).map_err(RunError::writing(runs))?;
     let mut worker = Worker { runs, threads, stop, out, failed: Vec::new(), lost: Vec::new() };
     let stopped = worker.work(jobs);
     let failed = worker.failed;
@@ -184,7 +184,7 @@ impl<W: Write> Worker<'_, W> {
 /// Starts the job's run or resumes it.
 fn claim(job: &SweepJob, folder: &RunFolder, threads: usize) -> Result<Run, RunError> {
     let path = folder.path();
-    std::fs::create_dir_all(path).map_err(|error| RunError::cannot_write(path, error))?;
+    std::fs::create_dir_all(path).map_err(RunError::writing(path))?;
     let resume = || Run::resume(path, Some(threads));
     let start = || Run::start(job.experiment.clone().with_threads(threads), folder.clone());
     // `resume` takes the lock before any slow step, which matters to workers that try again often

@@ -1,6 +1,19 @@
 //! What several files of tests share.
 
+use clap::Parser;
+use covers::CoversError;
+use covers::program::Program;
+
+pub mod faulty;
 pub mod onnx;
 pub mod packed;
 pub mod protobuf;
 pub mod scratch;
+
+/// Runs `covers` with these arguments; returns what it printed.
+pub fn covers(arguments: &[&str]) -> Result<String, CoversError> {
+    let mut out = Vec::new();
+    let program = Program::try_parse_from([&["covers"], arguments].concat()).unwrap();
+    assert_eq!(program.run(&mut out)?, 0);
+    Ok(String::from_utf8(out).unwrap())
+}

@@ -1,12 +1,14 @@
 //! Small runs, and what of their files must be equal.
 
 use std::collections::BTreeMap;
+use std::fmt::{self, Debug};
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use covers::presets::{Budget, Method};
-use covers::{CoversSettings, Experiment, LearnerSettings, Run, RunFolder};
+use covers::{CoversSettings, Disk, Experiment, LearnerSettings, LocalDisk, Run, RunFolder};
 use envs::{Camera, Embodiment};
 
 pub use crate::scratch::Scratch;
@@ -103,7 +105,7 @@ pub fn expected() -> &'static Bytes {
 /// The folder of a run of [`tiny`] that was dropped after three rollouts of five: checkpoints after
 /// 1, 2 and 3 of them, and two policies in the last. It is a copy: one run serves all tests.
 pub fn interrupted(scratch: &Scratch) -> PathBuf {
-    static FILES: OnceLock<Vec<(PathBuf, Vec<u8>)>> = OnceLock::new();
+    static FILES: OnceLock<Bytes> = OnceLock::new();
     let files = FILES.get_or_init(|| {
         let inner = Scratch::new("interrupted");
         let run = Run::start(tiny(Method::Covers), inner.run("run")).unwrap();
@@ -119,7 +121,7 @@ pub fn interrupted(scratch: &Scratch) -> PathBuf {
 }
 
 /// All files of a run, with their paths in its folder.
-fn contents(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+pub fn contents(folder: &Path) -> Bytes {
     let inside = [folder.to_owned(), folder.join("checkpoints")];
     let entries = inside.iter().flat_map(|path| fs::read_dir(path).unwrap());
     let paths = entries.map(|entry| entry.unwrap().path());
@@ -142,5 +144,65 @@ pub fn crash_after(rollouts: usize, mut run: Run) -> PathBuf {
 pub fn assert_same(got: &Bytes, expected: &Bytes) {
     for (file, bytes) in expected {
         assert!(got.get(file) == Some(bytes), "{} differs", file.display());
+    }
+}
+
+/// Operation of a disk.
+#[derive(Clone, Debug)]
+pub enum Operation {
+    Write(PathBuf, Vec<u8>),
+    Append(PathBuf, Vec<u8>),
+    Sync(PathBuf),
+    Rename(PathBuf, PathBuf),
+    Remove(PathBuf),
+    CreateFolder(PathBuf),
+    SyncFolder(PathBuf),
+    /// No operation: from here on the checkpoint after this many rollouts must not be lost.
+    Promise(usize),
+}
+
+/// The real disk; a function sees every operation before it happens, and may refuse it.
+pub struct Watched<F>(pub F);
+
+impl<F> Debug for Watched<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Watched")
+    }
+}
+
+impl<F: Fn(&Operation) -> io::Result<()> + Send + Sync> Disk for Watched<F> {
+    fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        self.0(&Operation::Write(path.to_owned(), bytes.to_vec()))?;
+        LocalDisk.write(path, bytes)
+    }
+
+    fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
+        self.0(&Operation::Append(path.to_owned(), bytes.to_vec()))?;
+        LocalDisk.append(path, bytes)
+    }
+
+    fn sync(&self, path: &Path) -> io::Result<()> {
+        self.0(&Operation::Sync(path.to_owned()))?;
+        LocalDisk.sync(path)
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        self.0(&Operation::Rename(from.to_owned(), to.to_owned()))?;
+        LocalDisk.rename(from, to)
+    }
+
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        self.0(&Operation::Remove(path.to_owned()))?;
+        LocalDisk.remove(path)
+    }
+
+    fn create_folder(&self, path: &Path) -> io::Result<()> {
+        self.0(&Operation::CreateFolder(path.to_owned()))?;
+        LocalDisk.create_folder(path)
+    }
+
+    fn sync_folder(&self, path: &Path) -> io::Result<()> {
+        self.0(&Operation::SyncFolder(path.to_owned()))?;
+        LocalDisk.sync_folder(path)
     }
 }

@@ -1,84 +1,45 @@
 //! Disks that are full or read-only at any operation of a run.
 
-use std::io::{self, ErrorKind};
-use std::path::Path;
+use std::io::ErrorKind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use covers::presets::Method;
 use covers::{Disk, LocalDisk, Run, RunError, RunFolder};
 
-use crate::common::{Scratch, assert_same, checkpoints, expected, finish, full, tiny};
+use crate::common::{
+    Operation, Scratch, Watched, assert_same, checkpoints, expected, finish, full, tiny,
+};
 
-/// A disk whose operations fail from the nth on; a write that fails leaves half of its bytes.
-#[derive(Debug)]
-struct Failing {
-    after: usize,
-    done: AtomicUsize,
-    reason: ErrorKind,
-}
-
-impl Failing {
-    fn new(after: usize, reason: ErrorKind) -> Arc<Self> {
-        let done = AtomicUsize::new(0);
-        Arc::new(Self { after, done, reason })
-    }
-
-    fn next(&self) -> io::Result<()> {
-        if self.done.fetch_add(1, Ordering::Relaxed) < self.after {
+/// A disk whose operations fail from the nth on, and the number of those before; a write that fails
+/// leaves half of its bytes.
+fn failing(after: usize, reason: ErrorKind) -> (Arc<dyn Disk>, Arc<AtomicUsize>) {
+    let done = Arc::new(AtomicUsize::new(0));
+    let count = Arc::clone(&done);
+    let disk = Watched(move |operation: &Operation| {
+        if count.fetch_add(1, Ordering::Relaxed) < after {
             return Ok(());
         }
-        Err(self.reason.into())
-    }
-
-    fn halved(&self, bytes: &[u8], write: impl Fn(&[u8]) -> io::Result<()>) -> io::Result<()> {
-        match self.next() {
-            Ok(()) => write(bytes),
-            Err(error) => write(&bytes[..bytes.len() / 2]).and(Err(error)),
+        match operation {
+            Operation::Write(path, bytes) => LocalDisk.write(path, &bytes[..bytes.len() / 2])?,
+            Operation::Append(path, bytes) => LocalDisk.append(path, &bytes[..bytes.len() / 2])?,
+            _ => {}
         }
-    }
-}
-
-impl Disk for Failing {
-    fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        self.halved(bytes, |bytes| LocalDisk.write(path, bytes))
-    }
-
-    fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        self.halved(bytes, |bytes| LocalDisk.append(path, bytes))
-    }
-
-    fn sync(&self, path: &Path) -> io::Result<()> {
-        self.next().and_then(|()| LocalDisk.sync(path))
-    }
-
-    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
-        self.next().and_then(|()| LocalDisk.rename(from, to))
-    }
-
-    fn remove(&self, path: &Path) -> io::Result<()> {
-        self.next().and_then(|()| LocalDisk.remove(path))
-    }
-
-    fn create_folder(&self, path: &Path) -> io::Result<()> {
-        self.next().and_then(|()| LocalDisk.create_folder(path))
-    }
-
-    fn sync_folder(&self, path: &Path) -> io::Result<()> {
-        self.next().and_then(|()| LocalDisk.sync_folder(path))
-    }
+        Err(reason.into())
+    });
+    (Arc::new(disk), done)
 }
 
 /// Begins a run, lets it end, sums it up and overwrites it by another, until the disk fails. Notes
 /// how many operations there were before each of the four parts.
 fn run_until_failure(
     folder: &RunFolder,
-    disk: &Arc<Failing>,
+    (disk, done): &(Arc<dyn Disk>, Arc<AtomicUsize>),
     before: &mut Vec<usize>,
 ) -> Result<(), RunError> {
-    let mut begin_part = || before.push(disk.done.load(Ordering::Relaxed));
+    let mut begin_part = || before.push(done.load(Ordering::Relaxed));
     begin_part();
-    let folder = folder.clone().with_disk(Arc::<Failing>::clone(disk));
+    let folder = folder.clone().with_disk(Arc::clone(disk));
     let mut run = Run::start(tiny(Method::Covers), folder.clone())?;
     begin_part();
     learn(&mut run)?;
@@ -107,9 +68,9 @@ fn learn(run: &mut Run) -> Result<(), RunError> {
 /// How many operations happen before each failure: in the short version one in the middle of each
 /// part.
 fn cases(scratch: &Scratch) -> Vec<usize> {
-    let (disk, mut parts) = (Failing::new(usize::MAX, ErrorKind::Other), Vec::new());
+    let (disk, mut parts) = (failing(usize::MAX, ErrorKind::Other), Vec::new());
     run_until_failure(&scratch.run("whole"), &disk, &mut parts).unwrap();
-    parts.push(disk.done.load(Ordering::Relaxed));
+    parts.push(disk.1.load(Ordering::Relaxed));
     if full() {
         return (0..parts[4]).collect();
     }
@@ -124,7 +85,7 @@ fn a_disk_that_fails_at_any_operation_costs_nothing_but_time() {
     let cases = cases(&scratch);
     for (&after, reason) in cases.iter().zip(reasons.into_iter().cycle()) {
         let folder = scratch.run("run");
-        let disk = Failing::new(after, reason);
+        let disk = failing(after, reason);
         let error = run_until_failure(&folder, &disk, &mut Vec::new()).unwrap_err();
         let message = error.to_string();
         let is_named = message.contains(folder.path().to_str().unwrap());
@@ -140,48 +101,18 @@ fn a_disk_that_fails_at_any_operation_costs_nothing_but_time() {
     println!("failures after {cases:?} operations");
 }
 
-/// A disk on which the parts of one checkpoint find no room: they are links to `/dev/full`.
-#[derive(Debug)]
-struct Full;
-
-impl Disk for Full {
-    fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        if path.to_str().unwrap().contains("000002.safetensors") {
-            std::os::unix::fs::symlink("/dev/full", path)?;
-        }
-        LocalDisk.write(path, bytes)
-    }
-
-    fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        LocalDisk.append(path, bytes)
-    }
-
-    fn sync(&self, path: &Path) -> io::Result<()> {
-        LocalDisk.sync(path)
-    }
-
-    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
-        LocalDisk.rename(from, to)
-    }
-
-    fn remove(&self, path: &Path) -> io::Result<()> {
-        LocalDisk.remove(path)
-    }
-
-    fn create_folder(&self, path: &Path) -> io::Result<()> {
-        LocalDisk.create_folder(path)
-    }
-
-    fn sync_folder(&self, path: &Path) -> io::Result<()> {
-        LocalDisk.sync_folder(path)
-    }
-}
-
+/// The parts of one checkpoint find no room: they are links to `/dev/full`.
 #[test]
 fn a_full_disk_is_named_and_leaves_the_last_checkpoint() {
     let scratch = Scratch::new("full");
-    let disk = scratch.run("run").with_disk(Arc::new(Full));
-    let mut run = Run::start(tiny(Method::Covers), disk).unwrap();
+    let disk = Watched(|operation: &Operation| match operation {
+        Operation::Write(path, _) if path.to_str().unwrap().contains("000002.safetensors") => {
+            std::os::unix::fs::symlink("/dev/full", path)
+        }
+        _ => Ok(()),
+    });
+    let folder = scratch.run("run").with_disk(Arc::new(disk));
+    let mut run = Run::start(tiny(Method::Covers), folder).unwrap();
     run.advance().unwrap();
     let folder = run.folder().path().to_owned();
     let message = run.advance().unwrap_err().to_string();

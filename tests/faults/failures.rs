@@ -2,18 +2,13 @@
 //! poisoned, or a failure of one environment alone.
 
 use std::process::Command;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use covers::presets::Method;
 use covers::{Experiment, Run, RunError};
-use envs::tasks::DrawerClose;
-use envs::{
-    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskGroup, TaskParts,
-    TaskRegistry,
-};
-use rand_chacha::ChaCha8Rng;
+use envs::{TaskGroup, TaskRegistry};
 
 use crate::common::{Scratch, checkpoints, newest, tiny};
+use crate::faulty::Faulty;
 
 /// Libraries that cannot get memory end the process without an error of ours, some by SIGSEGV.
 #[test]
@@ -39,54 +34,13 @@ fn a_limit_of_memory_that_is_too_low_is_an_error_and_begins_no_run() {
     }
 }
 
-/// Drawer Close, until its reward was asked for this many times; then the fault.
-struct Faulty {
-    name: &'static str,
-    asked: AtomicUsize,
-    after: usize,
-    fault: fn() -> f64,
-}
-
-impl Faulty {
-    const fn new(name: &'static str, after: usize, fault: fn() -> f64) -> Self {
-        let asked = AtomicUsize::new(0);
-        Self { name, asked, after, fault }
-    }
-}
-
-impl Task for Faulty {
-    fn name(&self) -> &str {
-        self.name
-    }
-
-    fn parts(&self) -> TaskParts<'_> {
-        DrawerClose.parts()
-    }
-
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        DrawerClose.draw_placement(rng)
-    }
-
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
-        let mut reward = DrawerClose.reward(start, now, finger);
-        if self.asked.fetch_add(1, Ordering::Relaxed) == self.after {
-            reward.reward = (self.fault)();
-        }
-        reward
-    }
-
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
-        DrawerClose.expert(placement, now)
-    }
-}
-
 /// One group of a task that fails after about two and a half rollouts.
 fn run_of(scratch: &Scratch, task: &'static Faulty) -> Run {
     let mut tasks = TaskRegistry::standard();
     tasks.register(TaskGroup::from_task(task)).unwrap();
     let mut experiment = tiny(Method::Covers);
     experiment.schedule.groups.truncate(1);
-    experiment.schedule.groups[0].group = task.name.to_owned();
+    experiment.schedule.groups[0].group = envs::Task::name(task).to_owned();
     experiment.schedule.groups[0].decisions = 4 * 80;
     Run::start_with_tasks(experiment, tasks, scratch.run("run")).unwrap()
 }

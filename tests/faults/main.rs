@@ -10,6 +10,8 @@ mod checkpoints;
 mod common;
 mod disks;
 mod failures;
+#[path = "../common/faulty.rs"]
+mod faulty;
 mod kills;
 mod power;
 #[path = "../common/scratch.rs"]

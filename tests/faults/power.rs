@@ -11,79 +11,18 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 
 use covers::presets::Method;
-use covers::{Disk, LocalDisk, Run, RunFolder};
+use covers::{Run, RunFolder};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::common::{
-    Bytes, Scratch, assert_same, bytes, checkpoints, expected, finish, full, tiny,
+    Bytes, Operation, Scratch, Watched, assert_same, bytes, checkpoints, expected, finish, full,
+    tiny,
 };
-
-#[derive(Clone, Debug)]
-enum Operation {
-    Write(PathBuf, Vec<u8>),
-    Append(PathBuf, Vec<u8>),
-    Sync(PathBuf),
-    Rename(PathBuf, PathBuf),
-    Remove(PathBuf),
-    CreateFolder(PathBuf),
-    SyncFolder(PathBuf),
-    /// No operation: from here on the checkpoint after this many rollouts must not be lost.
-    Promise(usize),
-}
-
-/// The real disk, and a list of all that was done to it.
-#[derive(Debug, Default)]
-struct Recording(Mutex<Vec<Operation>>);
-
-impl Recording {
-    fn note(&self, operation: Operation) {
-        self.0.lock().unwrap().push(operation);
-    }
-}
-
-impl Disk for Recording {
-    fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        self.note(Operation::Write(path.to_owned(), bytes.to_vec()));
-        LocalDisk.write(path, bytes)
-    }
-
-    fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()> {
-        self.note(Operation::Append(path.to_owned(), bytes.to_vec()));
-        LocalDisk.append(path, bytes)
-    }
-
-    fn sync(&self, path: &Path) -> io::Result<()> {
-        self.note(Operation::Sync(path.to_owned()));
-        LocalDisk.sync(path)
-    }
-
-    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
-        self.note(Operation::Rename(from.to_owned(), to.to_owned()));
-        LocalDisk.rename(from, to)
-    }
-
-    fn remove(&self, path: &Path) -> io::Result<()> {
-        self.note(Operation::Remove(path.to_owned()));
-        LocalDisk.remove(path)
-    }
-
-    fn create_folder(&self, path: &Path) -> io::Result<()> {
-        LocalDisk.create_folder(path)?;
-        self.note(Operation::CreateFolder(path.to_owned()));
-        Ok(())
-    }
-
-    fn sync_folder(&self, path: &Path) -> io::Result<()> {
-        self.note(Operation::SyncFolder(path.to_owned()));
-        LocalDisk.sync_folder(path)
-    }
-}
 
 /// A file: the bytes that a cut leaves, and those that were written.
 #[derive(Clone, Default)]
@@ -239,15 +178,22 @@ fn saved(folder: &Path) -> Option<usize> {
 
 /// The recorded operations of a whole run, and its folder.
 fn record(scratch: &Scratch) -> (PathBuf, Vec<Operation>) {
-    let disk = Arc::new(Recording::default());
-    let folder = scratch.run("recorded").with_disk(Arc::<Recording>::clone(&disk));
+    let operations = Arc::new(Mutex::new(Vec::new()));
+    let recorded = Arc::clone(&operations);
+    let disk = Watched(move |operation: &Operation| {
+        // no folder is made twice
+        let is_there = matches!(operation, Operation::CreateFolder(path) if path.exists());
+        recorded.lock().unwrap().extend((!is_there).then(|| operation.clone()));
+        Ok(())
+    });
+    let folder = scratch.run("recorded").with_disk(Arc::new(disk));
     let path = folder.path().to_owned();
     let mut run = Run::start(tiny(Method::Covers), folder).unwrap();
     while run.advance().unwrap().is_some() {
-        disk.note(Operation::Promise(saved(&path).unwrap()));
+        operations.lock().unwrap().push(Operation::Promise(saved(&path).unwrap()));
     }
     assert_same(&bytes(&path), expected());
-    let operations = disk.0.lock().unwrap().clone();
+    let operations = operations.lock().unwrap().clone();
     (path, operations)
 }
 

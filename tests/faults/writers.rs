@@ -1,6 +1,5 @@
 //! Two processes on one folder, runs that are over, files that disappear, and clocks.
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -8,7 +7,8 @@ use covers::presets::Method;
 use covers::{Provenance, Run, RunError};
 
 use crate::common::{
-    Scratch, TABLES, assert_same, begun, bytes, crash_after, expected, finish, interrupted, tiny,
+    Scratch, TABLES, assert_same, begun, bytes, contents, crash_after, expected, finish,
+    interrupted, tiny,
 };
 
 #[test]
@@ -34,15 +34,6 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
     assert!(second.advance().unwrap().is_some(), "the first writer is gone");
 }
 
-/// All files of a run, byte for byte.
-fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let inside = [folder.to_owned(), folder.join("checkpoints")];
-    let entries = inside.iter().flat_map(|path| fs::read_dir(path).unwrap());
-    let paths = entries.map(|entry| entry.unwrap().path());
-    let files = paths.filter(|path| path.is_file());
-    files.map(|path| (path.clone(), fs::read(path).unwrap())).collect()
-}
-
 /// A file server that lost a client grants the client's lock to another one. Here the lock file is
 /// replaced, so that the system's lock on it is free.
 fn lose_lock(folder: &Path) {
@@ -59,7 +50,7 @@ fn a_writer_that_was_frozen_while_another_one_finished_changes_nothing() {
     run.summary().unwrap().unwrap();
     assert_same(&bytes(&folder), expected());
     drop(run);
-    let before = files(&folder);
+    let before = contents(&folder);
     let error = frozen.advance().unwrap_err();
     assert!(matches!(error, RunError::TakenOver(_)), "{error}");
     let message = error.to_string();
@@ -67,7 +58,7 @@ fn a_writer_that_was_frozen_while_another_one_finished_changes_nothing() {
     assert!(message.contains(&process), "{message}");
     assert!(frozen.save().is_err());
     drop(frozen);
-    assert!(files(&folder) == before, "the frozen writer changed a file");
+    assert!(contents(&folder) == before, "the frozen writer changed a file");
 }
 
 /// Clones of a run's folder outlive the run.
@@ -157,12 +148,13 @@ fn a_finished_run_is_overwritten_only_when_told() {
 }
 
 #[test]
-fn files_that_are_removed_while_the_run_goes_on_come_back_whole() {
+fn files_that_are_removed_or_cut_while_the_run_goes_on_come_back_whole() {
     let scratch = Scratch::new("removed");
     let (run, folder) = begun(&scratch);
     for file in TABLES.iter().chain(&["timings.csv"]) {
         fs::remove_file(folder.join(file)).unwrap();
     }
+    fs::write(folder.join("units.csv"), "roll").unwrap();
     let written = finish(run);
     assert_same(&written, expected());
     let metrics = &written[Path::new("metrics.csv")];
@@ -231,26 +223,9 @@ fn the_machines_clock_is_read_in_one_place_alone() {
     }
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut found = Vec::new();
-    for folder in [
-        "src",
-        "cluster/src",
-        "deploy/src",
-        "envs/src",
-        "equivariant/src",
-        "evidence/src",
-        "experiments/src",
-        "inpainting/src",
-        "learner/src",
-        "mujoco/src",
-        "render/src",
-        "report/src",
-        "rl/src",
-        "robots/src",
-        "symmetry/src",
-        "watch/src",
-        "worlds/src",
-    ] {
-        sources(&root.join(folder), &mut found);
-    }
+    let folders = fs::read_dir(root).unwrap().map(|entry| entry.unwrap().path().join("src"));
+    let folders: Vec<_> = folders.chain([root.join("src")]).filter(|path| path.is_dir()).collect();
+    assert!(folders.len() > 15, "{folders:?}");
+    folders.iter().for_each(|folder| sources(folder, &mut found));
     assert_eq!(found, [root.join("experiments/src/provenance.rs")]);
 }

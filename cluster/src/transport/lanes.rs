@@ -10,22 +10,12 @@ use pulp::Arch;
 const LANES: usize = 16;
 
 /// Scan for the smallest reduced cost over rows of a cost matrix.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Lanes {
     arch: Arch,
 }
 
-impl Default for Lanes {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 impl Lanes {
-    pub(crate) fn new() -> Self {
-        Self { arch: Arch::new() }
-    }
-
     /// Returns the index `j` of the smallest `row[j] + prices[j]`; `None` if all are infinite.
     pub(crate) fn nearest(self, row: &[f64], prices: &[f64]) -> Option<usize> {
         self.arch.dispatch(

@@ -88,7 +88,7 @@ impl Start {
                 *price = f64::INFINITY;
             }
         }
-        let lanes = Lanes::new();
+        let lanes = Lanes::default();
         for (source, row) in cost.chunks_exact(sinks).enumerate() {
             while self.open(source) {
                 // a source with mass left has a sink with room left

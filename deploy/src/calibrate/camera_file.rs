@@ -26,14 +26,14 @@ const LENS: &[&str] = &["distortioncoefficients", "distcoeffs", "distcoeff", "di
 /// # Errors
 /// [`RunError::Read`] with the file and the reason.
 pub(super) fn read_camera_intrinsics(path: &Path) -> Result<(Intrinsics, Distortion), RunError> {
-    let metadata = std::fs::metadata(path).map_err(|error| RunError::cannot_read(path, error))?;
+    let metadata = std::fs::metadata(path).map_err(RunError::reading(path))?;
     let size = metadata.len();
     // a pipe or a device might never end
     if !metadata.is_file() || size > MAX_BYTES {
         let problem = format!("it has {size} bytes, expected a plain file of at most 4 MiB");
         return Err(RunError::damaged_file(path, problem));
     }
-    let text = std::fs::read_to_string(path).map_err(|error| RunError::cannot_read(path, error))?;
+    let text = std::fs::read_to_string(path).map_err(RunError::reading(path))?;
     parse(&text).map_err(|problem| RunError::damaged_file(path, problem))
 }
 

@@ -184,7 +184,7 @@ impl CalibrateOptions {
                 return Err(RunError::damaged_file(path, problem));
             }
             let checked = Calibration { intrinsics, distortion, ..*known };
-            checked.check().map_err(|error| RunError::cannot_read(path, error))?;
+            checked.check().map_err(RunError::reading(path))?;
             Ok((intrinsics, distortion))
         });
         // millimetres on the command line, metres inside

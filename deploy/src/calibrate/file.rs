@@ -42,7 +42,7 @@ impl CalibrationFile {
     /// [`RunError::Read`] with the file and the reason.
     pub fn read(path: &Path) -> Result<Calibration, RunError> {
         let file: Self = read_json(path)?;
-        file.calibration().map_err(|error| RunError::cannot_read(path, error))
+        file.calibration().map_err(RunError::reading(path))
     }
 
     /// Reads a calibration from JSON.
@@ -62,8 +62,9 @@ impl CalibrationFile {
     /// # Errors
     /// [`RunError::Write`].
     pub fn write(calibration: &Calibration, path: &Path) -> Result<(), DeployError> {
-        let text = serde_json::to_string_pretty(&Self::from(calibration));
-        let text = text.map_err(|error| RunError::cannot_write(path, error))? + "\n";
+        let text = serde_json::to_string_pretty(&Self::from(calibration))
+            .map_err(RunError::writing(path))?
+            + "\n";
         Ok(write_atomically(&LocalDisk, path, text.as_bytes())?)
     }
 

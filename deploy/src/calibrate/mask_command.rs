@@ -91,7 +91,7 @@ impl CheckMaskOptions {
 
 /// Creates the folder if there is none, and checks that it can be written to.
 fn prepare(folder: &Path) -> Result<(), DeployError> {
-    std::fs::create_dir_all(folder).map_err(|error| RunError::cannot_write(folder, error))?;
+    std::fs::create_dir_all(folder).map_err(RunError::writing(folder))?;
     Ok(check_writable(&LocalDisk, &picture(folder, 1))?)
 }
 
@@ -103,7 +103,7 @@ fn picture(folder: &Path, pose: usize) -> PathBuf {
 fn write(check: &MaskCheck, folder: &Path) -> Result<(), DeployError> {
     for (row, drawn) in check.comparisons.iter().zip(&check.overlays) {
         let path = picture(folder, row.pose_number);
-        let png = drawn.to_png().map_err(|error| RunError::cannot_write(&path, error))?;
+        let png = drawn.to_png().map_err(RunError::writing(&path))?;
         write_atomically(&LocalDisk, &path, &png)?;
     }
     Ok(())

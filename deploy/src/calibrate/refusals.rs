@@ -3,16 +3,16 @@
 use std::path::Path;
 use std::time::Duration;
 
-use clap::Parser;
+use clap::{Args, Parser};
 use envs::embodiments::{Arm, KinovaGen3};
-use inpainting::{BallOffset, CalibrationBall};
 
 use super::command::CalibrateOptions;
 use super::fake_rig::FakeRig;
 use super::file::CalibrationFile;
 use super::mask::{MaskCheck, MaskComparison};
 use super::mask_command::{CheckMaskOptions, mask_check_json};
-use super::measure::{CalibrateSettings, SkippedPose, calibrate};
+use super::measure::{SkippedPose, calibrate};
+use super::tests::SETTINGS;
 use crate::rig::{Rig, Trial};
 use crate::{DeployError, DeployOptions};
 use experiments::RunError;
@@ -21,28 +21,29 @@ fn arm() -> Arm {
     KinovaGen3.arm().unwrap()
 }
 
+/// Command line of these options alone.
+#[derive(Parser)]
+struct Line<O: Args> {
+    #[command(flatten)]
+    options: O,
+}
+
+fn parsed<O: Args>(arguments: &[&str]) -> Result<O, clap::Error> {
+    let line = [&["covers"], arguments].concat();
+    Line::try_parse_from(line).map(|line| line.options)
+}
+
 fn options(arguments: &[&str]) -> CalibrateOptions {
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        options: CalibrateOptions,
-    }
-    let line = ["calibrate"].iter().chain(arguments);
-    Line::try_parse_from(line).unwrap().options
+    parsed(arguments).unwrap()
 }
 
 /// Returns the error of a calibration with a spoilt rig.
 fn spoilt(spoil: fn(&mut FakeRig)) -> DeployError {
-    let settings = CalibrateSettings {
-        ball: CalibrationBall { color: [255, 0, 255] },
-        hand_eye: BallOffset::Unknown.into(),
-        lens: None,
-    };
     let mut rig = FakeRig::new(&arm());
     spoil(&mut rig);
     let there = [rig.state.tip];
     let trial = Trial::on_empty_table(0);
-    calibrate(&mut rig, &arm(), &settings, &there, &trial).unwrap_err()
+    calibrate(&mut rig, &arm(), &SETTINGS, &there, &trial).unwrap_err()
 }
 
 #[test]
@@ -84,13 +85,8 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
 
 /// Parses options of `covers check mask` with the policies of this repository.
 fn mask_options(arguments: &[&str]) -> CheckMaskOptions {
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        options: CheckMaskOptions,
-    }
     let run = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/pretrained-robot");
-    Line::try_parse_from([&["mask", run], arguments].concat()).unwrap().options
+    parsed(&[&[run], arguments].concat()).unwrap()
 }
 
 #[test]
@@ -156,25 +152,22 @@ fn what_does_not_fit_the_rig_is_named_before_the_arm_moves() {
     assert!(rig.time.is_zero());
 }
 
-#[derive(Parser)]
-struct Line {
-    #[command(flatten)]
-    options: DeployOptions,
+/// Parses options of `covers deploy` with policies that do not exist.
+fn deploy_options(line: &str) -> Result<DeployOptions, clap::Error> {
+    let words: Vec<&str> = line.split(' ').collect();
+    parsed(&[&["no/such/run"], &words[..]].concat())
 }
 
 /// Returns the error of a command.
 fn refusal(line: &str) -> String {
-    let deploy = Line::try_parse_from(line.split(' ')).unwrap().options;
-    deploy.run(&mut Vec::new()).unwrap_err().to_string()
+    deploy_options(line).unwrap().run(&mut Vec::new()).unwrap_err().to_string()
 }
 
 /// Checks sweeps of the calibration's errors, which a file replaces.
 #[test]
 fn a_sweep_of_what_a_file_replaces_is_refused() {
     for fault in ["position-error", "angle-error"] {
-        let line = format!(
-            "deploy no/such/run --calibration c.json --out no/such/folder --sweep {fault}=0,1"
-        );
+        let line = format!("--calibration c.json --out no/such/folder --sweep {fault}=0,1");
         let message = refusal(&line);
         assert!(message.contains(fault) && message.contains("--calibration"), "{message}");
     }
@@ -183,20 +176,20 @@ fn a_sweep_of_what_a_file_replaces_is_refused() {
 /// Checks that contradicting options are rejected before anything is read or written.
 #[test]
 fn sweeps_that_do_not_fit_are_refused() {
-    let deploy = "deploy no/such/run --out no/such/folder --sweep mask-growth=0,10";
+    let sweep = "--out no/such/folder --sweep mask-growth=0,10";
     for (rest, says) in
         [("--sweep mask-growth=5", "each fault once"), ("--sweep command-latency=0,20", "12.5")]
     {
-        let message = refusal(&format!("{deploy} {rest}"));
+        let message = refusal(&format!("{sweep} {rest}"));
         assert!(message.contains(says), "{message}");
     }
     for line in [
-        "deploy no/such/run --sweep mask-growth=0,10",
-        "deploy no/such/run --out no/such/folder --sweep-trials 3",
-        "deploy no/such/run --dry-run --sweep mask-growth=0,10",
-        "deploy no/such/run --dry-run --out no/such/folder --sweep mask-growth=0,10",
+        "--sweep mask-growth=0,10",
+        "--out no/such/folder --sweep-trials 3",
+        "--dry-run --sweep mask-growth=0,10",
+        "--dry-run --out no/such/folder --sweep mask-growth=0,10",
     ] {
-        assert!(Line::try_parse_from(line.split(' ')).is_err(), "{line}");
+        assert!(deploy_options(line).is_err(), "{line}");
     }
 }
 

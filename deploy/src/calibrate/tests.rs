@@ -1,6 +1,5 @@
 //! Tests of the calibration and the mask's check on a simulated rig.
 
-use std::path::Path;
 use std::time::Duration;
 
 use envs::{Camera, HAND_TARGET_START};
@@ -17,13 +16,10 @@ use super::mask::MaskCheck;
 use super::measure::{CalibrateSettings, calibrate};
 use crate::faults::FaultAmount;
 use crate::rig::{Rig, SetUp, TaskVerdict, Trial};
-use crate::{
-    DeployError, Deployment, FaultLevel, RigOptions, RobotKind, SimulatedRig, SimulationSettings,
-    VisionSettings,
-};
-use experiments::RunFolder;
+use crate::tests::pretrained;
+use crate::{DeployError, FaultLevel, RigOptions, RobotKind, SimulatedRig, SimulationSettings};
 
-const SETTINGS: CalibrateSettings = CalibrateSettings {
+pub(super) const SETTINGS: CalibrateSettings = CalibrateSettings {
     ball: CalibrationBall { color: [255, 0, 255] },
     hand_eye: HandEyeSettings {
         ball_offset: BallOffset::Unknown,
@@ -143,12 +139,6 @@ fn a_file_that_deploy_will_refuse_is_told() {
     assert!(last.starts_with(says) && last.contains("0.15 m"), "{told}");
 }
 
-fn deployment(calibration: Calibration) -> Deployment {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
-    let vision = VisionSettings { calibration: Some(calibration), ..VisionSettings::default() };
-    Deployment::load(&RunFolder::from_path(&folder), vision).unwrap()
-}
-
 /// A mask by the true camera holds, and one by a camera that is 30 mm and 3 degrees off does not.
 #[test]
 fn masks_are_held_to_the_picture() {
@@ -162,7 +152,7 @@ fn masks_are_held_to_the_picture() {
     };
     let (first, trial) = (&calibration_poses(&arm)[..1], Trial::on_empty_table(1000));
     for (camera, holds) in [(truth, true), (wrong, false)] {
-        let deployment = deployment(camera);
+        let deployment = pretrained("pretrained-robot", Some(camera));
         let check = MaskCheck::measure(&deployment, &mut rig, &arm, first, &trial).unwrap();
         assert_eq!((check.comparisons.len(), check.overlays.len()), (1, 1));
         assert_eq!(check.passes_in_visited_poses(), holds, "{:?}", check.comparisons);
@@ -177,7 +167,8 @@ fn masks_do_not_lag_behind_late_pictures() {
         let mut settings = SimulationSettings::NO_FAULTS;
         settings.camera_imperfections.latency = latency;
         let mut rig = SimulatedRig::new(settings, Camera::default()).unwrap();
-        let (arm, deployment) = (rig.arm().clone(), deployment(rig.true_calibration()));
+        let deployment = pretrained("pretrained-robot", Some(rig.true_calibration()));
+        let arm = rig.arm().clone();
         let (two, trial) = (&calibration_poses(&arm)[..2], Trial::on_empty_table(1000));
         MaskCheck::measure(&deployment, &mut rig, &arm, two, &trial).unwrap()
     });

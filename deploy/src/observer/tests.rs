@@ -1,6 +1,5 @@
 //! Comparison of close-ups on a rig with those of the simulation in which a policy was trained.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use envs::{
@@ -12,8 +11,8 @@ use rand_chacha::ChaCha8Rng;
 use robots::Robot;
 use symmetry::D2;
 
-use crate::{Deployment, FilmStrip, Rig, SimulatedRig, SimulationSettings, Trial, VisionSettings};
-use experiments::RunFolder;
+use crate::tests::pretrained;
+use crate::{Deployment, FilmStrip, Rig, SimulatedRig, SimulationSettings, Trial};
 
 /// Trial of a button whose cap stands beside the hand's start.
 const TRIAL: Trial = Trial {
@@ -24,9 +23,7 @@ const TRIAL: Trial = Trial {
 
 /// Loads the pretrained policies, which were trained with close-ups.
 fn deployment() -> Deployment {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained");
-    let deployment =
-        Deployment::load(&RunFolder::from_path(&folder), VisionSettings::default()).unwrap();
+    let deployment = pretrained("pretrained", None);
     assert_eq!(deployment.training_camera().extra_views, ExtraView::CloseUp);
     deployment
 }

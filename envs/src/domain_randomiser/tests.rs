@@ -54,21 +54,6 @@ fn moments(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
 }
 
 #[test]
-fn amounts_of_zero_leave_the_bytes_and_draw_the_mark() {
-    let marked = Camera::default();
-    let hand = DVec3::new(0.1, -0.05, 0.2);
-    let mut expected = picture();
-    marked.draw_mark(&marked.mark, hand, &mut expected);
-    let (mut randomiser, mut state) =
-        (DomainRandomiser::new(OFF, marked), CameraState::new(1000, 0));
-    let mut rgb = picture();
-    randomiser.begin_episode(&mut state);
-    randomiser.add_camera_errors(&mut state, hand, &mut rgb);
-    assert_eq!(rgb, expected);
-    assert_ne!(rgb, picture());
-}
-
-#[test]
 fn noise_has_the_mean_and_the_spread_that_were_asked_for() {
     for noise_sd in [2.0, 6.0] {
         let levels = episodes(Randomisation { noise_sd, ..OFF }, &grey(128), 20).concat();

@@ -91,7 +91,7 @@ pub struct Arm {
     settings: ArmSettings,
     chain: Chain,
     finger: Option<usize>,
-    mjcf: robots::Mjcf,
+    mjcf: String,
 }
 
 impl Arm {
@@ -117,7 +117,7 @@ impl Arm {
         CartesianControl::new(chain.clone(), ready, settings.control)?;
         Ok(Self {
             finger: finger(robot, settings.gripper.joint.as_deref())?,
-            mjcf: robot.to_mjcf_part(&mjcf_settings(&settings))?,
+            mjcf: robot.to_mjcf_part(&mjcf_settings(&settings))?.text,
             chain,
             settings,
         })
@@ -136,13 +136,6 @@ impl Arm {
     /// Returns the settings that the arm was built from.
     pub fn settings(&self) -> &ArmSettings {
         &self.settings
-    }
-
-    /// Returns the pairs of links that touch at rest and therefore never collide
-    /// ([`robots::Mjcf::excluded_pairs`]). In a scene only the gripper collides, and not with
-    /// itself.
-    pub fn excluded_link_pairs(&self) -> &[[String; 2]] {
-        &self.mjcf.excluded_pairs
     }
 
     /// Returns capsules that enclose the whole arm in `state`, in the world frame. Their order and
@@ -273,7 +266,7 @@ impl EmbodimentSpec for Arm {
 
     fn parts(&self) -> Result<EmbodimentParts, EnvError> {
         let files = INCLUDED.map(|(name, text)| (name, text.into()));
-        let robot = (ROBOT, self.mjcf.text.clone().into());
+        let robot = (ROBOT, self.mjcf.clone().into());
         Ok(EmbodimentParts {
             mjcf: MJCF.into(),
             included_files: files.into_iter().chain([robot]).collect(),

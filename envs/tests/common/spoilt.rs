@@ -1,7 +1,8 @@
 //! Correct task with one thing changed.
 
 use envs::{
-    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskGroup, TaskParts,
+    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task,
+    TaskGroup, TaskParts,
 };
 use rand_chacha::ChaCha8Rng;
 
@@ -16,6 +17,7 @@ pub struct Spoilt {
     pub place: fn(&mut Placement),
     pub reward: Reward,
     pub expert: fn(&mut ExpertCommand, &Measurement),
+    pub meta_world: Option<MetaWorldSpec<'static>>,
 }
 
 impl Default for Spoilt {
@@ -26,6 +28,7 @@ impl Default for Spoilt {
             place: |_| {},
             reward: |_, _, _, _| {},
             expert: |_, _| {},
+            meta_world: None,
         }
     }
 }
@@ -63,5 +66,9 @@ impl Task for Spoilt {
         let mut command = self.task.expert(placement, now);
         (self.expert)(&mut command, now);
         command
+    }
+
+    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
+        self.meta_world
     }
 }

@@ -134,12 +134,3 @@ fn methods_of_covers_differ_in_networks_groupings_and_symmetries_alone() {
         assert_eq!(settings, covers, "{method:?}");
     }
 }
-
-#[test]
-fn settings_of_all_methods_survive_a_file() {
-    for settings in Method::ALL.map(Method::learner_settings) {
-        let text = serde_json::to_string(&settings).unwrap();
-        let read: LearnerSettings = serde_json::from_str(&text).unwrap();
-        assert_eq!(read, settings);
-    }
-}

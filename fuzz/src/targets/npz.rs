@@ -7,13 +7,10 @@ use zip::{CompressionMethod, ZipWriter};
 
 use super::{Reading, Target, accepted, measured};
 
-// these modules are private to the crate that reads recordings
+// this module is private to the crate that reads recordings
 #[allow(dead_code)]
 #[path = "../../../src/check/npz.rs"]
 mod reader;
-#[allow(dead_code)]
-#[path = "../../../src/check/recording_error.rs"]
-mod recording_error;
 
 /// Target of npz archives. Deflate expands a byte to at most 1032, whose copies are at most twice
 /// as large, and a boolean of one byte becomes a number of eight.
@@ -34,7 +31,7 @@ fn read(input: &[u8]) -> Option<Reading> {
     })
 }
 
-fn reads(npz: &mut reader::Npz<Cursor<&Vec<u8>>>, name: &'static str, shape: &[usize]) -> bool {
+fn reads(npz: &mut reader::Npz<Cursor<&Vec<u8>>>, name: &str, shape: &[usize]) -> bool {
     let array = npz.array(name, shape);
     if let Ok(array) = &array {
         assert!(!array.row(&[0]).is_empty());

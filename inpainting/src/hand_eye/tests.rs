@@ -171,13 +171,7 @@ fn refused(part: f64, offset: BallOffset) -> usize {
         start.intrinsics.focal_lengths.map(|focal| (1.0 + part) * focal);
     let exact = sightings(&truth, BALL, &calibration_poses());
     let draws = (0..20).filter(|&seed| {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let mut seen = exact.clone();
-        for sighting in &mut seen {
-            sighting.ball_pixel =
-                sighting.ball_pixel.map(|p| p + 0.1 * f64::from(standard_normal(&mut rng)));
-        }
-        match HandEyeCalibration::solve(&start, offset, &seen) {
+        match HandEyeCalibration::solve(&start, offset, &noisy(&exact, 0.1, 0.0, seed)) {
             Ok(found) => {
                 let FocalLengthEstimate { ratio_to_given: ratio, ratio_sd: sigma } =
                     found.focal_length.unwrap();

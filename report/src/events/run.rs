@@ -55,13 +55,13 @@ fn name(run: &Path) -> Result<OsString, RunError> {
         return Err(RunError::NoRun { folder: run.to_owned() });
     }
     // a path such as `.` or `runs/..` has no name of its own
-    let path = run.canonicalize().map_err(|error| RunError::cannot_read(run, error))?;
+    let path = run.canonicalize().map_err(RunError::reading(run))?;
     Ok(path.file_name().unwrap_or(path.as_os_str()).to_owned())
 }
 
 fn write(run: &Path, own: &Path) -> Result<PathBuf, RunError> {
     let bytes = events(&RunFolder::from_path(run))?;
-    fs::create_dir_all(own).map_err(|error| RunError::cannot_write(own, error))?;
+    fs::create_dir_all(own).map_err(RunError::writing(own))?;
     let path = own.join(FILE);
     write_atomically(&LocalDisk, &path, &bytes)?;
     Ok(path)
@@ -149,8 +149,9 @@ fn picture(run: &RunFolder, file: &mut EventFile) -> Result<(), RunError> {
     let Some(png) = read_optional(&path)? else {
         return Ok(());
     };
-    let reader = png::Decoder::new(std::io::Cursor::new(&png)).read_info();
-    let reader = reader.map_err(|error| RunError::cannot_read(&path, error))?;
+    let reader = png::Decoder::new(std::io::Cursor::new(&png))
+        .read_info()
+        .map_err(RunError::reading(&path))?;
     let sides = [reader.info().height, reader.info().width];
     file.add_image(START, "variants", sides, &png);
     Ok(())
