@@ -85,11 +85,6 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
         }
     }
 
-    /// Returns the number of samples of a chunk; the last one of a batch may be smaller.
-    pub fn chunk_size(&self) -> usize {
-        self.chunk_size
-    }
-
     /// Adds the gradients of all chunks of `0..num_samples` to `gradient` `[num_params]`.
     ///
     /// `f(samples, workspace, chunk_gradient)` adds the gradient of its samples to
@@ -124,23 +119,8 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
         results
     }
 
-    /// Runs `f(samples, workspace)` on every chunk of `0..num_samples` and returns the results in
-    /// chunk order.
-    pub fn map_chunks<S: Send>(
-        &self,
-        num_samples: usize,
-        f: impl Fn(Range<usize>, &mut W) -> S + Sync,
-    ) -> Vec<S> {
-        let range = |chunk| self.range(chunk, num_samples);
-        let count = self.prepare(num_samples);
-        (0..count)
-            .into_par_iter()
-            .map(|chunk| self.run(count, |workspace| f(range(chunk), workspace)))
-            .collect()
-    }
-
     /// Runs `f(samples, workspace, rows)` on every chunk, where `rows` are the chunk's rows of
-    /// `out`.
+    /// `out`, and returns the results in chunk order.
     ///
     /// `out` holds `width` values per sample. Inference returns a network's outputs this way.
     ///

@@ -70,18 +70,6 @@ pub enum LayerError {
         /// Second of the two field types.
         second: FieldType,
     },
-    /// Padding so large that a window can lie in it entirely, where there is nothing to pool.
-    #[error(
-        "{layer}: got a padding of {padding} for a window of {size}, expected at most {size} / 2"
-    )]
-    PaddingTooLarge {
-        /// Name of the layer that cannot be built.
-        layer: &'static str,
-        /// Padding of the image on each side, in pixels.
-        padding: usize,
-        /// Side of the window in pixels.
-        size: usize,
-    },
     /// Map without channels or pixels.
     #[error("{layer}: got a map of {shape}, expected at least one pixel and one channel")]
     EmptyMap {
@@ -100,30 +88,7 @@ pub enum LayerError {
         /// Description of the object that is too large, such as `a map`.
         what: &'static str,
     },
-    /// Map that is not square, for a layer that needs a square one.
-    #[error("{layer}: got a map of {height} x {width} pixels, expected a square one")]
-    NotSquare {
-        /// Name of the layer that cannot be built.
-        layer: &'static str,
-        /// Height of the map in pixels.
-        height: usize,
-        /// Width of the map in pixels.
-        width: usize,
-    },
-    /// Two maps of different heights or widths, for a layer that combines them.
-    #[error(
-        "{layer}: got maps of {} x {} and {} x {} pixels, expected equal heights and widths",
-        first[0], first[1], second[0], second[1]
-    )]
-    DifferentMapSizes {
-        /// Name of the layer that cannot be built.
-        layer: &'static str,
-        /// Height and width of one map in pixels.
-        first: [usize; 2],
-        /// Height and width of the other map in pixels.
-        second: [usize; 2],
-    },
-    /// Setting of the layer that is out of its range.
+    /// Setting of the layer that is out of its range, or that does not fit the others.
     #[error("{layer}: got the {setting} {got}, expected {expected}")]
     InvalidSetting {
         /// Name of the layer that cannot be built.
@@ -148,9 +113,6 @@ pub enum LayerError {
         /// Output shape of the first layer.
         gives: Shape,
     },
-    /// Sequence without layers.
-    #[error("Sequential: got 0 layers, expected at least 1")]
-    EmptySequence,
 }
 
 impl LayerError {

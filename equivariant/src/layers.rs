@@ -4,6 +4,7 @@ mod average_pool;
 mod check;
 mod concat;
 pub(crate) mod field_norm;
+mod fused_chain;
 mod group_pool;
 mod gru;
 mod interchange;

@@ -71,10 +71,9 @@ mod simd {
     pub(crate) mod tiles;
 }
 
-/// Convolutions built from the kernels of [`simd`], one by one and fused into chains.
+/// Convolutions and fused poolings built from the kernels of [`simd`].
 mod conv {
     pub(crate) mod backward;
-    pub(crate) mod chain;
     pub(crate) mod dispatch;
     pub(crate) mod epilogue;
     pub(crate) mod first_layer;

@@ -4,67 +4,42 @@ use faer::linalg::matmul::matmul;
 use faer::traits::RealField;
 use faer::{Accum, MatMut, MatRef, Par};
 
-/// Row-major view of `rows` x `cols` numbers: row `r` starts at `r * stride`.
-#[derive(Clone, Copy, Debug)]
-pub struct StridedMatrix<'a, T> {
-    pub(crate) data: &'a [T],
-    pub(crate) rows: usize,
-    pub(crate) cols: usize,
-    pub(crate) stride: usize,
-    /// `true` if the view stands for its transpose.
-    pub(crate) transposed: bool,
-}
-
-/// Row-major mutable view of a matrix.
+/// Operands of a matrix product.
 #[derive(Debug)]
-pub struct StridedMatrixMut<'a, T> {
-    pub(crate) data: &'a mut [T],
-    pub(crate) rows: usize,
-    pub(crate) cols: usize,
-    pub(crate) stride: usize,
+pub struct MatrixProduct<'a, T> {
+    /// Matrix that the product a b is written into.
+    pub(crate) to: MatMut<'a, T>,
+    /// `true` if the product is added to the values of `to`.
+    pub(crate) add: bool,
+    pub(crate) a: MatRef<'a, T>,
+    pub(crate) b: MatRef<'a, T>,
 }
 
-impl<'a, T> StridedMatrix<'a, T> {
-    pub(crate) fn new(data: &'a [T], [rows, cols]: [usize; 2], stride: usize) -> Self {
-        StridedMatrix { data, rows, cols, stride, transposed: false }
-    }
-
-    pub(crate) fn transpose(self) -> Self {
-        StridedMatrix { transposed: !self.transposed, ..self }
-    }
-
-    fn view(self) -> MatRef<'a, T> {
-        let StridedMatrix { data, rows, cols, stride, transposed } = self;
-        let view = MatRef::from_row_major_slice_with_stride(data, rows, cols, stride);
-        if transposed { view.transpose() } else { view }
+impl<T: RealField + Copy> MatrixProduct<'_, T> {
+    /// Computes the product.
+    pub(crate) fn run(self) {
+        // Par::Seq: minibatches already occupy all threads, and one thread gives a fixed order of
+        // sums
+        let accumulate = if self.add { Accum::Add } else { Accum::Replace };
+        matmul(self.to, accumulate, self.a, self.b, T::one_impl(), Par::Seq);
+        clear_upper_halves();
     }
 }
 
-impl<'a, T> StridedMatrixMut<'a, T> {
-    pub(crate) fn new(data: &'a mut [T], [rows, cols]: [usize; 2], stride: usize) -> Self {
-        StridedMatrixMut { data, rows, cols, stride }
-    }
-
-    fn view(self) -> MatMut<'a, T> {
-        // The transpose of a column-major view: faer 0.24.4 confuses the strides in
-        // `from_row_major_slice_with_stride_mut` and then writes outside the slice.
-        let (data, stride) = (self.data, self.stride);
-        MatMut::from_column_major_slice_with_stride_mut(data, self.cols, self.rows, stride)
-            .transpose_mut()
-    }
+/// Returns a view of `rows` x `cols` numbers: row `r` starts at `r * stride`.
+pub(crate) fn row_major<T>(data: &[T], [rows, cols]: [usize; 2], stride: usize) -> MatRef<'_, T> {
+    MatRef::from_row_major_slice_with_stride(data, rows, cols, stride)
 }
 
-/// Writes the product a b into `to`, or adds it to the values there.
-pub(crate) fn matrix_product<T: RealField + Copy>(
-    to: StridedMatrixMut<T>,
-    add: bool,
-    a: StridedMatrix<T>,
-    b: StridedMatrix<T>,
-) {
-    // Par::Seq: minibatches already occupy all threads, and one thread gives a fixed order of sums
-    let accumulate = if add { Accum::Add } else { Accum::Replace };
-    matmul(to.view(), accumulate, a.view(), b.view(), T::one_impl(), Par::Seq);
-    clear_upper_halves();
+/// Returns a mutable view of a matrix like [`row_major`].
+pub(crate) fn row_major_mut<T>(
+    data: &mut [T],
+    [rows, cols]: [usize; 2],
+    stride: usize,
+) -> MatMut<'_, T> {
+    // The transpose of a column-major view: faer 0.24.4 confuses the strides in
+    // `from_row_major_slice_with_stride_mut` and then writes outside the slice.
+    MatMut::from_column_major_slice_with_stride_mut(data, cols, rows, stride).transpose_mut()
 }
 
 /// Executes a few wide instructions, after which the compiler clears the upper register halves.

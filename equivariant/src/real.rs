@@ -6,7 +6,7 @@ use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssi
 
 use rand::{Rng, RngExt};
 
-use crate::matrix::{StridedMatrix, StridedMatrixMut, matrix_product};
+use crate::matrix::MatrixProduct;
 
 /// Arithmetic of single or double precision, `f32` or `f64`. Other types cannot implement it.
 pub trait Real:
@@ -48,14 +48,9 @@ pub trait Real:
     #[doc(hidden)]
     fn to_mask(self) -> u16;
 
-    /// Writes the matrix product a b into `to`, or adds it to the values there.
+    /// Computes a matrix product.
     #[doc(hidden)]
-    fn matrix_product(
-        to: StridedMatrixMut<Self>,
-        add: bool,
-        a: StridedMatrix<Self>,
-        b: StridedMatrix<Self>,
-    );
+    fn multiply_matrices(product: MatrixProduct<Self>);
 }
 
 macro_rules! real {
@@ -86,13 +81,8 @@ macro_rules! real {
                 self.to_bits() as u16
             }
 
-            fn matrix_product(
-                to: StridedMatrixMut<$float>,
-                add: bool,
-                a: StridedMatrix<$float>,
-                b: StridedMatrix<$float>,
-            ) {
-                matrix_product(to, add, a, b);
+            fn multiply_matrices(product: MatrixProduct<$float>) {
+                product.run();
             }
         }
     };

@@ -2,8 +2,6 @@
 
 use std::fmt;
 
-use crate::real::Real;
-
 /// Bytes of a cache line; every scratch starts on one.
 const LINE: usize = 64;
 /// Maximum number of values skipped to reach a cache line, for the narrowest type.
@@ -33,14 +31,6 @@ pub(crate) struct ScratchOrigin {
     pub layer_key: u64,
 }
 
-impl<T: Real> Scratch<T> {
-    /// Creates a scratch of `len` values, all equal to `value`. Layers must not read what they did
-    /// not write; a test of that fills the scratch with NaN.
-    pub fn filled_with(len: usize, value: T) -> Scratch<T> {
-        Scratch::aligned(len, value)
-    }
-}
-
 impl<T> Scratch<T> {
     /// Returns the number of values that this scratch memory holds.
     pub fn len(&self) -> usize {
@@ -59,7 +49,9 @@ impl<T> Scratch<T> {
 }
 
 impl<T: Clone> Scratch<T> {
-    fn aligned(len: usize, value: T) -> Scratch<T> {
+    /// Creates a scratch of `len` values, all equal to `value`. Layers must not read what they did
+    /// not write; a test of that fills the scratch with NaN.
+    pub fn filled_with(len: usize, value: T) -> Scratch<T> {
         let values = vec![value; len + SLACK];
         Scratch {
             // align_offset may give up and return usize::MAX, which min turns into a valid start
@@ -82,7 +74,7 @@ impl<T: Clone> Clone for Scratch<T> {
         let own = &self.values[self.start..][..self.len];
         // the clone's vector has another address and so another offset: copy the values, not the
         // vector
-        let mut clone = Scratch::aligned(self.len, self.values[0].clone());
+        let mut clone = Scratch::filled_with(self.len, self.values[0].clone());
         clone.first_values(self.len).clone_from_slice(own);
         clone.origin = self.origin;
         clone
@@ -127,6 +119,14 @@ pub(crate) fn take_front<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [
 /// Splits `len` values off the front and drops the padding that [`round_up_to_cache_line`] adds.
 pub(crate) fn take_front_padded<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
     &mut take_front(rest, round_up_to_cache_line(len))[..len]
+}
+
+/// Splits `len` values off the back and drops the padding that [`round_up_to_cache_line`] adds.
+pub(crate) fn take_back_padded<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
+    let at = rest.len() - round_up_to_cache_line(len);
+    let (front, back) = std::mem::take(rest).split_at_mut(at);
+    *rest = front;
+    &mut back[..len]
 }
 
 #[cfg(test)]

@@ -1,14 +1,12 @@
 //! Networks on byte images give the same bits as on the levels of the bytes.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
 use equivariant::{
     FieldNorm, InstructionSet, Layer, LayerSignature, Linear, MaxPool, NormStatistics, R2Conv,
     Relu, Scalar, Sequential, Shape, SlidingWindow, pixel_byte_to_float,
 };
 use symmetry::Group;
 
-use crate::common::{normal, params, scratch, unwritten};
+use crate::common::{normal, panic_of, params, scratch, unwritten};
 
 const SAMPLES: usize = 3;
 const SAME: SlidingWindow = SlidingWindow::new(3, 1, 1);
@@ -134,12 +132,6 @@ fn levels_are_centred_and_reach_half() {
     assert!((0..255).all(|byte| pixel_byte_to_float::<f32>(byte) < pixel_byte_to_float(byte + 1)));
 }
 
-/// Returns the message of a panic.
-fn refusal(call: impl FnOnce()) -> String {
-    let panic = catch_unwind(AssertUnwindSafe(call)).unwrap_err();
-    panic.downcast_ref::<String>().unwrap().clone()
-}
-
 #[test]
 fn bytes_that_no_convolution_reads_are_refused() {
     let (shape, to) = (Shape::vector(Group::D2.trivial_type(4)), Group::D2.regular_type(2));
@@ -151,13 +143,15 @@ fn bytes_that_no_convolution_reads_are_refused() {
         let bytes = pictures(&network, 1);
         let mut y = vec![0.0; network.out_shape().len()];
         let (params, mut scratch) = (params(&network, 1), scratch(&network, 1));
-        let forward = refusal(|| network.forward_from_bytes(&params, &bytes, &mut y, &mut scratch));
+        let forward =
+            panic_of(|| network.forward_from_bytes(&params, &bytes, &mut y, &mut scratch)).unwrap();
         assert!(forward.contains("got bytes"), "{forward}");
         let [y, dy] = [y.clone(), y];
         let mut dparams = params.clone();
-        let backward = refusal(|| {
+        let backward = panic_of(|| {
             network.backward_from_bytes(&params, &bytes, [&y, &dy], &mut dparams, &mut scratch);
         });
+        let backward = backward.unwrap();
         assert!(backward.contains("got bytes"), "{backward}");
     }
 }
@@ -170,17 +164,20 @@ fn wrong_lengths_are_refused() {
     let (params, mut scratch) = (params(&network, 1), scratch(&network, 2));
     let mut y = vec![0.0; 2 * network.out_shape().len()];
     let short = &bytes[1..];
-    let message = refusal(|| network.forward_from_bytes(&params, short, &mut y, &mut scratch));
+    let message = panic_of(|| network.forward_from_bytes(&params, short, &mut y, &mut scratch));
+    let message = message.unwrap();
     assert!(message.contains("got pictures of"), "{message}");
     let one = &bytes[bytes.len() / 2..];
-    let output_message = refusal(|| network.forward_from_bytes(&params, one, &mut y, &mut scratch));
+    let of_output = panic_of(|| network.forward_from_bytes(&params, one, &mut y, &mut scratch));
+    let output_message = of_output.unwrap();
     assert!(output_message.contains("got y of"), "{output_message}");
     network.forward_from_bytes(&params, &bytes, &mut y, &mut scratch);
     let half = y.len() / 2;
     let mut dparams = params.clone();
-    let backward_message = refusal(|| {
+    let of_backward = panic_of(|| {
         let outputs = [&y[..half], &y[..half]];
         network.backward_from_bytes(&params, one, outputs, &mut dparams, &mut scratch);
     });
+    let backward_message = of_backward.unwrap();
     assert!(backward_message.contains("left for 2 samples"), "{backward_message}");
 }

@@ -20,17 +20,25 @@ fn assert_refused<const N: usize>(reason: &str, refused: [(&str, String); N]) {
 
 #[test]
 fn types_that_a_layer_does_not_take_are_refused() {
-    let mixed = Shape::image(4, 4, FieldType::new(Group::D2, [8, 10, 8, 8]));
-    let pool = MaxPool::new(mixed, SlidingWindow::new(2, 2, 0));
-    let keypoints = SpatialSoftArgmax::new(mixed, 1.0);
-    let refused = [
-        ("Relu", message(Relu::new(mixed))),
-        ("GroupMaxPool", message(GroupMaxPool::new(mixed))),
-        ("GroupMeanPool", message(GroupMeanPool::new(mixed))),
-        ("MaxPool", message(pool)),
-        ("SpatialSoftArgmax", message(keypoints)),
-    ];
-    assert_refused("got the type `8 reg + 2 x`, expected regular fields only", refused);
+    for fields in ["8 reg + 2 x", "1 x", "4 1", "C2: 4 1"] {
+        let shape = Shape::image(4, 4, fields.parse().unwrap());
+        let reason = format!("got the type `{fields}`, expected regular fields only");
+        let group_pools = [
+            ("GroupMaxPool", message(GroupMaxPool::new(shape))),
+            ("GroupMeanPool", message(GroupMeanPool::new(shape))),
+        ];
+        assert_refused(&reason, group_pools);
+        // the others take trivial channels, too
+        if !shape.fields.is_trivial() {
+            let pool = MaxPool::new(shape, SlidingWindow::new(2, 2, 0));
+            let others = [
+                ("Relu", message(Relu::new(shape))),
+                ("MaxPool", message(pool)),
+                ("SpatialSoftArgmax", message(SpatialSoftArgmax::new(shape, 1.0))),
+            ];
+            assert_refused(&reason, others);
+        }
+    }
 }
 
 #[test]
@@ -71,9 +79,9 @@ fn maps_and_settings_that_do_not_fit_are_refused() {
     let fields = Group::D2.regular_type(2);
     let [odd, even] = [[5, 6], [4, 4]].map(|[height, width]| Shape::image(height, width, fields));
     let flatten = ("R2Conv::whole_map", message(R2Conv::whole_map(odd, fields)));
-    assert_refused("got a map of 5 x 6 pixels, expected a square one", [flatten]);
+    assert_refused("got the map of 5 x 6 pixels, expected a square one", [flatten]);
     let concat = ("Concat", message(Concat::new(odd, even)));
-    let sizes = "got maps of 5 x 6 and 4 x 4 pixels, expected equal heights and widths";
+    let sizes = "got the maps 5 x 6 x (2 reg) and 4 x 4 x (2 reg), expected equal heights and";
     assert_refused(sizes, [concat]);
     let norm = message(FieldNorm::new(odd, NormStatistics::Fixed(vec![])));
     let statistics = "got the fixed statistics [], expected a mean and a variance of at least 0";
@@ -154,6 +162,7 @@ fn sizes_that_no_memory_holds_are_refused() {
         message(Linear::new(Group::C1.trivial_type(1 << 20), Group::C1.trivial_type(1 << 20))),
         message(Relu::new(wide)),
         message(MaxPool::new(wide, window)),
+        message(MaxPool::new(Shape::image(5, 7, one), padded)),
         message(AveragePool::new(wide, window)),
         message(AveragePool::new(Shape::image(2, 3, one), SlidingWindow::new(large, 1, large / 2))),
         message(GroupMaxPool::new(wide)),

@@ -2,18 +2,15 @@
 //! symmetry and sequences of different lengths.
 
 use equivariant::{FieldType, Group, Gru, Scalar, Shape, equivariance_error_of_fn};
-use safetensors::SafeTensors;
 
-use crate::common::{largest_deviation, normal, rng};
+use crate::common::{self, largest_deviation, normal, rng};
 
 const GOLDEN: &[u8] = include_bytes!("golden/gru.safetensors");
 const STEPS: usize = 5;
 const LENGTHS: [usize; 4] = [5, 2, 4, 1];
 
 fn golden(name: &str) -> Vec<f64> {
-    let tensors = SafeTensors::deserialize(GOLDEN).unwrap();
-    let (values, _) = tensors.tensor(name).unwrap().data().as_chunks();
-    values.iter().map(|&b| f64::from_le_bytes(b)).collect()
+    common::golden(GOLDEN, name)
 }
 
 /// Creates a unit on a type with all irreps of the group, some more often than others.

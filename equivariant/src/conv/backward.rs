@@ -22,12 +22,12 @@ const TILE: usize = 6;
 
 /// Returns the number of values of scratch; `staged` is `true` if the input is staged already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
-    let (patches, width) = (&conv.patches, conv.weights.blocks_per_pixel());
+    let (patches, width) = (&conv.patches, conv.weights.blocks_per_pixel);
     // an input of channels is staged here, and so is the gradient with respect to it
     let images = if staged { 0 } else { 2 * conv.num_images_staged_together(samples) };
     let of_lines =
         |lines: &FoldedLines| lines.staged_len() + lines.columns_per_window() * width * LANES;
-    let line = patches.folded_lines().map_or(0, of_lines);
+    let line = patches.folded_lines.as_ref().map_or(0, of_lines);
     GradientBuffers::<f32>::scratch_len(conv) + images * patches.staged_len() + line
 }
 
@@ -63,7 +63,7 @@ impl<'a, T: Real> ConvBackward<'a, T> {
                 unstage(
                     patches,
                     own_gradient,
-                    &mut dx[first * patches.image_shape().len()..],
+                    &mut dx[first * patches.image_shape.len()..],
                     images,
                 );
             }
@@ -76,7 +76,7 @@ impl<'a, T: Real> ConvBackward<'a, T> {
 #[inline(always)]
 fn unstage<T: Real>(patches: &PatchGeometry, staged: &[T], dx: &mut [T], images: usize) {
     let staged = staged.chunks_exact(patches.staged_len());
-    let dx = dx.chunks_exact_mut(patches.image_shape().len());
+    let dx = dx.chunks_exact_mut(patches.image_shape.len());
     for (staged_image, image_gradient) in staged.zip(dx).take(images) {
         patches.unstage(staged_image, image_gradient);
     }
@@ -111,7 +111,7 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
             let count = ROWS.min(end - row);
             let mut windows = [0; ROWS];
             for window in &mut windows[..count] {
-                *window = cursor.staged_index(patches.window_starts(), patches.staged_len());
+                *window = cursor.staged_index(&patches.window_starts, patches.staged_len());
                 cursor.advance();
             }
             loader.load_pixels(row, count, buffers);
@@ -129,10 +129,10 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
         mut gradient: Option<&mut [T]>,
     ) {
         let (conv, patches) = (self.conv, &self.conv.patches);
-        for c in 0..patches.blocks_per_pixel() {
+        for c in 0..patches.blocks_per_pixel {
             // Each orbit reads the same block of channels, which then comes from the first-level
             // cache.
-            for orbit in 0..patches.num_orbits() {
+            for orbit in 0..patches.orbits.len() {
                 let rows = Gathered { conv, orbit, c, windows };
                 let panel = &mut buffers.panel[..rows.folds() * windows.len()];
                 let step = windows.len();
@@ -160,7 +160,7 @@ impl Gathered<'_> {
     #[inline(always)]
     pub fn folds(&self) -> usize {
         let patches = &self.conv.patches;
-        patches.orbit_blocks(self.orbit).len() / patches.blocks_per_pixel()
+        patches.orbit_blocks(self.orbit).len() / patches.blocks_per_pixel
     }
 }
 
@@ -186,7 +186,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
     /// Adds the contribution of some rows to the weight gradient; `panel` is `[fold][row]`.
     #[inline(always)]
     fn weights(&self, of: &Gathered, buffers: &mut GradientBuffers<T>) {
-        let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel());
+        let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel);
         let rows = of.windows.len();
         let per_block = LANES / G * width;
         let panel = &buffers.panel[..of.folds() * rows];
@@ -199,20 +199,20 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
             dy,
             rows,
             dw,
-            patches.blocks_per_pixel() * per_block,
+            patches.blocks_per_pixel * per_block,
         );
     }
 
     /// Adds the contribution of some rows to the gradient of the staged input.
     #[inline(always)]
     fn input(&self, of: &Gathered, buffers: &mut GradientBuffers<T>, gradient: &mut [T]) {
-        let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel());
+        let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel);
         let (folds, per_block) = (of.folds(), LANES / G * width);
         let dy = &buffers.dy[..width * of.windows.len()];
         let w = &self.w[patches.orbit_blocks(of.orbit).start * per_block..];
         let w = &w[of.c * folds * per_block..][..folds * per_block];
         // orbits of D2 have 1, 2 or 4 taps, so these are all sizes of the product
-        match (patches.is_replicated(), folds) {
+        match (patches.is_replicated, folds) {
             (true, _) => of.replicated::<T, L, G>(self.lanes, w, dy, gradient),
             (false, 1) => of.input::<T, L, G, 1>(self.lanes, w, dy, gradient),
             (false, 2) => of.input::<T, L, G, 2>(self.lanes, w, dy, gradient),

@@ -103,10 +103,10 @@ impl<T: ConvPasses> ConvForward<'_, T> {
 impl<T: Real> WithLanes<T> for ConvForward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
-        if let Some(lines) = self.conv.patches.folded_lines() {
+        if let Some(lines) = &self.conv.patches.folded_lines {
             return self.run_lines(lanes, lines);
         }
-        with_const_order!(G = self.conv.weights.group_order(), self.run_panels::<L, G>(lanes));
+        with_const_order!(G = self.conv.weights.group_order, self.run_panels::<L, G>(lanes));
     }
 }
 
@@ -115,9 +115,9 @@ impl<T: Real> WithLanes<T> for ConvBackward<'_, T> {
     fn run<L: Lanes<T>>(self, lanes: L) {
         // lines give gradients of parameters only; a gradient with respect to the input needs
         // panels
-        if let (Some(lines), None) = (self.conv.patches.folded_lines(), &self.dx) {
+        if let (Some(lines), None) = (&self.conv.patches.folded_lines, &self.dx) {
             return self.run_lines(lanes, lines);
         }
-        with_const_order!(G = self.conv.weights.group_order(), self.run_panels::<L, G>(lanes));
+        with_const_order!(G = self.conv.weights.group_order, self.run_panels::<L, G>(lanes));
     }
 }

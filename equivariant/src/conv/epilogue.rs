@@ -35,7 +35,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
         arena: &mut Arena<'a, T>,
         to: ConvOutput<'a, T>,
     ) -> Self {
-        let width = conv.weights.blocks_per_pixel();
+        let width = conv.weights.blocks_per_pixel;
         let start = to.lines.start * conv.out_shape.width;
         let skipped = match &to.y {
             FeatureMapsMut::Channels(_) => 0,

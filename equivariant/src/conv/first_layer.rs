@@ -45,10 +45,10 @@ impl<T: Real> ConvForward<'_, T> {
             &mut arena,
             self.output,
         );
-        let sums = arena.take_blocks(LINE_TILE_PIXELS * weights.blocks_per_pixel());
+        let sums = arena.take_blocks(LINE_TILE_PIXELS * weights.blocks_per_pixel);
         let own = arena.take_zeroed_values(lines.staged_len());
-        let line = LineKernel::new(lanes, patches, weights.blocks_per_pixel());
-        let len = patches.image_shape().len();
+        let line = LineKernel::new(lanes, patches, weights.blocks_per_pixel);
+        let len = patches.image_shape.len();
         for (i, (image, oy)) in lines_of(self.samples, of_output).enumerate() {
             let x = &x[image * len..][..len];
             lines.fold(lanes, x, oy..oy + 1, own);
@@ -79,11 +79,11 @@ impl<T: Real> ConvBackward<'_, T> {
         let mut arena = Arena::new(std::mem::take(&mut self.scratch));
         let mut buffers = GradientBuffers::new(&mut self, &mut arena, MAX_GRADIENT_ROWS);
         let loader = GradientLoader::<T, L, LANES_PER_GROUP>::new(lanes, conv, self.dy, self.masks);
-        let width = conv.weights.blocks_per_pixel();
+        let width = conv.weights.blocks_per_pixel;
         let columns = arena.take_zeroed_blocks(lines.columns_per_window() * width);
         let own = arena.take_zeroed_values(lines.staged_len());
         let line = LineKernel::new(lanes, patches, width);
-        let len = patches.image_shape().len();
+        let len = patches.image_shape.len();
         for (image, oy) in lines_of(self.samples, 0..conv.out_shape.height) {
             let x = &x[image * len..][..len];
             lines.fold(lanes, x, oy..oy + 1, own);
@@ -114,10 +114,10 @@ fn lines_of(samples: usize, lines: Range<usize>) -> impl Iterator<Item = (usize,
 /// Multiplies the weights by the coefficients of the folds, which the folded lines leave out.
 #[inline(always)]
 fn scale<T: Real, L: Lanes<T>>(lanes: L, patches: &PatchGeometry, w: &mut [Block<T>]) {
-    let per_group = w.len() / (patches.blocks_per_folded_patch() * LANES / LANES_PER_GROUP);
+    let per_group = w.len() / (patches.blocks_per_folded_patch * LANES / LANES_PER_GROUP);
     for orbit in &patches.orbits {
         let groups = orbit.first_block * LANES / LANES_PER_GROUP
-            ..(orbit.first_block + patches.blocks_per_pixel()) * LANES / LANES_PER_GROUP;
+            ..(orbit.first_block + patches.blocks_per_pixel) * LANES / LANES_PER_GROUP;
         let c = lanes.load(&block_to_precision(&orbit.coefficients[0]));
         for block in &mut w[groups.start * per_group..groups.end * per_group] {
             lanes.store(block, lanes.mul(lanes.load(block), c));

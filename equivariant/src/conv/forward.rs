@@ -19,11 +19,11 @@ const MAX_ROWS_IN_PLACE: usize = 2 * PANEL_ROWS;
 /// `true` if the input is staged already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let (patches, weights) = (&conv.patches, &conv.weights);
-    let per_row = patches.blocks_per_folded_patch() + weights.blocks_per_pixel();
+    let per_row = patches.blocks_per_folded_patch + weights.blocks_per_pixel;
     let rest = weights.num_packed_blocks()
-        + (PANEL_ROWS + 1) * weights.blocks_per_pixel()
+        + (PANEL_ROWS + 1) * weights.blocks_per_pixel
         + PANEL_ROWS * per_row;
-    let line = patches.folded_lines().map_or(0, FoldedLines::staged_len);
+    let line = patches.folded_lines.as_ref().map_or(0, FoldedLines::staged_len);
     let with = |images| rest * LANES + images * patches.staged_len() + line;
     // two halves of a single image run at the same time, each on its half of the scratch
     if staged {
@@ -40,16 +40,16 @@ impl<'a, T: Real> ConvForward<'a, T> {
         let (conv, patches, weights) = (self.conv, &self.conv.patches, &self.conv.weights);
         let mut arena = Arena::new(self.scratch);
         let (width, lines) = (conv.out_shape.width, &self.output.lines);
-        let windows = &patches.window_starts()[lines.start * width..lines.end * width];
+        let windows = &patches.window_starts[lines.start * width..lines.end * width];
         let few = self.samples * windows.len() <= MAX_ROWS_IN_PLACE;
         let mut panels = Panels::<T, L, G> {
             lanes,
             patches,
             windows,
             w: weights.packed_weights(self.params, &mut arena, few),
-            panel: arena.take_blocks(PANEL_ROWS * patches.blocks_per_folded_patch()),
+            panel: arena.take_blocks(PANEL_ROWS * patches.blocks_per_folded_patch),
             epilogue: Epilogue::new(lanes, conv, self.params, &mut arena, self.output),
-            sums: arena.take_blocks(PANEL_ROWS * weights.blocks_per_pixel()),
+            sums: arena.take_blocks(PANEL_ROWS * weights.blocks_per_pixel),
         };
         let (together, own) = match self.x {
             ConvInput::Channels(_) | ConvInput::Bytes(_) => {
@@ -110,11 +110,11 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
     #[inline(always)]
     fn gather(&mut self, staged: &[T], windows: &[usize]) {
         let patches = self.patches;
-        let step = patches.blocks_per_pixel() * PANEL_ROWS;
-        for c in 0..patches.blocks_per_pixel() {
+        let step = patches.blocks_per_pixel * PANEL_ROWS;
+        for c in 0..patches.blocks_per_pixel {
             // Each orbit reads the same block of channels, which then comes from the first-level
             // cache.
-            for orbit in 0..patches.num_orbits() {
+            for orbit in 0..patches.orbits.len() {
                 let first = patches.orbit_blocks(orbit).start + c;
                 let panel = &mut self.panel[first * PANEL_ROWS..];
                 let fold = OrbitBlock { orbit, block: c };

@@ -30,8 +30,8 @@ impl<'a, T: Real> GradientBuffers<'a, T> {
     /// Returns the length of the buffers for up to [`MAX_GRADIENT_ROWS`] rows, in values.
     pub fn scratch_len(conv: &R2Conv) -> usize {
         let weights = &conv.weights;
-        let panels = 4 * MAX_GRADIENT_ROWS + 2 * MAX_GRADIENT_ROWS * weights.blocks_per_pixel();
-        (3 * weights.num_packed_blocks() + weights.blocks_per_pixel() + panels) * LANES
+        let panels = 4 * MAX_GRADIENT_ROWS + 2 * MAX_GRADIENT_ROWS * weights.blocks_per_pixel;
+        (3 * weights.num_packed_blocks() + weights.blocks_per_pixel + panels) * LANES
     }
 
     /// Splits off the buffers for `rows` rows and takes the gradient of the parameters out of the
@@ -39,7 +39,7 @@ impl<'a, T: Real> GradientBuffers<'a, T> {
     #[inline(always)]
     pub fn new(pass: &mut ConvBackward<'a, T>, arena: &mut Arena<'a, T>, rows: usize) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
-        let width = layout.blocks_per_pixel();
+        let width = layout.blocks_per_pixel;
         let dparams = std::mem::take(&mut pass.dparams);
         let (dweights, dbiases) = dparams.split_at_mut(conv.blocks.bias_range().start);
         // parameters in packed order need no second buffer: their gradient is summed in place
@@ -92,7 +92,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
             dy,
             masks,
             interleaver: Interleaver::new(conv.out_shape.fields),
-            width: conv.weights.blocks_per_pixel(),
+            width: conv.weights.blocks_per_pixel,
             pixels_per_image: conv.out_shape.num_pixels(),
             channels: conv.out_shape.fields.dim(),
             regular: conv.out_shape.fields.num_regular_fields().is_some(),

@@ -35,13 +35,13 @@ pub(crate) struct LineKernel<'a, T: Real, L: Lanes<T>> {
 impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
     #[inline(always)]
     pub fn new(lanes: L, patches: &'a PatchGeometry, width: usize) -> Self {
-        let fields = patches.image_shape().fields;
+        let fields = patches.image_shape.fields;
         let irreps = fields.group().irreps();
         let mut signs = [T::ZERO; LANES];
         for (lane, sign) in signs.iter_mut().enumerate() {
             *sign = T::from_f64(irreps[lane % irreps.len()].sign(D2::FlipX).into());
         }
-        let SlidingWindow { size, stride, .. } = patches.window();
+        let SlidingWindow { size, stride, .. } = patches.window;
         LineKernel {
             lanes,
             patches,
@@ -318,6 +318,6 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
 /// Returns the two columns of the lines that belong to an orbit, or its only one.
 fn halves(lines: &FoldedLines, orbit: &TapOrbit) -> impl Iterator<Item = usize> {
     let [y, x] = orbit.first_tap;
-    let k = lines.kernel_size();
+    let k = lines.kernel.size;
     [y * k + x, y * k + k - 1 - x].into_iter().take(orbit.tap_offsets.len())
 }

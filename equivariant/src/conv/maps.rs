@@ -44,7 +44,7 @@ impl<T: Real> ConvInput<'_, T> {
         images: Range<usize>,
         own: &'b mut [T],
     ) -> &'b [T] {
-        let (staged, len) = (patches.staged_len(), patches.image_shape().len());
+        let (staged, len) = (patches.staged_len(), patches.image_shape.len());
         match self {
             ConvInput::Channels(x) => {
                 for (i, image) in images.enumerate() {

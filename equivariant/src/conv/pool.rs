@@ -48,7 +48,7 @@ impl FusedMaxPool {
         let pixel = SlidingWindow::new(1, 1, 0);
         let size_of = [image.height, image.width];
         let patches = PatchGeometry::new(&TapBasis::new(image.fields, 1), image, pixel, size_of);
-        let at = |y: usize, x: usize| patches.pixel_starts()[y * image.width + x] / LANES;
+        let at = |y: usize, x: usize| patches.pixel_starts[y * image.width + x] / LANES;
         let grid = |[height, width]: [usize; 2], step: usize| -> Vec<usize> {
             let lines = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
             lines.map(|(y, x)| at(y * step, x * step)).collect()
@@ -64,7 +64,7 @@ impl FusedMaxPool {
 
     /// Returns the number of values of scratch: the blocks of a pixel.
     pub fn scratch_len(&self) -> usize {
-        self.patches.blocks_per_pixel() * LANES
+        self.patches.blocks_per_pixel * LANES
     }
 
     /// Returns the factor between values of two layouts after two unscaled transforms.
@@ -109,7 +109,7 @@ impl<T: Real> PoolForward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (pool, own) = (self.pool, self.pool.patches.staging_scale());
-        let (blocks, channels) = (pool.patches.blocks_per_pixel(), pool.out_shape.fields.dim());
+        let (blocks, channels) = (pool.patches.blocks_per_pixel, pool.out_shape.fields.dim());
         let room = Arena::new(self.scratch).take_blocks(blocks);
         let interleaver = Interleaver::new(pool.out_shape.fields);
         let images = self.x.as_chunks().0;
@@ -124,7 +124,7 @@ impl<T: Real> PoolForward<'_, T> {
                         interleaver.deinterleave::<T, G>(T::from_f64(1.0), room.as_flattened(), y);
                     }
                     FeatureMapsMut::Staged(patches, y) => {
-                        let at = n * patches.staged_len() + patches.pixel_starts()[i];
+                        let at = n * patches.staged_len() + patches.pixel_starts[i];
                         let y = &mut y[at..][..blocks * LANES];
                         let scale = pool.scale(own, patches.staging_scale());
                         maxima::<T, L, G>(lanes, pool, &x[window..], scale, y.as_chunks_mut().0);
@@ -170,7 +170,7 @@ impl<T: Real> PoolBackward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(self, lanes: L) {
         let (pool, own) = (self.pool, self.pool.patches.staging_scale());
-        let (blocks, channels) = (pool.patches.blocks_per_pixel(), pool.out_shape.fields.dim());
+        let (blocks, channels) = (pool.patches.blocks_per_pixel, pool.out_shape.fields.dim());
         // zeros, because lanes without a channel are never written below
         let room = Arena::new(self.scratch).take_zeroed_blocks(blocks);
         let one = T::from_f64(1.0);
@@ -190,7 +190,7 @@ impl<T: Real> PoolBackward<'_, T> {
                         (&*room, pool.scale(own, 1.0))
                     }
                     FeatureMaps::Staged(patches, dy) => {
-                        let at = n * patches.staged_len() + patches.pixel_starts()[i];
+                        let at = n * patches.staged_len() + patches.pixel_starts[i];
                         let dy = &dy[at..][..blocks * LANES];
                         (dy.as_chunks().0, pool.scale(own, patches.staging_scale()))
                     }

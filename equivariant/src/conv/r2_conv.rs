@@ -81,7 +81,12 @@ impl R2Conv {
     pub fn whole_map(shape: Shape, out_type: FieldType) -> Result<R2Conv, LayerError> {
         let Shape { height, width, .. } = shape;
         if height != width {
-            return Err(LayerError::NotSquare { layer: "R2Conv::whole_map", height, width });
+            return Err(LayerError::InvalidSetting {
+                layer: "R2Conv::whole_map",
+                setting: "map",
+                got: format!("of {height} x {width} pixels"),
+                expected: "a square one",
+            });
         }
         let kernel = SlidingWindow::new(height, 1, 0);
         R2Conv::new(shape.fields, out_type, kernel, [height, width])
@@ -100,8 +105,8 @@ impl R2Conv {
             layer_name: "R2Conv",
             taps: self.taps.clone(),
             blocks: &self.blocks,
-            param_indices: Some(self.weights.param_indices()),
-            window: self.patches.window(),
+            param_indices: Some(&self.weights.param_indices),
+            window: self.patches.window,
             in_shape: self.image_shape(),
             out_shape: self.out_shape,
         }
@@ -109,7 +114,7 @@ impl R2Conv {
 
     /// Returns the shape of one input sample.
     pub(crate) fn image_shape(&self) -> Shape {
-        self.patches.image_shape()
+        self.patches.image_shape
     }
 
     /// Returns the number of samples that are staged together.

@@ -18,15 +18,17 @@ use crate::steerable::taps::TapBasis;
 /// all fields are regular and fill whole blocks there are none, and packing is a copy.
 #[derive(Clone, Debug)]
 pub(crate) struct WeightLayout {
-    order: usize,
+    /// Order of the symmetry group, the number of its elements.
+    pub group_order: usize,
     /// Number of groups of a folded patch.
     groups: usize,
     /// Number of blocks of an output pixel.
-    width: usize,
+    pub blocks_per_pixel: usize,
     /// Runs of parameters that are contiguous in packed order, too.
     runs: Arc<[Run]>,
-    /// Index of the parameter of every entry of the four blocks of the linear map.
-    places: Arc<[usize]>,
+    /// Index of the parameter of every entry of the four blocks of the linear map, `[out, columns]`
+    /// for each irrep in turn.
+    pub param_indices: Arc<[usize]>,
 }
 
 /// Range of parameters that is contiguous in both orders.
@@ -45,18 +47,18 @@ impl WeightLayout {
     ) -> WeightLayout {
         let irreps = out.group().irreps();
         let fields = irreps.iter().map(|&b| out.multiplicity(b)).max();
-        let groups = patches.blocks_per_folded_patch() * LANES / irreps.len();
+        let groups = patches.blocks_per_folded_patch * LANES / irreps.len();
         let width = (fields.unwrap_or(0) * irreps.len()).div_ceil(LANES);
         let mut entries = vec![GAP; groups * width * LANES];
         // lane b of a group computes output irrep b, from the fold whose parity leads to b
         for (lane, &b) in irreps.iter().enumerate() {
-            for (i, function) in taps.basis_functions().iter().enumerate() {
+            for (i, function) in taps.basis_functions.iter().enumerate() {
                 let group =
                     patches.first_lane_group(function.parity, function.tap_coefficients[0].0);
                 let input = taps.input_irrep(b, function.parity);
                 let first = blocks.weight_range(b).start + taps.first_column(b, i);
                 for output in 0..out.multiplicity(b) {
-                    for channel in 0..taps.in_type().multiplicity(input) {
+                    for channel in 0..taps.in_type.multiplicity(input) {
                         let to = (group + channel) * width * LANES + output * irreps.len() + lane;
                         entries[to] = first + output * blocks.num_inputs(b) + channel;
                     }
@@ -66,28 +68,17 @@ impl WeightLayout {
         let mut places = vec![0; blocks.weight_range(Irrep::XY).end];
         let runs = runs(&entries, &mut places);
         WeightLayout {
-            order: irreps.len(),
+            group_order: irreps.len(),
             groups,
-            width,
+            blocks_per_pixel: width,
             runs: runs.into(),
-            places: places.into(),
+            param_indices: places.into(),
         }
-    }
-
-    /// Returns the index of the parameter of every entry of the blocks of the linear map, `[out,
-    /// columns]` for each irrep in turn.
-    pub fn param_indices(&self) -> &[usize] {
-        &self.places
-    }
-
-    /// Returns the number of blocks of an output pixel.
-    pub fn blocks_per_pixel(&self) -> usize {
-        self.width
     }
 
     /// Returns the number of blocks of the packed weights.
     pub fn num_packed_blocks(&self) -> usize {
-        self.groups * self.width
+        self.groups * self.blocks_per_pixel
     }
 
     /// Returns `true` if the parameters are in packed order already, without gaps.
@@ -146,17 +137,16 @@ impl WeightLayout {
         transposed: &mut [Block<T>],
     ) {
         let per_block = LANES / G;
-        let fields = self.width * per_block;
+        let fields = self.blocks_per_pixel * per_block;
         let packed = packed.as_flattened().as_chunks::<G>().0;
-        for orbit in 0..patches.num_orbits() {
+        for orbit in 0..patches.orbits.len() {
             let range = patches.orbit_blocks(orbit);
-            let folds = range.len() / patches.blocks_per_pixel().max(1);
+            let folds = range.len() / patches.blocks_per_pixel.max(1);
             let mut to = transposed[range.start * fields..range.end * fields].iter_mut();
-            for c in 0..patches.blocks_per_pixel() {
+            for c in 0..patches.blocks_per_pixel {
                 for field in 0..fields {
                     for (fold, block) in (0..folds).zip(&mut to) {
-                        let group =
-                            (range.start + fold * patches.blocks_per_pixel() + c) * per_block;
+                        let group = (range.start + fold * patches.blocks_per_pixel + c) * per_block;
                         for (q, value) in block.as_chunks_mut::<G>().0.iter_mut().enumerate() {
                             *value = packed[(group + q) * fields + field];
                         }
@@ -164,11 +154,6 @@ impl WeightLayout {
                 }
             }
         }
-    }
-
-    /// Returns the order of the symmetry group, the number of its elements.
-    pub fn group_order(&self) -> usize {
-        self.order
     }
 }
 

@@ -57,9 +57,12 @@ pub(crate) enum SharedBuffer {
 /// order and [`params_from_device_order`](Plan::params_from_device_order) converts them back.
 #[derive(Debug)]
 pub struct Plan {
-    extents: Vec<BufferLength>,
-    tables: Vec<(BufferSlot, Vec<u32>)>,
-    forward: Vec<KernelStep>,
+    /// Lengths of all buffers, by slot.
+    pub(crate) extents: Vec<BufferLength>,
+    /// Buffers of constants with their contents.
+    pub(crate) tables: Vec<(BufferSlot, Vec<u32>)>,
+    /// Steps of the forward pass, in order.
+    pub(crate) forward: Vec<KernelStep>,
     /// Steps of each layer, in the order of the forward pass.
     backward: Vec<Vec<KernelStep>>,
     last: Vec<KernelStep>,
@@ -225,21 +228,6 @@ impl Plan {
         slot
     }
 
-    /// Returns the lengths of all buffers, by slot.
-    pub(crate) fn buffer_lengths(&self) -> &[BufferLength] {
-        &self.extents
-    }
-
-    /// Returns the buffers of constants with their contents.
-    pub(crate) fn constant_tables(&self) -> &[(BufferSlot, Vec<u32>)] {
-        &self.tables
-    }
-
-    /// Iterates over the steps of the forward pass, in order.
-    pub(crate) fn forward_steps(&self) -> impl Iterator<Item = &KernelStep> {
-        self.forward.iter()
-    }
-
     /// Iterates over the steps of the backward pass and later ones, in order.
     pub(crate) fn backward_steps(&self) -> impl Iterator<Item = &KernelStep> {
         self.backward.iter().rev().flatten().chain(&self.last)
@@ -284,9 +272,8 @@ mod tests {
         let ([forward, backward], params) = (plan.num_kernels(), plan.num_device_params());
         assert!(forward > 0 && backward > 0);
         let words = |planned: &Plan, slot: BufferSlot| {
-            let BufferLength { fixed_len: fixed, len_per_sample: each } =
-                planned.buffer_lengths()[slot.0];
-            fixed + each
+            let BufferLength { fixed_len, len_per_sample } = planned.extents[slot.0];
+            fixed_len + len_per_sample
         };
         let [dx, dy] = [x, y].map(|map| map.gradient.unwrap());
         let gradients = [dx, dy, GRADIENT, PARTIAL, FOLDED];

@@ -54,18 +54,18 @@ impl Program {
     pub fn new(device: &Device, plan: &Plan, samples: usize) -> Result<Program, GpuError> {
         plan.check_limits(device.adapter(), samples)?;
         let buffer = |extent: &BufferLength| device.allocate_storage(extent.bytes(samples));
-        let buffers: Vec<wgpu::Buffer> = plan.buffer_lengths().iter().map(buffer).collect();
+        let buffers: Vec<wgpu::Buffer> = plan.extents.iter().map(buffer).collect();
         let uniform = device.allocate_uniform(BATCH_BYTES);
         let command = |step| CompiledKernel::new(device, step, &uniform, &buffers);
         let program = Program {
             device: device.clone(),
             samples,
-            forward: plan.forward_steps().map(command).collect(),
+            forward: plan.forward.iter().map(command).collect(),
             backward: plan.backward_steps().map(command).collect(),
             uniform,
             buffers,
         };
-        for (slot, words) in plan.constant_tables() {
+        for (slot, words) in &plan.tables {
             program.write_words(*slot, words);
         }
         device.take_error()?;

@@ -305,10 +305,6 @@ impl LayerSignature for FieldNorm {
         self.shape
     }
 
-    fn out_shape(&self) -> Shape {
-        self.shape
-    }
-
     fn num_params(&self) -> usize {
         self.fields + self.shape.fields.multiplicity(Irrep::Trivial)
     }

@@ -89,8 +89,25 @@ impl Gru {
 
     /// Allocates memory for up to `samples` sequences of up to `steps` steps.
     pub fn new_workspace<T: Scalar>(&self, steps: usize, samples: usize) -> GruWorkspace<T> {
-        let dims = [self.in_type().dim(), self.width()];
-        GruWorkspace::new(dims, [steps, samples], self.input.allocate_scratch(steps * samples))
+        let zeros = |len: usize| vec![T::ZERO; len];
+        let state = samples * self.width();
+        GruWorkspace {
+            dims: [self.in_type().dim(), self.width()],
+            room: [steps, samples],
+            sizes: [0; 2],
+            holds_values: false,
+            begins: Vec::with_capacity(samples),
+            reads: Vec::with_capacity(steps * samples),
+            row_gates: zeros(steps * 3 * state),
+            states: zeros((steps + 1) * state),
+            coefficients: zeros((steps + 1) * state),
+            gates: zeros(steps * 3 * state),
+            from_state: zeros(3 * state),
+            candidates: zeros(steps * state),
+            d_state: zeros(state),
+            d_before: zeros(state),
+            scratch: self.input.allocate_scratch(steps * samples),
+        }
     }
 
     /// Runs the sequences `x` `[L, N, in]`, where sample i has its `lengths[i]` steps at the end;
@@ -401,74 +418,50 @@ impl fmt::Display for Gru {
 #[derive(Clone, Debug)]
 pub struct GruWorkspace<T> {
     /// Channels of the input and of the state.
-    pub(super) dims: [usize; 2],
+    dims: [usize; 2],
     /// Maximum number of steps and of samples.
-    pub(super) room: [usize; 2],
+    room: [usize; 2],
     /// Steps and samples of the last forward pass.
-    pub(super) sizes: [usize; 2],
+    sizes: [usize; 2],
     /// `true` if the values of a forward pass have not been overwritten by a backward pass.
-    pub(super) holds_values: bool,
+    holds_values: bool,
     /// Number of steps before each sample begins, `[N]`.
-    pub(super) begins: Vec<usize>,
+    begins: Vec<usize>,
     /// Row of the input that each step reads, `[L, N]`; `None` before a sequence begins.
-    pub(super) reads: Vec<Option<usize>>,
+    reads: Vec<Option<usize>>,
     /// Part of the gates from each row of the input, then the gradient of it, `[M, 3 H]`.
-    pub(super) row_gates: Vec<T>,
+    row_gates: Vec<T>,
     /// States `[L + 1, N, H]` in the regular basis.
-    pub(super) states: Vec<T>,
+    states: Vec<T>,
     /// States `[L + 1, N, H]` in the irrep basis.
-    pub(super) coefficients: Vec<T>,
+    coefficients: Vec<T>,
     /// Part of the gates from the input, then r, z and n, `[L, N, 3 H]`.
-    pub(super) gates: Vec<T>,
+    gates: Vec<T>,
     /// Part of the gates from the state, then the gradient of it, `[N, 3 H]`.
-    pub(super) from_state: Vec<T>,
+    from_state: Vec<T>,
     /// Values of W_hn h + b_hn, `[L, N, H]`.
-    pub(super) candidates: Vec<T>,
+    candidates: Vec<T>,
     /// Gradient of the state after the current step, `[N, H]`.
-    pub(super) d_state: Vec<T>,
+    d_state: Vec<T>,
     /// Gradient of the state before the current step, `[N, H]`.
-    pub(super) d_before: Vec<T>,
-    pub(super) scratch: Scratch<T>,
+    d_before: Vec<T>,
+    scratch: Scratch<T>,
 }
 
 impl<T: Scalar> GruWorkspace<T> {
-    /// Allocates memory for `room` `[steps, samples]` of a unit with `dims` channels of input and
-    /// state, and with the scratch of its input matrix.
-    pub(super) fn new(dims: [usize; 2], room: [usize; 2], scratch: Scratch<T>) -> Self {
-        let zeros = |len: usize| vec![T::ZERO; len];
-        let ([steps, samples], state) = (room, room[1] * dims[1]);
-        Self {
-            dims,
-            room,
-            sizes: [0; 2],
-            holds_values: false,
-            begins: Vec::with_capacity(samples),
-            reads: Vec::with_capacity(steps * samples),
-            row_gates: zeros(steps * 3 * state),
-            states: zeros((steps + 1) * state),
-            coefficients: zeros((steps + 1) * state),
-            gates: zeros(steps * 3 * state),
-            from_state: zeros(3 * state),
-            candidates: zeros(steps * state),
-            d_state: zeros(state),
-            d_before: zeros(state),
-            scratch,
-        }
-    }
-
     /// Returns the states `[N, H]` after the last step of the last forward pass.
     pub fn last_states(&self) -> &[T] {
         &self.coefficients[self.rows(self.sizes[0])]
     }
 
     /// Returns the range of the states before a step.
-    pub(super) fn rows(&self, step: usize) -> Range<usize> {
+    fn rows(&self, step: usize) -> Range<usize> {
         let len = self.sizes[1] * self.dims[1];
         step * len..(step + 1) * len
     }
 
     /// Copies the gates' part of each row, `width` numbers, to the steps that read it.
-    pub(super) fn spread_rows(&mut self, width: usize) {
+    fn spread_rows(&mut self, width: usize) {
         for (to, read) in self.gates.chunks_exact_mut(width).zip(&self.reads) {
             if let Some(row) = read {
                 to.copy_from_slice(&self.row_gates[row * width..(row + 1) * width]);
@@ -477,7 +470,7 @@ impl<T: Scalar> GruWorkspace<T> {
     }
 
     /// Adds up the gradients of the gates over all steps that read a row.
-    pub(super) fn gather_rows(&mut self, width: usize) {
+    fn gather_rows(&mut self, width: usize) {
         self.row_gates.fill(T::ZERO);
         for (from, read) in self.gates.chunks_exact(width).zip(&self.reads) {
             if let Some(row) = read {

@@ -25,14 +25,16 @@ impl Scalar for f64 {}
 
 /// Shapes and sizes of a layer, independent of the precision.
 ///
-/// The provided methods suit a layer without parameters or scratch. `Display` must print every
-/// setting of a layer, since files of networks are compared by it.
+/// The provided methods suit a layer without parameters or scratch that keeps the shape. `Display`
+/// must print every setting of a layer, since files of networks are compared by it.
 pub trait LayerSignature: fmt::Display + Send + Sync {
     /// Returns the shape of one input sample.
     fn in_shape(&self) -> Shape;
 
     /// Returns the shape of one output sample.
-    fn out_shape(&self) -> Shape;
+    fn out_shape(&self) -> Shape {
+        self.in_shape()
+    }
 
     /// Returns the number of parameters of the layer.
     fn num_params(&self) -> usize {

@@ -10,7 +10,7 @@ use crate::layers::check::TestLayer;
 use crate::layers::layer::{Layer, LayerKind, LayerSignature, Scalar};
 use crate::scratch::BackwardPass;
 use crate::shape::{Shape, checked_product};
-use crate::steerable::blocks::{IrrepBlocks, IrrepChannels, IrrepChannelsMut};
+use crate::steerable::blocks::{IrrepBlocks, IrrepChannels};
 use crate::steerable::dense::OrdinaryConv;
 use crate::steerable::taps::TapBasis;
 use crate::window::SlidingWindow;
@@ -55,15 +55,6 @@ impl Linear {
             out_shape: Shape::vector(self.out_type),
         }
     }
-
-    /// Returns the channels of an irrep as columns of the input.
-    fn channels<'a, T>(&self, b: Irrep, x: &'a [T]) -> IrrepChannels<'a, T> {
-        IrrepChannels {
-            // a slice of no samples is shorter than the start of an irrep
-            data: x.get(self.in_type.channel_range(b).start..).unwrap_or_default(),
-            stride: self.in_type.dim(),
-        }
-    }
 }
 
 impl LayerSignature for Linear {
@@ -92,7 +83,7 @@ impl<T: Scalar> Layer<T> for Linear {
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
         self.blocks.fill_bias(params, y);
         for b in Irrep::ALL {
-            self.blocks.add_product(b, params, self.channels(b, x), y);
+            self.blocks.add_product(b, params, IrrepChannels::new(self.in_type, b, x), y);
         }
     }
 
@@ -100,17 +91,14 @@ impl<T: Scalar> Layer<T> for Linear {
         let (params, dy, dparams) = (pass.params, pass.dy, pass.dparams);
         self.blocks.add_bias_gradient(dy, dparams);
         for b in Irrep::ALL {
-            let x = self.channels(b, pass.x);
+            let x = IrrepChannels::new(self.in_type, b, pass.x);
             self.blocks.add_weight_gradient(b, x, dy, dparams);
         }
         let Some(dx) = pass.dx else { return };
         for b in Irrep::ALL {
             let start = self.in_type.channel_range(b).start;
-            let channels = IrrepChannelsMut {
-                data: dx.get_mut(start..).unwrap_or_default(),
-                stride: self.in_type.dim(),
-            };
-            self.blocks.write_input_gradient(b, params, dy, channels);
+            let channels = dx.get_mut(start..).unwrap_or_default();
+            self.blocks.write_input_gradient(b, params, dy, channels, self.in_type.dim());
         }
     }
 }

@@ -189,12 +189,4 @@ mod tests {
         pool.forward(&[], &[f64::NAN, -2.0, -5.0], &mut y, &mut scratch);
         assert!(y[0].is_nan() && y[1].is_nan() && y[2] == -2.0);
     }
-
-    #[test]
-    fn odd_irreps_alone_are_refused() {
-        let shape = Shape::image(2, 2, "1 x".parse().unwrap());
-        let kernel = SlidingWindow::new(2, 2, 0);
-        let message = MaxPool::new(shape, kernel).unwrap_err().to_string();
-        assert!(message.starts_with("MaxPool: got the type `1 x`"), "{message}");
-    }
 }

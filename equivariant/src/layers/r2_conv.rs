@@ -44,7 +44,7 @@ impl<T: Scalar> Layer<T> for R2Conv {
         let mut drawn = params.to_vec();
         self.blocks.init(rng, gain, &mut drawn);
         params.copy_from_slice(&drawn);
-        for (&place, &weight) in self.weights.param_indices().iter().zip(&drawn) {
+        for (&place, &weight) in self.weights.param_indices.iter().zip(&drawn) {
             params[place] = weight;
         }
     }
@@ -82,7 +82,7 @@ impl<T: Scalar> Layer<T> for R2Conv {
 
 impl fmt::Display for R2Conv {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (from, to, window) = (self.image_shape(), self.out_shape, self.patches.window());
+        let (from, to, window) = (self.image_shape(), self.out_shape, self.patches.window);
         let parameters = self.blocks.num_params();
         write!(f, "R2Conv({from} -> {to}, {window} | {parameters} parameters)")
     }

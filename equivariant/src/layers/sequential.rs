@@ -5,15 +5,15 @@ use std::ops::Range;
 
 use rand::Rng;
 
-use crate::conv::chain::FusedChain;
 use crate::conv::maps::ConvInput;
 use crate::error::LayerError;
+use crate::layers::fused_chain::FusedChain;
 use crate::layers::layer::{
     Layer, LayerKind, LayerSignature, Scalar, check_backward, check_forward, count_samples,
     hash_of, mark_scratch_filled, take_filled_scratch, take_unfilled_scratch,
 };
 use crate::scratch::{
-    BackwardPass, Scratch, round_up_to_cache_line, take_front, take_front_padded,
+    BackwardPass, Scratch, round_up_to_cache_line, take_back_padded, take_front, take_front_padded,
 };
 use crate::shape::Shape;
 
@@ -76,7 +76,12 @@ impl<T: Scalar> Sequential<T> {
     /// When `layers` is empty, or neighbours disagree about the shape between them.
     pub fn new(layers: Vec<Box<dyn Layer<T>>>) -> Result<Sequential<T>, LayerError> {
         if layers.is_empty() {
-            return Err(LayerError::EmptySequence);
+            return Err(LayerError::InvalidSetting {
+                layer: "Sequential",
+                setting: "number of layers",
+                got: "0".to_owned(),
+                expected: "at least 1",
+            });
         }
         for (previous, pair) in layers.windows(2).enumerate() {
             let (gives, takes) = (pair[0].out_shape(), pair[1].in_shape());
@@ -212,7 +217,7 @@ impl<T: Scalar> Sequential<T> {
                     layer.run_forward(&params[range], channels, output, layer_scratch)
                 }
                 (entry, Some(chain)) => {
-                    chain.forward(&params[range], samples, entry, output, layer_scratch)
+                    chain.run_from(&params[range], samples, entry, output, layer_scratch)
                 }
                 (_, None) => unreachable!("bytes are for chains"),
             }
@@ -226,14 +231,14 @@ impl<T: Scalar> Sequential<T> {
         let mut parts = self.parts(samples, pass.scratch);
         let mut dx = pass.dx;
         let [mut output_gradient, mut input_gradient] = parts.gradients;
-        let mut activations = &*parts.activations;
+        let mut activations = parts.activations;
         let mut output = pass.y;
         for (i, (layer, range)) in (0..self.stages.len()).rev().zip(self.stages().rev()) {
             let (in_len, out_len) = (samples * layer.in_shape().len(), output.len());
             let (input, dx) = match i {
                 0 => (pass.x, dx.take()),
                 _ => {
-                    let input = take_back(&mut activations, in_len);
+                    let input = &*take_back_padded(&mut activations, in_len);
                     (input, Some(&mut input_gradient[..in_len]))
                 }
             };
@@ -245,13 +250,13 @@ impl<T: Scalar> Sequential<T> {
                 dx,
                 dparams: &mut pass.dparams[range],
                 scratch: if layer.keeps_scratch() {
-                    take_back_mut(&mut parts.kept, layer.scratch_len(samples))
+                    take_back_padded(&mut parts.kept, layer.scratch_len(samples))
                 } else {
                     &mut parts.shared[..layer.scratch_len(samples)]
                 },
             };
             match (i, x, &self.stages[i].fused) {
-                (0, ConvInput::Bytes(_), Some(chain)) => chain.backward(samples, x, pass),
+                (0, ConvInput::Bytes(_), Some(chain)) => chain.run_back_to(samples, x, pass),
                 _ => layer.run_backward(pass),
             }
             // the input gradient of this stage is the output gradient of the stage before it
@@ -364,61 +369,6 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
         let samples = pass.x.len() / self.in_shape().len();
         self.run_back_to(samples, ConvInput::Channels(pass.x), pass);
     }
-}
-
-impl LayerSignature for FusedChain {
-    fn in_shape(&self) -> Shape {
-        FusedChain::in_shape(self)
-    }
-
-    fn out_shape(&self) -> Shape {
-        FusedChain::out_shape(self)
-    }
-
-    fn num_params(&self) -> usize {
-        FusedChain::num_params(self)
-    }
-
-    fn scratch_len(&self, samples: usize) -> usize {
-        FusedChain::scratch_len(self, samples)
-    }
-
-    fn keeps_scratch(&self) -> bool {
-        self.saved_len(1) > 0
-    }
-}
-
-impl<T: Scalar> Layer<T> for FusedChain {
-    fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
-        let samples = x.len() / LayerSignature::in_shape(self).len();
-        FusedChain::forward(self, params, samples, ConvInput::Channels(x), y, scratch);
-    }
-
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        let samples = pass.x.len() / LayerSignature::in_shape(self).len();
-        FusedChain::backward(self, samples, ConvInput::Channels(pass.x), pass);
-    }
-}
-
-impl fmt::Display for FusedChain {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let shapes: Vec<String> = self.out_shapes().map(|out| out.to_string()).collect();
-        write!(f, "Chain({} -> {})", self.in_shape(), shapes.join(" -> "))
-    }
-}
-
-/// Splits `len` values off the back and drops the padding that [`round_up_to_cache_line`] adds.
-fn take_back<'a, T>(rest: &mut &'a [T], len: usize) -> &'a [T] {
-    let (front, back) = rest.split_at(rest.len() - round_up_to_cache_line(len));
-    *rest = front;
-    &back[..len]
-}
-
-fn take_back_mut<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
-    let at = rest.len() - round_up_to_cache_line(len);
-    let (front, back) = std::mem::take(rest).split_at_mut(at);
-    *rest = front;
-    &mut back[..len]
 }
 
 impl<T: Scalar> fmt::Display for Sequential<T> {

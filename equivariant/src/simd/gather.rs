@@ -26,7 +26,7 @@ impl PatchGeometry {
         step: usize,
     ) {
         let orbit = &self.orbits[fold.orbit];
-        if self.is_replicated() {
+        if self.is_replicated {
             let staged = &staged[fold.block * LANES..];
             let panel = &mut panels[..windows.len()];
             return match orbit.tap_offsets.len() {

@@ -27,8 +27,9 @@ pub(crate) struct FoldedLines {
     image: Shape,
     /// Channels of the image, cached because every line needs their number.
     channels: usize,
-    kernel: SlidingWindow,
-    out_height: usize,
+    pub kernel: SlidingWindow,
+    /// Number of lines of output pixels.
+    pub out_height: usize,
     /// Length of a line with its padding.
     len: usize,
 }
@@ -43,14 +44,9 @@ impl FoldedLines {
         self.kernel.size.div_ceil(2)
     }
 
-    /// Returns the side of the kernel in pixels.
-    pub fn kernel_size(&self) -> usize {
-        self.kernel.size
-    }
-
     /// Returns the number of columns in a window, over its lines, taps and channels.
     pub fn columns_per_window(&self) -> usize {
-        self.lines_per_window() * self.kernel_size() * self.channels
+        self.lines_per_window() * self.kernel.size * self.channels
     }
 
     /// Returns the length of the folded lines for one line of windows, in whole blocks.
@@ -61,11 +57,6 @@ impl FoldedLines {
     /// Returns the start of line `i`, relative to the first.
     pub fn line_offset(&self, i: usize) -> usize {
         i * self.len
-    }
-
-    /// Returns the number of lines of output pixels.
-    pub fn out_height(&self) -> usize {
-        self.out_height
     }
 
     /// Returns the number of folded lines of an image.

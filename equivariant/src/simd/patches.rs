@@ -27,21 +27,22 @@ use crate::window::SlidingWindow;
 /// Geometry of staged images and of their folds.
 #[derive(Clone, Debug)]
 pub(crate) struct PatchGeometry {
-    image: Shape,
-    kernel: SlidingWindow,
+    pub image_shape: Shape,
+    pub window: SlidingWindow,
     /// Start of the window of every output pixel in a staged image.
-    windows: Vec<usize>,
+    pub window_starts: Vec<usize>,
     /// Index of every pixel of the image in a staged image.
-    pixels: Vec<usize>,
+    pub pixel_starts: Vec<usize>,
     /// Length of a staged pixel.
     pitch: usize,
     /// Number of blocks of a staged pixel, the last of which may be partly filled.
-    blocks: usize,
-    replicated: bool,
-    lines: Option<FoldedLines>,
-    pub(crate) orbits: Vec<TapOrbit>,
-    /// Number of blocks of a folded patch.
-    folded: usize,
+    pub blocks_per_pixel: usize,
+    /// `true` if channels are trivial and staged as G copies.
+    pub is_replicated: bool,
+    /// Folded lines of trivial channels of D2; `None` for other types.
+    pub folded_lines: Option<FoldedLines>,
+    pub orbits: Vec<TapOrbit>,
+    pub blocks_per_folded_patch: usize,
 }
 
 /// Taps {g t} of one orbit, folded together.
@@ -76,36 +77,36 @@ impl PatchGeometry {
         let lanes = fields.unwrap_or(0) * group.order();
         let blocks = lanes.div_ceil(LANES);
         let mut patches = PatchGeometry {
-            image,
-            kernel,
-            windows: Vec::new(),
-            pixels: Vec::new(),
+            image_shape: image,
+            window: kernel,
+            window_starts: Vec::new(),
+            pixel_starts: Vec::new(),
             pitch: blocks * LANES,
-            blocks,
-            replicated: image.fields.is_trivial() && group.order() > 1,
-            lines: None,
+            blocks_per_pixel: blocks,
+            is_replicated: image.fields.is_trivial() && group.order() > 1,
+            folded_lines: None,
             orbits: Vec::new(),
-            folded: 0,
+            blocks_per_folded_patch: 0,
         };
-        if patches.replicated {
+        if patches.is_replicated {
             // Pixels are packed: a load also reads the next ones, and their lanes meet weights of
             // zero.
             patches.pitch = lanes;
         }
-        patches.windows = patches.offsets(out_size, kernel.stride, 0);
-        if patches.replicated && group == Group::D2 {
+        patches.window_starts = patches.offsets(out_size, kernel.stride, 0);
+        if patches.is_replicated && group == Group::D2 {
             let line = patches.staged_width() * patches.pitch;
             let lines = FoldedLines::new(image, kernel, out_size[0], line);
-            for (i, window) in patches.windows.iter_mut().enumerate() {
+            for (i, window) in patches.window_starts.iter_mut().enumerate() {
                 let (oy, ox) = (i / out_size[1].max(1), i % out_size[1].max(1));
                 *window = lines.alignment_shift()
                     + lines.first_line_start(oy)
                     + ox * kernel.stride * patches.pitch;
             }
-            patches.lines = Some(lines);
+            patches.folded_lines = Some(lines);
         }
-        patches.pixels = patches.offsets([image.height, image.width], 1, kernel.padding);
-        for function in taps.basis_functions() {
+        patches.pixel_starts = patches.offsets([image.height, image.width], 1, kernel.padding);
+        for function in &taps.basis_functions {
             patches.add(taps, function.tap_coefficients[0].0);
         }
         patches
@@ -124,14 +125,14 @@ impl PatchGeometry {
             return;
         }
         let offset = |[y, x]: [usize; 2]| (y * self.staged_width() + x) * self.pitch;
-        let group = self.image.fields.group();
-        let functions = taps.basis_functions().iter().filter(|f| f.tap_coefficients[0].0 == start);
+        let group = self.image_shape.fields.group();
+        let functions = taps.basis_functions.iter().filter(|f| f.tap_coefficients[0].0 == start);
         let functions: Vec<_> = functions.collect();
         let position = |p: Irrep| group.irreps().iter().position(|&a| a == p).unwrap_or(0);
         let parities: Vec<usize> = functions.iter().map(|f| position(f.parity)).collect();
         let mut parts = functions[0].tap_coefficients.clone();
         // the rows of taps below the first are folded into the lines already
-        parts.retain(|(tap, _)| self.lines.is_none() || tap[0] == start[0]);
+        parts.retain(|(tap, _)| self.folded_lines.is_none() || tap[0] == start[0]);
         let orbit_len = functions[0].tap_coefficients.len();
         let coefficients = (0..parts.len()).map(|tap| {
             std::array::from_fn(|lane| {
@@ -142,96 +143,59 @@ impl PatchGeometry {
         let orbit = TapOrbit {
             first_tap: start,
             tap_offsets: parts.iter().map(|part| offset(part.0)).collect(),
-            first_block: self.folded,
+            first_block: self.blocks_per_folded_patch,
             scale: (group.order() as f64 / orbit_len as f64).sqrt(),
             coefficients: coefficients.collect(),
             parities,
         };
-        self.folded += self.blocks * if self.replicated { 1 } else { parts.len() };
+        self.blocks_per_folded_patch +=
+            self.blocks_per_pixel * if self.is_replicated { 1 } else { parts.len() };
         self.orbits.push(orbit);
-    }
-
-    pub fn image_shape(&self) -> Shape {
-        self.image
-    }
-
-    pub fn window(&self) -> SlidingWindow {
-        self.kernel
-    }
-
-    /// Returns the number of blocks of a staged pixel.
-    pub fn blocks_per_pixel(&self) -> usize {
-        self.blocks
-    }
-
-    /// Returns `true` if channels are trivial and staged as G copies.
-    pub fn is_replicated(&self) -> bool {
-        self.replicated
-    }
-
-    /// Returns the number of orbits of taps.
-    pub fn num_orbits(&self) -> usize {
-        self.orbits.len()
-    }
-
-    /// Returns the number of blocks of a folded patch.
-    pub fn blocks_per_folded_patch(&self) -> usize {
-        self.folded
     }
 
     /// Returns the range of blocks of a folded patch that come from one orbit.
     pub fn orbit_blocks(&self, orbit: usize) -> Range<usize> {
-        let next = self.orbits.get(orbit + 1).map_or(self.folded, |o| o.first_block);
+        let next =
+            self.orbits.get(orbit + 1).map_or(self.blocks_per_folded_patch, |o| o.first_block);
         self.orbits[orbit].first_block..next
     }
 
     /// Returns the first group of lanes of a folded patch that holds the channels of a function on
     /// the taps.
     pub fn first_lane_group(&self, parity: Irrep, start: [usize; 2]) -> usize {
-        let group = self.image.fields.group();
+        let group = self.image_shape.fields.group();
         let per_block = LANES / group.order();
         let Some(orbit) = self.orbits.iter().find(|o| o.first_tap == start) else {
             unreachable!("every function starts with the first tap of an orbit")
         };
         let fold = orbit.parities.iter().position(|&p| group.irreps()[p] == parity);
-        let skipped = if self.replicated { 0 } else { fold.unwrap_or(0) };
-        (orbit.first_block + skipped * self.blocks) * per_block
+        let skipped = if self.is_replicated { 0 } else { fold.unwrap_or(0) };
+        (orbit.first_block + skipped * self.blocks_per_pixel) * per_block
     }
 
     /// Returns the width of a staged image in pixels, with padding.
     fn staged_width(&self) -> usize {
-        self.image.width + 2 * self.kernel.padding
+        self.image_shape.width + 2 * self.window.padding
     }
 
     /// Returns the length of a staged image, including space to load a block at the last pixel.
     pub fn staged_len(&self) -> usize {
         let line = self.staged_width() * self.pitch;
-        let lines = match &self.lines {
+        let lines = match &self.folded_lines {
             Some(lines) => lines.num_lines(),
-            None => self.image.height + 2 * self.kernel.padding,
+            None => self.image_shape.height + 2 * self.window.padding,
         };
-        let beyond = (self.blocks + 1) * LANES - self.pitch;
+        let beyond = (self.blocks_per_pixel + 1) * LANES - self.pitch;
         (lines * line + beyond).next_multiple_of(LANES)
-    }
-
-    /// Returns the start of every output pixel's window in an image that is staged with its
-    /// padding.
-    pub fn window_starts(&self) -> &[usize] {
-        &self.windows
-    }
-
-    /// Returns the start of every pixel in an image that is staged with its padding.
-    pub fn pixel_starts(&self) -> &[usize] {
-        &self.pixels
     }
 
     /// Writes the positions of consecutive pixels in staged images, in blocks.
     #[inline(always)]
     pub fn write_pixel_blocks(&self, first: usize, places: &mut [usize]) {
-        let pixels = self.pixels.len();
+        let pixels = self.pixel_starts.len();
         let (mut start, mut pixel) = (first / pixels * self.staged_len(), first % pixels);
         for place in places {
-            *place = (start + self.pixels[pixel]) / LANES;
+            *place = (start + self.pixel_starts[pixel]) / LANES;
             pixel += 1;
             if pixel == pixels {
                 (start, pixel) = (start + self.staged_len(), 0);
@@ -244,51 +208,46 @@ impl PatchGeometry {
     pub fn blocks_before_pixel(&self, pixel: usize) -> usize {
         match pixel {
             0 => 0,
-            _ => self.pixels[pixel] / LANES,
+            _ => self.pixel_starts[pixel] / LANES,
         }
     }
 
     /// Returns the factor of staged values, with which orbits of G taps need no other factor to be
     /// orthonormal.
     pub fn staging_scale(&self) -> f64 {
-        (self.image.fields.group().order() as f64).sqrt().recip()
+        (self.image_shape.fields.group().order() as f64).sqrt().recip()
     }
 
     /// Writes zeros around an image.
     pub fn clear_border<T: Real>(&self, staged: &mut [T]) {
-        let line = self.image.width * self.pitch;
+        let line = self.image_shape.width * self.pitch;
         let mut end = 0;
-        for &start in self.pixels.iter().step_by(self.image.width.max(1)) {
+        for &start in self.pixel_starts.iter().step_by(self.image_shape.width.max(1)) {
             staged[end..start].fill(T::ZERO);
             end = start + line;
         }
         staged[end..].fill(T::ZERO);
     }
 
-    /// Returns the folded lines of trivial channels of D2; `None` for other types.
-    pub fn folded_lines(&self) -> Option<&FoldedLines> {
-        self.lines.as_ref()
-    }
-
     /// Stages one image. Padding and lanes without a channel must be zero and stay so.
     #[inline(always)]
     pub fn stage<T: Real, L: Lanes<T>>(&self, lanes: L, image: &[T], staged: &mut [T]) {
-        if let Some(lines) = &self.lines {
-            return lines.fold(lanes, image, 0..lines.out_height(), staged);
+        if let Some(lines) = &self.folded_lines {
+            return lines.fold(lanes, image, 0..lines.out_height, staged);
         }
-        let order = self.image.fields.group().order();
+        let order = self.image_shape.fields.group().order();
         with_const_order!(G = order, self.stage_groups::<T, G>(image, staged));
     }
 
     #[inline(always)]
     fn stage_groups<T: Real, const G: usize>(&self, image: &[T], staged: &mut [T]) {
-        if self.replicated {
+        if self.is_replicated {
             return self.replicate::<T, _, G>(image, staged);
         }
-        let channels = self.image.fields.dim();
+        let channels = self.image_shape.fields.dim();
         let scale = T::from_f64(self.staging_scale());
-        let interleaver = Interleaver::new(self.image.fields);
-        for (i, &to) in self.pixels.iter().enumerate() {
+        let interleaver = Interleaver::new(self.image_shape.fields);
+        for (i, &to) in self.pixel_starts.iter().enumerate() {
             let from = &image[i * channels..][..channels];
             interleaver.interleave::<T, G>(scale, from, &mut staged[to..][..self.pitch]);
         }
@@ -297,15 +256,15 @@ impl PatchGeometry {
     /// Stages the bytes of trivial channels of groups whose channels are not folded into lines.
     #[inline(always)]
     pub fn stage_bytes<T: Real>(&self, image: &[u8], staged: &mut [T]) {
-        let order = self.image.fields.group().order();
+        let order = self.image_shape.fields.group().order();
         with_const_order!(G = order, self.replicate::<T, _, G>(image, staged));
     }
 
     /// Writes G copies of every channel.
     #[inline(always)]
     fn replicate<T: Real, P: Pixel<T>, const G: usize>(&self, image: &[P], staged: &mut [T]) {
-        let channels = self.image.fields.dim();
-        for (pixel, &to) in image.chunks_exact(channels).zip(&self.pixels) {
+        let channels = self.image_shape.fields.dim();
+        for (pixel, &to) in image.chunks_exact(channels).zip(&self.pixel_starts) {
             let groups = staged[to..][..channels * G].as_chunks_mut().0;
             for (group, x) in groups.iter_mut().zip(pixel) {
                 *group = [x.to_number(); G];
@@ -316,22 +275,22 @@ impl PatchGeometry {
     /// Writes the transpose of [`stage`](PatchGeometry::stage) to one image.
     #[inline(always)]
     pub fn unstage<T: Real>(&self, staged: &[T], image: &mut [T]) {
-        if let Some(lines) = &self.lines {
+        if let Some(lines) = &self.folded_lines {
             return lines.unfold(staged, image);
         }
-        let order = self.image.fields.group().order();
+        let order = self.image_shape.fields.group().order();
         with_const_order!(G = order, self.unstage_groups::<T, G>(staged, image));
     }
 
     #[inline(always)]
     fn unstage_groups<T: Real, const G: usize>(&self, staged: &[T], image: &mut [T]) {
-        let channels = self.image.fields.dim();
+        let channels = self.image_shape.fields.dim();
         let scale = T::from_f64(self.staging_scale());
-        let interleaver = Interleaver::new(self.image.fields);
-        for (i, &from) in self.pixels.iter().enumerate() {
+        let interleaver = Interleaver::new(self.image_shape.fields);
+        for (i, &from) in self.pixel_starts.iter().enumerate() {
             let to = &mut image[i * channels..][..channels];
             let from = &staged[from..][..self.pitch];
-            if self.replicated {
+            if self.is_replicated {
                 add_up::<T, G>(from, to);
             } else {
                 interleaver.deinterleave::<T, G>(scale, from, to);

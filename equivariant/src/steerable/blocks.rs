@@ -2,10 +2,11 @@
 
 use std::ops::Range;
 
+use faer::MatRef;
 use rand::Rng;
 use symmetry::{FieldType, Irrep};
 
-use crate::matrix::{StridedMatrix, StridedMatrixMut};
+use crate::matrix::{MatrixProduct, row_major, row_major_mut};
 use crate::real::{Real, fill_normal};
 
 /// Parameter layout and products of an equivariant linear map.
@@ -85,13 +86,13 @@ impl IrrepBlocks {
         let Some([rows, k, n]) = self.sizes(b, y.len()) else {
             return;
         };
-        let y = StridedMatrixMut::new(
-            &mut y[self.out.channel_range(b).start..],
-            [rows, n],
-            self.out.dim(),
-        );
-        let weight = StridedMatrix::new(&params[self.weight_range(b)], [n, k], k);
-        T::matrix_product(y, true, x.view([rows, k]), weight.transpose());
+        let y = &mut y[self.out.channel_range(b).start..];
+        T::multiply_matrices(MatrixProduct {
+            to: row_major_mut(y, [rows, n], self.out.dim()),
+            add: true,
+            a: x.view([rows, k]),
+            b: row_major(&params[self.weight_range(b)], [n, k], k).transpose(),
+        });
     }
 
     /// Adds dy_b^T x_b to the weight gradient dW_b.
@@ -105,27 +106,34 @@ impl IrrepBlocks {
         let Some([rows, k, n]) = self.sizes(b, dy.len()) else {
             return;
         };
-        let dweight = StridedMatrixMut::new(&mut dparams[self.weight_range(b)], [n, k], k);
-        let dy = self.output(b, dy).view([rows, n]);
-        T::matrix_product(dweight, true, dy.transpose(), x.view([rows, k]));
+        T::multiply_matrices(MatrixProduct {
+            to: row_major_mut(&mut dparams[self.weight_range(b)], [n, k], k),
+            add: true,
+            a: IrrepChannels::new(self.out, b, dy).view([rows, n]).transpose(),
+            b: x.view([rows, k]),
+        });
     }
 
-    /// Writes dx_b = dy_b W_b; zero if the block has no outputs.
+    /// Writes dx_b = dy_b W_b; zero if the block has no outputs. `dx` starts with the first channel
+    /// of the irrep and has `stride` channels.
     pub fn write_input_gradient<T: Real>(
         &self,
         b: Irrep,
         params: &[T],
         dy: &[T],
-        dx: IrrepChannelsMut<T>,
+        dx: &mut [T],
+        stride: usize,
     ) {
-        let IrrepChannelsMut { data, stride } = dx;
         if let Some([rows, k, n]) = self.sizes(b, dy.len()) {
-            let target = StridedMatrixMut::new(data, [rows, k], stride);
-            let weight = StridedMatrix::new(&params[self.weight_range(b)], [n, k], k);
-            T::matrix_product(target, false, self.output(b, dy).view([rows, n]), weight);
+            T::multiply_matrices(MatrixProduct {
+                to: row_major_mut(dx, [rows, k], stride),
+                add: false,
+                a: IrrepChannels::new(self.out, b, dy).view([rows, n]),
+                b: row_major(&params[self.weight_range(b)], [n, k], k),
+            });
         } else if self.out.multiplicity(b) == 0 {
             // inputs that no output uses have a gradient of zero
-            for row in data.chunks_mut(stride) {
+            for row in dx.chunks_mut(stride) {
                 row[..self.num_inputs(b)].fill(T::ZERO);
             }
         }
@@ -138,28 +146,26 @@ impl IrrepBlocks {
         let sizes = [rows, self.num_inputs(b), self.out.multiplicity(b)];
         (!sizes.contains(&0)).then_some(sizes)
     }
-
-    /// Returns the channels of output irrep b as columns of `dy`.
-    fn output<'a, T>(&self, b: Irrep, dy: &'a [T]) -> IrrepChannels<'a, T> {
-        IrrepChannels { data: &dy[self.out.channel_range(b).start..], stride: self.out.dim() }
-    }
 }
 
 /// Channels of an irrep in vectors of `stride` channels, starting at its first channel.
 #[derive(Clone, Copy)]
 pub(crate) struct IrrepChannels<'a, T> {
-    pub data: &'a [T],
-    pub stride: usize,
-}
-
-/// Channels of an irrep in vectors of `stride` channels, to be written.
-pub(crate) struct IrrepChannelsMut<'a, T> {
-    pub data: &'a mut [T],
-    pub stride: usize,
+    data: &'a [T],
+    stride: usize,
 }
 
 impl<'a, T> IrrepChannels<'a, T> {
-    fn view(self, size: [usize; 2]) -> StridedMatrix<'a, T> {
-        StridedMatrix::new(self.data, size, self.stride)
+    /// Returns the channels of irrep b in vectors of this type.
+    pub fn new(fields: FieldType, b: Irrep, vectors: &'a [T]) -> Self {
+        IrrepChannels {
+            // a slice of no samples is shorter than the start of an irrep
+            data: vectors.get(fields.channel_range(b).start..).unwrap_or_default(),
+            stride: fields.dim(),
+        }
+    }
+
+    fn view(self, size: [usize; 2]) -> MatRef<'a, T> {
+        row_major(self.data, size, self.stride)
     }
 }

@@ -61,7 +61,7 @@ impl OrdinaryConv<'_> {
 
     /// Returns the shape of the kernel, `[C_out, C_in, size, size]`.
     pub fn kernel_shape(&self) -> [usize; 4] {
-        let size = self.taps.kernel_size();
+        let size = self.taps.kernel_size;
         [self.out_type().dim(), self.in_type().dim(), size, size]
     }
 
@@ -167,7 +167,7 @@ impl OrdinaryConv<'_> {
         for b in Irrep::ALL {
             let mut weights = self.blocks.weight_range(b);
             for out in self.out_type().channel_range(b) {
-                for function in self.taps.basis_functions() {
+                for function in &self.taps.basis_functions {
                     let channels =
                         self.in_type().channel_range(self.taps.input_irrep(b, function.parity));
                     for (channel, weight) in channels.zip(&mut weights) {

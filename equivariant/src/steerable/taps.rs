@@ -15,9 +15,11 @@ use symmetry::{FieldType, Group, Irrep};
 /// b are therefore ordered by function and then by the channels of input irrep b p.
 #[derive(Clone, Debug)]
 pub(crate) struct TapBasis {
-    in_type: FieldType,
-    size: usize,
-    functions: Vec<TapFunction>,
+    pub in_type: FieldType,
+    /// Side of the kernel in pixels.
+    pub kernel_size: usize,
+    /// Basis functions, ordered by parity and then by the first tap of their orbit.
+    pub basis_functions: Vec<TapFunction>,
 }
 
 /// Basis function on the taps.
@@ -35,21 +37,7 @@ impl TapBasis {
         let functions = group.irreps().iter().flat_map(|&parity| {
             (0..size * size).filter_map(move |t| folded(group, size, parity, [t / size, t % size]))
         });
-        TapBasis { in_type, size, functions: functions.collect() }
-    }
-
-    pub fn in_type(&self) -> FieldType {
-        self.in_type
-    }
-
-    /// Returns the side of the kernel in pixels.
-    pub fn kernel_size(&self) -> usize {
-        self.size
-    }
-
-    /// Returns the basis functions, ordered by parity and then by the first tap of their orbit.
-    pub fn basis_functions(&self) -> &[TapFunction] {
-        &self.functions
+        TapBasis { in_type, kernel_size: size, basis_functions: functions.collect() }
     }
 
     /// Returns the input irrep that a function of this parity maps to output irrep b.
@@ -59,14 +47,14 @@ impl TapBasis {
 
     /// Returns the first column, in the matrix of output irrep b, of the channels of a function.
     pub fn first_column(&self, b: Irrep, function: usize) -> usize {
-        let before = self.functions[..function].iter();
+        let before = self.basis_functions[..function].iter();
         before.map(|f| self.in_type.multiplicity(self.input_irrep(b, f.parity))).sum()
     }
 
     /// Returns the number of columns of the matrix of output irrep b; 0 if the group lacks b.
     pub fn num_columns(&self, b: Irrep) -> usize {
         if self.in_type.group().restrict_irrep(b) == b {
-            self.first_column(b, self.functions.len())
+            self.first_column(b, self.basis_functions.len())
         } else {
             0
         }
@@ -107,8 +95,8 @@ mod tests {
         for group in Group::ALL {
             for size in 1..6 {
                 let taps = TapBasis::new(group.trivial_type(1), size);
-                assert_eq!(taps.basis_functions().len(), size * size, "{group}");
-                let rows: Vec<_> = taps.basis_functions().iter().map(|f| dense(f, size)).collect();
+                assert_eq!(taps.basis_functions.len(), size * size, "{group}");
+                let rows: Vec<_> = taps.basis_functions.iter().map(|f| dense(f, size)).collect();
                 for (i, a) in rows.iter().enumerate() {
                     for (j, b) in rows.iter().enumerate() {
                         let product: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
@@ -123,7 +111,7 @@ mod tests {
     #[test]
     fn every_function_has_the_signs_of_its_parity() {
         for group in Group::ALL {
-            for function in TapBasis::new(group.trivial_type(1), 3).basis_functions() {
+            for function in &TapBasis::new(group.trivial_type(1), 3).basis_functions {
                 for &g in group.elements() {
                     let sign = f64::from(function.parity.sign(g));
                     let moved = g.transform_image(&dense(function, 3), 3, 3, 1);

@@ -3,11 +3,14 @@
 #![allow(dead_code, reason = "every test file uses a part of it")]
 #![allow(clippy::unwrap_used, reason = "a helper of tests")]
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
 use equivariant::{
     Concat, FieldType, Group, Layer, LayerError, Linear, MaxPool, R2Conv, Relu, Scalar, Scratch,
     Sequential, Shape, SlidingWindow, sample_layers,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
+use safetensors::SafeTensors;
 
 /// Returns every example of the registry and chains of layers, for every group, by name.
 pub fn layers<T: Scalar>() -> Vec<(String, Box<dyn Layer<T>>)> {
@@ -100,6 +103,19 @@ fn nested<T: Scalar>(group: Group) -> Sequential<T> {
     Sequential::new(vec![boxed(Ok(network::<T>(group))), boxed(Sequential::new(head))]).unwrap()
 }
 
+/// Returns a tensor of double precision in a safetensors file.
+pub fn golden(file: &[u8], name: &str) -> Vec<f64> {
+    let tensors = SafeTensors::deserialize(file).unwrap();
+    let (values, _) = tensors.tensor(name).unwrap().data().as_chunks();
+    values.iter().map(|&bytes| f64::from_le_bytes(bytes)).collect()
+}
+
+/// Returns the message of the panic of a call, if it panics.
+pub fn panic_of(call: impl FnOnce()) -> Option<String> {
+    let panic = catch_unwind(AssertUnwindSafe(call)).err()?;
+    Some(panic.downcast_ref::<String>().unwrap().clone())
+}
+
 pub fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
 }
@@ -136,6 +152,25 @@ pub fn largest_deviation<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
     assert_eq!(got.len(), expected.len(), "lengths differ");
     let pairs = got.iter().zip(expected);
     largest(pairs.map(|(a, b)| (a.to_f64() - b.to_f64()).abs()))
+}
+
+/// Returns the largest difference over the largest expected magnitude; NaN if a value is NaN.
+pub fn relative_deviation<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
+    largest_deviation(got, expected) / largest_magnitude(expected)
+}
+
+#[test]
+fn comparisons_see_one_wrong_value() {
+    let right = [1.0, 2.0, 3.0];
+    assert_eq!(relative_deviation(&right, &right), 0.0);
+    for i in 0..3 {
+        for wrong in [f64::NAN, f64::INFINITY, 3.1] {
+            let mut got = right;
+            got[i] = wrong;
+            let passes = relative_deviation(&got, &right) < 1e-2;
+            assert!(!passes, "{wrong}");
+        }
+    }
 }
 
 /// Returns the largest magnitude; NaN if one is NaN.

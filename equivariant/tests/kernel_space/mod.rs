@@ -8,9 +8,12 @@ use solver::{Representation, kernel_space};
 
 use crate::common::{self, normal};
 
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
 /// Returns the part of `kernel` outside the span of an orthonormal basis, relative to it.
 fn outside(kernel: &[f64], basis: &[Vec<f64>]) -> f64 {
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mut rest = kernel.to_vec();
     for b in basis {
         let along = dot(kernel, b);
@@ -34,10 +37,15 @@ fn num_weights(layer: &dyn Layer<f64>) -> usize {
     layer.num_params() - layer.out_shape().fields.multiplicity(symmetry::Irrep::Trivial)
 }
 
+/// Checks that the kernels are an orthonormal basis of the space that the solver found.
 fn assert_equal_spans(closed: &[Vec<f64>], solved: &[Vec<f64>]) {
     assert_eq!(closed.len(), solved.len(), "dimensions differ");
-    for kernel in closed {
-        assert!(outside(kernel, solved) < 1e-12);
+    for (i, a) in closed.iter().enumerate() {
+        assert!(outside(a, solved) < 1e-12);
+        for (j, b) in closed[..=i].iter().enumerate() {
+            let expected = f64::from(u8::from(i == j));
+            assert!((dot(a, b) - expected).abs() < 1e-14, "kernels {i} and {j}");
+        }
     }
 }
 

@@ -59,7 +59,7 @@ impl<'a> Folds<'a> {
 
     /// Adds the orbits of all taps, in the order of their first taps.
     fn add_orbits(&mut self) {
-        let functions = self.dense.taps.basis_functions();
+        let functions = &self.dense.taps.basis_functions;
         let starts: BTreeSet<[usize; 2]> =
             functions.iter().map(|f| f.tap_coefficients[0].0).collect();
         for tap in starts {
@@ -96,7 +96,7 @@ impl<'a> Folds<'a> {
         let cols = ChannelLayout::for_type(out_type).num_fields();
         let mut places = vec![0; blocks.num_params()];
         for (lane, &b) in out_type.group().irreps().iter().enumerate() {
-            for (i, function) in taps.basis_functions().iter().enumerate() {
+            for (i, function) in taps.basis_functions.iter().enumerate() {
                 let entry = self.entry(function.tap_coefficients[0].0, function.parity);
                 let first = blocks.weight_range(b).start + taps.first_column(b, i);
                 let channels = in_type.multiplicity(taps.input_irrep(b, function.parity));

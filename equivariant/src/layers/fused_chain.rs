@@ -5,6 +5,7 @@
 //! next one, which the backward pass reads, too. Of the values before a ReLU only the signs are
 //! saved.
 
+use std::fmt;
 use std::ops::Range;
 
 use crate::conv::dispatch::{self, ConvPasses};
@@ -12,7 +13,8 @@ use crate::conv::maps::{Arena, ConvInput, FeatureMaps, FeatureMapsMut};
 use crate::conv::operands::{ConvBackward, ConvForward, ConvOutput};
 use crate::conv::pool::{FusedMaxPool, PoolBackward, PoolForward};
 use crate::conv::r2_conv::R2Conv;
-use crate::scratch::BackwardPass;
+use crate::layers::layer::{Layer, LayerSignature, Scalar};
+use crate::scratch::{BackwardPass, take_back_padded};
 use crate::shape::Shape;
 use crate::simd::lanes::LANES;
 use crate::window::SlidingWindow;
@@ -53,7 +55,7 @@ impl FusedChain {
     /// Appends a convolution and returns `true`, or returns `false` if it cannot be fused. Trivial
     /// channels cannot: their staged layout differs from the layout in which outputs are written.
     pub fn fuse_conv(&mut self, conv: &R2Conv) -> bool {
-        let fits = !conv.patches.is_replicated();
+        let fits = !conv.patches.is_replicated;
         if fits {
             self.push(conv);
         }
@@ -78,35 +80,6 @@ impl FusedChain {
         last.pool.is_some()
     }
 
-    pub fn in_shape(&self) -> Shape {
-        self.links[0].conv.image_shape()
-    }
-
-    pub fn out_shape(&self) -> Shape {
-        self.last().out()
-    }
-
-    pub fn num_params(&self) -> usize {
-        self.last().params.end
-    }
-
-    /// Iterates over the output shapes of the convolutions, in order.
-    pub fn out_shapes(&self) -> impl Iterator<Item = Shape> {
-        self.links.iter().map(Link::out)
-    }
-
-    /// Returns the number of values of scratch memory that both passes of `samples` samples need.
-    pub fn scratch_len(&self, samples: usize) -> usize {
-        let links = self.links.iter().enumerate();
-        let passes = links.map(|(i, link)| {
-            let pool = link.pool.as_ref().map_or(0, FusedMaxPool::scratch_len);
-            dispatch::scratch_len(&link.conv, samples, i > 0).max(pool)
-        });
-        // saved values, two buffers for gradients between links, and working space that links share
-        let own = self.saved_len(samples) + 2 * self.largest(samples);
-        own + passes.max().unwrap_or(0)
-    }
-
     fn last(&self) -> &Link {
         &self.links[self.links.len() - 1]
     }
@@ -117,7 +90,7 @@ impl FusedChain {
     }
 
     /// Returns the number of values that the forward pass saves for the backward pass.
-    pub fn saved_len(&self, samples: usize) -> usize {
+    fn saved_len(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         links
             .map(|(i, link)| self.staged(i, samples) + link.masks(samples) + link.pooled(samples))
@@ -141,7 +114,7 @@ impl FusedChain {
     }
 
     /// Writes the output of the chain for `samples` samples, which are not staged.
-    pub fn forward<T: ConvPasses>(
+    pub fn run_from<T: ConvPasses>(
         &self,
         params: &[T],
         samples: usize,
@@ -172,18 +145,24 @@ impl FusedChain {
 
     /// Adds the gradients with respect to the parameters and writes those with respect to the input
     /// `x`, which replaces the input of the pass.
-    pub fn backward<T: ConvPasses>(&self, samples: usize, x: ConvInput<T>, pass: BackwardPass<T>) {
+    pub fn run_back_to<T: ConvPasses>(
+        &self,
+        samples: usize,
+        x: ConvInput<T>,
+        pass: BackwardPass<T>,
+    ) {
         let mut arena = Arena::new(pass.scratch);
-        let mut saved = &*arena.take_values(self.saved_len(samples));
+        let mut saved = arena.take_values(self.saved_len(samples));
         let mut output_gradient = arena.take_values(self.largest(samples));
         let mut input_gradient = arena.take_values(self.largest(samples));
         let scratch = arena.rest();
         let mut dx = pass.dx;
         for (i, link) in self.links.iter().enumerate().rev() {
             let patches = &link.conv.patches;
-            let pooled = take_back(&mut saved, link.pooled(samples));
-            let masks = take_back(&mut saved, link.masks(samples));
-            let staged = take_back(&mut saved, self.staged(i, samples));
+            // lengths are whole blocks, which have no padding
+            let pooled = take_back_padded(&mut saved, link.pooled(samples));
+            let masks = &*take_back_padded(&mut saved, link.masks(samples));
+            let staged = take_back_padded(&mut saved, self.staged(i, samples));
             let mut dy = match self.links.get(i + 1) {
                 None => FeatureMaps::Channels(pass.dy),
                 Some(next) => FeatureMaps::Staged(&next.conv.patches, output_gradient),
@@ -300,15 +279,57 @@ impl Link {
     /// Returns the length of the masks of the ReLU, in whole blocks; 0 without one.
     fn masks(&self, samples: usize) -> usize {
         let rows = samples * self.conv.out_shape.num_pixels();
-        let masks = rows * self.conv.weights.blocks_per_pixel();
+        let masks = rows * self.conv.weights.blocks_per_pixel;
         if self.rectified { masks.next_multiple_of(LANES) } else { 0 }
     }
 }
 
-fn take_back<'a, T>(rest: &mut &'a [T], len: usize) -> &'a [T] {
-    let (front, back) = rest.split_at(rest.len() - len);
-    *rest = front;
-    back
+impl LayerSignature for FusedChain {
+    fn in_shape(&self) -> Shape {
+        self.links[0].conv.image_shape()
+    }
+
+    fn out_shape(&self) -> Shape {
+        self.last().out()
+    }
+
+    fn num_params(&self) -> usize {
+        self.last().params.end
+    }
+
+    fn scratch_len(&self, samples: usize) -> usize {
+        let links = self.links.iter().enumerate();
+        let passes = links.map(|(i, link)| {
+            let pool = link.pool.as_ref().map_or(0, FusedMaxPool::scratch_len);
+            dispatch::scratch_len(&link.conv, samples, i > 0).max(pool)
+        });
+        // saved values, two buffers for gradients between links, and working space that links share
+        let own = self.saved_len(samples) + 2 * self.largest(samples);
+        own + passes.max().unwrap_or(0)
+    }
+
+    fn keeps_scratch(&self) -> bool {
+        self.saved_len(1) > 0
+    }
+}
+
+impl<T: Scalar> Layer<T> for FusedChain {
+    fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
+        let samples = x.len() / self.in_shape().len();
+        self.run_from(params, samples, ConvInput::Channels(x), y, scratch);
+    }
+
+    fn run_backward(&self, pass: BackwardPass<T>) {
+        let samples = pass.x.len() / self.in_shape().len();
+        self.run_back_to(samples, ConvInput::Channels(pass.x), pass);
+    }
+}
+
+impl fmt::Display for FusedChain {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let shapes: Vec<String> = self.links.iter().map(|link| link.out().to_string()).collect();
+        write!(f, "Chain({} -> {})", self.in_shape(), shapes.join(" -> "))
+    }
 }
 
 #[cfg(test)]
