@@ -7,7 +7,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use envs::embodiments::{Arm, KinovaGen3};
-use envs::{Layout, TaskGroup, TaskVariant};
+use envs::{Embodiment, Layout, TaskGroup, TaskVariant};
 use glam::{DMat3, DVec3};
 use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
 use rl::BoxedEnvError;
@@ -286,7 +286,7 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
     let mut settings = SimulationSettings::NO_FAULTS;
     settings.camera_imperfections.position_error = 0.08;
     let camera = *deployment().training_camera();
-    let mut rig = SimulatedRig::new(settings, camera).unwrap();
+    let mut rig = SimulatedRig::new(settings, camera, Embodiment::KINOVA_GEN3).unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.true_calibration());
     rig.set_up(&TRIAL).unwrap();
     let misjudged = rig.calibration().position() - truth.position();
@@ -298,7 +298,7 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
         extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
         ..truth
     };
-    let mut other_rig = SimulatedRig::new(settings, camera).unwrap();
+    let mut other_rig = SimulatedRig::new(settings, camera, Embodiment::KINOVA_GEN3).unwrap();
     let mut deployment =
         seeing(VisionSettings { calibration: Some(file), ..VisionSettings::default() });
     for index in [1, 2] {
@@ -328,7 +328,8 @@ fn a_dry_run_takes_no_old_background() {
 fn a_dry_run_without_a_table_is_refused() {
     let mut deployment = deployment();
     let camera = *deployment.training_camera();
-    let mut rig = SimulatedRig::new(SimulationSettings::NO_FAULTS, camera).unwrap();
+    let mut rig =
+        SimulatedRig::new(SimulationSettings::NO_FAULTS, camera, Embodiment::KINOVA_GEN3).unwrap();
     let arm = rig.arm().clone();
     let failed = deployment.dry_run(&mut rig, &arm, &TRIAL);
     assert!(matches!(failed, Err(DeployError::Rig { .. })));
@@ -339,7 +340,9 @@ fn a_dry_run_without_a_table_is_refused() {
 fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
     let mut deployment = deployment();
     let camera = *deployment.training_camera();
-    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL_FAULTS, camera).unwrap();
+    let mut rig =
+        SimulatedRig::new(SimulationSettings::NOMINAL_FAULTS, camera, Embodiment::KINOVA_GEN3)
+            .unwrap();
     assert!(rig.state().is_err(), "no table is set");
     let arm = rig.arm().clone();
     let mut strip = super::FilmStrip::default();
@@ -356,7 +359,9 @@ fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
 fn a_camera_that_sees_too_little_is_refused() {
     let mut settings = SimulationSettings::NO_FAULTS;
     settings.camera_imperfections.position_error = 0.5;
-    let mut rig = SimulatedRig::new(settings, *deployment().training_camera()).unwrap();
+    let mut rig =
+        SimulatedRig::new(settings, *deployment().training_camera(), Embodiment::KINOVA_GEN3)
+            .unwrap();
     let arm = rig.arm().clone();
     let error = deployment().run_trial(&mut rig, &arm, &TRIAL, None).unwrap_err();
     assert!(matches!(error, DeployError::Rig { .. }), "{error}");
