@@ -162,7 +162,7 @@ fn settings_hold_the_path_of_an_arm_and_its_file_the_rest() {
     let folder = Folder::new("own-arm");
     let names = [("base_link", "hand"), ("shoulder_link", "table"), ("\"elbow\"", "\"slide\"")];
     folder.write("my arm.urdf", &replaced(HOBBY, &names));
-    let json = r#"{"urdf": "my arm.urdf", "base_position": [0, -0.37, 0.13], "hand": "wrist_link",
+    let json = r#"{"urdf": "my arm.urdf", "base_position": [0, -0.33, 0.05], "hand": "wrist_link",
                    "approach_axis": [1, 0, 0]}"#;
     let path = folder.write("my arm.json", json);
     let embodiment: Embodiment = path.to_str().unwrap().parse().unwrap();
@@ -171,7 +171,7 @@ fn settings_hold_the_path_of_an_arm_and_its_file_the_rest() {
     assert!(text.contains("my arm.json"), "{text}");
     assert_eq!(serde_json::from_str::<VecEnvSettings>(&text).unwrap(), settings);
     let arm = embodiment.arm().unwrap();
-    assert_eq!(arm.robot().base_pose().position, DVec3::new(0.0, -0.37, 0.13));
+    assert_eq!(arm.robot().base_pose().position, DVec3::new(0.0, -0.33, 0.05));
     assert_eq!(arm.chain().joints().len(), 4);
     Scene::new(TaskGroup::DRAWER_CLOSE, embodiment, Camera::default()).unwrap();
     let missing = Embodiment::from_file(&folder.0.join("none.urdf")).unwrap();

@@ -155,10 +155,10 @@ impl RobotDescription {
                 warnings.push(format!("{what}: is the file in {unit}?"));
             }
         };
-        let mass = self.mass();
-        let all = format!("the links weigh {mass} kg together");
-        warn(mass <= MASSES[1], all.clone(), "grams, or pounds, instead of kilograms");
-        warn(mass == 0.0 || mass >= MASSES[0], all, "tonnes instead of kilograms");
+        let total = self.mass();
+        let all = format!("the links weigh {total:.3} kg together");
+        warn(total <= MASSES[1], all.clone(), "grams, or pounds, instead of kilograms");
+        warn(total == 0.0 || total >= MASSES[0], all, "tonnes instead of kilograms");
         if let Some(reach) = reach {
             let length = format!("the arm is {reach:.3} m long");
             warn(reach <= REACHES[1], length.clone(), "millimetres or inches instead of metres");

@@ -78,69 +78,77 @@ impl Placing<'_> {
             Some(position) => vec![vec![position]],
             None => vec![grid(&BEHIND), grid(&ON_EDGE)],
         };
-        let mut best: Option<PlacedArm> = None;
-        for stage in stages {
-            for position in stage {
-                let base = Pose::from_xyz_rpy(position.to_array(), [0.0, 0.0, yaw]);
-                for placed in self.postures(base)? {
-                    if best.as_ref().is_none_or(|other| placed.is_better(other)) {
-                        best = Some(placed);
-                    }
-                }
-            }
-            if best.as_ref().is_some_and(|placed| placed.missed.is_none()) {
+        let mut best = PlacedArm::nowhere(stages[0][0]);
+        for position in stages.into_iter().flatten() {
+            if best.missed.is_none() && BEHIND[0] < position.y {
                 break;
             }
+            let base = Pose::from_xyz_rpy(position.to_array(), [0.0, 0.0, yaw]);
+            if let Some(placed) = self.posture(base)?.filter(|placed| placed.is_better(&best)) {
+                best = placed;
+            }
         }
-        let tried = best.unwrap_or_else(|| PlacedArm::nowhere(self.base_position));
-        match tried.missed {
-            None => Ok(tried),
+        match best.missed {
+            None => Ok(best),
             Some(missed) => Err(EnvError::OutOfReach {
                 name: self.robot.name().to_owned(),
-                reached: tried.reached,
+                reached: best.reached,
                 places: places().count(),
-                base: tried.base.position,
+                base: best.base.position,
                 missed,
-                distance: missed.distance(tried.base.position),
+                distance: missed.distance(best.base.position),
                 reach: Chain::new(self.robot, self.hand)?.reach(),
             }),
         }
     }
 
-    /// Returns the ready postures that are found with the base at `base`.
-    fn postures(&self, base: Pose) -> Result<Vec<PlacedArm>, EnvError> {
+    /// Returns the ready posture with the base at `base`: the first one that holds the hand still at
+    /// all places, or else the best one. `None` if the hand does not point down over the centre.
+    fn posture(&self, base: Pose) -> Result<Option<PlacedArm>, EnvError> {
         let robot = self.robot.clone().with_base_pose(base)?;
         let chain = Chain::new(&robot, self.hand)?;
-        let seeds = (0..SEEDS).map(|number| chain.spread_configuration(number));
-        let found = seeds.filter_map(|seed| {
-            let free = solve(&chain, HAND_TARGET_START, DOWN, &seed, AROUND_Z)?;
-            let turned = chain.tip_pose(&free).rotation;
-            // the fingers open along y where that is nearest
-            let off = |quarter_turns: usize| (turned * mounted(quarter_turns)).dot(DOWN).abs();
-            let mut turns = self.quarter_turns.iter().copied();
-            let first = turns.next()?;
-            let quarter_turns =
-                turns.fold(first, |best, next| if off(next) > off(best) { next } else { best });
-            let rotation = DOWN * mounted(quarter_turns).conjugate();
-            let at = |ready: Vec<f64>, orientation| {
-                let mut placed = PlacedArm {
-                    base,
-                    quarter_turns,
-                    speed: chain.tip_speed(&ready, orientation),
-                    ready,
-                    orientation,
-                    reached: 0,
-                    missed: None,
-                };
-                placed.visit(&robot, &chain, rotation);
-                placed
+        let mut best: Option<PlacedArm> = None;
+        // the middle of the ranges comes first, since arms look natural near it
+        for seed in (0..SEEDS).map(|number| chain.spread_configuration(number)) {
+            let Some(placed) = self.ready(&robot, &chain, &seed) else {
+                continue;
             };
-            let full = OrientationConstraint::Full;
-            let held = solve(&chain, HAND_TARGET_START, rotation, &free, full);
-            let held = held.map(|ready| at(ready, full)).filter(|placed| placed.missed.is_none());
-            Some(held.unwrap_or_else(|| at(free, AROUND_Z)))
-        });
-        Ok(found.collect())
+            if placed.missed.is_none() && placed.orientation == OrientationConstraint::Full {
+                return Ok(Some(placed));
+            }
+            if best.as_ref().is_none_or(|other| placed.is_better(other)) {
+                best = Some(placed);
+            }
+        }
+        Ok(best)
+    }
+
+    /// Returns the ready posture near `seed`, without turns of the hand if it can do without.
+    fn ready(&self, robot: &RobotDescription, chain: &Chain, seed: &[f64]) -> Option<PlacedArm> {
+        let free = solve(chain, HAND_TARGET_START, DOWN, seed, AROUND_Z)?;
+        let turned = chain.tip_pose(&free).rotation;
+        // the fingers open along y where that is nearest
+        let near = |&turns: &usize| (turned * mounted(turns)).dot(DOWN).abs();
+        let turns = self.quarter_turns.iter().copied();
+        let quarter_turns = turns.max_by(|a, b| near(a).total_cmp(&near(b)))?;
+        let rotation = DOWN * mounted(quarter_turns).conjugate();
+        let visit = |ready: Vec<f64>, orientation| {
+            let mut placed = PlacedArm {
+                base: robot.base_pose(),
+                quarter_turns,
+                speed: chain.tip_speed(&ready, orientation),
+                ready,
+                orientation,
+                reached: 0,
+                missed: None,
+            };
+            placed.visit(robot, chain, rotation);
+            placed
+        };
+        let full = OrientationConstraint::Full;
+        let held = solve(chain, HAND_TARGET_START, rotation, &free, full);
+        let still = held.map(|ready| visit(ready, full)).filter(|held| held.missed.is_none());
+        Some(still.unwrap_or_else(|| visit(free, AROUND_Z)))
     }
 }
 
@@ -173,10 +181,10 @@ impl PlacedArm {
         key(self) > key(other) || key(self) == key(other) && self.speed > other.speed
     }
 
-    /// Returns a base from which the hand points down nowhere.
-    fn nowhere(base: Option<DVec3>) -> Self {
+    /// Returns an arm that points down nowhere.
+    fn nowhere(base: DVec3) -> Self {
         Self {
-            base: Pose::from_position(base.unwrap_or(DVec3::new(0.0, BEHIND[0], 0.0))),
+            base: Pose::from_position(base),
             quarter_turns: 0,
             ready: Vec::new(),
             orientation: OrientationConstraint::Full,
