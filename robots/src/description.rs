@@ -279,6 +279,49 @@ impl RobotDescription {
         Ok(self)
     }
 
+    /// Returns this robot with `link` fixed to the link `parent`, at `origin` in its frame. The joint
+    /// has the name of the link.
+    ///
+    /// # Errors
+    /// [`DescriptionError::UnknownLink`], [`DescriptionError::Duplicate`].
+    pub fn with_fixed_link(
+        mut self,
+        parent: &str,
+        origin: Pose,
+        link: Link,
+    ) -> Result<Self, DescriptionError> {
+        let parent = self.link_index(parent, "a link that is added")?;
+        let name = link.name.clone();
+        for (kind, taken) in [
+            ("link", self.links.iter().any(|own| own.name == name)),
+            ("joint", self.joints.iter().any(|own| own.name == name)),
+        ] {
+            if taken {
+                return Err(DescriptionError::Duplicate { kind, name });
+            }
+        }
+        // right after its parent, which keeps links in depth-first order
+        for joint in self.joints.iter_mut().filter(|joint| joint.parent > parent) {
+            joint.parent += 1;
+        }
+        self.links.insert(parent + 1, link);
+        self.joints.insert(parent, Joint { name, parent, origin, motion: None });
+        Ok(self)
+    }
+
+    /// Returns this robot with `prefix` before the names of all links and joints, so that they can
+    /// be no names of a scene.
+    pub fn with_prefix(mut self, prefix: &str) -> Self {
+        let links = self.links.iter_mut().map(|link| &mut link.name);
+        let joints = self.joints.iter_mut().map(|joint| &mut joint.name);
+        links.chain(joints).for_each(|name| name.insert_str(0, prefix));
+        for restriction in &mut self.restrictions {
+            restriction.joint.insert_str(0, prefix);
+            restriction.follower.insert_str(0, prefix);
+        }
+        self
+    }
+
     /// Returns the poses of all links in the world, in the order of [`RobotDescription::links`].
     ///
     /// # Panics

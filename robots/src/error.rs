@@ -18,6 +18,14 @@ pub enum DescriptionError {
         /// Error of the operating system.
         source: std::io::Error,
     },
+    /// A file of a robot's settings that is no JSON, or has other fields than those settings.
+    #[error("the settings of the robot in `{}` cannot be used: {message}", .path.display())]
+    InvalidSettings {
+        /// Path of the file.
+        path: PathBuf,
+        /// Line and cause.
+        message: String,
+    },
     /// A file that is too long.
     #[error("the URDF has more than {limit} bytes; give one robot, without meshes inside")]
     FileTooLong {

@@ -177,11 +177,19 @@ impl RobotDescription {
             ("equality", self.equalities()),
             ("actuator", servos),
         ];
-        let names = |pair: [usize; 2]| pair.map(|link| self.links[link].name.clone());
         Ok(Mjcf {
             text: sections.map(section).concat(),
-            excluded_pairs: touching.into_iter().map(names).collect(),
+            excluded_pairs: touching.into_iter().map(|pair| self.link_names(pair)).collect(),
         })
+    }
+
+    /// Returns the names of the links that touch at rest and would collide otherwise.
+    pub(crate) fn names_of_touching_links(&self) -> Vec<[String; 2]> {
+        self.touching_at_rest().into_iter().map(|pair| self.link_names(pair)).collect()
+    }
+
+    fn link_names(&self, pair: [usize; 2]) -> [String; 2] {
+        pair.map(|link| self.links[link].name.clone())
     }
 
     fn check_links(&self, settings: &MjcfSettings) -> Result<(), DescriptionError> {

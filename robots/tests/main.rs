@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
+mod check;
 mod control;
 mod damage;
 mod gen3;
