@@ -238,8 +238,9 @@ impl Chain {
     ///
     /// # Errors
     /// [`ControlError::NotFinite`], [`ControlError::JointOutOfRange`] for a seed out of range,
-    /// [`ControlError::InvalidSetting`]; [`ControlError::OutOfReach`] for a target beyond the
-    /// length of the arm, and [`ControlError::NoSolution`] where no search succeeds.
+    /// [`ControlError::ReversedRange`], [`ControlError::InvalidSetting`];
+    /// [`ControlError::OutOfReach`] for a target beyond the length of the arm, and
+    /// [`ControlError::NoSolution`] where no search succeeds.
     ///
     /// # Panics
     /// If `seed` is not as long as the chain.
@@ -429,10 +430,13 @@ pub(crate) fn step_joints(
     }
 }
 
-/// Rejects a configuration with a joint outside of its range.
+/// Rejects a configuration with a joint outside of its range, and ranges that are reversed.
 pub(crate) fn check_joint_ranges(chain: &Chain, configuration: &[f64]) -> Result<(), ControlError> {
     for (joint, &position) in chain.joints().iter().zip(configuration) {
         let range = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
+        if range[0] > range[1] {
+            return Err(ControlError::ReversedRange { joint: joint.name.clone(), range });
+        }
         if !(range[0]..=range[1]).contains(&position) {
             let joint = joint.name.clone();
             return Err(ControlError::JointOutOfRange { joint, position, range });

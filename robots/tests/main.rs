@@ -7,6 +7,7 @@ mod control;
 mod damage;
 mod gen3;
 mod ik;
+mod meshes;
 mod mjcf;
 mod refusals;
 mod structures;
