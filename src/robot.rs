@@ -127,7 +127,7 @@ fn check_text(check: &RobotCheck) -> String {
     let lists = [
         ("links that touch at rest and do not collide", pairs.collect()),
         ("notes", check.notes.clone()),
-        ("meshes that could not be read", check.unread_meshes.clone()),
+        ("collision shapes that are missing", check.missing_shapes.clone()),
         ("units that look wrong", check.unit_warnings.clone()),
         ("problems", check.problems.clone()),
     ];

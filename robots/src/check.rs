@@ -61,8 +61,8 @@ pub struct RobotCheck {
     pub unit_warnings: Vec<String>,
     /// Values of the file that were replaced, left out or reduced.
     pub notes: Vec<String>,
-    /// Collision meshes that could not be read, with the reasons.
-    pub unread_meshes: Vec<String>,
+    /// Collision shapes that are missing, with the reasons.
+    pub missing_shapes: Vec<String>,
     /// Reasons for which the robot cannot be simulated with servos or controlled.
     pub problems: Vec<String>,
 }
@@ -127,7 +127,7 @@ impl RobotDescription {
             touching_at_rest: self.names_of_touching_links(),
             unit_warnings: self.unit_warnings(reach),
             notes: self.notes.iter().cloned().chain(self.restriction_notes()).collect(),
-            unread_meshes: self.unread_meshes.clone(),
+            missing_shapes: self.missing_shapes.clone(),
             problems,
         })
     }
