@@ -341,6 +341,7 @@ impl RobotDescription {
     }
 
     /// Returns capsules in the world that enclose all shapes, each with the index of its link.
+    /// [`RobotDescription::missing_shapes`] names shapes that are not among them.
     ///
     /// # Panics
     /// If `positions` is not of length [`RobotDescription::num_dofs`].

@@ -64,10 +64,8 @@ impl RobotDescription {
             match physical(own) {
                 Ok(inertia) if inertia == own => Some(own),
                 Ok(inertia) => {
-                    find(
-                        None,
-                        "enlarged by rounding, because it just meets the triangle inequality",
-                    );
+                    let reason = "because it barely meets the triangle inequality";
+                    find(None, &format!("enlarged by 4e-6 of its trace, {reason}"));
                     Some(inertia)
                 }
                 Err(reason) if bodies[link] == 0 => {

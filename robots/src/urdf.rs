@@ -27,9 +27,10 @@ pub use xml::MAX_URDF_BYTES;
 /// Settings of reading a URDF file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UrdfSettings {
-    /// Folders of ROS packages by name, for `package://NAME/PATH`. A mesh of such a package is read
-    /// from there or not at all. Other packages are searched in the URDF's folder and the five above
-    /// it.
+    /// Folders of ROS packages by name, for `package://NAME/PATH`. A mesh of such a package that is
+    /// not there is an error. Other packages are searched around the URDF: folders called `NAME` in
+    /// its folder and the five above it, then those of the six whose `package.xml` states `NAME`,
+    /// then, with a note, those without a `package.xml`.
     pub packages: BTreeMap<String, PathBuf>,
     /// Folder outside of which no mesh is read, except from `packages`. If `None`, the fifth folder
     /// above the URDF's.
@@ -39,7 +40,8 @@ pub struct UrdfSettings {
     /// Maximum speed (rad/s, m/s) of joints for which the file states none, which control needs;
     /// positive and below 1e6.
     pub default_speed: Option<f64>,
-    /// Maximum torque or force (newton metres, newtons), likewise, which servos need.
+    /// Maximum torque or force (newton metres, newtons) of joints for which the file states none,
+    /// which servos need; positive and below 1e6.
     pub default_effort: Option<f64>,
     /// `true` if values that cannot be simulated are replaced, with a note: moving links without
     /// mass get that of capsules of water around their shapes, or one gram, impossible inertias
@@ -77,15 +79,16 @@ impl Report {
         self.errors.push((line, error));
     }
 
-    /// Adds a note, unless it is there already.
+    /// Adds a note; on the whole file, unless it is there already.
     fn note(&mut self, line: usize, note: &str) {
-        let note = if line == 0 { note.to_owned() } else { format!("line {line}: {note}") };
-        if !self.notes.contains(&note) {
-            self.notes.push(note);
+        if line > 0 {
+            self.notes.push(format!("line {line}: {note}"));
+        } else if self.notes.iter().all(|other| other != note) {
+            self.notes.push(note.to_owned());
         }
     }
 
-    /// Reports a size below [`MIN_SHAPE_SIZE`](crate::fit::MIN_SHAPE_SIZE), which a repair enlarges.
+    /// Reports a size below 1e-6 m, which a repair enlarges.
     fn small_size(&mut self, line: usize, problem: &str) {
         if self.repair {
             self.note(line, &format!("{problem}; 1e-6 m is assumed"));
@@ -116,7 +119,8 @@ impl RobotDescription {
 
     /// Reads a URDF file, and the collision meshes that it names.
     ///
-    /// A mesh (STL, OBJ or COLLADA) becomes a capsule that encloses its points.
+    /// A mesh (STL, OBJ or COLLADA) becomes a capsule that encloses its points. One that cannot be
+    /// read is left out and named by [`RobotDescription::missing_shapes`].
     ///
     /// # Errors
     /// [`DescriptionError::Read`], [`DescriptionError::InvalidFolder`] and
@@ -164,8 +168,8 @@ impl RobotDescription {
         let (mut joints, num_dofs) = joints::joints(&file, &tree, &lines, settings, &mut report);
         let note = |joint: usize, note: String| report.note(lines[joint], &note);
         let restrictions = mimic::restrict(&mut joints, note);
-        let lines: Vec<usize> = tree.links.iter().map(|&at| cleaned.link_lines[at]).collect();
-        let stated = tree.links.iter().zip(&lines);
+        let link_lines: Vec<usize> = tree.links.iter().map(|&at| cleaned.link_lines[at]).collect();
+        let stated = tree.links.iter().zip(&link_lines);
         let links =
             stated.map(|(&at, &line)| links::link(&file.links[at], line, &meshes, &mut report));
         let links = links.collect();
@@ -182,7 +186,7 @@ impl RobotDescription {
         };
         let (inertias, findings) = description.simulated_inertias();
         for finding in findings.iter().filter(|of| settings.repair || of.error.is_none()) {
-            report.note(lines[finding.link], &finding.note);
+            report.note(link_lines[finding.link], &finding.note);
         }
         if settings.repair {
             for (link, inertia) in description.links.iter_mut().zip(inertias) {

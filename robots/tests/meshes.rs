@@ -196,7 +196,7 @@ fn meshes_that_cannot_be_read_are_named() {
     let outside = format!("file://{}/ball.obj", other.0.display());
     for (file, words) in [
         ("none.obj", "urdf/none.obj`; correct its `filename`"),
-        ("package://arm_description/none.obj", "arm_description/none.obj`; give the right folder"),
+        ("package://arm_description/none.obj", "arm_description/arm_description/none.obj`, `"),
         ("../far.obj", "its point [0.001, 0.002, 2000000], as scaled, is not within 1e6 m"),
         ("../nan.obj", "its point [0.001, NaN, 0.003], as scaled, is not within 1e6 m"),
         ("../inf.obj", "-inf], as scaled"),

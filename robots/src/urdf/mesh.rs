@@ -35,22 +35,22 @@ impl<'a> Meshes<'a> {
         settings: &'a UrdfSettings,
         folder: Option<&Path>,
     ) -> Result<Self, DescriptionError> {
-        let real = |setting: String, folder: &PathBuf| {
-            let real = folder.canonicalize().ok().filter(|real| real.is_dir());
-            let folder = folder.clone();
-            real.ok_or(DescriptionError::InvalidFolder { setting, folder })
+        let real = |setting: String, stated: &PathBuf| {
+            let found = stated.canonicalize().ok().filter(|found| found.is_dir());
+            found.ok_or(DescriptionError::InvalidFolder { setting, folder: stated.clone() })
         };
-        let packages = settings
-            .packages
-            .iter()
-            .map(|(name, folder)| real(format!("UrdfSettings::packages[\"{name}\"]"), folder));
+        let packages = settings.packages.iter();
+        let packages = packages
+            .map(|(name, stated)| real(format!("UrdfSettings::packages[\"{name}\"]"), stated));
         let mut allowed: Vec<PathBuf> = packages.collect::<Result<_, _>>()?;
         let root = settings.mesh_root.as_ref();
         let root = root.map(|root| real("UrdfSettings::mesh_root".to_owned(), root)).transpose()?;
-        let own = folder.and_then(|folder| folder.canonicalize().ok()).unwrap_or_default();
-        let above = own.ancestors().filter(|path| path.parent().is_some()).take(SEARCHED);
-        let within = |path: &Path| root.as_ref().is_none_or(|root| path.starts_with(root));
-        let folders = above.filter(|&path| path == own || within(path));
+        let own = folder.and_then(|folder| folder.canonicalize().ok());
+        let above = own.iter().flat_map(|own| own.ancestors().skip(1).take(SEARCHED - 1));
+        // `/` is no folder of packages
+        let above = above.filter(|path| path.parent().is_some());
+        let within = |path: &&Path| root.as_ref().is_none_or(|root| path.starts_with(root));
+        let folders = own.as_deref().into_iter().chain(above.filter(within));
         let folders: Vec<PathBuf> = folders.map(Path::to_owned).collect();
         allowed.extend(root.or_else(|| folders.last().cloned()));
         Ok(Self { settings, folders, allowed })
@@ -156,13 +156,15 @@ impl<'a> Meshes<'a> {
             return (vec![folder.clone()], 1);
         }
         let mut roots: Vec<PathBuf> = self.folders.iter().map(|near| near.join(name)).collect();
-        let near = self.folders.iter().filter(|near| !roots.contains(near));
-        let near = near.map(|near| (near.clone(), package_name(near)));
-        let (stated, unknown): (Vec<_>, Vec<_>) = near.partition(|(_, of)| of.is_some());
-        let stated = stated.into_iter().filter(|(_, of)| of.as_deref() == Some(name));
-        roots.extend(stated.map(|(near, _)| near));
+        let others = self.folders.iter().filter(|near| !roots.contains(near));
+        let others: Vec<_> = others.map(|near| (near, package_name(near))).collect();
+        let with = |stated: Option<&str>| {
+            let same = others.iter().filter(move |(_, of)| of.as_deref() == stated);
+            same.map(|(near, _)| (*near).clone()).collect::<Vec<_>>()
+        };
+        roots.extend(with(Some(name)));
         let known = roots.len();
-        roots.extend(unknown.into_iter().map(|(near, _)| near));
+        roots.extend(with(None));
         (roots, known)
     }
 }

@@ -89,15 +89,12 @@ pub(super) fn parse<T>(text: &str, name: &str, read: impl FnOnce(Node) -> T) -> 
         let options =
             ParsingOptions { allow_dtd: true, nodes_limit: MAX_NODES, ..ParsingOptions::default() };
         let error = match Document::parse_with_options(&text, options) {
+            Ok(document) if document.root_element().has_tag_name(name) => {
+                return Ok(read(document.root_element()));
+            }
             Ok(document) => {
-                let root = document.root_element();
-                let found = root.tag_name().name();
-                let is_named = found == name;
-                return if is_named {
-                    Ok(read(root))
-                } else {
-                    Err(format!("`<{found}>`: {alone}"))
-                };
+                let found = document.root_element().tag_name().name();
+                return Err(format!("`<{found}>`: {alone}"));
             }
             Err(error) => error,
         };
@@ -305,8 +302,8 @@ fn write(text: &mut String, name: &str, node: Option<Node>, report: &mut Report)
     let (_, attributes, children) = read.unwrap_or(&("", &[], &[]));
     *text += &format!("<{name}");
     // such a joint has no ends, whatever its `<limit>` says
-    let joint = node.and_then(|node| node.parent());
-    let is_endless = joint.and_then(|joint| joint.attribute("type")) == Some("continuous");
+    let around = node.and_then(|node| node.parent());
+    let is_endless = around.and_then(|around| around.attribute("type")) == Some("continuous");
     for attribute in *attributes {
         let (default, holds, expected) = rule(name, attribute);
         let stated = node.and_then(|node| node.attribute(*attribute));
