@@ -66,7 +66,7 @@ fn octahedron(radius: f64) -> Vec<u8> {
     let corner = |[x, y, z]: [f64; 3]| format!("v {x} {y} {z}\n");
     let r = radius;
     let corners = [[r, 0.0, 0.0], [0.0, r, 0.0], [0.0, 0.0, r]];
-    let opposite = corners.map(|corner| corner.map(|number| -number));
+    let opposite = corners.map(|place| place.map(|number| -number));
     corners.into_iter().chain(opposite).map(corner).collect::<String>().into_bytes()
 }
 
@@ -232,6 +232,6 @@ fn points_are_checked_after_scaling() {
     let arm = folder.read_with(&urdf.replace(scale, "1e6 1e6 1e6"), &folder.settings()).unwrap();
     assert!(arm.missing_shapes()[0].contains("inf"), "{:?}", arm.missing_shapes());
     folder.write("ball.obj", b"v 2 0 0");
-    let arm = folder.read_with(&urdf.replace(scale, "1e6 1e6 1e6"), &folder.settings()).unwrap();
-    assert!(arm.missing_shapes()[0].contains("[2000000, 0, 0]"), "{:?}", arm.missing_shapes());
+    let far = folder.read_with(&urdf.replace(scale, "1e6 1e6 1e6"), &folder.settings()).unwrap();
+    assert!(far.missing_shapes()[0].contains("[2000000, 0, 0]"), "{:?}", far.missing_shapes());
 }
