@@ -11,7 +11,6 @@ mod fuzz_case;
 mod hostile;
 mod oracle;
 mod oracles;
-mod properties;
 mod reservoir;
 mod transport;
 mod weighted;
