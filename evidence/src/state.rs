@@ -73,11 +73,11 @@ impl Recogniser {
             finite("beginning", memory.beginning.unwrap_or(0.0))?;
         }
         check_heirs(memories)?;
-        for held in held {
+        for rollout in held {
             // the next new policy may have acted
-            exists(held.collector, policies + 1)?;
-            fits(held.accounts.len())?;
+            exists(rollout.collector, policies + 1)?;
+            fits(rollout.accounts.len())?;
         }
-        check(known(memories).chain(held.iter().flat_map(|held| &held.accounts)))
+        check(known(memories).chain(held.iter().flat_map(|rollout| &rollout.accounts)))
     }
 }
