@@ -28,10 +28,12 @@ pub use parity::{ParityRow, compare_recordings};
 #[derive(Clone, Debug, Subcommand)]
 pub enum Check {
     /// Checks that scripted experts solve all 16 variants.
-    #[command(after_help = "Example: covers check experts --embodiment hand --seeds 10")]
+    #[command(after_help = "Examples:\n  covers check experts --embodiment hand --seeds 10\n  \
+                            covers check experts --robot arm.urdf")]
     Experts {
-        /// Embodiment: `sawyer`, `hand` or `kinova_gen3` (default: the first two).
-        #[arg(long)]
+        /// Embodiment: `sawyer`, `hand`, `kinova_gen3`, or an arm of yours as ARM.urdf (default:
+        /// the first two).
+        #[arg(long, visible_alias = "robot")]
         embodiment: Option<Embodiment>,
         /// Number of episodes of each variant.
         #[arg(long, default_value_t = 100)]
@@ -54,8 +56,8 @@ pub enum Check {
     /// Compares variants with their unflipped counterparts, open loop and closed loop.
     #[command(after_help = "Example: covers check symmetry --embodiment hand")]
     Symmetry {
-        /// Embodiment: `sawyer`, `hand` or `kinova_gen3`.
-        #[arg(long)]
+        /// Embodiment: `sawyer`, `hand`, `kinova_gen3`, or an arm of yours as ARM.urdf.
+        #[arg(long, visible_alias = "robot")]
         embodiment: Embodiment,
         /// Number of placements of each variant.
         #[arg(long, default_value_t = 10)]

@@ -32,9 +32,9 @@ pub struct SettingsOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub threads: Threads,
-    /// Embodiment that carries the gripper: `sawyer`, `hand` or `kinova_gen3` (default: `sawyer`,
-    /// or that of the settings file).
-    #[arg(long)]
+    /// Embodiment that carries the gripper: `sawyer`, `hand`, `kinova_gen3`, or an arm of yours as
+    /// ARM.urdf (default: `sawyer`, or that of the settings file).
+    #[arg(long, visible_alias = "robot")]
     pub embodiment: Option<Embodiment>,
     /// Symmetry group of the networks: `D2`, `D1x`, `D1y`, `C2`, or `C1` for ordinary networks of
     /// equal width (default: that of the preset).

@@ -94,7 +94,7 @@ pub struct EvalOptions {
     #[arg(long)]
     pub seed: Option<u64>,
     /// Embodiment that carries the gripper (default: that of the run).
-    #[arg(long)]
+    #[arg(long, visible_alias = "robot")]
     pub embodiment: Option<Embodiment>,
     /// Randomise the images as in the run, or as `covers-randomised` does if the run did not
     /// (default: no randomisation). Close-ups cannot be randomised.
@@ -167,6 +167,7 @@ fn train(options: &TrainOptions, out: &mut impl Write) -> Result<CommandOutcome,
     experiment.check(&TaskRegistry::standard())?;
     // before the run's folder is created, so that a refused run leaves nothing
     memory::check_run(&experiment)?;
+    experiment.envs.embodiment.spec().parts().map_err(RunError::from)?;
     #[cfg(feature = "tui")]
     if options.tui && !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
         return Err(CoversError::NoTerminal);

@@ -34,6 +34,7 @@ pub mod export;
 mod manual;
 pub mod preset_list;
 pub mod program;
+pub mod robot;
 pub mod sweep;
 
 pub use error::CoversError;

@@ -12,6 +12,7 @@ use crate::doctor::DoctorOptions;
 use crate::export::ExportOptions;
 use crate::manual::ManualOptions;
 use crate::preset_list::PresetsOptions;
+use crate::robot::RobotCommand;
 use deploy::{CalibrateOptions, DeployOptions};
 use experiments::memory;
 use experiments::printable::escape_unprintable_lines;
@@ -57,6 +58,9 @@ enum Subcommands {
     /// Checks the environments or a robot's mask, and fails if a value exceeds its bound.
     #[command(subcommand, after_help = "Example: covers check symmetry --embodiment hand")]
     Check(Check),
+    /// Checks a robot's URDF, or converts it to MJCF.
+    #[command(subcommand, after_help = "Example: covers robot check arm.urdf")]
+    Robot(RobotCommand),
     /// Reports what this machine has, how fast it is, and how to fix what is missing.
     Doctor(DoctorOptions),
     /// Lists methods and budgets, or prints all settings of a preset.
@@ -87,6 +91,7 @@ impl Program {
             Subcommands::Render(render) => render.run(out).map(done)?,
             Subcommands::Export(export) => export.run(out).map(done)?,
             Subcommands::Check(check) => u8::from(!check.run(out)?),
+            Subcommands::Robot(robot) => u8::from(!robot.run(out)?),
             Subcommands::Doctor(doctor) => u8::from(!doctor.run(out)?),
             Subcommands::Presets(presets) => presets.run(out).map(done)?,
             Subcommands::Completions(shell) => shell.run(Self::command(), out).map(done)?,
@@ -106,6 +111,7 @@ impl Program {
             // runs and evaluations check what their threads need, and the doctor reports it
             Subcommands::Learner(_)
             | Subcommands::Doctor(_)
+            | Subcommands::Robot(_)
             | Subcommands::Watch(_)
             | Subcommands::Presets(_)
             | Subcommands::Completions(_)

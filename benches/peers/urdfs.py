@@ -4,7 +4,8 @@ usage: python urdfs.py FOLDER, with pin==4.1.0 and yourdfpy==0.0.60
 
 Reads every *.urdf where it lies. Frames of all links (metres) in four postures, the robot's mass (kilograms) and
 gravity torques (newton metres, newtons) agree if they differ by less than 1e-6, relative to the largest number where
-that is above 1. Prints a line for each robot that differs or that only pinocchio reads, then the counts.
+that is above 1. Numbers that are not finite never agree. Prints a line for each robot that differs or that only
+pinocchio reads, then the counts. `python -m doctest urdfs.py` tests the comparison itself.
 """
 
 import ast
@@ -22,12 +23,30 @@ TOLERANCE = 1e-6
 OURS = ["cargo", "run", "--quiet", "--release", "--locked", "-p", "covers-robots", "--example", "frames", "--"]
 
 
-Robot = namedtuple("Robot", "links mass shares postures unread_meshes")
+Robot = namedtuple("Robot", "links mass shares postures missing_shapes")
 
 
 def off(ours, theirs):
+    """The largest difference of two arrays of one shape; infinite if a number is not finite.
+
+    >>> off([1.0, 2.5], [1.0, 2.0])
+    0.25
+    >>> [off([0.0, number], [0.0, 1.0]) for number in (float("nan"), float("inf"))]
+    [inf, inf]
+    >>> [off([0.0, 1.0], [0.0, number]) for number in (float("nan"), float("inf"))]
+    [inf, inf]
+    >>> max(0.0, off([float("nan")], [float("nan")])) < TOLERANCE
+    False
+    >>> off([], [])
+    0.0
+    >>> off([1.0, 1.0], [1.0])
+    inf
+    """
     ours, theirs = np.asarray(ours, float), np.asarray(theirs, float)
-    return np.abs(ours - theirs).max(initial=0.0) / max(1.0, np.abs(theirs).max(initial=0.0))
+    # NaN would be lost in the maximum of several differences
+    if ours.shape != theirs.shape or not (np.isfinite(ours).all() and np.isfinite(theirs).all()):
+        return np.inf
+    return float(np.abs(ours - theirs).max(initial=0.0) / max(1.0, np.abs(theirs).max(initial=0.0)))
 
 
 def matrix(frame):
@@ -103,14 +122,21 @@ def main(folder):
     lines = subprocess.run(OURS + [str(file) for file in files], check=True, stdout=subprocess.PIPE, text=True).stdout
     counts = Counter(files=len(files))
     for file, line in zip(files, lines.splitlines(), strict=True):
-        ours, model = ast.literal_eval(line), pinocchio_model(file)
+        model = pinocchio_model(file)
         counts["pinocchio reads"] += model is not None
+        try:
+            ours = ast.literal_eval(line)
+        except ValueError:
+            # NaN and inf of Rust are no literals of Python
+            print(f"{file}: we read numbers that are not finite")
+            counts["we read numbers that are not finite"] += 1
+            continue
         if isinstance(ours, str):
             print(f"{file}: {'pinocchio reads it; ' if model else ''}we: {ours}")
             continue
         ours = Robot(*ours)
         counts["we read"] += 1
-        counts["we read, some meshes are missing"] += bool(ours.unread_meshes)
+        counts["we read, some shapes are missing"] += bool(ours.missing_shapes)
         if model is not None:
             counts["both read"] += 1
             differences = with_pinocchio(ours, model)

@@ -29,64 +29,28 @@ pub enum Verdict {
     Rejected,
 }
 
-/// Criterion that the distance of a candidate was compared with.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Judgement {
-    /// Fixed threshold of the distance.
-    Threshold {
-        /// Largest accepted distance, in the features' unit.
-        limit: f64,
-    },
-    /// Permutation test: random splits of the pooled episodes.
-    Tested {
-        /// Result of the test.
-        test: PermutationTest,
-        /// Largest p-value that counts against the candidate.
-        limit: f64,
-    },
-    /// No test, since the buffer holds too few episodes. Such a candidate is accepted for lack of
-    /// evidence against it, but only taken if no tested candidate is accepted.
-    BufferTooSmall {
-        /// Number of episodes in the candidate's buffer.
-        episodes: usize,
-        /// Number of episodes that the settings ask for.
-        needed: usize,
-    },
-}
-
 /// Evidence for and against the assignment of a rollout to one candidate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
-    /// 1-Wasserstein distance between rollout and buffer, in the features' unit; of the sampled
-    /// episodes under [`Judgement::Tested`].
+    /// 1-Wasserstein distance between rollout and buffer, in the features' unit.
     pub distance: f64,
-    /// Criterion that the distance was compared with.
-    pub judgement: Judgement,
+    /// Permutation test of the candidate; `None` under the paper's rule, or if the candidate's
+    /// buffer holds too few episodes. It is then accepted for lack of evidence against it.
+    pub test: Option<PermutationTest>,
     /// Outcome of the comparison of the rollout with the candidate.
     pub verdict: Verdict,
 }
 
 impl Evidence {
-    /// Returns the permutation test of the candidate, if there was one.
-    pub fn test(&self) -> Option<&PermutationTest> {
-        match &self.judgement {
-            Judgement::Tested { test, .. } => Some(test),
-            Judgement::Threshold { .. } | Judgement::BufferTooSmall { .. } => None,
-        }
-    }
-
     /// Returns the standardised distance, in standard deviations over random splits, if there was a
     /// test.
     pub fn score(&self) -> Option<f64> {
-        self.test().map(|test| test.score)
+        self.test.map(|test| test.score)
     }
 
     /// Returns the sort key of a candidate: tested ones by score, then the others by distance.
     fn rank(&self) -> (bool, f64) {
-        match self.score() {
-            Some(score) => (false, score),
-            None => (true, self.distance),
-        }
+        self.score().map_or((true, self.distance), |score| (false, score))
     }
 }
 
@@ -121,14 +85,13 @@ impl Assignment {
 pub fn assign_by_threshold(candidates: &[Candidate], threshold: f64) -> Result<Assignment> {
     let inside = (0.0..f64::INFINITY).contains(&threshold);
     within("threshold", threshold, inside, "a finite number, at least 0")?;
-    let compared = candidates.iter().enumerate().map(|(index, candidate)| {
-        candidate.check(index)?;
-        let Candidate { rollout, buffer } = candidate;
+    let compared = candidates.iter().map(|Candidate { rollout, buffer }| {
+        rollout.check_alike(buffer)?;
         let distance = wasserstein1(rollout.features(), buffer.features(), rollout.dim())?;
         let is_near = distance <= threshold;
         Ok(Evidence {
             distance,
-            judgement: Judgement::Threshold { limit: threshold },
+            test: None,
             verdict: if is_near { Verdict::Accepted } else { Verdict::Rejected },
         })
     });
@@ -161,8 +124,7 @@ mod tests {
         assert_eq!(decide(3.0, &[away(2.0), away(-1.0), away(1.0)]), Decision::Existing(1));
         assert_eq!(decide(1.0, &[]), Decision::New);
         let evidence = assign_by_threshold(&[away(2.0)], 1.0).unwrap().evidence[0];
-        let expected = (2.0, Judgement::Threshold { limit: 1.0 }, None);
-        assert_eq!((evidence.distance, evidence.judgement, evidence.score()), expected);
+        assert_eq!((evidence.distance, evidence.score()), (2.0, None));
         for wrong in [-1.0, f64::NAN, f64::INFINITY] {
             assert!(assign_by_threshold(&[away(1.0)], wrong).is_err());
         }
@@ -174,8 +136,6 @@ mod tests {
         let good = Candidate { buffer: frames(3), rollout: frames(3) };
         let odd = Candidate { buffer: frames(2), rollout: frames(3) };
         let message = assign_by_threshold(&[good, odd], 1.0).unwrap_err().to_string();
-        let expected =
-            "candidate 1: dim is 2 in the buffer and 3 in the rollout, expected the same";
-        assert_eq!(message, expected);
+        assert_eq!(message, "dim is 3 in one cloud and 2 in the other, expected the same");
     }
 }

@@ -40,23 +40,21 @@ pub struct ChangeTest {
 ///
 /// # Errors
 /// No source, no cut, a cut that leaves one side empty, or sources of different lengths.
-pub fn change_test<R: Rng + ?Sized>(
+pub fn change_test(
     sources: &[Frames],
     cuts: &[usize],
     permutations: usize,
-    rng: &mut R,
+    rng: &mut impl Rng,
 ) -> Result<ChangeTest> {
     let episodes = check(sources, cuts)?;
-    let sources = sources.iter().map(Pairs::new);
-    let sources = sources.collect::<Result<Vec<_>>>()?;
-    let mut scans: Vec<Scan> = Vec::with_capacity(sources.len());
-    scans.extend(sources.into_iter().flatten().map(|pairs| Scan::new(pairs, cuts)));
+    let scans = sources.iter().map(Scan::new).collect::<Result<Vec<_>>>()?;
+    let mut scans: Vec<Scan> = scans.into_iter().flatten().collect();
     let mut order: Vec<usize> = (0..episodes).collect();
     for split in 0..=permutations {
         if split > 0 {
             order.shuffle(rng);
         }
-        scans.iter_mut().for_each(|scan| scan.measure(&order));
+        scans.iter_mut().for_each(|scan| scan.measure(&order, cuts));
     }
     Ok(judge(&scans, cuts, permutations))
 }
@@ -72,7 +70,8 @@ pub fn change_places(began: &[usize], least: usize) -> Vec<usize> {
 
 /// Returns the number of episodes, which all sources must share.
 fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
-    let (all, _) = shared(sources.iter().map(|source| (source.episodes(), 0)))?;
+    let counts: Vec<_> = sources.iter().map(|source| (source.episodes(), 0)).collect();
+    let (all, _) = shared(&counts)?;
     if cuts.is_empty() {
         return Err(ClusterError::Empty { what: "cuts" });
     }
@@ -82,16 +81,21 @@ fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
     Ok(all)
 }
 
-/// Integer distances `[episodes, episodes]` of one source.
-struct Pairs {
-    all: Vec<u64>,
-    episodes: usize,
-    /// Sum of each row of `all`.
+/// Integer distances of one source, and its energy distances at all cuts: first those of the
+/// observed order, then those of random orders.
+struct Scan {
+    /// Distances between episodes, `[episodes, episodes]`.
+    pairs: Vec<u64>,
+    /// Sum of each row of `pairs`.
     rows: Vec<u64>,
+    /// Energy distances `[orders, cuts]`.
+    measured: Vec<f64>,
+    /// Sums over the first episodes of an order: of the distances among them, and of their rows.
+    sums: Vec<(u64, u64)>,
 }
 
-impl Pairs {
-    /// Computes the distances; `None` if all points are equal.
+impl Scan {
+    /// Computes the distances between episodes; `None` if all points are equal.
     fn new(frames: &Frames) -> Result<Option<Self>> {
         let features = frames.features();
         let mut costs = EuclideanCosts::new();
@@ -101,70 +105,38 @@ impl Pairs {
             return Ok(None);
         }
         let (k, n) = (frames.frames_per_episode(), frames.episodes());
-        let mut all = vec![0; n * n];
+        let mut pairs = vec![0; n * n];
         for (index, distance) in distances.iter().enumerate() {
             let (row, col) = (index / (n * k) / k, index % (n * k) / k);
-            all[row * n + col] += (distance / largest * UNITS).round() as u64;
+            pairs[row * n + col] += (distance / largest * UNITS).round() as u64;
         }
-        let rows = all.chunks_exact(n).map(|row| row.iter().sum()).collect();
-        Ok(Some(Self { all, episodes: n, rows }))
+        let rows = pairs.chunks_exact(n).map(|row| row.iter().sum()).collect();
+        Ok(Some(Self { pairs, rows, measured: Vec::new(), sums: Vec::with_capacity(n) }))
     }
 
-    /// Writes for each `k` the sum of all distances among the first `k + 1` episodes of `order`.
-    fn within(&self, order: &[usize], sums: &mut Vec<u64>) {
-        sums.clear();
-        let mut sum = 0;
+    /// Appends the energy distances of an order at all cuts.
+    fn measure(&mut self, order: &[usize], cuts: &[usize]) {
+        let n = order.len();
+        let (mut total, mut all_rows) = (0, 0);
+        self.sums.clear();
         for (k, &episode) in order.iter().enumerate() {
-            let row = &self.all[episode * self.episodes..][..self.episodes];
-            let before: u64 = order[..k].iter().map(|&other| row[other]).sum();
-            sum += 2 * before + row[episode];
-            sums.push(sum);
+            let row = &self.pairs[episode * n..][..n];
+            total += 2 * order[..k].iter().map(|&other| row[other]).sum::<u64>() + row[episode];
+            all_rows += self.rows[episode];
+            self.sums.push((total, all_rows));
         }
-    }
-}
-
-/// Distances of one source at all cuts: first those of the observed order, then those of random
-/// orders.
-struct Scan {
-    pairs: Pairs,
-    cuts: Vec<usize>,
-    /// Energy distances `[orders, cuts]`.
-    measured: Vec<f64>,
-    sums: Vec<u64>,
-}
-
-impl Scan {
-    fn new(pairs: Pairs, cuts: &[usize]) -> Self {
-        Self { pairs, cuts: cuts.to_vec(), measured: Vec::new(), sums: Vec::new() }
-    }
-
-    fn measure(&mut self, order: &[usize]) {
-        self.pairs.within(order, &mut self.sums);
-        let n = self.pairs.episodes;
-        let mut taken = 0;
-        let mut rows = 0;
-        let total = self.sums[n - 1];
-        for &cut in &self.cuts {
-            // cuts need not be sorted
-            if cut < taken {
-                (taken, rows) = (0, 0);
-            }
-            rows += order[taken..cut].iter().map(|&e| self.pairs.rows[e]).sum::<u64>();
-            taken = cut;
-            let left = self.sums[cut - 1];
+        self.measured.extend(cuts.iter().map(|&cut| {
+            let (left, rows) = self.sums[cut - 1];
             let between = rows - left;
             let right = total - left - 2 * between;
             let (l, r) = (cut as f64, (n - cut) as f64);
-            self.measured.push(
-                2.0 * between as f64 / (l * r) - left as f64 / (l * l) - right as f64 / (r * r),
-            );
-        }
+            2.0 * between as f64 / (l * r) - left as f64 / (l * l) - right as f64 / (r * r)
+        }));
     }
 
     /// Returns standardised distances `[orders, cuts]`. The moments of each cut are taken over all
     /// orders, including the observed one, which makes the test exact.
-    fn scores(&self) -> Vec<f64> {
-        let width = self.cuts.len();
+    fn scores(&self, width: usize) -> Vec<f64> {
         let orders = (self.measured.len() / width) as f64;
         let mut scores = self.measured.clone();
         for cut in 0..width {
@@ -184,7 +156,7 @@ fn judge(scans: &[Scan], cuts: &[usize], permutations: usize) -> ChangeTest {
     let mut largest = vec![f64::NEG_INFINITY; 1 + permutations];
     let mut best = (f64::NEG_INFINITY, 0);
     for scan in scans {
-        let scores = scan.scores();
+        let scores = scan.scores(width);
         for (running, chunk) in largest.iter_mut().zip(scores.chunks_exact(width)) {
             *running = chunk.iter().copied().fold(*running, f64::max);
         }
@@ -239,13 +211,13 @@ mod tests {
         let features = draw(9 * 2 * 3, 0.0, &mut rng);
         let frames = Frames::new(features, 2, 3).unwrap();
         let cuts = [4, 2, 8, 1];
-        let mut scan = Scan::new(Pairs::new(&frames).unwrap().unwrap(), &cuts);
+        let mut scan = Scan::new(&frames).unwrap().unwrap();
         let order = [3, 8, 1, 0, 7, 2, 6, 4, 5];
-        scan.measure(&order);
+        scan.measure(&order, &cuts);
         for (&cut, got) in cuts.iter().zip(&scan.measured) {
             let mean = |left: &[usize], right: &[usize]| {
                 let pairs = left.iter().flat_map(|&i| right.iter().map(move |&j| (i, j)));
-                let sum: u64 = pairs.map(|(i, j)| scan.pairs.all[i * 9 + j]).sum();
+                let sum: u64 = pairs.map(|(i, j)| scan.pairs[i * 9 + j]).sum();
                 sum as f64 / (left.len() * right.len()) as f64
             };
             let (left, right) = order.split_at(cut);

@@ -218,29 +218,14 @@ pub enum ClusterError {
         /// Largest amount accepted.
         tolerance: f64,
     },
-    /// The two clouds of a candidate cannot be compared.
-    #[error(
-        "candidate {candidate}: {what} is {buffer} in the buffer and {rollout} in the rollout, \
-         expected the same"
-    )]
-    CandidateMismatch {
-        /// Index of the candidate.
-        candidate: usize,
-        /// Name of the size that differs.
-        what: &'static str,
-        /// Size in the buffer.
-        buffer: usize,
-        /// Size in the rollout.
-        rollout: usize,
-    },
-    /// Frames of two rollouts that differ in a size.
-    #[error("{what} is {first} in one rollout and {second} in the other, expected the same")]
+    /// Frames of two clouds that differ in a size, so that they cannot be compared.
+    #[error("{what} is {first} in one cloud and {second} in the other, expected the same")]
     FramesMismatch {
         /// Name of the size that differs.
         what: &'static str,
-        /// Size in the first rollout.
+        /// Size in the first cloud.
         first: usize,
-        /// Size in the second rollout.
+        /// Size in the second cloud.
         second: usize,
     },
     /// A reservoir was restored from parts that no run could have left.

@@ -55,11 +55,6 @@ impl EuclideanCosts {
         positive("dim", dim)?;
         rows("x", x, dim, "point")?;
         rows("y", y, dim, "point")?;
-        self.compute_checked(x, y, dim)
-    }
-
-    /// Does the same for clouds that have been checked.
-    pub(crate) fn compute_checked(&mut self, x: &[f32], y: &[f32], dim: usize) -> Result<&[f64]> {
         let (n, m) = (x.len() / dim, y.len() / dim);
         let Self { centre, costs, .. } = self;
         costs.clear();

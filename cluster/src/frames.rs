@@ -30,7 +30,7 @@ impl Frames {
 
     /// Returns the number of episodes, at least 1.
     pub fn episodes(&self) -> usize {
-        self.features.len() / self.episode_len()
+        self.features.len() / (self.frames_per_episode * self.dim)
     }
 
     /// Returns the number of frames of each episode (the paper's `k`).
@@ -43,33 +43,16 @@ impl Frames {
         self.dim
     }
 
-    /// Returns the features of the episode of this index, `[frames_per_episode, dim]`.
-    ///
-    /// # Panics
-    /// If `index` is not below [`episodes`](Self::episodes).
-    pub fn episode(&self, index: usize) -> &[f32] {
-        &self.features[index * self.episode_len()..][..self.episode_len()]
-    }
-
     /// Rejects frames of another size.
     pub(crate) fn check_alike(&self, other: &Self) -> Result<()> {
-        let mut sizes = self.sizes(other).into_iter();
-        match sizes.find(|(_, first, second)| first != second) {
+        let (ours, theirs) = (self.frames_per_episode, other.frames_per_episode);
+        let sizes = [("dim", self.dim, other.dim), ("frames_per_episode", ours, theirs)];
+        match sizes.into_iter().find(|(_, first, second)| first != second) {
             Some((what, first, second)) => {
                 Err(ClusterError::FramesMismatch { what, first, second })
             }
             None => Ok(()),
         }
-    }
-
-    /// Returns the sizes that comparable frames share: name, value of `self`, value of `other`.
-    fn sizes(&self, other: &Self) -> [(&'static str, usize, usize); 2] {
-        let (ours, theirs) = (self.frames_per_episode, other.frames_per_episode);
-        [("dim", self.dim, other.dim), ("frames_per_episode", ours, theirs)]
-    }
-
-    fn episode_len(&self) -> usize {
-        self.frames_per_episode * self.dim
     }
 }
 
@@ -81,21 +64,4 @@ pub struct Candidate {
     pub buffer: Frames,
     /// Frames of the rollout, `O`.
     pub rollout: Frames,
-}
-
-impl Candidate {
-    /// Checks that both clouds live in the same space; `index` names the candidate in the message.
-    pub(crate) fn check(&self, index: usize) -> Result<()> {
-        for (what, buffer, rollout) in self.buffer.sizes(&self.rollout) {
-            if buffer != rollout {
-                return Err(ClusterError::CandidateMismatch {
-                    candidate: index,
-                    what,
-                    buffer,
-                    rollout,
-                });
-            }
-        }
-        Ok(())
-    }
 }

@@ -7,8 +7,10 @@ use rand::seq::SliceRandom;
 
 use crate::check::positive;
 use crate::error::{ClusterError, Result};
-use crate::frames::{Candidate, Frames};
-use crate::permutation::{NullDistribution, PooledDistances, ROUNDING, describe, tail};
+use crate::euclidean::EuclideanCosts;
+use crate::frames::Candidate;
+use crate::permutation::{NullDistribution, PermutationTest, ROUNDING};
+use crate::transport::{Solver, Weights};
 
 /// Source of evidence: its points for the episodes of a rollout and of a buffer.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,51 +66,34 @@ impl SourceTest {
 pub struct JointTest {
     /// Result of each source; `None` for one whose pooled points are all equal.
     pub sources: Vec<Option<SourceTest>>,
-    /// Distribution of the largest score over the sources, under random splits.
-    pub null: NullDistribution,
-    /// Largest score of the observed split, standardised by `null`.
-    pub score: f64,
-    /// Smallest p-value of a source, at most 1. Exact: for exchangeable episodes it is at most
-    /// `a` with probability at most `a`, whatever the sources and their number.
-    pub p_value: f64,
+    /// Largest score over the sources, and the smallest p-values of a source, at most 1.
+    pub overall: PermutationTest,
 }
 
-/// Runs a joint test of all sources with `permutations` random splits.
-///
-/// # Errors
-/// No split, no source, sources that show different numbers of episodes, or clouds that cannot be
-/// compared.
-pub fn joint_test<R: Rng + ?Sized>(
-    sources: &[Source],
-    permutations: usize,
-    rng: &mut R,
-) -> Result<JointTest> {
-    joint_test_until(sources, &[permutations], |_| false, rng)
-}
-
-/// Runs a joint test of all sources in stages until an outcome is `decided`. `stages` are total
+/// Runs a joint test of all sources in stages until an outcome `is_decided`. `stages` are total
 /// numbers of random splits, ascending; the last stage ends the test in any case.
 ///
-/// If `decided` only stops tests that are not going to be significant, as Besag and
-/// Clifford do in "Sequential Monte Carlo p-values", Biometrika 78 (1991), false alarms become no
-/// more frequent: each of them is also one of the complete test.
+/// If `is_decided` only stops tests that are not going to be significant, as Besag and Clifford do
+/// in "Sequential Monte Carlo p-values", Biometrika 78 (1991), false alarms become no more
+/// frequent: each of them is also one of the complete test.
 ///
 /// # Errors
-/// Errors of [`joint_test`], and an empty list of stages.
-pub fn joint_test_until<R: Rng + ?Sized>(
+/// No stage or one without a split, no source, sources that show different numbers of episodes, or
+/// clouds that cannot be compared.
+pub fn joint_test(
     sources: &[Source],
     stages: &[usize],
-    decided: impl Fn(&JointTest) -> bool,
-    rng: &mut R,
+    is_decided: impl Fn(&JointTest) -> bool,
+    rng: &mut impl Rng,
 ) -> Result<JointTest> {
     positive("splits", stages.iter().copied().min().unwrap_or(1))?;
-    let (rollout, buffer) = episodes(sources)?;
-    let pools = sources.iter().map(|source| {
-        let Candidate { rollout: o, buffer: b } = &source.clouds;
-        let features = [o.features(), b.features()].concat();
-        Pool::new(&features, o, source.side, rollout)
-    });
-    let mut pools = pools.collect::<Result<Vec<_>>>()?;
+    let mut counts = Vec::with_capacity(sources.len());
+    for Source { clouds: Candidate { rollout, buffer }, .. } in sources {
+        rollout.check_alike(buffer)?;
+        counts.push((rollout.episodes(), buffer.episodes()));
+    }
+    let (rollout, buffer) = shared(&counts)?;
+    let mut pools = sources.iter().map(Pool::new).collect::<Result<Vec<_>>>()?;
     let mut order: Vec<usize> = (0..rollout + buffer).collect();
     measure(&mut pools, &order)?;
     let mut splits = 0;
@@ -119,7 +104,7 @@ pub fn joint_test_until<R: Rng + ?Sized>(
         }
         splits = splits.max(stage);
         let test = judge(&pools, splits);
-        if index + 1 == stages.len() || decided(&test) {
+        if index + 1 == stages.len() || is_decided(&test) {
             return Ok(test);
         }
     }
@@ -132,25 +117,13 @@ fn measure(pools: &mut [Option<Pool>], order: &[usize]) -> Result<()> {
     pools.try_for_each(|pool| pool.measure(order))
 }
 
-/// Returns the numbers of episodes on both sides, which all sources must share.
-fn episodes(sources: &[Source]) -> Result<(usize, usize)> {
-    let mut clouds = sources.iter().map(|source| &source.clouds).enumerate();
-    clouds.try_for_each(|(index, clouds)| clouds.check(index))?;
-    shared(sources.iter().map(|source| {
-        let Candidate { rollout, buffer } = &source.clouds;
-        (rollout.episodes(), buffer.episodes())
-    }))
-}
-
 /// Returns the numbers of episodes of the first source, after checking that all sources share them.
-pub(crate) fn shared(
-    counts: impl Iterator<Item = (usize, usize)> + Clone,
-) -> Result<(usize, usize)> {
-    let first = counts.clone().next();
-    let expected = first.ok_or(ClusterError::Empty { what: "sources" })?;
-    match counts.enumerate().find(|(_, got)| *got != expected) {
+pub(crate) fn shared(counts: &[(usize, usize)]) -> Result<(usize, usize)> {
+    let expected = *counts.first().ok_or(ClusterError::Empty { what: "sources" })?;
+    match counts.iter().position(|&got| got != expected) {
         None => Ok(expected),
-        Some((source_index, got)) => {
+        Some(source_index) => {
+            let got = counts[source_index];
             Err(ClusterError::SourceMismatch { source_index, got, expected })
         }
     }
@@ -158,45 +131,73 @@ pub(crate) fn shared(
 
 /// Distances of one source: first that of the observed split, then those of random splits.
 struct Pool {
-    distances: PooledDistances,
+    /// Distances between all pooled frames, `[frames, frames]`, and the largest of them.
+    all: Vec<f64>,
+    largest: f64,
+    frames_per_episode: usize,
     /// Number of episodes of the first side.
     split: usize,
     /// Sum of the values of each episode under [`Side::Less`]; `None` under [`Side::Both`].
     sums: Option<Vec<f64>>,
     measured: Vec<f64>,
+    /// Costs of one split.
+    costs: Vec<f64>,
+    solver: Solver,
 }
 
 impl Pool {
-    /// Pools the features of all episodes, with the sizes of `like`; `None` if all points are
-    /// equal.
-    fn new(features: &[f32], like: &Frames, side: Side, split: usize) -> Result<Option<Self>> {
-        let distances = PooledDistances::new(features, like)?;
-        let each = like.frames_per_episode() * like.dim();
+    /// Pools the features of all episodes; `None` if all points are equal.
+    fn new(source: &Source) -> Result<Option<Self>> {
+        let Candidate { rollout, buffer } = &source.clouds;
+        let features = [rollout.features(), buffer.features()].concat();
+        let all = EuclideanCosts::new().compute(&features, &features, rollout.dim())?.to_vec();
+        let largest = all.iter().copied().fold(0.0, f64::max);
+        let frames_per_episode = rollout.frames_per_episode();
         let sum = |episode: &[f32]| episode.iter().map(|&v| f64::from(v)).sum::<f64>();
-        Ok((distances.largest() > 0.0).then(|| Self {
-            distances,
-            split,
-            sums: (side == Side::Less).then(|| features.chunks(each).map(sum).collect()),
+        let episodes = features.chunks(frames_per_episode * rollout.dim());
+        Ok((largest > 0.0).then(|| Self {
+            all,
+            largest,
+            frames_per_episode,
+            split: rollout.episodes(),
+            sums: (source.side == Side::Less).then(|| episodes.map(sum).collect()),
             measured: Vec::new(),
+            costs: Vec::new(),
+            solver: Solver::new(),
         }))
     }
 
     /// Appends the distance between the two sides of the episodes in this order.
     fn measure(&mut self, order: &[usize]) -> Result<()> {
-        let distance =
-            if self.counts(order) { self.distances.between(order, self.split)? } else { 0.0 };
+        let (left, right) = order.split_at(self.split);
+        let distance = if self.counts(left, right) { self.distance(left, right)? } else { 0.0 };
         self.measured.push(distance);
         Ok(())
     }
 
-    /// Returns `true` if the difference between the two sides counts.
-    fn counts(&self, order: &[usize]) -> bool {
-        let (first, second) = order.split_at(self.split);
+    /// Returns `true` if a difference between two lists of episodes counts.
+    fn counts(&self, left: &[usize], right: &[usize]) -> bool {
         self.sums.as_ref().is_none_or(|sums| {
             let mean =
                 |side: &[usize]| side.iter().map(|&e| sums[e]).sum::<f64>() / side.len() as f64;
-            mean(first) < mean(second)
+            mean(left) < mean(right)
         })
+    }
+
+    /// Returns `W1` between two lists of episodes.
+    fn distance(&mut self, left: &[usize], right: &[usize]) -> Result<f64> {
+        // the solver is fastest with more sources than sinks
+        let (sources, sinks) = if left.len() < right.len() { (right, left) } else { (left, right) };
+        let (k, frames) = (self.frames_per_episode, self.all.len().isqrt());
+        self.costs.clear();
+        for frame in sources.iter().flat_map(|episode| episode * k..(episode + 1) * k) {
+            let row = &self.all[frame * frames..][..frames];
+            for episode in sinks {
+                self.costs.extend_from_slice(&row[episode * k..(episode + 1) * k]);
+            }
+        }
+        let [a, b] = [sources, sinks].map(|side| Weights::Uniform(side.len() * k));
+        Ok(self.solver.solve(&self.costs, a, b)?.cost)
     }
 
     /// Returns mean and standard deviation of the distances from this index on; the deviation is at
@@ -206,7 +207,7 @@ impl Pool {
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
         let sd = (variance / (values.len() as f64 - 1.0).max(1.0)).sqrt();
-        (mean, sd.max(ROUNDING * self.distances.largest()))
+        (mean, sd.max(ROUNDING * self.largest))
     }
 
     fn scores(&self, from: usize) -> Vec<f64> {
@@ -218,13 +219,6 @@ impl Pool {
 /// Largest difference of scores that count as equal.
 const EQUAL: f64 = 1e-9;
 
-/// Returns the scores of every source with a result, with moments of its distances from index
-/// `from` on.
-fn scores(pools: &[Option<Pool>], from: usize) -> Vec<Option<Vec<f64>>> {
-    let pools = pools.iter().map(Option::as_ref);
-    pools.map(|pool| Some(pool?.scores(from))).collect()
-}
-
 /// Returns the largest score of every split over all sources; 0 if no source has a result.
 fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64> {
     let largest = |split: usize| {
@@ -235,12 +229,14 @@ fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64
 }
 
 fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
+    let scores = |from: usize| -> Vec<Option<Vec<f64>>> {
+        pools.iter().map(|pool| Some(pool.as_ref()?.scores(from))).collect()
+    };
     // with moments over all splits, including the observed one, the test is exact; the tail is
     // wider, since the observed split does not count in it
-    let (exact, outer) = (scores(pools, 0), scores(pools, 1));
+    let (exact, outer) = (scores(0), scores(1));
     let reached = maxima(&exact, 0..=permutations);
-    let null = describe(maxima(&outer, 1..=permutations), ROUNDING);
-    let standardised = |score: f64| (score - null.mean) / null.sd.max(ROUNDING);
+    let null = NullDistribution::new(maxima(&outer, 1..=permutations));
     let outcome_of = |index: usize| {
         let (pool, exact) = (pools[index].as_ref()?, exact[index].as_ref()?[0]);
         let score = outer[index].as_ref()?[0];
@@ -250,23 +246,26 @@ fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
             mean: pool.moments(1).0,
             score,
             p_value: reaching as f64 / (1 + permutations) as f64,
-            tail_p_value: tail(standardised(score), &null),
+            tail_p_value: null.tail(null.standardise(score)),
         })
     };
     let sources: Vec<_> = (0..pools.len()).map(outcome_of).collect();
-    let p_values = sources.iter().flatten().map(|source| source.p_value);
-    JointTest {
-        p_value: p_values.fold(1.0, f64::min),
-        score: standardised(maxima(&outer, 0..=0)[0]),
-        sources,
+    let smallest =
+        |p_value: fn(&SourceTest) -> f64| sources.iter().flatten().map(p_value).fold(1.0, f64::min);
+    let overall = PermutationTest {
         null,
-    }
+        score: null.standardise(maxima(&outer, 0..=0)[0]),
+        p_value: smallest(|source| source.p_value),
+        tail_p_value: smallest(|source| source.tail_p_value),
+    };
+    JointTest { sources, overall }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fixtures::draw;
+    use crate::frames::Frames;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
@@ -276,17 +275,21 @@ mod tests {
         Source { clouds, side }
     }
 
+    fn whole(sources: &[Source], splits: usize, rng: &mut ChaCha8Rng) -> Result<JointTest> {
+        joint_test(sources, &[splits], |_| false, rng)
+    }
+
     #[test]
     fn equal_points_say_nothing_and_do_not_silence_the_others() {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let (near, far) = (draw(10, 0.0, &mut rng), draw(20, 3.0, &mut rng));
         let still = source(&[7.0; 10], &[7.0; 20], Side::Both);
-        let alone = joint_test(std::slice::from_ref(&still), 50, &mut rng).unwrap();
-        assert_eq!((alone.sources[0], alone.p_value), (None, 1.0));
-        assert!(alone.score.is_finite());
+        let alone = whole(std::slice::from_ref(&still), 50, &mut rng).unwrap();
+        assert_eq!((alone.sources[0], alone.overall.p_value), (None, 1.0));
+        assert!(alone.overall.score.is_finite());
         let both = [still, source(&near, &far, Side::Both)];
-        let test = joint_test(&both, 50, &mut rng).unwrap();
-        assert!(test.sources[0].is_none() && test.p_value <= 1.0 / 51.0);
+        let test = whole(&both, 50, &mut rng).unwrap();
+        assert!(test.sources[0].is_none() && test.overall.p_value <= 1.0 / 51.0);
         assert!(test.sources[1].unwrap().ratio() > 3.0);
     }
 
@@ -296,7 +299,7 @@ mod tests {
         let (low, high) = (draw(10, 0.0, &mut rng), draw(20, 3.0, &mut rng));
         let mut p = |rollout: &[f32], buffer: &[f32]| {
             let source = [source(rollout, buffer, Side::Less)];
-            joint_test(&source, 99, &mut rng).unwrap().p_value
+            whole(&source, 99, &mut rng).unwrap().overall.p_value
         };
         assert!(p(&low, &high) <= 0.01);
         assert!(p(&high, &low) > 0.3);
@@ -310,47 +313,33 @@ mod tests {
             let sources: Vec<Source> = (0..10)
                 .map(|_| source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Both))
                 .collect();
-            joint_test(&sources, 39, &mut rng).unwrap().p_value <= 0.05
+            whole(&sources, 39, &mut rng).unwrap().overall.p_value <= 0.05
         });
         let alarms = alarms.count();
         // nominal 20; four standard deviations are 17
         assert!((5..=37).contains(&alarms), "{alarms}");
     }
 
-    /// The stages of one test draw what the whole test draws, and the last one decides.
-    #[test]
-    fn a_test_that_is_never_decided_is_the_whole_test() {
-        let mut rng = ChaCha8Rng::seed_from_u64(6);
-        let sources = [source(&draw(8, 0.3, &mut rng), &draw(9, 0.0, &mut rng), Side::Both)];
-        let run = |stages: &[usize], splits: usize| {
-            let mut split_rng = ChaCha8Rng::seed_from_u64(7);
-            let decided = |test: &JointTest| test.null.permutations >= splits;
-            joint_test_until(&sources, stages, decided, &mut split_rng).unwrap()
-        };
-        let whole = joint_test(&sources, 60, &mut ChaCha8Rng::seed_from_u64(7)).unwrap();
-        assert_eq!(run(&[10, 30, 60], 100), whole);
-        assert_eq!(run(&[10, 30, 60], 20).null.permutations, 30);
-        let mut other_rng = ChaCha8Rng::seed_from_u64(7);
-        assert!(joint_test_until(&sources, &[], |_| true, &mut other_rng).is_err());
-        assert!(joint_test(&sources, 0, &mut other_rng).is_err());
-    }
-
-    /// Tests that stop once nine splits reach the distance at hand: 1000 tests in which nothing
-    /// differs, and the rate of false alarms stays below the level.
+    /// Stages draw what the whole test draws. Of 1000 tests in which nothing differs and that end
+    /// once nine splits reach the distance at hand, no more are false alarms.
     #[test]
     fn early_ends_give_no_more_false_alarms() {
         let mut rng = ChaCha8Rng::seed_from_u64(8);
-        let reaching = |test: &JointTest| test.p_value * (1 + test.null.permutations) as f64;
+        let reaching =
+            |test: &JointTest| test.overall.p_value * (1 + test.overall.null.permutations) as f64;
         let (mut alarms, mut splits) = (0, 0);
         for _ in 0..1000 {
             let sources = [
                 source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Both),
                 source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Less),
             ];
+            let mut again = rng.clone();
             let decided = |test: &JointTest| reaching(test) > 8.5;
-            let test = joint_test_until(&sources, &[19, 39, 79], decided, &mut rng).unwrap();
-            alarms += usize::from(test.p_value <= 0.05);
-            splits += test.null.permutations;
+            let test = joint_test(&sources, &[19, 39, 79], decided, &mut rng).unwrap();
+            let permutations = test.overall.null.permutations;
+            assert_eq!(test, whole(&sources, permutations, &mut again).unwrap());
+            alarms += usize::from(test.overall.p_value <= 0.05);
+            splits += permutations;
         }
         // nominal 50; four standard deviations are 28
         assert!((22..=78).contains(&alarms), "{alarms}");
@@ -361,8 +350,10 @@ mod tests {
     fn what_cannot_be_compared_is_refused() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let sources = [source(&[0.0, 1.0], &[2.0], Side::Both), source(&[0.0], &[2.0], Side::Both)];
-        let message = joint_test(&sources, 20, &mut rng).unwrap_err().to_string();
+        let message = whole(&sources, 20, &mut rng).unwrap_err().to_string();
         assert!(message.contains("source 1 shows (1, 1) episodes, expected (2, 1)"), "{message}");
-        assert!(joint_test(&[], 20, &mut rng).is_err());
+        assert!(whole(&[], 20, &mut rng).is_err());
+        assert!(whole(&sources[..1], 0, &mut rng).is_err());
+        assert!(joint_test(&sources[..1], &[], |_| true, &mut rng).is_err());
     }
 }

@@ -1,49 +1,34 @@
-//! Distribution of 1-Wasserstein distances over random splits of pooled episodes.
+//! Permutation test of a score, with its distribution over random splits of pooled episodes.
 
-use crate::error::Result;
-use crate::euclidean::EuclideanCosts;
-use crate::frames::Frames;
-use crate::tail::pearson3_tail;
-use crate::transport::{Solver, Weights};
+use statrs::function::gamma::checked_gamma_ur;
 
 /// Rounding allowance for distances, as a fraction of the largest pooled one.
 pub(crate) const ROUNDING: f64 = 1e-9;
 
-/// Distribution of a distance, or of a joint test's largest score, over random splits of the pooled
-/// episodes.
+/// Distribution of a joint test's largest score over random splits of the pooled episodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NullDistribution {
     /// Number of random splits of the pooled episodes.
     pub permutations: usize,
-    /// Mean of the distance or score over random splits.
+    /// Mean of the score over random splits.
     pub mean: f64,
-    /// Standard deviation of the distance or score over random splits.
+    /// Standard deviation of the score over random splits.
     pub sd: f64,
     /// Skewness over random splits, the third standardised moment; distances are skewed to the
     /// right.
     pub skewness: f64,
-    /// 5 % quantile of the distance or score over random splits.
-    pub q05: f64,
-    /// Median of the distance or score over random splits.
-    pub q50: f64,
-    /// 95 % quantile of the distance or score over random splits.
-    pub q95: f64,
-    /// Largest distance or score of a random split.
+    /// Largest score of a random split.
     pub max: f64,
 }
 
 /// Result of a permutation test. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PermutationTest {
-    /// 1-Wasserstein distance between the episodes of the rollout and those of the buffer that
-    /// entered the test.
-    pub distance: f64,
-    /// Distribution of the distance if rollout and buffer were exchangeable.
+    /// Distribution of the score if rollout and buffer were exchangeable.
     pub null: NullDistribution,
-    /// Standardised distance `(distance - mean) / sd`; zero where all splits and the distance
-    /// agree.
+    /// Score of the observed split, standardised by `null`; zero where all splits agree.
     pub score: f64,
-    /// P-value `(1 + splits at least as far apart) / (1 + splits)`, in `(0, 1]`. Exact: for
+    /// Share of splits, including the observed one, at least as far apart, in `(0, 1]`. Exact: for
     /// exchangeable episodes it is at most `a` with probability at most `a`, whatever the features.
     pub p_value: f64,
     /// P-value of the score under the Pearson type III distribution of the null's moments, in
@@ -51,80 +36,53 @@ pub struct PermutationTest {
     pub tail_p_value: f64,
 }
 
-/// Distances between all pooled frames, and the memory for the part that one split needs.
-pub(crate) struct PooledDistances {
-    all: Vec<f64>,
-    frames: usize,
-    per_episode: usize,
-    cost: Vec<f64>,
-    solver: Solver,
-}
-
-impl PooledDistances {
-    pub(crate) fn new(features: &[f32], like: &Frames) -> Result<Self> {
-        let all = EuclideanCosts::new().compute(features, features, like.dim())?.to_vec();
-        let frames = features.len() / like.dim();
-        Ok(Self {
-            all,
-            frames,
-            per_episode: like.frames_per_episode(),
-            cost: Vec::new(),
-            solver: Solver::new(),
-        })
-    }
-
-    pub(crate) fn largest(&self) -> f64 {
-        self.all.iter().copied().fold(0.0, f64::max)
-    }
-
-    /// Returns `W1` between the first `split` episodes of `order` and the rest.
-    pub(crate) fn between(&mut self, order: &[usize], split: usize) -> Result<f64> {
-        let k = self.per_episode;
-        let (left, right) = order.split_at(split);
-        // the solver is fastest with more sources than sinks
-        let (sources, sinks) = if split < right.len() { (right, left) } else { (left, right) };
-        self.cost.clear();
-        for frame in sources.iter().flat_map(|episode| episode * k..(episode + 1) * k) {
-            let row = &self.all[frame * self.frames..][..self.frames];
-            for episode in sinks {
-                self.cost.extend_from_slice(&row[episode * k..(episode + 1) * k]);
-            }
+impl NullDistribution {
+    /// Takes the scores of all splits.
+    pub(crate) fn new(mut splits: Vec<f64>) -> Self {
+        splits.sort_unstable_by(f64::total_cmp);
+        let count = splits.len() as f64;
+        let mean = splits.iter().sum::<f64>() / count;
+        let sd = (splits.iter().map(|w| (w - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
+        let cubes = splits.iter().map(|w| ((w - mean) / sd.max(ROUNDING)).powi(3));
+        Self {
+            permutations: splits.len(),
+            mean,
+            sd,
+            skewness: cubes.sum::<f64>() / count,
+            max: splits.last().copied().unwrap_or(0.0),
         }
-        let [a, b] = [sources, sinks].map(|side| Weights::Uniform(side.len() * k));
-        Ok(self.solver.solve(&self.cost, a, b)?.cost)
+    }
+
+    /// Returns a score in standard deviations above the mean.
+    pub(crate) fn standardise(&self, score: f64) -> f64 {
+        (score - self.mean) / self.sd.max(ROUNDING)
+    }
+
+    /// Returns the probability of a larger standardised score under the Pearson type III
+    /// distribution with these moments.
+    pub(crate) fn tail(&self, standardised: f64) -> f64 {
+        // raised by the standard error of a normal sample's skewness, since a tail that is taken
+        // for too light costs a false alarm, and one that is taken for too heavy little
+        let error = (6.0 / self.permutations as f64).sqrt();
+        pearson3_tail(standardised, self.skewness.max(0.0) + error)
     }
 }
 
-/// The probability of a score under the Pearson type III distribution of the null's moments.
-pub(crate) fn tail(score: f64, null: &NullDistribution) -> f64 {
-    let skewness = null.skewness.max(0.0) + skewness_error(null.permutations);
-    pearson3_tail(score, skewness)
-}
+/// Skewness below which the distribution is taken for this one: with it, the shape of the gamma
+/// distribution, `4 / skewness^2`, is 400.
+const LEAST_SKEWNESS: f64 = 0.1;
 
-/// Standard error of the skewness of a normal sample. It is added to the skewness measured, since a
-/// tail that is taken for too light costs a false alarm, and one that is taken for too heavy
-/// little.
-fn skewness_error(permutations: usize) -> f64 {
-    (6.0 / permutations as f64).sqrt()
-}
-
-pub(crate) fn describe(mut splits: Vec<f64>, rounding: f64) -> NullDistribution {
-    splits.sort_unstable_by(f64::total_cmp);
-    let count = splits.len() as f64;
-    let mean = splits.iter().sum::<f64>() / count;
-    let sd = (splits.iter().map(|w| (w - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
-    let standardised = splits.iter().map(|w| (w - mean) / sd.max(rounding));
-    let quantile = |share: f64| splits[(share * (count - 1.0)).round() as usize];
-    NullDistribution {
-        permutations: splits.len(),
-        mean,
-        sd,
-        skewness: standardised.map(|z| z.powi(3)).sum::<f64>() / count,
-        q05: quantile(0.05),
-        q50: quantile(0.5),
-        q95: quantile(0.95),
-        max: quantile(1.0),
-    }
+/// Returns the probability that a variable of mean 0, standard deviation 1 and the given skewness
+/// exceeds `score`, in `[0, 1]`.
+///
+/// With `a = 4 / skewness^2` this is `Q(a, a + score sqrt(a))`, where `Q` is the regularised upper
+/// incomplete gamma function. Permutation distributions of distances are close to this family:
+/// Mielke and Berry, "Permutation Methods: A Distance Function Approach" (2001), chapter 2.
+fn pearson3_tail(score: f64, skewness: f64) -> f64 {
+    let shape = 4.0 / skewness.max(LEAST_SKEWNESS).powi(2);
+    let x = (shape + score * shape.sqrt()).min(f64::MAX);
+    // only `x <= 0` is refused, where all of the distribution lies above
+    checked_gamma_ur(shape, x).unwrap_or(1.0)
 }
 
 #[cfg(test)]
@@ -134,16 +92,58 @@ mod tests {
     #[test]
     fn figures_of_a_known_null_distribution() {
         // 0, 1, ..., 100, in an order that is not sorted
-        let null = describe((0..=100).map(|i| f64::from(i * 37 % 101)).collect(), 1e-9);
+        let null = NullDistribution::new((0..=100).map(|i| f64::from(i * 37 % 101)).collect());
         assert_eq!((null.permutations, null.mean, null.max), (101, 50.0, 100.0));
-        assert_eq!((null.q05, null.q50, null.q95), (5.0, 50.0, 95.0));
         assert!((null.sd - 858.5_f64.sqrt()).abs() < 1e-12 && null.skewness.abs() < 1e-12);
+        let still = NullDistribution::new(vec![1.0; 20]);
+        assert_eq!((still.sd, still.skewness, still.standardise(1.0)), (0.0, 0.0, 0.0));
+        assert!(still.tail(0.0) > 0.1);
+    }
+
+    fn assert_close(got: f64, expected: f64) {
+        assert!((got - expected).abs() <= 1e-11 * expected, "{got:e} is not {expected:e}");
     }
 
     #[test]
-    fn splits_that_are_equal_have_no_skewness() {
-        let null = describe(vec![1.0; 20], 1e-9);
-        assert_eq!((null.sd, null.skewness), (0.0, 0.0));
-        assert!(tail(0.0, &null) > 0.1);
+    #[should_panic(expected = "NaN is not 1e0")]
+    fn the_comparison_sees_nan() {
+        assert_close(f64::NAN, 1.0);
+    }
+
+    /// Gamma distributions of whole shapes, and that of shape 1/2: erfc of the root, from tables.
+    #[test]
+    fn agrees_with_closed_forms() {
+        for shape in [1_u16, 2, 3, 25, 100, 400] {
+            let root = f64::from(shape).sqrt();
+            for score in [-0.5, 0.0, 3.0, 6.0, 12.0] {
+                let x = f64::from(shape) + score * root;
+                let poisson = (1..shape).scan((-x).exp(), |term, k| {
+                    *term *= x / f64::from(k);
+                    Some(*term)
+                });
+                let expected = (-x).exp() + poisson.sum::<f64>();
+                assert_close(pearson3_tail(score, 2.0 / root), expected);
+            }
+        }
+        for (root, erfc) in [
+            (0.5, 0.479_500_122_186_953_5),
+            (1.0, 0.157_299_207_050_285_13),
+            (2.0, 0.004_677_734_981_047_266),
+        ] {
+            let score = (root * root - 0.5) / 0.5_f64.sqrt();
+            assert_close(pearson3_tail(score, 8.0_f64.sqrt()), erfc);
+        }
+    }
+
+    #[test]
+    fn stays_a_probability_at_the_extremes() {
+        for skewness in [-3.0, 0.0, 1e-9, 0.1, 1.0, 3.0, 30.0] {
+            let mut last = 1.0;
+            for score in [f64::MIN, -1e9, -3.0, 0.0, 1.0, 5.0, 40.0, 1e9, f64::MAX] {
+                let p = pearson3_tail(score, skewness);
+                assert!((0.0..=last).contains(&p), "{skewness} {score}: {p}");
+                last = p;
+            }
+        }
     }
 }

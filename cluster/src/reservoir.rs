@@ -42,18 +42,17 @@ impl<E> Reservoir<E> {
         Ok(Self { capacity, seen, episodes })
     }
 
-    /// Offers an episode to the sample and returns the one that is dropped. While there is room,
-    /// none is dropped, and otherwise a stored episode or the offered one.
-    pub fn offer<R: Rng + ?Sized>(&mut self, episode: E, rng: &mut R) -> Option<E> {
+    /// Offers an episode to the sample. Once it is full, a stored episode or the offered one is
+    /// dropped.
+    pub fn offer(&mut self, episode: E, rng: &mut impl Rng) {
         self.seen += 1;
         if self.episodes.len() < self.capacity {
             self.episodes.push(episode);
-            return None;
+            return;
         }
         let place = usize::try_from(rng.random_range(0..self.seen)).ok();
-        match place.and_then(|place| self.episodes.get_mut(place)) {
-            Some(held) => Some(std::mem::replace(held, episode)),
-            None => Some(episode),
+        if let Some(held) = place.and_then(|place| self.episodes.get_mut(place)) {
+            *held = episode;
         }
     }
 

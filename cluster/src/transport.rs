@@ -17,5 +17,4 @@ pub use certificate::{MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, certify};
 pub use problem::{Certificate, Entry, MAX_COST, TransportPlan, Weights};
 pub use solver::{Solver, transport};
 
-pub(crate) use mass::Balance;
 pub(crate) use problem::check_weights_of;

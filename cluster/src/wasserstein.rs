@@ -34,9 +34,7 @@ pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64> {
     // many sources and few sinks are priced faster than the reverse
     let (x, y) = if x.len() < y.len() { (y, x) } else { (x, y) };
     let uniform = |cloud: &[f32]| Weights::Uniform(cloud.len() / dim);
-    let (mut costs, mut solver) = (EuclideanCosts::new(), Solver::new());
-    let costs = costs.compute_checked(x, y, dim)?;
-    Ok(solver.solve(costs, uniform(x), uniform(y))?.cost)
+    Ok(Wasserstein::new().solve((x, uniform(x)), (y, uniform(y)), dim)?.cost)
 }
 
 /// 1-Wasserstein distance between two clouds and its gradient in their points.

@@ -1,8 +1,6 @@
-//! Distances against closed forms, brute force and replication; hostile input.
+//! Distances and gradients against brute force and central differences; hostile input.
 
-use cluster::{
-    ClusterError, EuclideanCosts, Weights, wasserstein1, wasserstein1_gradient, wasserstein1_line,
-};
+use cluster::{ClusterError, EuclideanCosts, wasserstein1, wasserstein1_gradient};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -17,11 +15,6 @@ fn brute_force(x: &[f32], y: &[f32], dim: usize) -> f64 {
     oracle::transport(cost, &weights, &weights).expect("at most eight points a side")
 }
 
-/// Repeats each point `times` times, which leaves the distribution as it is.
-fn replicated(x: &[f32], dim: usize, times: usize) -> Vec<f32> {
-    x.chunks_exact(dim).flat_map(|p| p.repeat(times)).collect()
-}
-
 #[track_caller]
 fn assert_close(got: f64, expected: f64) {
     assert!((got - expected).abs() <= 1e-9 * expected.max(1.0), "got {got}, expected {expected}");
@@ -34,22 +27,6 @@ fn the_comparison_sees_nan() {
 }
 
 #[test]
-#[should_panic(expected = "got 1, expected NaN")]
-fn the_comparison_sees_a_nan_of_the_oracle() {
-    assert_close(1.0, f64::NAN);
-}
-
-#[test]
-fn agrees_with_the_closed_form_on_the_line() {
-    let mut rng = ChaCha8Rng::seed_from_u64(1);
-    for (n, m) in [(1, 1), (1, 9), (7, 7), (12, 5), (40, 40), (40, 80), (30, 31), (64, 3)] {
-        let (x, y) = (normals(&mut rng, n), normals(&mut rng, m));
-        let line = wasserstein1_line(&x, Weights::Uniform(n), &y, Weights::Uniform(m));
-        assert_close(wasserstein1(&x, &y, 1).unwrap(), line.unwrap());
-    }
-}
-
-#[test]
 fn agrees_with_all_permutations() {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     for n in 1..=8 {
@@ -57,18 +34,6 @@ fn agrees_with_all_permutations() {
             let (x, y) = (normals(&mut rng, n * dim), normals(&mut rng, n * dim));
             assert_close(wasserstein1(&x, &y, dim).unwrap(), brute_force(&x, &y, dim));
         }
-    }
-}
-
-#[test]
-fn agrees_with_all_permutations_of_replicated_points() {
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    for (n, m) in [(2, 3), (3, 2), (1, 7), (2, 4), (2, 6), (6, 3)] {
-        let (x, y) = (normals(&mut rng, n * 2), normals(&mut rng, m * 2));
-        let mut multiples = (1..).map(|i| i * n);
-        let common = multiples.find(|i| i.is_multiple_of(m)).unwrap();
-        let (many_x, many_y) = (replicated(&x, 2, common / n), replicated(&y, 2, common / m));
-        assert_close(wasserstein1(&x, &y, 2).unwrap(), brute_force(&many_x, &many_y, 2));
     }
 }
 
@@ -90,10 +55,8 @@ fn hostile_input_is_refused_with_its_values() {
     assert_eq!(message(&[1.0, 2.0], &[1.0, 2.0, 3.0], 2), ragged);
     assert_eq!(message(&[1.0, f32::NAN], &[1.0], 1), "x[1] is NaN: expected a finite number");
     assert_eq!(message(&[1.0], &[f32::NEG_INFINITY], 1), "y[0] is -inf: expected a finite number");
-    assert!(matches!(
-        EuclideanCosts::new().compute(&[1.0], &[], 1),
-        Err(ClusterError::Empty { what: "y" })
-    ));
+    let gradient = wasserstein1_gradient(&[1.0], &[1.0], 0);
+    assert!(matches!(gradient, Err(ClusterError::OutOfRange { name: "dim", .. })));
 }
 
 /// The distance as it is defined, in double precision.
@@ -157,37 +120,4 @@ fn the_gradient_agrees_with_central_differences() {
             assert!((got - expected).abs() < 1e-6, "{n}, {m}, {k}: {got} {expected}");
         }
     }
-}
-
-#[test]
-fn the_gradient_balances_and_gives_back_the_distance() {
-    let mut rng = ChaCha8Rng::seed_from_u64(8);
-    for (n, m, shared) in [(7, 7, 0), (12, 5, 3), (30, 40, 10), (6, 6, 6)] {
-        // shared points contribute nothing
-        let (x, mut y) = (normals(&mut rng, 3 * n), normals(&mut rng, 3 * m));
-        y[..3 * shared].copy_from_slice(&x[..3 * shared]);
-        let gradient = wasserstein1_gradient(&x, &y, 3).unwrap();
-        for d in 0..3 {
-            // moving both clouds changes nothing
-            let sum = |part: &[f64]| part.iter().skip(d).step_by(3).sum::<f64>();
-            assert!((sum(&gradient.x) + sum(&gradient.y)).abs() < 1e-15 * (n + m) as f64);
-        }
-        // the distance is homogeneous: Euler's theorem
-        let by = |part: &[f64], points: &[f32]| {
-            part.iter().zip(points).map(|(g, p)| g * f64::from(*p)).sum::<f64>()
-        };
-        let distance = by(&gradient.x, &x) + by(&gradient.y, &y);
-        assert!((distance - gradient.distance).abs() < 1e-13, "{n}, {m}: {gradient:?}");
-        // each point moves the distance by its weight at most
-        for (part, points) in [(&gradient.x, n), (&gradient.y, m)] {
-            for slope in part.chunks_exact(3) {
-                let slope = slope.iter().map(|g| g * g).sum::<f64>().sqrt();
-                assert!(slope * points as f64 <= 1.0 + 1e-12, "{n}, {m}: {slope}");
-            }
-        }
-    }
-    assert!(matches!(
-        wasserstein1_gradient(&[1.0], &[1.0], 0),
-        Err(ClusterError::OutOfRange { name: "dim", .. })
-    ));
 }

@@ -18,6 +18,21 @@ pub fn transport(cost: &[f64], a: &[f64], b: &[f64]) -> Option<f64> {
     }
 }
 
+/// Returns the distance between points of equal weight on a line: the area between their
+/// distribution functions, whose steps are whole numbers.
+pub fn line(x: &[f32], y: &[f32]) -> f64 {
+    let (n, m) = (x.len() as i64, y.len() as i64);
+    let rising = x.iter().map(|&p| (f64::from(p), m));
+    let mut steps: Vec<_> = rising.chain(y.iter().map(|&p| (f64::from(p), -n))).collect();
+    steps.sort_by(|(s, _), (t, _)| s.total_cmp(t));
+    let mut difference = 0;
+    let areas = steps.windows(2).map(|pair| {
+        difference += pair[0].1;
+        difference.abs() as f64 * (pair[1].0 - pair[0].0)
+    });
+    areas.sum::<f64>() / (n * m) as f64
+}
+
 fn dot(cost: &[f64], weights: &[f64]) -> f64 {
     cost.iter().zip(weights).map(|(c, w)| c * w).sum()
 }

@@ -17,7 +17,7 @@ use render::encode_gif;
 use super::deployment::Deployment;
 use super::faults::{Fault, FaultSweep};
 use super::film_strip::FilmStrip;
-use super::options::{RobotKind, RunAndRigOptions};
+use super::options::RunAndRigOptions;
 use super::results::ResultsFolder;
 use super::rig::{Rig, Trial};
 use super::settings::{RigSettings, VisionSettings};
@@ -43,6 +43,7 @@ struct Batch<'a> {
     covers deploy assets/pretrained-robot --trials 5 --video films --gif\n  \
     covers deploy assets/pretrained-robot --trials 5 --out swept --sweep angle-error=0,1,2,3\n  \
     covers deploy assets/pretrained-robot --calibration calibration.json\n  \
+    covers deploy assets/pretrained-robot --robot arm.urdf\n  \
     covers deploy assets/pretrained-robot --dry-run")]
 pub struct DeployOptions {
     #[command(flatten)]
@@ -171,9 +172,9 @@ impl DeployOptions {
     }
 
     fn simulated(&self, settings: RigSettings) -> Result<(Deployment, SimulatedRig), DeployError> {
-        let RobotKind::KinovaSim = self.run_and_rig.rig.robot;
         let deployment = self.run_and_rig.deployment(settings.vision)?;
-        let rig = SimulatedRig::new(settings.simulation, *deployment.training_camera())?;
+        let robot = self.run_and_rig.rig.robot;
+        let rig = SimulatedRig::new(settings.simulation, *deployment.training_camera(), robot)?;
         Ok((deployment, rig))
     }
 

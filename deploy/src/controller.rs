@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use envs::embodiments::Arm;
 use envs::{ACTION_DIM, Control, Layout};
 use glam::{DQuat, DVec3};
-use robots::{Command, ControlError, Pose, RobotState, Twist, TwistLimits};
+use robots::{Command, ControlError, OrientationConstraint, Pose, RobotState, Twist, TwistLimits};
 
 use crate::DeployError;
 
@@ -34,6 +34,8 @@ pub(super) struct ActionController {
     limits: TwistLimits,
     /// Orientation that the hand keeps.
     rotation: DQuat,
+    /// Part of the orientation that it keeps.
+    orientation: OrientationConstraint,
     /// Time in which the fingers close (seconds).
     closing_time: f64,
     /// Distance by which a full action moves the target in a tick (metres).
@@ -60,6 +62,7 @@ impl ActionController {
         Self {
             limits: settings.control.limits,
             rotation: arm.chain().tip_pose(&settings.ready_joint_positions).rotation,
+            orientation: settings.control.orientation,
             // a hand without fingers never closes
             closing_time: arm.closing_seconds().unwrap_or(f64::INFINITY),
             displacement: control.displacement / ticks,
@@ -155,7 +158,7 @@ impl ActionController {
 
     fn command(&self, state: &RobotState) -> Command {
         let target = Pose { position: self.target, rotation: self.rotation };
-        let [_, turn] = state.tip.displacement_to(&target);
+        let turn = self.orientation.error(&state.tip, &target).angular;
         // the position follows the reference, the orientation follows the measured pose
         let way = [self.target - self.reference, TURNING * turn];
         Command {

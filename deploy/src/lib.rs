@@ -39,7 +39,7 @@ pub use error::DeployError;
 pub use faults::{Fault, FaultAmount, FaultSweep};
 pub use film_strip::FilmStrip;
 pub use latency::{DecisionStage, LatencyProfile};
-pub use options::{CameraOptions, FaultLevel, RigOptions, RobotKind, RunAndRigOptions};
+pub use options::{CameraOptions, FaultLevel, RigOptions, RunAndRigOptions};
 pub use rig::{Rig, SetUp, TaskVerdict, Trial};
 pub use settings::{RigSettings, VisionSettings};
 pub use simulated::{SimulatedRig, SimulationSettings};

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use envs::{Embodiment, EnvError};
 
 use crate::DeployError;
 use experiments::{RunError, RunFolder};
@@ -12,13 +13,6 @@ use super::calibrate::CalibrationFile;
 use super::deployment::Deployment;
 use super::faults::{Fault, FaultAmount};
 use super::settings::{RigSettings, VisionSettings};
-
-/// Robot that the deployment commands support.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum RobotKind {
-    /// Simulated Kinova Gen3, with which no policy was trained.
-    KinovaSim,
-}
 
 /// Set of faults of a simulated robot and its camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -32,9 +26,10 @@ pub enum FaultLevel {
 /// Options that choose the robot and its faults.
 #[derive(Clone, Debug, Args)]
 pub struct RigOptions {
-    /// Robot to use.
-    #[arg(long, value_enum, default_value = "kinova-sim")]
-    pub robot: RobotKind,
+    /// Simulated robot: `kinova-sim`, a Kinova Gen3 with which no policy was trained, or an arm of
+    /// yours as ARM.urdf.
+    #[arg(long, value_name = "ROBOT", default_value = "kinova-sim", value_parser = robot)]
+    pub robot: Embodiment,
     /// Seed of placements and faults.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
@@ -45,6 +40,11 @@ pub struct RigOptions {
     /// --sweep`; may be given several times, for one fault each.
     #[arg(long = "fault", value_name = "FAULT=AMOUNT")]
     pub fault_amounts: Vec<FaultAmount>,
+}
+
+/// Parses the name of a robot.
+fn robot(name: &str) -> Result<Embodiment, EnvError> {
+    if name == "kinova-sim" { Ok(Embodiment::KINOVA_GEN3) } else { name.parse() }
 }
 
 impl RigOptions {

@@ -4,10 +4,10 @@
 use std::cell::Cell;
 use std::collections::VecDeque;
 use std::rc::Rc;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use envs::embodiments::{Arm, ArmSettings, KinovaGen3};
+use envs::embodiments::{Arm, ArmSettings};
 use envs::mujoco::State;
 use envs::{
     Camera, Control, Embodiment, EnvError, RGB_CHANNELS, Scene, SceneRenderer, SimulatedArm,
@@ -62,7 +62,7 @@ const CAMERAS: u64 = 1 << 63;
 /// no part of the arm hides it from the camera above.
 const BALL: DVec3 = DVec3::new(0.0, 0.13, 0.17);
 
-/// Simulated Kinova Gen3 at its table, under a camera.
+/// Simulated arm at its table, under a camera.
 pub struct SimulatedRig {
     settings: SimulationSettings,
     /// Camera of the policy. The rig's camera has the same light and the same pose.
@@ -89,12 +89,17 @@ struct Workspace {
 }
 
 impl SimulatedRig {
-    /// Creates a rig for policies that were trained with the camera `policy`.
+    /// Creates a rig with the arm `robot` for policies that were trained with the camera `policy`.
     ///
     /// # Errors
-    /// Errors of the arm's model, which is fixed.
-    pub fn new(settings: SimulationSettings, policy: Camera) -> Result<Self, DeployError> {
-        Ok(Self::of(settings, policy, KinovaGen3.arm()?, Embodiment::KINOVA_GEN3))
+    /// [`EnvError::InvalidSetting`] for an embodiment without servos, and errors of reading an arm's
+    /// file.
+    pub fn new(
+        settings: SimulationSettings,
+        policy: Camera,
+        robot: Embodiment,
+    ) -> Result<Self, DeployError> {
+        Ok(Self::of(settings, policy, robot.arm()?.clone(), robot))
     }
 
     /// Creates a rig whose arm carries the magenta ball that `covers calibrate` looks for.
@@ -104,8 +109,9 @@ impl SimulatedRig {
     pub fn carrying_ball(
         settings: SimulationSettings,
         policy: Camera,
+        robot: Embodiment,
     ) -> Result<Self, DeployError> {
-        let arm = carrying_ball()?;
+        let arm = carrying_ball(robot)?;
         Ok(Self::of(settings, policy, arm.clone(), Embodiment::from_spec(arm)))
     }
 
@@ -292,13 +298,14 @@ fn camera_stream(trial: &Trial) -> u64 {
     CAMERAS | name.wrapping_add(trial.index as u64)
 }
 
-/// Returns the arm with its ball, which is built once per process.
-fn carrying_ball() -> Result<&'static Arm, DeployError> {
-    static ARM: OnceLock<Arm> = OnceLock::new();
-    if let Some(arm) = ARM.get() {
+/// Returns the arm of a robot with its ball, which is built once per process.
+fn carrying_ball(robot: Embodiment) -> Result<&'static Arm, DeployError> {
+    static ARMS: Mutex<Vec<(Embodiment, &'static Arm)>> = Mutex::new(Vec::new());
+    let mut arms = ARMS.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some((_, arm)) = arms.iter().find(|(of, _)| *of == robot) {
         return Ok(arm);
     }
-    let bare = KinovaGen3.arm()?;
+    let bare = robot.arm()?;
     let settings = bare.settings();
     let working = bare.chain().tip_pose(&settings.ready_joint_positions).rotation;
     let DVec3 { x, y, z } = working.conjugate() * BALL;
@@ -309,11 +316,13 @@ fn carrying_ball() -> Result<&'static Arm, DeployError> {
         ),
     };
     let arm = Arm::new(ArmSettings {
-        name: "kinova_gen3_with_ball".to_owned(),
+        name: "arm_with_ball".to_owned(),
         additions: vec![ball],
         ..settings.clone()
     })?;
-    Ok(ARM.get_or_init(|| arm))
+    let arm: &'static Arm = Box::leak(Box::new(arm));
+    arms.push((robot, arm));
+    Ok(arm)
 }
 
 /// Returns the state of the arm turned away from the table by half a turn about its base.

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use envs::embodiments::{Arm, KinovaGen3};
-use envs::{Layout, TaskGroup, TaskVariant};
+use envs::{Embodiment, Layout, TaskGroup, TaskVariant};
 use glam::DVec3;
 use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
 use rl::BoxedEnvError;
@@ -235,7 +235,7 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
     let mut settings = SimulationSettings::NO_FAULTS;
     settings.camera_imperfections.position_error = 0.08;
     let camera = *deployment().training_camera();
-    let mut rig = SimulatedRig::new(settings, camera).unwrap();
+    let mut rig = SimulatedRig::new(settings, camera, Embodiment::KINOVA_GEN3).unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.true_calibration());
     rig.set_up(&TRIAL).unwrap();
     let misjudged = rig.calibration().position() - truth.position();
@@ -247,7 +247,7 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
         extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
         ..truth
     };
-    let mut other_rig = SimulatedRig::new(settings, camera).unwrap();
+    let mut other_rig = SimulatedRig::new(settings, camera, Embodiment::KINOVA_GEN3).unwrap();
     let mut deployment = pretrained("pretrained-robot", Some(file));
     for index in [1, 2] {
         let trial = Trial { index, ..TRIAL };
@@ -276,7 +276,8 @@ fn a_dry_run_takes_no_old_background() {
 fn a_dry_run_without_a_table_is_refused() {
     let mut deployment = deployment();
     let camera = *deployment.training_camera();
-    let mut rig = SimulatedRig::new(SimulationSettings::NO_FAULTS, camera).unwrap();
+    let mut rig =
+        SimulatedRig::new(SimulationSettings::NO_FAULTS, camera, Embodiment::KINOVA_GEN3).unwrap();
     let arm = rig.arm().clone();
     let failed = deployment.dry_run(&mut rig, &arm, &TRIAL);
     assert!(matches!(failed, Err(DeployError::Rig { .. })));
@@ -287,7 +288,9 @@ fn a_dry_run_without_a_table_is_refused() {
 fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
     let mut deployment = deployment();
     let camera = *deployment.training_camera();
-    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL_FAULTS, camera).unwrap();
+    let mut rig =
+        SimulatedRig::new(SimulationSettings::NOMINAL_FAULTS, camera, Embodiment::KINOVA_GEN3)
+            .unwrap();
     assert!(rig.state().is_err(), "no table is set");
     let arm = rig.arm().clone();
     let mut strip = super::FilmStrip::default();

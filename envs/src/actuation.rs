@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 use mujoco::{Data, Model};
 use robots::{
-    CartesianControl, Command, ControlError, JointMotion, Pose, RobotDescription, RobotState,
-    Servo, Twist,
+    CartesianControl, Command, ControlError, OrientationConstraint, Pose, RobotDescription,
+    RobotState, Servo, Twist,
 };
 
 use crate::control::PHYSICS_STEPS_PER_CONTROL_STEP;
@@ -33,12 +33,44 @@ pub(crate) struct ServoSettings {
     pub servo: Servo,
     /// Orientation in which the hand is held.
     pub hand_rotation: DQuat,
-    /// Index of the finger joint among the arm's free joints.
-    pub finger: Option<usize>,
+    /// Drive of the fingers; `None` for fingers that do not move.
+    pub finger: Option<FingerDrive>,
     /// Largest distance of the target from the hand (metres).
     pub max_target_lead: f64,
     /// Maximum speeds and accelerations of the hand.
     pub limits: robots::TwistLimits,
+    /// Part of the orientation that the hand keeps.
+    pub orientation: OrientationConstraint,
+}
+
+/// Drive of a gripper's fingers by one joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct FingerDrive {
+    /// Index of the joint among the arm's free joints.
+    pub dof: usize,
+    /// Positions with open and with closed fingers (metres, radians).
+    pub positions: [f64; 2],
+    /// Maximum speed of the joint.
+    pub max_speed: f64,
+}
+
+impl FingerDrive {
+    /// Returns the distance between the open and the closed position.
+    pub fn travel(&self) -> f64 {
+        (self.positions[1] - self.positions[0]).abs()
+    }
+
+    /// Returns the joint's position with a closure from 0 (open) to 1.
+    pub fn position(&self, closure: f64) -> f64 {
+        let [open, closed] = self.positions;
+        open + closure * (closed - open)
+    }
+
+    /// Returns the closure, from 0 (open) to 1, with the joint at `position`.
+    fn closure(&self, position: f64) -> f64 {
+        let [open, closed] = self.positions;
+        ((position - open) / (closed - open)).clamp(0.0, 1.0)
+    }
 }
 
 /// Controller of an arm whose servos follow inverse kinematics.
@@ -131,9 +163,9 @@ impl ServoController {
             self.stop();
         }
         let way = self.commanded.gripper_closure - self.gripper_closure;
-        let finger = self
-            .closing_speed()
-            .map_or(0.0, |(speed, travel)| (way * travel / (speed * seconds)).clamp(-1.0, 1.0));
+        let finger = self.servos.finger.map_or(0.0, |drive| {
+            (way * drive.travel() / (drive.max_speed * seconds)).clamp(-1.0, 1.0)
+        });
         self.close(finger, seconds);
         data.set_ctrl(&self.controls(&self.positions(data)))?;
         Ok((finger, stopped))
@@ -143,7 +175,9 @@ impl ServoController {
     /// hand, because the servos would push ever harder.
     fn advance_command(&mut self, data: &Data, seconds: f64) -> Result<(), ControlError> {
         let twist = self.commanded.twist;
-        let [ahead, turned] = self.state(data).tip.displacement_to(&self.control.tip_pose());
+        let (tip, reference) = (self.state(data).tip, self.control.tip_pose());
+        let Twist { linear: ahead, angular: turned } =
+            self.servos.orientation.error(&tip, &reference);
         let held_back =
             ahead.length() > self.servos.max_target_lead && ahead.dot(twist.linear) > 0.0;
         let held_turned = turned.length() > MAX_TURN_ERROR && turned.dot(twist.angular) > 0.0;
@@ -161,10 +195,8 @@ impl ServoController {
         let positions = self.positions(data);
         let chain = self.control.chain();
         let joints = chain.configuration(&positions);
-        let gripper_closure = self.finger().map_or(0.0, |(dof, motion)| {
-            let [open, closed] = motion.range.unwrap_or([0.0, 1.0]);
-            ((positions[dof] - open) / (closed - open)).clamp(0.0, 1.0)
-        });
+        let gripper_closure =
+            self.servos.finger.map_or(0.0, |drive| drive.closure(positions[drive.dof]));
         RobotState { tip: chain.tip_pose(&joints), joints, gripper_closure }
     }
 
@@ -173,24 +205,11 @@ impl ServoController {
         self.addresses.iter().map(|&at| data.qpos()[at]).collect()
     }
 
-    /// Returns the joint that closes the fingers, and its index among the free joints.
-    fn finger(&self) -> Option<(usize, &JointMotion)> {
-        let dof = self.servos.finger?;
-        let (_, motion) = self.servos.arm.free_joints().nth(dof)?;
-        Some((dof, motion))
-    }
-
-    /// Returns the speed and the travel of the joint that closes the fingers (metres or radians).
-    fn closing_speed(&self) -> Option<(f64, f64)> {
-        let (_, motion) = self.finger()?;
-        let travel = motion.range.map_or(1.0, |[low, high]| high - low);
-        Some((motion.max_speed?, travel))
-    }
-
     fn follow(&mut self, target: DVec3, seconds: f64) -> Result<(), EnvError> {
         let target = Pose { position: target, rotation: self.servos.hand_rotation };
-        let way = self.control.tip_pose().displacement_to(&target);
-        let twist = self.servos.limits.twist_towards(way, APPROACH_RATE);
+        let Twist { linear, angular } =
+            self.servos.orientation.error(&self.control.tip_pose(), &target);
+        let twist = self.servos.limits.twist_towards([linear, angular], APPROACH_RATE);
         let followed = self.control.command(twist);
         match followed.and_then(|()| self.control.tick(seconds)) {
             // no error: the arm stops at the limit of its reach
@@ -200,8 +219,9 @@ impl ServoController {
     }
 
     fn close(&mut self, finger: f64, seconds: f64) {
-        if let Some((speed, travel)) = self.closing_speed() {
-            let closing = self.gripper_closure + finger * seconds * speed / travel;
+        if let Some(drive) = self.servos.finger {
+            let change = finger * seconds * drive.max_speed / drive.travel();
+            let closing = self.gripper_closure + change;
             self.gripper_closure = closing.clamp(0.0, 1.0);
         }
     }
@@ -211,17 +231,17 @@ impl ServoController {
     fn controls(&self, positions: &[f64]) -> Vec<f64> {
         let ServoSettings { arm, servo, finger, .. } = &*self.servos;
         let forces = arm.holding_forces(positions);
-        let mut controls = vec![0.0; arm.num_dofs()];
+        // joints that are neither the arm's nor the fingers' rest
+        let mut controls = arm.rest_positions();
         let velocities = self.control.joint_velocities();
         let targets = self.control.joint_positions().iter().zip(velocities);
         for (joint, (&position, &velocity)) in self.control.chain().joints().iter().zip(targets) {
             controls[joint.dof_index] = servo.control_signal(position, velocity);
         }
+        if let Some(drive) = finger {
+            controls[drive.dof] = drive.position(self.gripper_closure);
+        }
         for (dof, (_, motion)) in arm.free_joints().enumerate() {
-            if *finger == Some(dof) {
-                let [open, closed] = motion.range.unwrap_or([0.0, 1.0]);
-                controls[dof] = open + self.gripper_closure * (closed - open);
-            }
             controls[dof] += servo.feed_forward(motion, forces[dof]);
         }
         controls

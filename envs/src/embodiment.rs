@@ -1,11 +1,14 @@
 //! Embodiments by name: the handle that settings store, and the registry.
 
+use std::any::Any;
+use std::path::Path;
 use std::sync::{PoisonError, RwLock};
 
+use robots::RobotFile;
 use serde::{Deserialize, Deserializer, de};
 
 use crate::embodiment_spec::EmbodimentSpec;
-use crate::embodiments::{Hand, KinovaGen3, Sawyer};
+use crate::embodiments::{Arm, FileArm, Hand, KinovaGen3, Sawyer, kinova_gen3_arm};
 use crate::error::EnvError;
 use crate::instance_id::{InstanceId, impl_traits_by_name};
 
@@ -13,8 +16,9 @@ use crate::instance_id::{InstanceId, impl_traits_by_name};
 /// defines it.
 ///
 /// Embodiments are compared, ordered, hashed, printed and serialised by name. Settings store the
-/// name, so reading them requires an embodiment of this crate, or one that the program gave to
-/// [`Embodiment::register`].
+/// name, so reading them requires an embodiment of this crate, one that the program gave to
+/// [`Embodiment::register`], or the file of an arm, whose path is the name
+/// ([`Embodiment::from_file`]).
 #[derive(Clone, Copy)]
 pub struct Embodiment(&'static dyn EmbodimentSpec);
 
@@ -44,6 +48,47 @@ impl Embodiment {
     /// `Embodiment::from_spec(Box::leak(Box::new(spec)))`.
     pub const fn from_spec(spec: &'static dyn EmbodimentSpec) -> Self {
         Self(spec)
+    }
+
+    /// Returns the embodiment of an arm that the file `path` describes: a URDF, or a JSON file of a
+    /// [`RobotFile`]. Its name is the absolute path. The file is read when a scene needs the arm.
+    ///
+    /// # Errors
+    /// [`EnvError::InvalidEmbodimentName`] for a path that is not UTF-8 or has another extension.
+    pub fn from_file(path: &Path) -> Result<Self, EnvError> {
+        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let text = absolute.to_str().filter(|_| RobotFile::has_extension(path));
+        let Some(name) = text else {
+            let name = path.display().to_string();
+            return Err(EnvError::InvalidEmbodimentName { name });
+        };
+        let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = registered.iter().find(|known| known.name() == name) {
+            return Ok(*known);
+        }
+        let arm = Self::from_spec(Box::leak(Box::new(FileArm::new(name.to_owned()))));
+        registered.push(arm);
+        Ok(arm)
+    }
+
+    /// Returns the arm of an embodiment that servos move.
+    ///
+    /// # Errors
+    /// [`EnvError::InvalidSetting`] for an embodiment without servos; errors of reading the file of
+    /// an arm.
+    pub fn arm(self) -> Result<&'static Arm, EnvError> {
+        let spec: &'static dyn Any = self.0;
+        if let Some(file) = spec.downcast_ref::<FileArm>() {
+            return file.arm();
+        }
+        if spec.is::<KinovaGen3>() {
+            return kinova_gen3_arm();
+        }
+        spec.downcast_ref::<Arm>().ok_or_else(|| EnvError::InvalidSetting {
+            name: "embodiment",
+            value: self.name().to_owned(),
+            expected: "an arm with servos: kinova_gen3, or the URDF of an arm",
+        })
     }
 
     /// Returns the embodiment's name as settings and files spell it, for instance `sawyer`.
@@ -97,6 +142,9 @@ impl Embodiment {
     }
 
     pub(crate) fn check_name(self) -> Result<(), EnvError> {
+        if RobotFile::has_extension(Path::new(self.name())) {
+            return Ok(());
+        }
         let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit();
         let is_word = |word: &str| !word.is_empty() && word.bytes().all(plain);
         if self.name().split(['-', '_']).all(is_word) {
@@ -122,6 +170,9 @@ impl std::str::FromStr for Embodiment {
     fn from_str(name: &str) -> Result<Self, EnvError> {
         let known = Self::known();
         let found = known.iter().find(|embodiment| embodiment.name() == name);
+        if found.is_none() && RobotFile::has_extension(Path::new(name)) {
+            return Self::from_file(Path::new(name));
+        }
         found.copied().ok_or_else(|| EnvError::UnknownEmbodiment {
             name: name.to_owned(),
             known: known.iter().map(|embodiment| embodiment.name()).collect(),

@@ -1,7 +1,9 @@
 //! Embodiments of this crate: the gripper alone, and arms.
 
 mod arm;
+mod file_arm;
 mod kinova_gen3;
+mod placing;
 
 use glam::DVec3;
 
@@ -10,8 +12,10 @@ use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec};
 use crate::error::EnvError;
 use crate::mjcf::{Mjcf, part, parts};
 
-pub use arm::{Arm, ArmSettings, Finger, Gripper};
+pub use arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
+pub(crate) use file_arm::FileArm;
 pub use kinova_gen3::KinovaGen3;
+pub(crate) use kinova_gen3::made as kinova_gen3_arm;
 
 /// Finger slides and actuators of `Sawyer` and `Hand`.
 const GRIPPER: Mjcf<'static> = part!("gripper.xml");

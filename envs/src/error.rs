@@ -30,7 +30,10 @@ pub enum EnvError {
         name: String,
     },
     /// Embodiment whose name is neither built in nor registered.
-    #[error("unknown embodiment `{name}`: expected one of {}", known.join(", "))]
+    #[error(
+        "unknown embodiment `{name}`: expected one of {}, or the path of an arm's `.urdf` or `.json`",
+        known.join(", ")
+    )]
     UnknownEmbodiment {
         /// Embodiment name that is unknown.
         name: String,
@@ -40,7 +43,7 @@ pub enum EnvError {
     /// Embodiment name that is not words of lower-case letters and digits, joined by `-` or `_`.
     #[error(
         "the embodiment's name is `{name}`, expected lower-case letters and digits in words that \
-         are joined by hyphens or underscores"
+         are joined by hyphens or underscores, or the path of an arm's `.urdf` or `.json`"
     )]
     InvalidEmbodimentName {
         /// Embodiment name that is malformed.
@@ -183,6 +186,38 @@ pub enum EnvError {
         worker: usize,
         /// Error of the operating system.
         source: std::io::Error,
+    },
+    /// Arm of a file that cannot do the tasks where it stands best.
+    #[error(
+        "the arm `{name}` cannot bring its hand, pointing down, to all places of the tasks. With its \
+         base at {base} m it reaches {reached} of {places}; the next one, {missed} m, is {distance:.2} \
+         m from there, and the hand is at most {reach:.2} m from the first joint. Use an arm with a \
+         longer reach, or correct `hand`, `approach_axis` or `base_position` in a JSON file of its \
+         settings"
+    )]
+    OutOfReach {
+        /// Name of the robot.
+        name: String,
+        /// Number of places that the hand reaches, one after the other, before the missed one.
+        reached: usize,
+        /// Number of places that the tasks need.
+        places: usize,
+        /// Position of the base from which it reaches the most (metres).
+        base: glam::DVec3,
+        /// First place that is not reached (metres).
+        missed: glam::DVec3,
+        /// Distance of that place from the base (metres).
+        distance: f64,
+        /// Bound on the distance of the hand from the first joint (metres).
+        reach: f64,
+    },
+    /// Fingers in the file of an arm that cannot be used.
+    #[error("the fingers {} and {} cannot be used: {reason}", .fingers[0], .fingers[1])]
+    InvalidFingers {
+        /// Names of the fingers' links.
+        fingers: [String; 2],
+        /// Reason for the rejection.
+        reason: &'static str,
     },
     /// Invalid robot description.
     #[error(transparent)]

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use envs::conformance::measure_expert;
-use envs::embodiments::{Arm, ArmSettings, Finger, Gripper, KinovaGen3};
+use envs::embodiments::{Arm, ArmSettings, Finger, FingerJoint, Gripper, KinovaGen3};
 use envs::{
     Camera, Control, Embodiment, EmbodimentSpec, EnvError, HAND_TARGET_START, Scene, TableTop,
     TaskGroup, VecEnvSettings,
@@ -212,16 +212,24 @@ fn a_snapshot_with_a_namesake_is_refused() {
     assert!(message.contains("another embodiment of that name"), "{message}");
 }
 
+fn closing(joint: &str, positions: [f64; 2]) -> Option<FingerJoint> {
+    Some(FingerJoint { name: joint.to_owned(), positions })
+}
+
 #[test]
 fn arms_that_cannot_be_driven_are_refused() {
     type Change = fn(&mut ArmSettings);
-    let cases: [(Change, &str); 7] = [
+    let cases: [(Change, &str); 8] = [
         (|arm| arm.hand_link = "claw".to_owned(), "`claw`, which a chain names"),
         (|arm| arm.ready_joint_positions = vec![0.0; 7], "`ready_joint_positions` is [0.0"),
         (|arm| arm.ready_joint_positions[1] = 0.5, "the joint `lift` is at 0.5"),
         (|arm| arm.gripper.link = "palm".to_owned(), "`palm`"),
         (|arm| arm.gripper.fingers[1].link = "thumb".to_owned(), "`thumb`"),
-        (|arm| arm.gripper.joint = Some("balance".to_owned()), "`gripper.joint` is balance"),
+        (|arm| arm.gripper.joint = closing("balance", [0.0, 1.0]), "`gripper.joint` is balance"),
+        (
+            |arm| arm.gripper.joint = closing("lift", [0.0, 1.0]),
+            "`gripper.joint.positions` is [0.0",
+        ),
         (|arm| arm.max_target_lead = f64::NAN, "`max_target_lead` is NaN"),
     ];
     for (change, says) in cases {

@@ -217,7 +217,7 @@ fn a_malformed_name_is_refused() {
         ConformanceError::CheckFailed { source, .. } => source,
         other => panic!("{other}"),
     };
-    assert!(matches!(source, EnvError::InvalidTaskName { .. }), "{source}");
+    assert!(matches!(*source, EnvError::InvalidTaskName { .. }), "{source}");
 }
 
 /// The rules must also cover a task's settings for Meta-World's layout.

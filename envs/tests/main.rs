@@ -10,6 +10,7 @@ mod conformance;
 mod foreign_tasks;
 mod inpainting;
 mod layouts;
+mod own_arms;
 mod pictures;
 mod randomisation;
 mod scenes;

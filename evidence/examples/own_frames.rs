@@ -54,11 +54,11 @@ fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 let situation = Situation { can_wait: false, ..Situation::of(0) };
                 let finding = recogniser.assign(&asked, situation, rng)?;
                 let opinion = &finding.opinions[0];
-                let test = opinion.test().ok_or("fewer than 4 frames of a group")?;
+                let test = opinion.test.as_ref().ok_or("fewer than 4 frames of a group")?;
                 let picture = test.sources[0];
                 ratio += picture.map_or(1.0, |s| s.ratio()) / REPETITIONS as f64;
                 score += picture.map_or(0.0, |s| s.score) / REPETITIONS as f64;
-                rejected += usize::from(opinion.verdict() == Verdict::Rejected);
+                rejected += usize::from(opinion.verdict == Verdict::Rejected);
             }
             let (home, other) = (&home.name, &other.name);
             println!(

@@ -1,11 +1,13 @@
 //! Summaries of single episodes, which are all that the recogniser remembers of them.
 
+use std::collections::HashMap;
+
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use symmetry::Irrep;
 
-use crate::error::EvidenceError;
-use crate::filters::{Album, Filters};
+use crate::error::{EvidenceError, Result};
+use crate::filters::Filters;
 use crate::motion::{motion, slope};
 
 /// Recorded episode, from its first observation on.
@@ -62,6 +64,13 @@ impl Account {
     }
 }
 
+type Pictures = HashMap<Vec<u8>, Vec<f32>>;
+
+/// Cache of the features of first pictures, since the filters take most of the time: a decision and
+/// the training after it use the same pictures.
+#[derive(Clone, Debug, Default)]
+pub struct Album(Pictures);
+
 /// Summariser that turns recorded episodes into accounts.
 #[derive(Clone, Debug)]
 pub struct Accountant {
@@ -81,7 +90,7 @@ impl Accountant {
         vector: &[Irrep],
         action: &[Irrep],
         filters: usize,
-    ) -> Result<Self, EvidenceError> {
+    ) -> Result<Self> {
         for (what, irreps) in [("vector", vector), ("action", action)] {
             check_len(what, irreps.len().min(1), 1)?;
         }
@@ -92,70 +101,35 @@ impl Accountant {
         })
     }
 
-    /// Summarises one episode.
+    /// Summarises episodes in parallel, in their order. `album` has the features of the pictures of
+    /// the last call, and takes those of this one.
     ///
     /// # Errors
     /// A picture of another size, or lists of different numbers of steps.
-    pub fn account(&self, course: &Course) -> Result<Account, EvidenceError> {
-        self.account_of(course, None)
-    }
-
-    /// Summarises one episode; `described` holds its picture's features if they are cached.
-    fn account_of(
-        &self,
-        course: &Course,
-        described: Option<&[f32]>,
-    ) -> Result<Account, EvidenceError> {
-        let vector = self.first_vector(course)?;
-        // an unfinished return cannot be compared, and all sources need the same episodes
-        let motion = course.is_whole.then(|| self.motion(course)).transpose()?;
-        let slope = motion.is_some().then(|| {
-            let (rewards, actions) = (&course.rewards, &course.actions);
-            slope(rewards, actions, &self.action)
-        });
-        Ok(Account {
-            began: course.began,
-            picture: match described {
-                Some(described) => described.to_vec(),
-                None => self.filters.describe(&course.image)?,
-            },
-            vector,
-            motion,
-            slope,
-            earned: course.is_whole.then(|| course.rewards.iter().sum()),
-        })
-    }
-
-    /// Summarises several episodes in parallel, in their order.
-    ///
-    /// # Errors
-    /// Errors of [`Accountant::account`].
-    pub fn accounts(&self, courses: &[Course]) -> Result<Vec<Account>, EvidenceError> {
-        courses.par_iter().map(|course| self.account(course)).collect()
-    }
-
-    /// Summarises several episodes in parallel with a cache of picture features, because the
-    /// filters take most of the time.
-    ///
-    /// # Errors
-    /// Errors of [`Accountant::account`].
-    pub fn accounts_with(
-        &self,
-        courses: &[Course],
-        album: &mut Album,
-    ) -> Result<Vec<Account>, EvidenceError> {
-        let known: &Album = album;
-        let accounts = courses.par_iter();
-        let accounts = accounts.map(|course| self.account_of(course, known.find(&course.image)));
-        let accounts = accounts.collect::<Result<Vec<_>, _>>()?;
-        for (course, account) in courses.iter().zip(&accounts) {
-            album.keep(&course.image, &account.picture);
-        }
+    pub fn accounts(&self, courses: &[Course], album: &mut Album) -> Result<Vec<Account>> {
+        let known = &album.0;
+        let accounts = courses.par_iter().map(|course| self.account(course, known));
+        let accounts = accounts.collect::<Result<Vec<_>>>()?;
+        let features = accounts.iter().map(|account| account.picture.clone());
+        album.0 = courses.iter().map(|course| course.image.clone()).zip(features).collect();
         Ok(accounts)
     }
 
+    fn account(&self, course: &Course, known: &Pictures) -> Result<Account> {
+        let vector = self.first_vector(course)?;
+        // an unfinished return cannot be compared, and all sources need the same episodes
+        let motion = course.is_whole.then(|| self.motion(course)).transpose()?;
+        let slope = motion.is_some().then(|| slope(&course.rewards, &course.actions, &self.action));
+        let picture = match known.get(&course.image) {
+            Some(known) => known.clone(),
+            None => self.filters.describe(&course.image)?,
+        };
+        let earned = course.is_whole.then(|| course.rewards.iter().sum());
+        Ok(Account { began: course.began, picture, vector, motion, slope, earned })
+    }
+
     /// Returns the first vector `[D]` in the form that all mirror images share.
-    fn first_vector(&self, course: &Course) -> Result<Vec<f32>, EvidenceError> {
+    fn first_vector(&self, course: &Course) -> Result<Vec<f32>> {
         let steps = course.rewards.len().max(1);
         check_len("vectors", course.vectors.len(), steps * self.vector.len())?;
         let first = course.vectors.iter().zip(&self.vector);
@@ -166,17 +140,13 @@ impl Accountant {
         Ok(unsigned.collect())
     }
 
-    fn motion(&self, course: &Course) -> Result<Vec<f32>, EvidenceError> {
+    fn motion(&self, course: &Course) -> Result<Vec<f32>> {
         let steps = course.rewards.len();
         check_len("actions", course.actions.len(), steps * self.action.len())?;
         Ok(motion(&course.vectors, &self.vector, &course.actions, &self.action))
     }
 }
 
-pub(crate) fn check_len(
-    what: &'static str,
-    got: usize,
-    expected: usize,
-) -> Result<(), EvidenceError> {
+pub(crate) fn check_len(what: &'static str, got: usize, expected: usize) -> Result<()> {
     if got == expected { Ok(()) } else { Err(EvidenceError::Length { what, got, expected }) }
 }

@@ -56,7 +56,7 @@ impl<'a> Choice<'a> {
         let most = self.opinions[fittest].misfit() + MARGIN;
         let is_near = |policy: &usize| self.opinions[*policy].misfit() <= most;
         let mut near: Vec<usize> = self.others().filter(is_near).collect();
-        near.sort_by(|&a, &b| self.opinions[b].learnt.total_cmp(&self.opinions[a].learnt));
+        near.sort_by(|&a, &b| self.opinions[b].gain.total_cmp(&self.opinions[a].gain));
         near
     }
 

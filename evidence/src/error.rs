@@ -2,6 +2,8 @@
 
 use cluster::ClusterError;
 
+pub(crate) type Result<T> = std::result::Result<T, EvidenceError>;
+
 /// Errors of summaries, tests and stored states.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]

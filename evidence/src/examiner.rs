@@ -1,10 +1,10 @@
 //! Test of new episodes against the memory of one policy.
 
-use cluster::{JointTest, SourceTest, Verdict, joint_test_until};
+use cluster::{JointTest, SourceTest, Verdict, joint_test};
 use rand_chacha::ChaCha8Rng;
 
 use crate::account::Account;
-use crate::error::EvidenceError;
+use crate::error::Result;
 use crate::memory::Memory;
 use crate::opinion::{Kind, Look, Opinion, Role, SURE, changed, is_doubtful, sources, whole};
 use crate::settings::RecogniserSettings;
@@ -15,16 +15,16 @@ const REACHING: f64 = 8.0;
 
 /// Increase of the significance level, as a multiple of it, for a policy that lost its whole gain.
 const MOST_WEIGHT: f64 = 30.0;
-/// Standard deviations by which a policy's return must have risen to count as a gain.
-const LEARNT: f64 = 1.0;
-/// Standard deviations by which it must have risen for returns to prove that it serves a group.
-const PROOF: f64 = 3.0;
+/// Least rise of a policy's return that counts as a gain, in standard deviations.
+const MIN_GAIN: f64 = 1.0;
+/// Least rise for returns to prove that the policy serves a group, in standard deviations.
+const PROVEN_GAIN: f64 = 3.0;
 /// Share of `min_loss` that such a policy may lose: a tenth of its gain with the default of 0.3.
-const FEW: f64 = 1.0 / 3.0;
+const MAX_LOSS: f64 = 1.0 / 3.0;
 /// Factor on `min_ratio - 1` for a policy that returns: drift may have changed its group meanwhile.
 // With the default of 1.2 the limit is 1.5: within it lie 19 of 20 groups whose colours drifted by
 // a tenth of their range, and one of 100 other groups (docs/assignment_figures.md).
-const EXCUSED: f64 = 2.5;
+const DRIFTED: f64 = 2.5;
 /// Factor on `min_ratio - 1` for a policy that is far nearer than all others: a limit of 1.8.
 const FARTHEST: f64 = 4.0;
 /// Least ratio of a distance of motion or slope to that of chance: both change in training.
@@ -43,25 +43,39 @@ impl Examiner<'_> {
         role: Role,
         look: Look,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Opinion, EvidenceError> {
+    ) -> Result<Opinion> {
         let least = self.0.min_episodes;
         let remembered: Vec<&Account> = memory.accounts.iter().collect();
         // motion and returns depend on who acts, so they count only if this policy acted
         let courses = whole(accounts, least).zip(whole(&memory.home(), least));
         let (kinds, seen, home) = match courses.filter(|_| role != Role::Stranger) {
-            Some((seen, home)) => (Kind::ALL.to_vec(), seen, home),
-            None => (Kind::LOOKS.to_vec(), accounts.to_vec(), remembered.clone()),
+            Some((seen, home)) => (Kind::ALL, seen, home),
+            None => (Kind::LOOKS, accounts.to_vec(), remembered.clone()),
         };
-        let mut opinion = untested(memory, accounts, kinds, role);
-        let is_out = opinion.is_rejected();
+        // a merged policy is rejected unless it acted itself
+        let is_out = memory.is_gone() && role == Role::Stranger;
+        let mut opinion = Opinion {
+            verdict: if is_out { Verdict::Rejected } else { Verdict::Accepted },
+            test: None,
+            kinds,
+            changed: changed(accounts, &remembered, Kind::Motion),
+            turned: changed(accounts, &remembered, Kind::Slope),
+            lost: memory.lost(accounts),
+            lost_error: memory.lost_error(accounts),
+            gain: memory.gain(),
+            episode_gain: memory.gain_of(accounts),
+            role,
+        };
         // a first look cannot change a rejection; a second one ranks rejected policies by distance
         if remembered.len() < least || (is_out && look == Look::First) {
             return Ok(opinion);
         }
-        let sources = sources(&opinion.kinds, &seen, &home)?;
-        let stages = self.stages(look);
+        let sources = sources(kinds, &seen, &home)?;
+        let all = self.0.permutations;
+        let stages = [all / 4, all / 2, all, 3 * all];
+        let stages = if look == Look::First { &stages[..3] } else { &stages[..] };
         let decided = |test: &JointTest| self.is_decided(&opinion, test, look);
-        let test = joint_test_until(&sources, &stages, decided, rng)?;
+        let test = joint_test(&sources, stages, decided, rng)?;
         opinion.test = Some(test);
         if !is_out {
             opinion.verdict = self.verdict(&opinion, look);
@@ -69,19 +83,10 @@ impl Examiner<'_> {
         Ok(opinion)
     }
 
-    /// Returns the numbers of random splits after which a test may end, ascending.
-    fn stages(self, look: Look) -> Vec<usize> {
-        let all = self.0.permutations;
-        match look {
-            Look::First => vec![all / 4, all / 2, all],
-            Look::Second => vec![all / 4, all / 2, all, 3 * all],
-        }
-    }
-
     /// Returns `true` if more splits would not change the outcome: enough of them reach the largest
     /// score, or a difference that counts is far more significant than the level requires.
     fn is_decided(self, opinion: &Opinion, test: &JointTest, look: Look) -> bool {
-        let reaching = test.p_value * (1 + test.null.permutations) as f64;
+        let reaching = test.overall.p_value * (1 + test.overall.null.permutations) as f64;
         let limit = SURE * self.level(look);
         let is_sure = |(kind, source): (Kind, &SourceTest)| {
             source.tail_p_value <= limit && self.counts(opinion, look, kind, source)
@@ -106,7 +111,7 @@ impl Examiner<'_> {
             Look::Second => source.tail_p_value <= level * self.weight(opinion, kind),
         });
         let is_against = against.any(|(kind, source)| self.counts(opinion, look, kind, source))
-            || (opinion.role == Role::Excused && !self.may_keep(opinion));
+            || (opinion.role == Role::Provisional && !self.may_keep(opinion));
         match (is_against, look) {
             (false, _) => Verdict::Accepted,
             (true, Look::First) => Verdict::Doubted,
@@ -124,18 +129,18 @@ impl Examiner<'_> {
     /// for a policy that returns and proves by its returns that it serves the group, or has gained
     /// too little to prove anything.
     fn least_ratio(self, opinion: &Opinion) -> f64 {
-        let cannot_show = opinion.kinds.contains(&Kind::Earnings) && opinion.learnt < PROOF;
+        let cannot_show = opinion.kinds.contains(&Kind::Earnings) && opinion.gain < PROVEN_GAIN;
         let may_serve = self.is_proven(opinion) || cannot_show;
         match opinion.role {
             Role::Returns if may_serve => self.drifted(),
-            Role::Excused if may_serve => self.farthest(),
+            Role::Provisional if may_serve => self.farthest(),
             _ => self.0.min_ratio,
         }
     }
 
     /// Returns the largest distance ratio that counts as drift while a policy was away.
     pub(crate) fn drifted(self) -> f64 {
-        1.0 + EXCUSED * (self.0.min_ratio - 1.0)
+        1.0 + DRIFTED * (self.0.min_ratio - 1.0)
     }
 
     /// Returns the largest distance ratio that counts as drift if all other policies are far away.
@@ -156,7 +161,7 @@ impl Examiner<'_> {
 
     /// Returns `true` if these episodes prove that the policy serves them as well as its own.
     pub(crate) fn is_proven(self, opinion: &Opinion) -> bool {
-        self.keeps(opinion) && opinion.gained >= PROOF
+        self.keeps(opinion) && opinion.episode_gain >= PROVEN_GAIN
     }
 
     /// Returns `true` if the policy earned about as much in these episodes as in its own.
@@ -173,17 +178,17 @@ impl Examiner<'_> {
 
     /// Returns `true` if a policy that loses this share of its gain no longer serves the group.
     pub(crate) fn is_loss(self, lost: f64) -> bool {
-        lost > FEW * self.0.min_loss
+        lost > MAX_LOSS * self.0.min_loss
     }
 
     /// Returns `true` if the policy has gained so much that a loss would show in its returns.
-    pub(crate) fn knows(self, memory: &Memory) -> bool {
-        memory.learnt() >= PROOF
+    pub(crate) fn has_proven_gain(self, memory: &Memory) -> bool {
+        memory.gain() >= PROVEN_GAIN
     }
 
     /// Returns `true` if the policy has gained anything that returns elsewhere could show.
-    pub(crate) fn has_learnt(self, memory: &Memory) -> bool {
-        memory.learnt() >= LEARNT
+    pub(crate) fn has_gain(self, memory: &Memory) -> bool {
+        memory.gain() >= MIN_GAIN
     }
 
     /// Returns `true` if a difference is larger than drift or training explains, whatever its
@@ -195,7 +200,7 @@ impl Examiner<'_> {
             // a policy with a proven gain is judged by its returns instead
             Kind::Slope => {
                 let has_turned = opinion.turned >= self.0.min_motion;
-                opinion.learnt < PROOF && has_turned && source.ratio() >= LEAST_RATIO
+                opinion.gain < PROVEN_GAIN && has_turned && source.ratio() >= LEAST_RATIO
             }
             Kind::Earnings => opinion.lost >= self.0.min_loss,
         }
@@ -208,29 +213,13 @@ impl Examiner<'_> {
 
     /// Returns `true` if a source shows a difference that is large, and significant at this level.
     pub(crate) fn speaks_against(self, opinion: &Opinion, level: f64) -> bool {
-        let mut against = opinion.sources().filter(|(_, s)| s.tail_p_value <= level);
-        against.any(|(kind, source)| self.is_large(opinion, kind, source))
+        self.against(opinion, level).next().is_some()
     }
-}
 
-/// Returns the evidence before a test. A merged policy is rejected unless it acted itself.
-fn untested(memory: &Memory, accounts: &[&Account], kinds: Vec<Kind>, role: Role) -> Opinion {
-    let remembered: Vec<&Account> = memory.accounts.iter().collect();
-    Opinion {
-        kinds,
-        test: None,
-        changed: changed(accounts, &remembered, Kind::Motion),
-        turned: changed(accounts, &remembered, Kind::Slope),
-        lost: memory.lost(accounts),
-        lost_error: memory.lost_error(accounts),
-        learnt: memory.learnt(),
-        gained: memory.gained(accounts),
-        role,
-        verdict: if memory.is_gone() && role == Role::Stranger {
-            Verdict::Rejected
-        } else {
-            Verdict::Accepted
-        },
-        remembered: remembered.len(),
+    /// Returns the sources with a difference that is large, and significant at this level.
+    pub(crate) fn against(self, opinion: &Opinion, level: f64) -> impl Iterator<Item = Kind> {
+        let against = opinion.sources().filter(move |(_, source)| source.tail_p_value <= level);
+        let large = against.filter(move |&(kind, source)| self.is_large(opinion, kind, source));
+        large.map(|(kind, _)| kind)
     }
 }

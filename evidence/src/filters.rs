@@ -1,14 +1,12 @@
 //! Picture features from random filters, pooled over positions and flips.
 
-use std::collections::VecDeque;
-
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-use crate::error::EvidenceError;
+use crate::error::{EvidenceError, Result};
 
 /// Stride of the filters in rows and columns, in pixels.
 const STRIDE: usize = 2;
@@ -29,7 +27,7 @@ const SEED: u64 = 0;
 /// let filters = Filters::new([12, 12, 3], 8)?;
 /// let image: Vec<u8> = (0..12 * 12 * 3).map(|i| (i * i % 251) as u8).collect();
 /// let described = filters.describe(&image)?;
-/// assert_eq!(described.len(), filters.dim());
+/// assert_eq!(described.len(), 16);
 /// let mirrored = D2::FlipX.transform_image(&image, 12, 12, 3);
 /// assert_eq!(filters.describe(&mirrored)?, described);
 /// # Ok::<(), evidence::EvidenceError>(())
@@ -48,7 +46,7 @@ impl Filters {
     ///
     /// # Errors
     /// Pictures smaller than 7 x 7, no channel or more than 1000, or no filter.
-    pub fn new(image: [usize; 3], count: usize) -> Result<Self, EvidenceError> {
+    pub fn new(image: [usize; 3], count: usize) -> Result<Self> {
         let [height, width, channels] = image;
         if height < 7 || width < 7 || !(1..=1000).contains(&channels) {
             return Err(EvidenceError::PictureSize { height, width, channels });
@@ -66,23 +64,18 @@ impl Filters {
         Ok(Self { image, kernel, count, weights: weights(kernel, channels, count) })
     }
 
-    /// Returns the length of a picture's feature vector.
-    pub fn dim(&self) -> usize {
-        2 * self.count
-    }
-
     /// Returns the features of a picture `[H, W, C]`: the mean responses of all filters, times
     /// 10, then the largest ones, all scaled to length 1.
     ///
     /// # Errors
     /// A picture of another size.
-    pub fn describe(&self, image: &[u8]) -> Result<Vec<f32>, EvidenceError> {
+    pub fn describe(&self, image: &[u8]) -> Result<Vec<f32>> {
         let expected = self.image.iter().product();
         if image.len() != expected {
             return Err(EvidenceError::Length { what: "a picture", got: image.len(), expected });
         }
         let responses = self.respond(image);
-        let mut described = vec![0.0; self.dim()];
+        let mut described = vec![0.0; 2 * self.count];
         let (means, maxima) = described.split_at_mut(self.count);
         let unit = 4.0 * 255.0 * f64::from(most(self.kernel, self.image[2]));
         for (filter, (mean, largest)) in means.iter_mut().zip(maxima).enumerate() {
@@ -199,34 +192,6 @@ fn centre(drawn: &mut [i32], channel: usize, channels: usize, taps: i32) {
     }
 }
 
-/// Capacity of the cache, in pictures.
-const MOST: usize = 64;
-
-/// Cache of the latest pictures and their features: a decision and the training after it use the
-/// same pictures.
-#[derive(Clone, Debug, Default)]
-pub struct Album(VecDeque<(Vec<u8>, Vec<f32>)>);
-
-impl Album {
-    /// Returns the features of a picture; `None` if it is not cached.
-    pub(crate) fn find(&self, image: &[u8]) -> Option<&[f32]> {
-        let mut latest = self.0.iter().rev();
-        let found = latest.find(|(kept, _)| kept == image);
-        found.map(|(_, described)| described.as_slice())
-    }
-
-    /// Stores the features of a picture and drops the oldest ones beyond the capacity.
-    pub(crate) fn keep(&mut self, image: &[u8], described: &[f32]) {
-        if self.find(image).is_some() {
-            return;
-        }
-        if self.0.len() == MOST {
-            self.0.pop_front();
-        }
-        self.0.push_back((image.to_vec(), described.to_vec()));
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -248,17 +213,5 @@ mod tests {
         assert!(Filters::new([48, 48, 3], 0).is_err());
         let message = Filters::new([8, 8, 1], 4).unwrap().describe(&[0; 3]).unwrap_err();
         assert_eq!(message.to_string(), "a picture holds 3 values, expected 64");
-    }
-
-    #[test]
-    fn the_latest_pictures_are_found() {
-        let mut album = Album::default();
-        for image in 0..=MOST as u8 {
-            album.keep(&[image; 4], &[f32::from(image)]);
-            album.keep(&[image; 4], &[-1.0]);
-        }
-        assert_eq!(album.find(&[0; 4]), None);
-        assert_eq!(album.find(&[1; 4]), Some(&[1.0][..]));
-        assert_eq!(album.find(&[MOST as u8; 4]), Some(&[MOST as f32][..]));
     }
 }

@@ -30,11 +30,10 @@ mod recogniser;
 mod settings;
 mod state;
 
-pub use account::{Account, Accountant, Course};
+pub use account::{Account, Accountant, Album, Course};
 pub use error::EvidenceError;
-pub use filters::{Album, Filters};
-pub use merging::Merge;
-pub use opinion::{Look, Opinion};
+pub use filters::Filters;
+pub use opinion::Opinion;
 pub use probability::Probabilities;
 pub use recogniser::{Finding, Recogniser, Situation, Trial};
 pub use settings::RecogniserSettings;

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use crate::account::{Account, check_len};
-use crate::error::EvidenceError;
+use crate::error::{EvidenceError, Result};
 use crate::opinion::{Kind, mean_earned};
 
 /// Summaries of the latest episodes that a policy trained on, by which its group is recognised.
@@ -48,20 +48,6 @@ impl Memory {
         self.accounts.drain(..too_many);
     }
 
-    /// Checks a restored memory: 1 to `most` summaries, a finite first return, and policy indices
-    /// below `policies`.
-    pub(crate) fn check(&self, most: usize, policies: usize) -> Result<(), EvidenceError> {
-        let mut named = self.apart.iter().copied().chain(self.heir);
-        if let Some(policy) = named.find(|&policy| policy >= policies) {
-            return Err(EvidenceError::NoPolicy { policy, policies });
-        }
-        match self.accounts.len() {
-            0 => Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 }),
-            got if got > most => Err(EvidenceError::TooManyAccounts { got, most }),
-            _ => self.beginning.map_or(Ok(()), |b| finite("beginning", b)),
-        }
-    }
-
     /// Returns the episodes to compare with: the later half if the policy earns more there, since
     /// training has changed its behaviour, and all remembered ones otherwise.
     pub(crate) fn home(&self) -> Vec<&Account> {
@@ -76,13 +62,13 @@ impl Memory {
 
     /// Returns the gain in return since the first rollout, in standard deviations of the present
     /// returns, at least 0. The larger it is, the more surely a loss shows.
-    pub(crate) fn learnt(&self) -> f64 {
-        self.gained(&self.home())
+    pub(crate) fn gain(&self) -> f64 {
+        self.gain_of(&self.home())
     }
 
     /// Returns by how much these episodes earned more than the first rollout, in their standard
     /// deviations, at least 0; 0 if either return is unknown.
-    pub(crate) fn gained(&self, accounts: &[&Account]) -> f64 {
+    pub(crate) fn gain_of(&self, accounts: &[&Account]) -> f64 {
         match (self.beginning, mean_earned(accounts.iter().copied())) {
             (Some(beginning), Some(earned)) => {
                 let spread = spread(accounts).max(f64::MIN_POSITIVE);
@@ -113,9 +99,9 @@ impl Memory {
     /// Returns the mean return of the policy's own episodes and its gain; `None` without a gain.
     fn worth(&self) -> Option<(f64, f64)> {
         let home = mean_earned(self.home().into_iter())?;
-        let learnt = home - self.beginning?;
+        let gain = home - self.beginning?;
         // at least half of the return, or noise would be a large share of a small gain
-        (learnt > 0.0).then(|| (home, learnt.max(home.abs() / 2.0)))
+        (gain > 0.0).then(|| (home, gain.max(home.abs() / 2.0)))
     }
 }
 
@@ -133,7 +119,7 @@ fn spread(accounts: &[&Account]) -> f64 {
 }
 
 /// Rejects memories in which following merges from a policy never ends.
-pub(crate) fn check_heirs(memories: &[Memory]) -> Result<(), EvidenceError> {
+pub(crate) fn check_heirs(memories: &[Memory]) -> Result<()> {
     let heir = |&policy: &usize| memories[policy].heir;
     // without a circle, a chain of merges visits each policy at most once
     let circles =
@@ -150,10 +136,8 @@ pub(crate) fn known(memories: &[Memory]) -> impl Iterator<Item = &Account> + Clo
 }
 
 /// Checks that summaries can be compared: all numbers are finite, and each source has one length.
-pub(crate) fn check<'a>(
-    accounts: impl Iterator<Item = &'a Account> + Clone,
-) -> Result<(), EvidenceError> {
-    for kind in Kind::ALL {
+pub(crate) fn check<'a>(accounts: impl Iterator<Item = &'a Account> + Clone) -> Result<()> {
+    for &kind in Kind::ALL {
         let mut expected = None;
         for point in accounts.clone().filter_map(|account| kind.point(account)) {
             let expected = *expected.get_or_insert(point.len().max(1));
@@ -165,7 +149,8 @@ pub(crate) fn check<'a>(
     Ok(())
 }
 
-fn finite(what: &'static str, value: f64) -> Result<(), EvidenceError> {
+/// Checks that a number is finite.
+pub(crate) fn finite(what: &'static str, value: f64) -> Result<()> {
     if value.is_finite() { Ok(()) } else { Err(EvidenceError::NotFinite { what, value }) }
 }
 
@@ -194,17 +179,13 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_no_loss_where_little_was_learnt() {
+    fn a_gain_can_be_lost_and_noise_is_no_loss() {
         assert!(lost(100.0, 101.0, 99.5) < 0.05);
         assert!(lost(-101.0, -100.0, -101.5) < 0.05);
-    }
-
-    #[test]
-    fn what_was_learnt_can_be_lost() {
         assert_eq!(lost(0.0, 100.0, 60.0), 0.4);
         assert_eq!(lost(-20.0, -4.0, -12.0), 0.5);
         assert!(lost(0.0, 100.0, 110.0) < 0.0, "more than at home");
-        assert_eq!(lost(100.0, 100.0, 10.0), 0.0, "nothing learnt");
+        assert_eq!(lost(100.0, 100.0, 10.0), 0.0, "no gain");
     }
 
     /// Two episodes that earn 40 and 80, beside a home without spread that earns 100.

@@ -4,21 +4,10 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::account::Account;
-use crate::error::EvidenceError;
-use crate::examiner::Examiner;
+use crate::error::Result;
 use crate::memory::Memory;
 use crate::opinion::{Look, Opinion, Role};
 use crate::recogniser::Recogniser;
-
-/// Outcome of a merge of two policies that serve one task group.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Merge {
-    /// Index of the policy that continues in place of both, unchanged.
-    pub kept: usize,
-    /// Index of the merged policy, which is stored unchanged and tried again before a new policy is
-    /// created.
-    pub gone: usize,
-}
 
 impl Recogniser {
     /// Returns the index of a policy that may serve the same task group as `policy`. It is the
@@ -26,16 +15,16 @@ impl Recogniser {
     /// found to differ before. `None` if there is none, or if the gain of `policy` is too small for
     /// a proof. Let it act for some episodes of that group, then call [`Recogniser::compare`].
     pub fn twin(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
-        let examiner = Examiner(self.settings());
+        let examiner = self.examiner();
         let own = self.memories.get(policy)?;
         let may_be = |twin: &usize| {
-            let others = |memory| !Memory::is_gone(memory) && examiner.has_learnt(memory);
+            let others = |memory| !Memory::is_gone(memory) && examiner.has_gain(memory);
             *twin != policy
                 && !own.apart.contains(twin)
                 && self.memories.get(*twin).is_some_and(others)
         };
         let twin = accepted.iter().copied().find(may_be);
-        twin.filter(|_| examiner.knows(own))
+        twin.filter(|_| examiner.has_proven_gain(own))
     }
 
     /// Returns `true` if `twin`, which acted in these episodes of the task group of `policy`,
@@ -45,58 +34,55 @@ impl Recogniser {
     ///
     /// # Errors
     /// Too few episodes, unknown policies, or episodes that cannot be compared.
-    pub fn compare<R: Rng + ?Sized>(
+    pub fn compare(
         &mut self,
         policy: usize,
         twin: usize,
         accounts: &[Account],
-        rng: &mut R,
-    ) -> Result<bool, EvidenceError> {
+        rng: &mut impl Rng,
+    ) -> Result<bool> {
         self.check_policy(policy)?;
-        let examiner = Examiner(self.settings());
         let opinion = self.opinion_of(twin, accounts, rng)?;
         // a policy that clearly earns more in its own group must keep it
         let lags = self.lost(policy, accounts) >= self.settings().min_loss;
-        let is_twin = !lags && !opinion.is_rejected() && examiner.is_proven(&opinion);
+        let is_twin = !lags && !opinion.is_rejected() && self.examiner().is_proven(&opinion);
         if !is_twin {
             self.part(policy, twin);
         }
         Ok(is_twin)
     }
 
-    /// Merges `policy` into `twin`, which [`Recogniser::compare`] accepted by the episodes `heard`,
-    /// if `policy` still serves its group in the episodes `again`, in which it acted itself. If
-    /// `policy` earned clearly more in its own group than `twin` did in `heard`, `twin` is merged
-    /// into `policy` instead. Returns `None` if nothing
-    /// was merged; the two may then be compared again.
+    /// Merges `policy` into `twin`, which [`Recogniser::compare`] accepted by the episodes
+    /// `of_twin`, if `policy` still serves its group in the episodes `again`, in which it acted
+    /// itself. If `policy` earned clearly more in its own group than `twin` did, `twin` is merged
+    /// into `policy` instead. If nothing was merged, the two may be compared again.
     ///
     /// # Errors
     /// Errors of [`Recogniser::compare`].
-    pub fn merge<R: Rng + ?Sized>(
+    pub fn merge(
         &mut self,
         policy: usize,
         twin: usize,
-        heard: &[Account],
+        of_twin: &[Account],
         again: &[Account],
-        rng: &mut R,
-    ) -> Result<Option<Merge>, EvidenceError> {
+        rng: &mut impl Rng,
+    ) -> Result<()> {
         self.check_policy(policy)?;
         self.check_policy(twin)?;
         if policy == twin || self.memories[policy].is_gone() || self.memories[twin].is_gone() {
-            return Ok(None);
+            return Ok(());
         }
         let opinion = self.opinion_of(policy, again, rng)?;
-        if opinion.is_rejected() || !Examiner(self.settings()).keeps(&opinion) {
-            return Ok(None);
+        if opinion.is_rejected() || !self.examiner().keeps(&opinion) {
+            return Ok(());
         }
         // `twin` has served in both groups, `policy` never acted in the group of `twin`
-        let lost = self.lost(policy, heard);
-        let (kept, gone) =
-            if Examiner(self.settings()).is_loss(lost) { (policy, twin) } else { (twin, policy) };
+        let is_loss = self.examiner().is_loss(self.lost(policy, of_twin));
+        let (kept, gone) = if is_loss { (policy, twin) } else { (twin, policy) };
         self.memories[gone].heir = Some(kept);
         let apart = self.memories[gone].apart.clone();
         self.memories[kept].apart.extend(apart);
-        Ok(Some(Merge { kept, gone }))
+        Ok(())
     }
 
     /// Returns the share of the gain of `policy` that these episodes did not earn.
@@ -118,17 +104,17 @@ impl Recogniser {
     }
 
     /// Tests a policy by episodes in which it acted itself.
-    fn opinion_of<R: Rng + ?Sized>(
+    fn opinion_of(
         &self,
         policy: usize,
         accounts: &[Account],
-        rng: &mut R,
-    ) -> Result<Opinion, EvidenceError> {
+        rng: &mut impl Rng,
+    ) -> Result<Opinion> {
         self.check_policy(policy)?;
         let accounts = self.in_order(accounts)?;
         let mut own = ChaCha8Rng::seed_from_u64(rng.random());
-        let (examiner, memory) = (Examiner(self.settings()), &self.memories[policy]);
-        examiner.opine(memory, &accounts, Role::Returns, Look::Second, &mut own)
+        let memory = &self.memories[policy];
+        self.examiner().opine(memory, &accounts, Role::Returns, Look::Second, &mut own)
     }
 
     /// Records that two policies serve different groups.

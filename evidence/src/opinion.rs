@@ -2,14 +2,10 @@
 
 use std::fmt;
 
-use cluster::{
-    Candidate, Evidence, Frames, JointTest, Judgement, PermutationTest, Side, Source, SourceTest,
-    Verdict,
-};
+use cluster::{Candidate, Evidence, Frames, JointTest, Side, Source, SourceTest, Verdict};
 
 use crate::account::Account;
-use crate::error::EvidenceError;
-use crate::settings::RecogniserSettings;
+use crate::error::Result;
 
 /// Standard deviations that a change of motion by 100 % counts as when policies are ranked.
 const MOTION_WEIGHT: f64 = 10.0;
@@ -26,9 +22,9 @@ pub(crate) enum Kind {
 
 impl Kind {
     /// Sources that do not depend on actions.
-    pub(crate) const LOOKS: [Self; 2] = [Self::Picture, Self::Vector];
-    pub(crate) const ALL: [Self; 5] =
-        [Self::Picture, Self::Vector, Self::Motion, Self::Slope, Self::Earnings];
+    pub(crate) const LOOKS: &'static [Self] = &[Self::Picture, Self::Vector];
+    pub(crate) const ALL: &'static [Self] =
+        &[Self::Picture, Self::Vector, Self::Motion, Self::Slope, Self::Earnings];
 
     /// Returns `true` for sources that do not depend on actions.
     pub(crate) fn is_look(self) -> bool {
@@ -58,7 +54,7 @@ impl Kind {
 
 /// Stage of a decision, by the number of rollouts that it rests on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Look {
+pub(crate) enum Look {
     /// First look, at one rollout: a doubt asks for another one.
     First,
     /// Final look, at two rollouts or at one that the tested policy collected itself: the decision
@@ -75,18 +71,22 @@ pub(crate) enum Role {
     Stays,
     /// The policy acted after a time without training: its group may have drifted meanwhile.
     Returns,
-    /// The policy acted although pictures or vectors rejected it: its returns must show that it
-    /// serves the group, as far as it has a gain.
-    Excused,
+    /// The policy acted provisionally, although pictures or vectors rejected it: its returns must
+    /// show that it serves the group, as far as it has a gain.
+    Provisional,
 }
 
 /// Evidence for and against one policy in a decision.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Opinion {
-    pub(crate) kinds: Vec<Kind>,
-    pub(crate) test: Option<JointTest>,
-    /// Relative change of motion.
-    pub(crate) changed: f64,
+    /// Verdict on the policy, after all tests.
+    pub verdict: Verdict,
+    /// Joint test of all sources of evidence; `None` if the policy remembers too few episodes.
+    pub test: Option<JointTest>,
+    /// Sources of the test.
+    pub(crate) kinds: &'static [Kind],
+    /// Relative change of motion, the vector's response to actions; 0 if it is unknown.
+    pub changed: f64,
     /// Relative change of slope.
     pub(crate) turned: f64,
     /// Share of the policy's gain that these episodes did not earn.
@@ -94,63 +94,27 @@ pub struct Opinion {
     /// Standard error of `lost`.
     pub(crate) lost_error: f64,
     /// Gain in the policy's return since its first rollout, in standard deviations.
-    pub(crate) learnt: f64,
+    pub(crate) gain: f64,
     /// Gain of these episodes over the policy's first rollout, in standard deviations.
-    pub(crate) gained: f64,
+    pub(crate) episode_gain: f64,
     pub(crate) role: Role,
-    pub(crate) verdict: Verdict,
-    /// Episodes that the policy remembers.
-    pub(crate) remembered: usize,
 }
 
 impl Opinion {
-    /// Returns the joint test of all sources of evidence; `None` if the policy remembers too few
-    /// episodes.
-    pub fn test(&self) -> Option<&JointTest> {
-        self.test.as_ref()
-    }
-
-    /// Converts the opinion to the evidence type of the crate `cluster`. The result has the
-    /// distance of the first source that was tested, and the test of the largest score.
-    pub fn evidence(&self, settings: &RecogniserSettings, look: Look) -> Evidence {
-        let distance = self.sources().next().map_or(0.0, |(_, source)| source.distance);
-        let judgement = match &self.test {
-            Some(test) => Judgement::Tested {
-                test: PermutationTest {
-                    distance: test.null.mean + test.score * test.null.sd,
-                    null: test.null,
-                    score: test.score,
-                    p_value: test.p_value,
-                    tail_p_value: self.tail_p_value(),
-                },
-                limit: match look {
-                    Look::First => settings.doubt,
-                    Look::Second => settings.level,
-                },
-            },
-            None => Judgement::BufferTooSmall {
-                episodes: self.remembered,
-                needed: settings.min_episodes,
-            },
-        };
-        Evidence { distance, judgement, verdict: self.verdict }
-    }
-
-    /// Returns the verdict on the policy, after all tests.
-    pub fn verdict(&self) -> Verdict {
-        self.verdict
+    /// Converts the opinion to the evidence type of the crate `cluster`, with the distance of the
+    /// first source that was tested.
+    pub fn evidence(&self) -> Evidence {
+        Evidence {
+            distance: self.sources().next().map_or(0.0, |(_, source)| source.distance),
+            test: self.test.as_ref().map(|test| test.overall),
+            verdict: self.verdict,
+        }
     }
 
     /// Returns the smallest p-value by the fitted tail, adjusted for the number of sources; 1 if
     /// nothing was tested.
     pub fn tail_p_value(&self) -> f64 {
-        let tests = self.test.iter().flat_map(|test| test.sources.iter().flatten());
-        tests.map(|source| source.tail_p_value).fold(1.0, f64::min)
-    }
-
-    /// Returns the relative change of motion, the vector's response to actions; 0 if it is unknown.
-    pub fn changed(&self) -> f64 {
-        self.changed
+        self.test.as_ref().map_or(1.0, |test| test.overall.tail_p_value)
     }
 
     pub(crate) fn is_rejected(&self) -> bool {
@@ -170,7 +134,7 @@ impl Opinion {
 
     /// Returns the largest ratio of the distance of pictures or vectors to its mean over random
     /// splits; 0 if neither was tested.
-    pub fn look_ratio(&self) -> f64 {
+    pub(crate) fn look_ratio(&self) -> f64 {
         let looks = self.sources().filter(|(kind, _)| kind.is_look());
         looks.map(|(_, source)| source.ratio()).fold(0.0, f64::max)
     }
@@ -209,12 +173,9 @@ impl fmt::Display for Opinion {
             let (name, tail) = (kind.name(), source.tail_p_value);
             write!(f, " {name} {:.1} ({:.2}, p {tail:.0e})", source.score, source.ratio())?;
         }
-        let (changed, lost, learnt) = (self.changed, self.lost, self.learnt);
-        let (gained, turned) = (self.gained, self.turned);
-        write!(
-            f,
-            " changed {changed:.2} turned {turned:.2} lost {lost:.2} learnt {learnt:.1} gained {gained:.1}"
-        )
+        let Self { changed, turned, lost, gain, episode_gain, .. } = self;
+        write!(f, " changed {changed:.2} turned {turned:.2} lost {lost:.2}")?;
+        write!(f, " gain {gain:.1} of these episodes {episode_gain:.1}")
     }
 }
 
@@ -265,7 +226,7 @@ pub(crate) fn whole<'a>(accounts: &[&'a Account], least: usize) -> Option<Vec<&'
 }
 
 /// Returns the points of one source as frames of one-frame episodes.
-pub(crate) fn frames(accounts: &[&Account], kind: Kind) -> Result<Frames, EvidenceError> {
+pub(crate) fn frames(accounts: &[&Account], kind: Kind) -> Result<Frames> {
     let points: Vec<&[f32]> = accounts.iter().filter_map(|a| kind.point(a)).collect();
     let dim = points.first().map_or(0, |point| point.len());
     Ok(Frames::new(points.concat(), 1, dim)?)
@@ -276,14 +237,11 @@ pub(crate) fn sources(
     kinds: &[Kind],
     rollout: &[&Account],
     remembered: &[&Account],
-) -> Result<Vec<Source>, EvidenceError> {
+) -> Result<Vec<Source>> {
     let source = |&kind: &Kind| {
         let (rollout, buffer) = (frames(rollout, kind)?, frames(remembered, kind)?);
-        let side = match kind {
-            // a policy that earns more than it remembers serves the group all the same
-            Kind::Earnings => Side::Less,
-            _ => Side::Both,
-        };
+        // a policy that earns more than it remembers serves the group all the same
+        let side = if kind == Kind::Earnings { Side::Less } else { Side::Both };
         Ok(Source { clouds: Candidate { buffer, rollout }, side })
     };
     kinds.iter().map(source).collect()

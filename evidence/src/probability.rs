@@ -11,16 +11,6 @@ pub struct Probabilities {
     misfits: Vec<f64>,
 }
 
-/// Evidence about one policy that its probability depends on.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Weighed {
-    /// Tail p-value; `None` if the policy was merged or remembers too few episodes to be tested.
-    pub(crate) p_value: Option<f64>,
-    /// `true` if no source shows a significant difference larger than drift.
-    pub(crate) may_be_drift: bool,
-    pub(crate) misfit: f64,
-}
-
 /// Weight of "none of these", relative to 1 for a policy without evidence against it.
 const NONE: f64 = 0.05;
 /// Least weight of a policy whose own episodes would look like these: a p-value of 0.07.
@@ -29,14 +19,12 @@ const TYPICAL: f64 = 0.5;
 const ACCEPTED: f64 = 0.1;
 
 impl Probabilities {
-    pub(crate) fn of(policies: &[Weighed]) -> Self {
-        let weights: Vec<f64> = policies.iter().map(weight).collect();
+    /// Takes the weight and the outlier score of each policy.
+    pub(crate) fn new(policies: impl Iterator<Item = (f64, f64)>) -> Self {
+        let (weights, misfits): (Vec<_>, _) = policies.unzip();
         let all = weights.iter().sum::<f64>() + NONE;
-        Self {
-            policies: weights.into_iter().map(|weight| weight / all).collect(),
-            none: NONE / all,
-            misfits: policies.iter().map(|weighed| weighed.misfit).collect(),
-        }
+        let share = |weight: f64| weight / all;
+        Self { policies: weights.into_iter().map(share).collect(), none: share(NONE), misfits }
     }
 
     /// Returns the index of the likeliest policy; `None` if "none of these" is likelier. Among
@@ -69,52 +57,42 @@ fn bayes_factor(p: f64) -> f64 {
     }
 }
 
-fn weight(weighed: &Weighed) -> f64 {
-    let weight = weighed.p_value.map_or(0.0, bayes_factor);
-    if weighed.may_be_drift && weighed.p_value.is_some() { weight.max(ACCEPTED) } else { weight }
+/// Returns the weight of a policy with this tail p-value; `may_be_drift` if no source shows a
+/// significant difference larger than drift.
+pub(crate) fn weight(p_value: f64, may_be_drift: bool) -> f64 {
+    bayes_factor(p_value).max(if may_be_drift { ACCEPTED } else { 0.0 })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn likeliest(policies: &[(Option<f64>, f64)]) -> Option<usize> {
-        let weighed = policies.iter().map(|&(p_value, misfit)| Weighed {
-            p_value,
-            may_be_drift: true,
-            misfit,
-        });
-        Probabilities::of(&weighed.collect::<Vec<_>>()).likeliest()
+    fn likeliest(policies: &[(f64, f64)]) -> Option<usize> {
+        let weighed = policies.iter().map(|&(p_value, misfit)| (weight(p_value, true), misfit));
+        Probabilities::new(weighed).likeliest()
     }
 
     #[test]
     fn of_equals_the_best_fit_is_named_and_then_the_first() {
-        assert_eq!(likeliest(&[(Some(0.5), 2.0), (Some(0.9), 1.0)]), Some(1));
-        assert_eq!(likeliest(&[(Some(0.5), 1.0), (Some(0.9), 2.0)]), Some(0));
-        assert_eq!(likeliest(&[(Some(0.5), 1.0), (Some(0.9), 1.0)]), Some(0));
-        assert_eq!(likeliest(&[(Some(0.01), 0.0), (Some(0.9), 1.0)]), Some(1));
-    }
-
-    #[test]
-    fn who_was_not_tested_is_not_named() {
-        assert_eq!(likeliest(&[(None, 0.0), (Some(0.1), 3.0)]), Some(1));
-        assert_eq!(likeliest(&[(None, 0.0)]), None);
+        assert_eq!(likeliest(&[(0.5, 2.0), (0.9, 1.0)]), Some(1));
+        assert_eq!(likeliest(&[(0.5, 1.0), (0.9, 2.0)]), Some(0));
+        assert_eq!(likeliest(&[(0.5, 1.0), (0.9, 1.0)]), Some(0));
+        assert_eq!(likeliest(&[(0.01, 0.0), (0.9, 1.0)]), Some(1));
+        assert_eq!(Probabilities::new([(0.0, 0.0)].into_iter()).likeliest(), None);
     }
 
     #[test]
     fn one_strange_episode_is_typical_of_no_policy() {
         // of 41 episodes, the strange one is the farthest from the rest
-        let strange = Weighed { p_value: Some(1.0 / 41.0), may_be_drift: true, misfit: 0.0 };
-        let usual = Weighed { p_value: Some(0.3), ..strange };
-        assert!(!Probabilities::of(&[strange; 3]).is_typical());
-        assert!(Probabilities::of(&[strange, usual]).is_typical());
-        assert!(!Probabilities::of(&[]).is_typical());
+        let [strange, usual] = [1.0 / 41.0, 0.3].map(|p_value| (weight(p_value, true), 0.0));
+        assert!(!Probabilities::new([strange; 3].into_iter()).is_typical());
+        assert!(Probabilities::new([strange, usual].into_iter()).is_typical());
+        assert!(!Probabilities::new([].into_iter()).is_typical());
     }
 
     #[test]
     fn the_factor_falls_from_one_to_zero() {
-        assert_eq!(bayes_factor(1.0), 1.0);
-        assert_eq!(bayes_factor(0.0), 0.0);
+        assert_eq!((bayes_factor(1.0), bayes_factor(0.0)), (1.0, 0.0));
         assert!((bayes_factor(0.05) - 0.407).abs() < 1e-3, "the paper's table 1");
         assert!(bayes_factor(0.3) > bayes_factor(0.01));
     }

@@ -10,11 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::account::Account;
 use crate::choice::Choice;
-use crate::error::EvidenceError;
+use crate::error::{EvidenceError, Result};
 use crate::examiner::Examiner;
 use crate::memory::{Memory, check, known};
 use crate::opinion::{Kind, Look, Opinion, Role, frames, whole};
-use crate::probability::{Probabilities, Weighed};
+use crate::probability::{Probabilities, weight};
 use crate::settings::RecogniserSettings;
 
 /// Decision on a rollout, with its reasons.
@@ -24,20 +24,21 @@ pub struct Finding {
     pub decision: Decision,
     /// Evidence for and against each policy, in the order of the policies.
     pub opinions: Vec<Opinion>,
-    /// Stage of the decision, by which significance levels were chosen.
-    pub look: Look,
     /// Changepoint, in decisions of all environments, if the task group changed: episodes that
     /// began before it belong to the earlier group. [`Recogniser::assign`] judges the later
-    /// episodes, [`Recogniser::review`] the earlier ones, unless the policy was proposed for a group
-    /// that is over.
+    /// episodes, [`Recogniser::review`] the earlier ones, unless `group_changed`.
     pub cut: Option<usize>,
+    /// `true` if the task group changed after the acting policy was proposed, so that earlier
+    /// rollouts show another one.
+    pub group_changed: bool,
     /// Indices of the policies that are rejected for this task group from here on.
     pub rejected: Vec<usize>,
     /// Trial that the named policy must pass, unless it is the one that acted.
     pub trial: Trial,
-    /// `true` if the evidence from before the named policy acted rejects it, because pictures or
-    /// vectors differ or it was merged: its returns must show that it serves the group.
-    pub is_unproven: bool,
+    /// `true` if the named policy is provisional: evidence from before it acted rejects it, because
+    /// pictures or vectors differ or it was merged, so its returns must show that it serves the
+    /// group.
+    pub is_provisional: bool,
 }
 
 /// Trial of a policy that is named in place of the one that acted.
@@ -51,9 +52,9 @@ pub enum Trial {
     /// A few episodes of the named policy first, as many as a decision needs and at least one in
     /// each environment, since several policies may fit; then one rollout.
     Episodes,
-    /// No trial, since it would come too late: the task group changed while another policy was on
-    /// trial. The named policy trains on the rollout of that one, or, if it only acted for a few
-    /// episodes, on one of its own.
+    /// No trial before the named policy trains, since it would come too late: the task group changed
+    /// while another policy was on trial. The named policy trains on the rollout of that one. If
+    /// that one only acted for a few episodes, the named policy collects a rollout for review.
     Waived,
 }
 
@@ -68,7 +69,7 @@ impl Finding {
     /// Returns the indices of the policies that the evidence accepts.
     pub fn accepted(&self) -> Vec<usize> {
         let policies = 0..self.opinions.len();
-        policies.filter(|&policy| self.opinions[policy].verdict() == Verdict::Accepted).collect()
+        policies.filter(|&policy| self.opinions[policy].verdict == Verdict::Accepted).collect()
     }
 }
 
@@ -79,8 +80,8 @@ pub struct Situation<'a> {
     pub collector: usize,
     /// Indices of the policies that were rejected for the same task group before.
     pub rejected: &'a [usize],
-    /// Value of [`Finding::is_unproven`] in the decision that proposed the acting policy.
-    pub is_unproven: bool,
+    /// Value of [`Finding::is_provisional`] in the decision that proposed the acting policy.
+    pub is_provisional: bool,
     /// `true` if the decision may be [`Decision::Undecided`].
     pub can_wait: bool,
 }
@@ -90,6 +91,13 @@ impl Situation<'_> {
     pub fn of(collector: usize) -> Self {
         Self { collector, can_wait: true, ..Self::default() }
     }
+}
+
+/// Episodes to decide on, sorted by time, and their context.
+#[derive(Clone, Copy)]
+struct Case<'a> {
+    accounts: &'a [&'a Account],
+    situation: Situation<'a>,
 }
 
 /// Largest number of rollouts that are held until another one of their task group appears.
@@ -102,6 +110,10 @@ const MOST_HELD: usize = 16;
 // rollouts 82 % had as many policies as groups, 79 % with 0.2 and 47 % with 0.02 (seeds 1000 on).
 const ALIKE: f64 = 0.1;
 
+/// Random orders of a changepoint test for each random split of a first look.
+// Energy distances of an order are cheap: one pass over the pairs of episodes (`change_test`).
+const ORDERS: usize = 4;
+
 /// Number of policies without training from which on rollouts of new groups are held.
 const MOST_UNTRAINED: usize = 8;
 
@@ -112,22 +124,6 @@ pub(crate) struct Held {
     /// Index of the policy that acted.
     pub(crate) collector: usize,
     pub(crate) accounts: Vec<Account>,
-}
-
-impl Held {
-    /// Checks a restored rollout: 1 to `most` summaries, and a collector among the policies or the
-    /// next new one.
-    pub(crate) fn check(&self, most: usize, policies: usize) -> Result<(), EvidenceError> {
-        let got = self.accounts.len();
-        if self.collector > policies {
-            return Err(EvidenceError::NoPolicy { policy: self.collector, policies });
-        }
-        match got {
-            0 => Err(EvidenceError::TooFewEpisodes { got, needed: 1 }),
-            _ if got > most => Err(EvidenceError::TooManyAccounts { got, most }),
-            _ => Ok(()),
-        }
-    }
 }
 
 /// Recogniser of task groups: remembers the episodes that each policy trained on, and decides whose
@@ -145,7 +141,7 @@ impl Recogniser {
     ///
     /// # Errors
     /// A setting outside its range.
-    pub fn new(settings: RecogniserSettings) -> Result<Self, EvidenceError> {
+    pub fn new(settings: RecogniserSettings) -> Result<Self> {
         settings.check()?;
         Ok(Self { settings, memories: Vec::new(), held: VecDeque::new() })
     }
@@ -167,19 +163,19 @@ impl Recogniser {
     /// # Errors
     /// A larger index, no episode, numbers that are not finite, or lists whose length differs from
     /// the remembered ones. Nothing is remembered then.
-    pub fn learn<R: Rng + ?Sized>(
+    pub fn learn(
         &mut self,
         policy: usize,
         accounts: &[Account],
-        rng: &mut R,
-    ) -> Result<Option<usize>, EvidenceError> {
+        rng: &mut impl Rng,
+    ) -> Result<Option<usize>> {
         self.check_actor(policy)?;
         if accounts.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
         }
         check(known(&self.memories).chain(accounts))?;
         let mut accounts = sorted(accounts);
-        let cut = find_cut(&accounts, &self.settings, rng)?;
+        let cut = self.find_cut(&accounts, rng)?;
         let end = cut.map(|cut| accounts[cut].began);
         accounts.truncate(cut.unwrap_or(accounts.len()));
         let is_outdated = self.is_outdated(policy, &accounts, rng)?;
@@ -197,12 +193,12 @@ impl Recogniser {
 
     /// Returns `true` if a policy's memory no longer matches the pictures or vectors that it is
     /// about to train on, because its group drifted while it was away.
-    fn is_outdated<R: Rng + ?Sized>(
+    fn is_outdated(
         &self,
         policy: usize,
         accounts: &[&Account],
-        rng: &mut R,
-    ) -> Result<bool, EvidenceError> {
+        rng: &mut impl Rng,
+    ) -> Result<bool> {
         let mut own = ChaCha8Rng::seed_from_u64(rng.random());
         if accounts.len() < self.settings.min_episodes {
             return Ok(false);
@@ -210,8 +206,8 @@ impl Recogniser {
         let mut memory = self.memories.get(policy).cloned().unwrap_or_default();
         // training is about to undo a merge, which would otherwise count as a rejection
         memory.heir = None;
-        let (examiner, role) = (Examiner(&self.settings), Role::Stranger);
-        let opinion = examiner.opine(&memory, accounts, role, Look::Second, &mut own)?;
+        let role = Role::Stranger;
+        let opinion = self.examiner().opine(&memory, accounts, role, Look::Second, &mut own)?;
         Ok(opinion.is_rejected())
     }
 
@@ -224,70 +220,63 @@ impl Recogniser {
     /// # Errors
     /// [`EvidenceError::NoPolicy`] for a collector above [`policies`](Self::policies); too few
     /// episodes, or episodes that cannot be compared.
-    pub fn assign<R: Rng + ?Sized>(
+    pub fn assign(
         &mut self,
         accounts: &[Account],
         situation: Situation,
-        rng: &mut R,
-    ) -> Result<Finding, EvidenceError> {
+        rng: &mut impl Rng,
+    ) -> Result<Finding> {
         self.check_actor(situation.collector)?;
         let accounts = self.in_order(accounts)?;
-        let cut = find_cut(&accounts, &self.settings, rng)?;
-        let later = &accounts[cut.unwrap_or(0)..];
-        let mut finding = self.look(later, situation, rng)?;
+        let cut = self.find_cut(&accounts, rng)?;
+        let case = Case { accounts: &accounts[cut.unwrap_or(0)..], situation };
+        let mut finding = self.look(case, rng)?;
         if finding.decision == Decision::Undecided {
-            finding = self.look_again(later, finding, situation, rng)?;
+            finding = self.look_again(case, finding, rng)?;
         }
-        Ok(Finding { cut: cut.map(|_| later[0].began), ..finding })
+        finding.cut = cut.map(|cut| accounts[cut].began);
+        Ok(finding)
     }
 
     /// Decides on episodes that a first look left undecided, together with held ones of the same
-    /// task group; without such, holds them if `situation` allows it.
-    fn look_again<R: Rng + ?Sized>(
+    /// task group; without such, holds them if the situation allows it.
+    fn look_again(
         &mut self,
-        accounts: &[&Account],
+        case: Case,
         undecided: Finding,
-        situation: Situation,
-        rng: &mut R,
-    ) -> Result<Finding, EvidenceError> {
-        let earlier = self.recall(accounts, situation.collector, rng)?;
-        if earlier.is_empty() && situation.can_wait {
-            self.hold(accounts, situation.collector);
+        rng: &mut impl Rng,
+    ) -> Result<Finding> {
+        let earlier = self.recall(case, rng)?;
+        if earlier.is_empty() && case.situation.can_wait {
+            self.hold(case);
             return Ok(undecided);
         }
-        let all: Vec<&Account> = earlier.iter().chain(accounts.iter().copied()).collect();
-        let finding = self.decide(&all, situation, Role::Stays, rng)?;
-        self.open(&all, finding, situation)
+        let all: Vec<&Account> = earlier.iter().chain(case.accounts.iter().copied()).collect();
+        let case = Case { accounts: &all, ..case };
+        let finding = self.decide(case, Role::Stays, rng)?;
+        self.open(case, finding)
     }
 
-    /// Creates the policy that a decision asks for, which remembers the pictures and vectors of
-    /// `accounts`. If there are `max_policies` already, the most similar one is named instead, without a
-    /// trial. If too many wait for their first training, the episodes are held.
-    fn open(
-        &mut self,
-        accounts: &[&Account],
-        finding: Finding,
-        situation: Situation,
-    ) -> Result<Finding, EvidenceError> {
+    /// Creates the policy that a decision asks for, which remembers the pictures and vectors of the
+    /// episodes. If there are `max_policies` already, the most similar one is named instead, without
+    /// a trial. If too many wait for their first training, the episodes are held.
+    fn open(&mut self, case: Case, finding: Finding) -> Result<Finding> {
         if finding.decision != Decision::New {
             return Ok(finding);
         }
         if self.memories.len() >= self.settings.max_policies {
-            let policy = self.most_similar(&finding.opinions).unwrap_or(situation.collector);
-            return Ok(Finding {
-                decision: Decision::Existing(policy),
-                trial: Trial::None,
-                ..finding
-            });
+            let similar = self.most_similar(&finding.opinions);
+            let decision = Decision::Existing(similar.unwrap_or(case.situation.collector));
+            return Ok(Finding { decision, trial: Trial::None, ..finding });
         }
         let untrained = self.memories.iter().filter(|memory| !memory.is_trained).count();
-        if situation.can_wait && untrained >= MOST_UNTRAINED {
-            self.hold(accounts, situation.collector);
+        if case.situation.can_wait && untrained >= MOST_UNTRAINED {
+            self.hold(case);
             return Ok(Finding { decision: Decision::Undecided, ..finding });
         }
         let mut memory = Memory::default();
-        memory
-            .remember(accounts.iter().copied().map(Account::without_course), self.settings.memory);
+        let accounts = case.accounts.iter().map(|account| account.without_course());
+        memory.remember(accounts, self.settings.memory);
         self.memories.push(memory);
         Ok(finding)
     }
@@ -301,18 +290,13 @@ impl Recogniser {
     }
 
     /// Decides on one rollout.
-    fn look<R: Rng + ?Sized>(
-        &self,
-        accounts: &[&Account],
-        situation: Situation,
-        rng: &mut R,
-    ) -> Result<Finding, EvidenceError> {
-        let opinions = self.opinions(accounts, situation, Look::First, Role::Stays, rng)?;
-        let choice = Choice::new(&opinions, situation.collector);
+    fn look(&self, case: Case, rng: &mut impl Rng) -> Result<Finding> {
+        let collector = case.situation.collector;
+        let opinions = self.opinions(case, Look::First, Role::Stays, rng)?;
+        let choice = Choice::new(&opinions, collector);
         let rivals = choice.rivals();
         let alike = choice.is_alike(self.settings.doubt);
-        let is_sure = |own| Examiner(&self.settings).surely_rejects(own);
-        let sure = choice.own().is_some_and(is_sure);
+        let sure = choice.own().is_some_and(|own| self.examiner().surely_rejects(own));
         // motion and returns under this policy are no evidence about others, so trying another one
         // costs a rollout: it pays off if this policy is surely wrong or its pictures differ; in
         // other cases a second look at this policy is cheaper
@@ -320,11 +304,11 @@ impl Recogniser {
         let named = choice.kept().or(rival);
         Ok(Finding {
             decision: named.map_or(Decision::Undecided, Decision::Existing),
-            look: Look::First,
             cut: None,
-            rejected: sure.then_some(situation.collector).into_iter().collect(),
+            group_changed: false,
+            rejected: sure.then_some(collector).into_iter().collect(),
             trial: Trial::of_policy(alike || rivals.len() > 1),
-            is_unproven: false,
+            is_provisional: false,
             opinions,
         })
     }
@@ -333,60 +317,56 @@ impl Recogniser {
     /// that it collected itself. Its own motion and returns are compared, too. If it is rejected
     /// and there is a changepoint, only the earlier episodes count, for whose group the policy was
     /// proposed. If pictures or vectors reject a policy that they had accepted, the group has
-    /// changed, and the rollout is judged as by [`Recogniser::assign`]
-    /// ([`Trial::Waived`]).
+    /// changed, and the rollout is judged as by [`Recogniser::assign`].
     ///
     /// # Errors
     /// Errors of [`Recogniser::assign`].
-    pub fn review<R: Rng + ?Sized>(
+    pub fn review(
         &mut self,
         accounts: &[Account],
         situation: Situation,
-        rng: &mut R,
-    ) -> Result<Finding, EvidenceError> {
+        rng: &mut impl Rng,
+    ) -> Result<Finding> {
         self.check_policy(situation.collector)?;
         let accounts = self.in_order(accounts)?;
-        let role = if situation.is_unproven { Role::Excused } else { Role::Returns };
-        let mut judged = &accounts[..];
-        let mut finding = self.decide(judged, situation, role, rng)?;
+        let role = if situation.is_provisional { Role::Provisional } else { Role::Returns };
+        let mut case = Case { accounts: &accounts, situation };
+        let mut finding = self.decide(case, role, rng)?;
         let keep = Decision::Existing(situation.collector);
         let mut cut = None;
         if finding.decision != keep {
-            cut = find_cut(&accounts, &self.settings, rng)?;
+            cut = self.find_cut(&accounts, rng)?;
         }
         if let Some(cut) = cut {
-            judged = &accounts[..cut];
-            finding = self.decide(judged, situation, role, rng)?;
+            case.accounts = &accounts[..cut];
+            finding = self.decide(case, role, rng)?;
             finding.cut = Some(accounts[cut].began);
         }
         if finding.decision == keep {
-            finding.is_unproven = situation.is_unproven;
+            finding.is_provisional = situation.is_provisional;
             return Ok(finding);
         }
-        if !situation.is_unproven && self.has_moved(&finding.opinions[situation.collector]) {
-            let later = &accounts[cut.unwrap_or(0)..];
-            let found = self.start_over(later, cut.is_some(), situation, rng)?;
-            let is_open = situation.can_wait || found.trial == Trial::Waived;
+        if !situation.is_provisional && self.has_moved(&finding.opinions[situation.collector]) {
+            case.accounts = &accounts[cut.unwrap_or(0)..];
+            let mut found = self.start_over(case, cut.is_some(), rng)?;
             // trials could go on for ever in groups that change with every rollout
-            let trial = if is_open { found.trial } else { Trial::None };
-            return Ok(Finding { cut: cut.map(|_| later[0].began), trial, ..found });
+            if !situation.can_wait && found.trial != Trial::Waived {
+                found.trial = Trial::None;
+            }
+            found.cut = cut.map(|cut| accounts[cut].began);
+            return Ok(Finding { group_changed: true, ..found });
         }
         // no policy is tried twice for one task, or trials might never end
         finding.rejected.push(situation.collector);
-        self.open(judged, finding, situation)
+        self.open(case, finding)
     }
 
     /// Decides on a rollout in whose task group its collector was not proposed. In a short visit
     /// the named policy would act too late, so it trains on the rollout without a trial.
-    fn start_over<R: Rng + ?Sized>(
-        &mut self,
-        accounts: &[&Account],
-        is_cut: bool,
-        situation: Situation,
-        rng: &mut R,
-    ) -> Result<Finding, EvidenceError> {
-        let situation = Situation { rejected: &[], is_unproven: false, ..situation };
-        let finding = self.look(accounts, situation, rng)?;
+    fn start_over(&mut self, case: Case, is_cut: bool, rng: &mut impl Rng) -> Result<Finding> {
+        let situation = Situation { rejected: &[], is_provisional: false, ..case.situation };
+        let case = Case { situation, ..case };
+        let finding = self.look(case, rng)?;
         match finding.decision {
             Decision::Existing(_) if !is_cut && finding.trial == Trial::Rollout => {
                 Ok(Finding { trial: Trial::Waived, ..finding })
@@ -394,58 +374,50 @@ impl Recogniser {
             Decision::Existing(_) if !situation.can_wait => Ok(finding),
             _ => {
                 let undecided = Finding { decision: Decision::Undecided, ..finding };
-                self.look_again(accounts, undecided, situation, rng)
+                self.look_again(case, undecided, rng)
             }
         }
     }
 
     /// Returns `true` if pictures or vectors reject a policy.
     fn has_moved(&self, opinion: &Opinion) -> bool {
-        let (examiner, level) = (Examiner(&self.settings), self.settings.level);
-        let mut looks = opinion.sources().filter(|(kind, _)| kind.is_look());
-        looks.any(|(kind, source)| {
-            source.tail_p_value <= level && examiner.is_large(opinion, kind, source)
-        })
+        self.examiner().against(opinion, self.settings.level).any(Kind::is_look)
     }
 
     /// Remembers a rollout that no policy may train on, or its latest `memory` episodes. The latest
     /// [`MOST_HELD`] rollouts are kept.
-    fn hold(&mut self, accounts: &[&Account], collector: usize) {
+    fn hold(&mut self, case: Case) {
         while self.held.len() >= MOST_HELD {
             self.held.pop_front();
         }
-        let latest = &accounts[accounts.len().saturating_sub(self.settings.memory)..];
-        let kept = latest.iter().copied().cloned().collect();
-        self.held.push_back(Held { collector, accounts: kept });
+        let first = case.accounts.len().saturating_sub(self.settings.memory);
+        let accounts = case.accounts[first..].iter().copied().cloned().collect();
+        self.held.push_back(Held { collector: case.situation.collector, accounts });
     }
 
     /// Removes and returns the held rollout that looks most like this one, if it may be of the same
     /// task group; otherwise nothing.
-    fn recall<R: Rng + ?Sized>(
-        &mut self,
-        accounts: &[&Account],
-        collector: usize,
-        rng: &mut R,
-    ) -> Result<Vec<Account>, EvidenceError> {
+    fn recall(&mut self, case: Case, rng: &mut impl Rng) -> Result<Vec<Account>> {
+        let collector = case.situation.collector;
         let (mut own, mut best) = (ChaCha8Rng::seed_from_u64(rng.random()), None);
         for (index, held) in self.held.iter().enumerate() {
             let memory = Memory { accounts: held.accounts.clone().into(), ..Memory::default() };
             let role = if held.collector == collector { Role::Stays } else { Role::Stranger };
-            let examiner = Examiner(&self.settings);
-            let opinion = examiner.opine(&memory, accounts, role, Look::First, &mut own)?;
+            let examiner = self.examiner();
+            let opinion = examiner.opine(&memory, case.accounts, role, Look::First, &mut own)?;
             let score = opinion.look_score();
-            let is_alike = opinion.test.as_ref().is_some_and(|test| test.p_value >= ALIKE);
+            let is_alike = opinion.test.as_ref().is_some_and(|test| test.overall.p_value >= ALIKE);
             if is_alike && best.is_none_or(|(_, least)| score < least) {
                 best = Some((index, score));
             }
         }
-        let held = best.and_then(|(index, _)| self.held.remove(index));
-        Ok(held.map_or_else(Vec::new, |mut held| {
-            if held.collector != collector {
-                held.accounts.iter_mut().for_each(Account::forget_course);
-            }
-            held.accounts
-        }))
+        let Some(mut held) = best.and_then(|(index, _)| self.held.remove(index)) else {
+            return Ok(Vec::new());
+        };
+        if held.collector != collector {
+            held.accounts.iter_mut().for_each(Account::forget_course);
+        }
+        Ok(held.accounts)
     }
 
     /// Returns the probability of each policy's task group, from pictures and vectors of at least
@@ -453,44 +425,42 @@ impl Recogniser {
     ///
     /// # Errors
     /// No episode, or episodes that cannot be compared.
-    pub fn recognise<R: Rng + ?Sized>(
-        &self,
-        accounts: &[Account],
-        rng: &mut R,
-    ) -> Result<Probabilities, EvidenceError> {
+    pub fn recognise(&self, accounts: &[Account], rng: &mut impl Rng) -> Result<Probabilities> {
         if accounts.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
         }
+        let accounts: Vec<&Account> = accounts.iter().collect();
         // an index beyond all policies: none of them acted
         let situation = Situation::of(self.memories.len());
-        let accounts: Vec<&Account> = accounts.iter().collect();
-        let opinions = self.opinions(&accounts, situation, Look::Second, Role::Stranger, rng)?;
-        let examiner = Examiner(&self.settings);
-        let weighed = opinions.iter().zip(&self.memories);
-        let weighed = weighed.map(|(opinion, memory)| Weighed {
-            p_value: (opinion.test().filter(|_| !memory.is_gone())).map(|_| opinion.tail_p_value()),
-            may_be_drift: !examiner.speaks_against(opinion, self.settings.doubt),
-            misfit: opinion.misfit(),
+        let case = Case { accounts: &accounts, situation };
+        let opinions = self.opinions(case, Look::Second, Role::Stranger, rng)?;
+        let weighed = opinions.iter().zip(&self.memories).map(|(opinion, memory)| {
+            let may_be_drift = !self.examiner().speaks_against(opinion, self.settings.doubt);
+            let is_known = opinion.test.is_some() && !memory.is_gone();
+            let own = if is_known { weight(opinion.tail_p_value(), may_be_drift) } else { 0.0 };
+            (own, opinion.misfit())
         });
-        Ok(Probabilities::of(&weighed.collect::<Vec<_>>()))
+        Ok(Probabilities::new(weighed))
+    }
+
+    /// Returns the tester of policies.
+    pub(crate) fn examiner(&self) -> Examiner<'_> {
+        Examiner(&self.settings)
     }
 
     /// Checks that a policy is known, or is the next new one.
-    fn check_actor(&self, policy: usize) -> Result<(), EvidenceError> {
+    fn check_actor(&self, policy: usize) -> Result<()> {
         if policy == self.memories.len() { Ok(()) } else { self.check_policy(policy) }
     }
 
     /// Checks that a policy index is known.
-    pub(crate) fn check_policy(&self, policy: usize) -> Result<(), EvidenceError> {
+    pub(crate) fn check_policy(&self, policy: usize) -> Result<()> {
         let policies = self.memories.len();
         if policy < policies { Ok(()) } else { Err(EvidenceError::NoPolicy { policy, policies }) }
     }
 
     /// Sorts summaries by time, after checking that they are enough for a test.
-    pub(crate) fn in_order<'a>(
-        &self,
-        accounts: &'a [Account],
-    ) -> Result<Vec<&'a Account>, EvidenceError> {
+    pub(crate) fn in_order<'a>(&self, accounts: &'a [Account]) -> Result<Vec<&'a Account>> {
         let (got, needed) = (accounts.len(), self.settings.min_episodes);
         if got < needed {
             return Err(EvidenceError::TooFewEpisodes { got, needed });
@@ -499,22 +469,21 @@ impl Recogniser {
     }
 
     /// Tests all policies in parallel, the collector in the given role and the others as strangers.
-    fn opinions<R: Rng + ?Sized>(
+    fn opinions(
         &self,
-        accounts: &[&Account],
-        situation: Situation,
+        case: Case,
         look: Look,
         role: Role,
-        rng: &mut R,
-    ) -> Result<Vec<Opinion>, EvidenceError> {
+        rng: &mut impl Rng,
+    ) -> Result<Vec<Opinion>> {
         // each policy has its own generator, so the result does not depend on threads
         let seeds: Vec<u64> = self.memories.iter().map(|_| rng.random()).collect();
-        let examiner = Examiner(&self.settings);
+        let Case { accounts, situation } = case;
         let asked = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
             let role = if policy == situation.collector { role } else { Role::Stranger };
-            let mut own_rng = ChaCha8Rng::seed_from_u64(seed);
+            let mut own = ChaCha8Rng::seed_from_u64(seed);
             let memory = &self.memories[policy];
-            let mut opinion = examiner.opine(memory, accounts, role, look, &mut own_rng)?;
+            let mut opinion = self.examiner().opine(memory, accounts, role, look, &mut own)?;
             if situation.rejected.contains(&policy) {
                 opinion.verdict = Verdict::Rejected;
             }
@@ -524,51 +493,59 @@ impl Recogniser {
     }
 
     /// Decides finally, on two rollouts or on a trial.
-    fn decide<R: Rng + ?Sized>(
-        &self,
-        accounts: &[&Account],
-        situation: Situation,
-        role: Role,
-        rng: &mut R,
-    ) -> Result<Finding, EvidenceError> {
-        let opinions = self.opinions(accounts, situation, Look::Second, role, rng)?;
-        let choice = Choice::new(&opinions, situation.collector);
+    fn decide(&self, case: Case, role: Role, rng: &mut impl Rng) -> Result<Finding> {
+        let Situation { collector, rejected, .. } = case.situation;
+        let opinions = self.opinions(case, Look::Second, role, rng)?;
+        let choice = Choice::new(&opinions, collector);
         let rivals = choice.rivals();
         let named = choice.kept().or_else(|| rivals.first().copied());
-        let examiner = Examiner(&self.settings);
+        let examiner = self.examiner();
         let (most, farthest) = (examiner.drifted(), examiner.farthest());
         // a policy that looks differ from is proposed if it did not act and was not tried before
-        let may_have =
-            |policy| policy != situation.collector && !situation.rejected.contains(&policy);
-        let can_show = |policy: usize| examiner.knows(&self.memories[policy]);
+        let may_have = |policy| policy != collector && !rejected.contains(&policy);
+        let can_show = |policy: usize| examiner.has_proven_gain(&self.memories[policy]);
         let are_kin = |a: usize, b: usize| {
             self.memories[a].heir == Some(b) || self.memories[b].heir == Some(a)
         };
         let named = named.or_else(|| choice.drifted(most, farthest, may_have, can_show, are_kin));
+        // merged policies stay eligible until they were tried
+        let is_rejected = |&policy: &usize| {
+            let is_tried = !self.memories[policy].is_gone() || rejected.contains(&policy);
+            opinions[policy].is_rejected() && named != Some(policy) && is_tried
+        };
         Ok(Finding {
             decision: named.map_or(Decision::New, Decision::Existing),
-            look: Look::Second,
             cut: None,
-            rejected: self.rejected(&opinions, named, situation),
+            group_changed: false,
+            rejected: (0..opinions.len()).filter(is_rejected).collect(),
             trial: Trial::of_policy(choice.is_alike(self.settings.doubt) || rivals.len() != 1),
-            is_unproven: named.is_some_and(|policy| opinions[policy].is_rejected()),
+            is_provisional: named.is_some_and(|policy| opinions[policy].is_rejected()),
             opinions,
         })
     }
 
-    /// Returns the policies that are rejected for good: all rejected ones except the named one, and
-    /// except merged ones that were not tried.
-    fn rejected(
-        &self,
-        opinions: &[Opinion],
-        named: Option<usize>,
-        situation: Situation,
-    ) -> Vec<usize> {
-        let is_rejected = |&policy: &usize| {
-            let is_tried = !self.memories[policy].is_gone() || situation.rejected.contains(&policy);
-            opinions[policy].is_rejected() && named != Some(policy) && is_tried
+    /// Returns the number of summaries, sorted by time, before a changepoint; `None` if there is
+    /// none. Episodes that began together stay together.
+    ///
+    /// Only the latest summaries are tested, twice as many as a policy remembers, to bound the time.
+    fn find_cut(&self, accounts: &[&Account], rng: &mut impl Rng) -> Result<Option<usize>> {
+        let RecogniserSettings { memory, min_episodes, permutations, .. } = self.settings;
+        let latest = &accounts[accounts.len().saturating_sub(2 * memory)..];
+        let (kinds, seen) = match whole(latest, min_episodes) {
+            Some(seen) => (Kind::ALL, seen),
+            None => (Kind::LOOKS, latest.to_vec()),
         };
-        (0..opinions.len()).filter(is_rejected).collect()
+        let began: Vec<_> = seen.iter().map(|account| account.began).collect();
+        let cuts = change_places(&began, min_episodes);
+        if cuts.is_empty() {
+            return Ok(None);
+        }
+        let all = kinds.iter().map(|&kind| frames(&seen, kind));
+        let all = all.collect::<Result<Vec<_>>>()?;
+        let test = change_test(&all, &cuts, ORDERS * permutations, rng)?;
+        let start = seen[test.cut].began;
+        let cut = accounts.partition_point(|account| account.began < start);
+        Ok((test.p_value <= self.settings.cut).then_some(cut))
     }
 }
 
@@ -577,35 +554,4 @@ fn sorted(accounts: &[Account]) -> Vec<&Account> {
     let mut accounts: Vec<&Account> = accounts.iter().collect();
     accounts.sort_by_key(|account| account.began);
     accounts
-}
-
-/// Random orders of a changepoint test for each random split of a first look.
-// Energy distances of an order are cheap: one pass over the pairs of episodes (`change_test`).
-const ORDERS: usize = 4;
-
-/// Returns the number of summaries, sorted by time, before a changepoint; `None` if there is none.
-/// Episodes that began together stay together.
-///
-/// Only the latest summaries are tested, twice as many as a policy remembers, to bound the time.
-fn find_cut<R: Rng + ?Sized>(
-    accounts: &[&Account],
-    settings: &RecogniserSettings,
-    rng: &mut R,
-) -> Result<Option<usize>, EvidenceError> {
-    let latest = &accounts[accounts.len().saturating_sub(2 * settings.memory)..];
-    let (kinds, seen) = match whole(latest, settings.min_episodes) {
-        Some(seen) => (Kind::ALL.to_vec(), seen),
-        None => (Kind::LOOKS.to_vec(), latest.to_vec()),
-    };
-    let began: Vec<_> = seen.iter().map(|account| account.began).collect();
-    let cuts = change_places(&began, settings.min_episodes);
-    if cuts.is_empty() {
-        return Ok(None);
-    }
-    let all = kinds.iter().map(|&kind| frames(&seen, kind));
-    let all = all.collect::<Result<Vec<_>, _>>()?;
-    let test = change_test(&all, &cuts, ORDERS * settings.permutations, rng)?;
-    let start = seen[test.cut].began;
-    let cut = accounts.partition_point(|account| account.began < start);
-    Ok((test.p_value <= settings.cut).then_some(cut))
 }

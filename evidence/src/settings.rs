@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::EvidenceError;
+use crate::error::{EvidenceError, Result};
 
 /// Settings of a [`Recogniser`](crate::Recogniser).
 ///
@@ -68,75 +68,37 @@ impl RecogniserSettings {
     ///
     /// # Errors
     /// The first setting outside its range, with its value.
-    pub fn check(&self) -> Result<(), EvidenceError> {
-        let checks = self.sizes().into_iter().chain(self.levels());
-        let mut checks = checks.chain(self.effects());
-        match checks.find(|check| !check.holds) {
-            None => Ok(()),
-            Some(check) => Err(EvidenceError::InvalidSetting {
-                name: check.name,
-                value: check.value,
-                expected: check.expected,
-            }),
-        }
-    }
-
-    fn sizes(&self) -> [Check; 5] {
-        let size = |name, value: usize, least: usize, expected| Check {
-            name,
-            value: value as f64,
-            holds: value >= least,
-            expected,
+    pub fn check(&self) -> Result<()> {
+        let size = |name, value: usize, least: usize, expected| {
+            within(name, value as f64, value >= least, expected)
         };
-        [
-            size("filters", self.filters, 1, "at least 1"),
-            size("max_policies", self.max_policies, 1, "at least 1"),
-            size("min_episodes", self.min_episodes, 4, "at least 4"),
-            size("memory", self.memory, self.min_episodes, "at least min_episodes"),
-            size("permutations", self.permutations, 20, "at least 20"),
-        ]
-    }
-
-    fn levels(&self) -> [Check; 5] {
-        let open = |level: f64| level > 0.0 && level < 1.0;
+        size("filters", self.filters, 1, "at least 1")?;
+        size("max_policies", self.max_policies, 1, "at least 1")?;
+        size("min_episodes", self.min_episodes, 4, "at least 4")?;
+        size("memory", self.memory, self.min_episodes, "at least min_episodes")?;
+        size("permutations", self.permutations, 20, "at least 20")?;
         let smallest = 1.0 / (1.0 + self.permutations as f64);
-        let (probability, below) =
-            ("a probability above 0 and below 1", "a probability above 0 and at most doubt");
         let reachable = "at least 1 / (1 + permutations), the smallest exact p-value";
-        let level = self.level > 0.0 && self.level <= self.doubt;
-        [
-            Check::new("doubt", self.doubt, open(self.doubt), probability),
-            Check::new("doubt", self.doubt, self.doubt >= smallest, reachable),
-            Check::new("level", self.level, level, below),
-            Check::new("cut", self.cut, open(self.cut), probability),
-            Check::new("cut", self.cut, self.cut >= smallest, reachable),
-        ]
-    }
-
-    fn effects(&self) -> [Check; 3] {
-        let ratio = (1.0..f64::INFINITY).contains(&self.min_ratio);
-        let motion = self.min_motion > 0.0 && self.min_motion.is_finite();
-        let loss = self.min_loss > 0.0 && self.min_loss <= 1.0;
-        [
-            Check::new("min_ratio", self.min_ratio, ratio, "a finite number, at least 1"),
-            Check::new("min_motion", self.min_motion, motion, "a finite share above 0"),
-            Check::new("min_loss", self.min_loss, loss, "a share above 0 and at most 1"),
-        ]
+        for (name, value) in [("doubt", self.doubt), ("cut", self.cut)] {
+            let is_probability = value > 0.0 && value < 1.0;
+            within(name, value, is_probability, "a probability above 0 and below 1")?;
+            within(name, value, value >= smallest, reachable)?;
+        }
+        let Self { level, min_ratio, min_motion, min_loss, .. } = *self;
+        let below_doubt = level > 0.0 && level <= self.doubt;
+        within("level", level, below_doubt, "a probability above 0 and at most doubt")?;
+        let is_ratio = (1.0..f64::INFINITY).contains(&min_ratio);
+        within("min_ratio", min_ratio, is_ratio, "a finite number, at least 1")?;
+        let is_positive = min_motion > 0.0 && min_motion.is_finite();
+        within("min_motion", min_motion, is_positive, "a finite share above 0")?;
+        let is_share = min_loss > 0.0 && min_loss <= 1.0;
+        within("min_loss", min_loss, is_share, "a share above 0 and at most 1")
     }
 }
 
-/// Range of a setting, and `holds` if the value lies in it.
-struct Check {
-    name: &'static str,
-    value: f64,
-    holds: bool,
-    expected: &'static str,
-}
-
-impl Check {
-    fn new(name: &'static str, value: f64, holds: bool, expected: &'static str) -> Self {
-        Self { name, value, holds, expected }
-    }
+/// Checks that a setting lies `inside` its range, which `expected` says in words.
+fn within(name: &'static str, value: f64, inside: bool, expected: &'static str) -> Result<()> {
+    if inside { Ok(()) } else { Err(EvidenceError::InvalidSetting { name, value, expected }) }
 }
 
 #[cfg(test)]

@@ -6,33 +6,27 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use crate::error::EvidenceError;
-use crate::memory::{Memory, check, check_heirs, known};
+use crate::memory::{Memory, check, check_heirs, finite, known};
 use crate::recogniser::{Held, Recogniser};
 
 /// Format that is written, and the only one that is read.
 const VERSION: u32 = 3;
 
-#[derive(Serialize)]
-struct Saved<'a> {
-    format: u32,
-    policies: &'a [Memory],
-    held: &'a VecDeque<Held>,
-}
-
-#[derive(Deserialize)]
+/// State with the memories of all policies and the held rollouts, borrowed or owned.
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct State {
-    #[serde(rename = "format", deserialize_with = "version")]
-    _format: (),
-    policies: Vec<Memory>,
-    held: VecDeque<Held>,
+struct State<M, H> {
+    #[serde(deserialize_with = "version")]
+    format: u32,
+    policies: M,
+    held: H,
 }
 
 /// Rejects another format before the policies are read, whose fields may differ.
-fn version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<(), D::Error> {
+fn version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
     let (got, expected) = (u32::deserialize(deserializer)?, VERSION);
     if got == expected {
-        return Ok(());
+        return Ok(got);
     }
     Err(D::Error::custom(EvidenceError::StateVersion { got, expected }))
 }
@@ -43,8 +37,8 @@ impl Recogniser {
     /// # Errors
     /// Errors of the serialiser.
     pub fn state<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let (format, policies, held) = (VERSION, &self.memories[..], &self.held);
-        Saved { format, policies, held }.serialize(serializer)
+        let (policies, held) = (&self.memories, &self.held);
+        State { format: VERSION, policies, held }.serialize(serializer)
     }
 
     /// Replaces the memories of all policies and the held rollouts by a stored state.
@@ -54,17 +48,36 @@ impl Recogniser {
     /// are not finite, lists of different lengths, unknown policy indices, merges in a circle, a
     /// policy or held rollout without episodes or with more than `memory`. Nothing is replaced then.
     pub fn restore<'de, D: Deserializer<'de>>(&mut self, state: D) -> Result<(), D::Error> {
-        let State { policies: memories, held, .. } = State::deserialize(state)?;
-        let (most, policies) = (self.settings().memory, memories.len());
-        let mut checks = memories.iter().map(|memory| memory.check(most, policies));
-        let checked = checks.try_for_each(|check| check);
-        let held_checks = || held.iter().try_for_each(|held| held.check(most, policies));
-        checked
-            .and_then(|()| check_heirs(&memories))
-            .and_then(|()| held_checks())
-            .and_then(|()| check(known(&memories).chain(held.iter().flat_map(|h| &h.accounts))))
-            .map_err(D::Error::custom)?;
+        let state: State<Vec<Memory>, VecDeque<Held>> = State::deserialize(state)?;
+        let (memories, held) = (state.policies, state.held);
+        self.check_state(&memories, &held).map_err(D::Error::custom)?;
         (self.memories, self.held) = (memories, held);
         Ok(())
+    }
+
+    /// Checks that a run could have left this state.
+    fn check_state(&self, memories: &[Memory], held: &VecDeque<Held>) -> Result<(), EvidenceError> {
+        let (most, policies) = (self.settings().memory, memories.len());
+        let exists = |policy: usize, end: usize| {
+            if policy < end { Ok(()) } else { Err(EvidenceError::NoPolicy { policy, policies }) }
+        };
+        let fits = |got: usize| match got {
+            0 => Err(EvidenceError::TooFewEpisodes { got, needed: 1 }),
+            _ if got > most => Err(EvidenceError::TooManyAccounts { got, most }),
+            _ => Ok(()),
+        };
+        for memory in memories {
+            let mut named = memory.apart.iter().chain(&memory.heir);
+            named.try_for_each(|&policy| exists(policy, policies))?;
+            fits(memory.accounts.len())?;
+            finite("beginning", memory.beginning.unwrap_or(0.0))?;
+        }
+        check_heirs(memories)?;
+        for rollout in held {
+            // the next new policy may have acted
+            exists(rollout.collector, policies + 1)?;
+            fits(rollout.accounts.len())?;
+        }
+        check(known(memories).chain(held.iter().flat_map(|rollout| &rollout.accounts)))
     }
 }

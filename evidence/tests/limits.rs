@@ -1,93 +1,63 @@
-//! How large a difference must be before it speaks against a policy.
+//! How large a difference must be before it speaks against a policy, and what follows from it.
 
 use cluster::{Decision, Verdict};
-use evidence::{Account, Finding, Recogniser, RecogniserSettings, Situation};
-use rand::{RngExt, SeedableRng};
+use evidence::{Finding, Recogniser, Situation, Trial};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::common::{rng, settle};
+use crate::common::{episodes, knowing_pictures, settle};
 
-const DIM: usize = 12;
-
-/// Numbers around this one, which scatter widely: most of the distance of two clouds is chance.
-fn around(centre: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
-    (0..DIM).map(|_| centre + rng.random_range(-0.5..0.5)).collect()
-}
-
-/// Episodes of which the picture scatters around one number and motion around another.
-fn episodes(count: usize, picture: f32, motion: f32, rng: &mut ChaCha8Rng) -> Vec<Account> {
-    let episode = |began| Account {
-        began,
-        picture: around(picture, rng),
-        vector: vec![0.0],
-        motion: Some(around(motion, rng)),
-        slope: Some(vec![1.0]),
-        earned: Some(1.0),
-    };
-    (0..count).map(episode).collect()
-}
-
-/// Motion changes while a policy learns: what is certain and small beside chance is no other group.
+/// Motion changes while a policy trains: what is certain and small beside chance is no other group.
 #[test]
 fn motion_that_changed_by_less_than_twice_what_chance_makes_is_drift() {
-    let mut rng = rng();
-    let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
-    let home = episodes(40, 0.0, 1.0, &mut rng);
-    recogniser.learn(0, &home, &mut rng).unwrap();
+    let (recogniser, mut rng) = knowing_pictures(&[0.0]);
     let mut opinion = |motion| {
         let seen = episodes(20, 0.0, motion, &mut rng);
-        let finding = settle(&recogniser, &seen, 0);
-        finding.opinions[0].clone()
+        settle(&recogniser, &seen, 0).opinions[0].clone()
     };
     let small = opinion(1.3);
-    assert!(small.changed() > 0.25 && small.tail_p_value() < 1e-6, "{small}");
-    assert_eq!(small.verdict(), Verdict::Accepted, "{small}");
+    assert!(small.changed > 0.25 && small.tail_p_value() < 1e-6, "{small}");
+    assert_eq!(small.verdict, Verdict::Accepted, "{small}");
     let large = opinion(2.2);
-    assert_eq!(large.verdict(), Verdict::Rejected, "{large}");
+    assert_eq!(large.verdict, Verdict::Rejected, "{large}");
 }
 
 /// Policies know pictures around these numbers; the second one acts in episodes around `seen`.
 fn stranger(known: &[f32], seen: f32) -> (Recogniser, Finding) {
-    let mut rng = rng();
-    let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
-    for (policy, &picture) in known.iter().enumerate() {
-        let home = episodes(40, picture, 1.0, &mut rng);
-        recogniser.learn(policy, &home, &mut rng).unwrap();
-    }
-    let seen = episodes(20, seen, 1.0, &mut rng);
-    let finding = settle(&recogniser, &seen, 1);
+    let (recogniser, mut rng) = knowing_pictures(known);
+    let finding = settle(&recogniser, &episodes(20, seen, 1.0, &mut rng), 1);
     (recogniser, finding)
 }
 
-fn ratios(finding: &Finding) -> Vec<f64> {
-    finding.opinions.iter().map(|o| o.look_ratio()).collect()
+fn ratio(finding: &Finding) -> f64 {
+    finding.opinions[0].test.as_ref().unwrap().sources[0].unwrap().ratio()
 }
 
 #[test]
-fn a_policy_that_strayed_is_asked_where_it_is_by_far_the_nearest() {
+fn a_policy_whose_group_drifted_is_tried_if_it_is_by_far_the_nearest() {
     for known in [&[0.0, 3.0][..], &[0.0, 3.0, -3.0]] {
         let (recogniser, finding) = stranger(known, 0.45);
-        assert_eq!(finding.opinions[0].verdict(), Verdict::Rejected);
-        assert!(ratios(&finding)[0] > 1.5, "{:?}", ratios(&finding));
-        let named = finding.decision;
-        assert_eq!(named, Decision::Existing(0), "{:?}", ratios(&finding));
-        assert!(finding.is_unproven);
-        // above what is excused of one that was away and looked alike, and above what is excused
-        for (seen, excused, expected) in
+        assert_eq!(finding.opinions[0].verdict, Verdict::Rejected);
+        assert!(ratio(&finding) > 1.5, "{}", ratio(&finding));
+        assert_eq!(finding.decision, Decision::Existing(0), "{}", ratio(&finding));
+        assert!(finding.is_provisional);
+        // above the limit of a policy that was away and looked alike, and above all limits
+        for (seen, ratios, expected) in
             [(0.45, 1.5..1.8, Verdict::Accepted), (0.8, 1.8..9.0, Verdict::Rejected)]
         {
-            let situation = Situation { rejected: &[1], is_unproven: true, ..Situation::default() };
+            let situation =
+                Situation { rejected: &[1], is_provisional: true, ..Situation::default() };
             let mut rng = ChaCha8Rng::seed_from_u64(77);
             let seen = episodes(20, seen, 1.0, &mut rng);
             let reviewed = recogniser.clone().review(&seen, situation, &mut rng).unwrap();
-            assert!(excused.contains(&ratios(&reviewed)[0]), "{:?}", ratios(&reviewed));
-            assert_eq!(reviewed.opinions[0].verdict(), expected);
+            assert!(ratios.contains(&ratio(&reviewed)), "{}", ratio(&reviewed));
+            assert_eq!(reviewed.opinions[0].verdict, expected);
         }
     }
 }
 
 #[test]
-fn nobody_is_asked_who_strayed_too_far_or_as_far_as_another_one() {
+fn no_policy_is_tried_that_is_too_far_or_as_far_as_another_one() {
     let far_or_between = [
         (&[0.0, 3.0, -3.0][..], 0.8),
         (&[0.0, -1.0, 1.0], 0.5),
@@ -96,6 +66,59 @@ fn nobody_is_asked_who_strayed_too_far_or_as_far_as_another_one() {
     ];
     for (known, seen) in far_or_between {
         let (_, finding) = stranger(known, seen);
-        assert_eq!(finding.decision, Decision::New, "{:?}", ratios(&finding));
+        assert_eq!(finding.decision, Decision::New, "{}", ratio(&finding));
     }
+}
+
+#[test]
+fn new_groups_wait_while_eight_policies_are_untrained() {
+    let (mut held, mut rng) = knowing_pictures(&[0.0]);
+    let groups: Vec<_> =
+        (1_u8..=9).map(|group| episodes(20, 10.0 * f32::from(group), 1.0, &mut rng)).collect();
+    // two equal rollouts
+    let mut twice = |known: &mut Recogniser, group: usize, can_wait| {
+        let situation = Situation { can_wait, ..Situation::of(0) };
+        let mut assign = || known.assign(&groups[group - 1], situation, &mut rng).unwrap().decision;
+        ([assign(), assign()], known.policies())
+    };
+    for group in 1..=8 {
+        let waits_once = [Decision::Undecided, Decision::New];
+        assert_eq!(twice(&mut held, group, true), (waits_once, group + 1));
+    }
+    let mut at_once = held.clone();
+    assert_eq!(twice(&mut held, 9, true), ([Decision::Undecided; 2], 9));
+    // the next rollout opens the policy once another one has trained
+    held.learn(3, &groups[2], &mut ChaCha8Rng::seed_from_u64(5)).unwrap();
+    assert_eq!(twice(&mut held, 9, true), ([Decision::New, Decision::Existing(9)], 10));
+    // where no rollout can wait, there is no limit
+    assert_eq!(twice(&mut at_once, 9, false), ([Decision::New, Decision::Existing(9)], 10));
+}
+
+/// Policy 0 was proposed, and acts where the group has become that of policy 1.
+#[test]
+fn a_group_that_changed_before_the_trial_is_judged_anew() {
+    let review = |pictures: &[f32], can_wait| {
+        let (mut recogniser, mut rng) = knowing_pictures(&[0.0, 10.0]);
+        let seen = pictures.iter().flat_map(|&picture| episodes(20, picture, 1.0, &mut rng));
+        let mut seen: Vec<_> = seen.collect();
+        seen.iter_mut().enumerate().for_each(|(began, account)| account.began = began);
+        let situation = Situation { can_wait, rejected: &[1], ..Situation::of(0) };
+        let found = recogniser.review(&seen, situation, &mut rng).unwrap();
+        let next = episodes(20, 10.0, 1.0, &mut rng);
+        let next = recogniser.assign(&next, Situation::of(0), &mut rng).unwrap();
+        assert_eq!(next.decision, Decision::Existing(1));
+        (found.decision, found.trial, found.cut, found.group_changed)
+    };
+    let other = Decision::Existing(1);
+    // in the whole rollout, so that policy 1 may train on it
+    for can_wait in [true, false] {
+        assert_eq!(review(&[10.0], can_wait), (other, Trial::Waived, None, true));
+    }
+    // in a part of the rollout, after a third group, so that policy 1 needs a rollout of its own
+    let waits = review(&[20.0, 10.0], true);
+    assert_eq!((waits.0, waits.2, waits.3), (Decision::Undecided, Some(20), true));
+    assert_eq!(review(&[20.0, 10.0], false), (other, Trial::None, Some(20), true));
+    // the group of policy 0 came first
+    let stays = review(&[0.0, 10.0], true);
+    assert_eq!((stays.0, stays.3), (Decision::Existing(0), false));
 }

@@ -23,7 +23,7 @@ pub fn rollout_line(progress: &RolloutReport) -> String {
         group: progress.group.name(),
         policy: iteration.policy,
         policy_created: iteration.policy_created,
-        needed_second_rollout: iteration.first_rollout_evidence.is_some(),
+        needed_second_rollout: iteration.discarded > 0,
         reward: progress.reward(),
         success: progress.success(),
         distances_and_z_scores: evidence

@@ -249,16 +249,15 @@ mod tests {
         let mut inpainter = Inpainter::new(settings(), &dark).unwrap();
         let (zero, nan) = (DVec3::ZERO, DVec3::NAN);
         let far = DVec3::new(0.0, 1e200, 0.0);
-        let cases: [(&[u8], &[DVec3], DVec3, usize, &str); 7] = [
-            (&[1, 2], &[zero; 2], zero, 3600, "`image` has 2"),
+        for (image, joints, gripper, length, says) in [
+            (&[1, 2][..], &[zero; 2][..], zero, 3600, "`image` has 2"),
             (&bright, &[zero; 2], zero, 3597, "`out` has 3597 elements, expected 3600"),
             (&bright, &[zero], zero, 3600, "joint of a link` is 1"),
             (&bright, &[zero, nan], zero, 3600, "joint positions` is [NaN, NaN, NaN] at 1"),
             (&bright, &[zero; 2], nan, 3600, "gripper position"),
             (&bright, &[far, zero], zero, 3600, "joint positions"),
             (&bright, &[zero; 2], -far, 3600, "gripper position"),
-        ];
-        for (image, joints, gripper, length, says) in cases {
+        ] {
             let mut out = vec![0; length];
             let before = inpainter.clone();
             let refused = inpainter.inpaint(image, joints, gripper, &mut out);

@@ -1,12 +1,11 @@
 //! Algorithm 1 without MuJoCo: the learner on a toy environment whose hidden group changes.
 
-use cluster::{Decision, Evidence, Verdict};
+use cluster::{Decision, Verdict};
 use learner::{
     Candidates, CheckpointExtent, Covers, CoversSettings, Grouping, GroupingDecision,
-    GroupingSettings, Handover, Iteration, Learned, Learner, LearnerError, Lesson, Needs,
-    NewPolicyInit, Query,
+    GroupingSettings, Handover, Iteration, Learned, Learner, LearnerError, Lesson, NewPolicyInit,
+    Query,
 };
-use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{CriticSettings, PpoSettings, VectorEnv};
 
@@ -49,12 +48,10 @@ fn a_new_group_opens_a_policy_and_an_old_one_is_recalled() {
     assert!(assigned[0].evidence.is_empty());
     let decisions: Vec<usize> = assigned.iter().map(|report| report.decisions).collect();
     assert_eq!(decisions, [100, 100, 300, 100, 200, 200, 200, 100]);
-    let twice: Vec<bool> = assigned.iter().map(|r| r.first_rollout_evidence.is_some()).collect();
+    let twice: Vec<bool> = assigned.iter().map(|report| report.discarded == 1).collect();
     assert_eq!(twice, created);
-    let verdicts = |evidence: &[Evidence]| evidence.iter().map(|e| e.verdict).collect::<Vec<_>>();
-    let doubted = assigned[2].first_rollout_evidence.as_deref().unwrap();
-    assert_eq!(verdicts(doubted), [Verdict::Doubted]);
-    assert_eq!(verdicts(&assigned[2].evidence), [Verdict::Rejected]);
+    let verdicts: Vec<_> = assigned[2].evidence.iter().map(|e| e.verdict).collect();
+    assert_eq!(verdicts, [Verdict::Rejected]);
 }
 
 #[test]
@@ -197,7 +194,7 @@ fn the_papers_reading_learns_and_asks_for_its_pictures() {
     let (covers, reports) = after(settings, &[0, 0, 1, 1]);
     for report in &reports {
         assert_eq!(report.decisions, 100);
-        assert!(report.first_rollout_evidence.is_none());
+        assert_eq!(report.discarded, 0);
     }
     let kept = (0..covers.policy_count()).map(|index| covers.buffered_episodes(index).unwrap());
     assert_eq!(kept.sum::<usize>(), 80);
@@ -231,10 +228,6 @@ impl Scripted {
 }
 
 impl Grouping for Scripted {
-    fn needs(&self) -> Needs {
-        Needs::LEAST
-    }
-
     fn assign(
         &mut self,
         _: Query<'_>,
@@ -342,46 +335,6 @@ fn a_saved_learner_goes_on_alike() {
         assert_eq!(turn.evidence, repeated.evidence);
     }
     std::fs::remove_file(path).unwrap();
-}
-
-fn evident() -> CoversSettings {
-    with(settings(), |s| s.grouping = GroupingSettings::Evidence(Default::default()))
-}
-
-#[test]
-fn evidence_that_no_policy_owns_opens_policies_and_recalls_them() {
-    let mut env = Bars::new();
-    let mut covers = Covers::new(evident(), env.spec()).unwrap();
-    let mut policies = Vec::new();
-    for group in [0, 0, 1, 1, 0, 1] {
-        env.group = group;
-        let turn = covers.learn(&mut env).unwrap();
-        policies.push((turn.policy, turn.policy_created));
-    }
-    let known = |policy| (policy, false);
-    let expected = [known(0), known(0), (1, true), known(1), known(0), known(1)];
-    assert_eq!(policies, expected);
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    env.group = 0;
-    assert_eq!(covers.recognise_policy(&mut env, None, &mut rng).unwrap().policy, 0);
-}
-
-#[test]
-fn evidence_is_saved_and_goes_on_to_the_same_bits() {
-    let mut env = Bars::new();
-    let mut covers = Covers::new(evident(), env.spec()).unwrap();
-    for group in [0, 1] {
-        env.group = group;
-        covers.learn(&mut env).unwrap();
-    }
-    let path = std::env::temp_dir().join(format!("covers-evidence-{}", std::process::id()));
-    covers.save(&path, CheckpointExtent::Everything, "").unwrap();
-    let (mut again, _) = Covers::load(&path, env.spec()).unwrap();
-    let mut same = env.clone();
-    let (one, other) = (covers.learn(&mut env).unwrap(), again.learn(&mut same).unwrap());
-    assert_eq!(one.evidence, other.evidence);
-    assert_eq!((one.policy, one.rollout_stats), (other.policy, other.rollout_stats));
-    std::fs::remove_file(&path).unwrap();
 }
 
 #[test]

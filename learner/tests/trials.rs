@@ -1,9 +1,9 @@
-//! Learners under a grouping that tries policies, finds twins and cuts rollouts.
+//! Learners under a grouping that tries policies, merges duplicates and cuts rollouts.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use cluster::{Assignment, Decision, Evidence, Judgement, Verdict};
+use cluster::{Assignment, Decision, Evidence, Verdict};
 use learner::{
     Candidates, CheckpointExtent, Covers, CoversSettings, Grouping, GroupingDecision, Learned,
     Learner, LearnerError, Lesson, Needs, OffPolicy, OffPolicySettings, Query, Trial,
@@ -13,35 +13,37 @@ use rl::{CriticSettings, PpoSettings, SacSettings, VectorEnv};
 
 use crate::bars::{Bars, network, number};
 
-/// Follows a script: what is said of each rollout, in turn, and of each policy that is heard.
+/// Grouping that follows a script: its decisions on rollouts, in turn, and on trials.
 #[derive(Clone, Default)]
 struct Script {
     /// Episodes that a decision takes; 0 for one.
     needs: usize,
     decisions: Vec<Decision>,
     turns: usize,
-    /// Policies that are refused once they acted.
-    refuses: Vec<usize>,
-    /// Decisions of each rollout that may be learnt from.
-    learns: Option<usize>,
-    /// Policies that serve one group, the first of which goes on.
+    /// Answers to the first trials.
+    trials: Vec<GroupingDecision>,
+    /// Policies that are rejected in other trials.
+    rejects: Vec<usize>,
+    /// Changepoint of each rollout that is trained on.
+    end: Option<usize>,
+    /// Policies that serve one group, the first of which continues.
     twins: Option<(usize, usize)>,
     merged_into: Vec<Option<usize>>,
-    /// Which looks of a turn show two groups: the first one, the second one.
+    /// `true` if the first look of a turn shows two groups, and if the second one does.
     cuts: [bool; 2],
     /// Decisions before the later group.
     cut_at: usize,
-    /// Episodes that each policy kept when it was asked last.
+    /// Number of episodes that each policy kept at the last query.
     kept: Arc<Mutex<Vec<usize>>>,
     /// `true` if the first look of each turn is undecided.
     doubts: bool,
     /// `true` if that look of this turn has been.
     is_doubted: bool,
-    /// Whether looks speak against the policies that are named.
+    /// `true` if existing policies are named provisionally.
     is_provisional: bool,
-    /// Whether whole episodes are asked for.
+    /// `true` if whole episodes are needed.
     whole_episodes: bool,
-    /// Whole episodes of each look and lesson.
+    /// Number of whole episodes of each query and lesson.
     courses: Arc<Mutex<Vec<usize>>>,
 }
 
@@ -59,7 +61,7 @@ impl Grouping for Script {
         let episodes = candidates.episodes();
         let collector = episodes.collector;
         self.courses.lock().unwrap().push(episodes.courses.len());
-        let said = |decision| said(decision, self.is_provisional);
+        let with_trial = |decision| with_trial(decision, self.is_provisional);
         let decision = self.decisions[self.turns - 1];
         Ok(match query {
             Query::Rollout { can_wait } => {
@@ -70,18 +72,19 @@ impl Grouping for Script {
                 let is_first = self.doubts && !std::mem::replace(&mut self.is_doubted, true);
                 GroupingDecision {
                     cut: self.cuts[usize::from(!is_first)].then_some(self.cut_at),
-                    ..said(if is_first { Decision::Undecided } else { decision })
+                    ..with_trial(if is_first { Decision::Undecided } else { decision })
                 }
             }
+            Query::Trial { .. } if !self.trials.is_empty() => self.trials.remove(0),
             Query::Trial { earlier, .. } => {
                 let mut rejected = earlier.rejected.clone();
                 assert!(!rejected.contains(&collector), "{collector} was rejected");
-                let stays = !self.refuses.contains(&collector);
+                let stays = !self.rejects.contains(&collector);
                 rejected.extend((!stays).then_some(collector));
                 GroupingDecision {
                     cut: earlier.cut,
                     rejected,
-                    ..said(if stays { Decision::Existing(collector) } else { Decision::New })
+                    ..with_trial(if stays { Decision::Existing(collector) } else { Decision::New })
                 }
             }
             Query::Recognition => panic!("nothing is recognised"),
@@ -96,7 +99,7 @@ impl Grouping for Script {
                 self.is_doubted = false;
                 self.courses.lock().unwrap().push(episodes.courses.len());
                 let twins = self.twins.filter(|&(_, gone)| policy == gone);
-                learned.end = self.learns;
+                learned.end = self.end;
                 learned.probe = twins.map(|(kept, _)| kept);
             }
             Lesson::Probes { policy, probes } => {
@@ -116,17 +119,13 @@ impl Grouping for Script {
     }
 }
 
-/// A decision that demands a trial; what speaks against a policy does not put it out of question.
-fn said(decision: Decision, is_provisional: bool) -> GroupingDecision {
-    let against = Evidence {
-        distance: 1.0,
-        judgement: Judgement::Threshold { limit: 0.0 },
-        verdict: Verdict::Rejected,
-    };
+/// A decision that demands a trial, also if the evidence speaks against the policy.
+fn with_trial(decision: Decision, is_provisional: bool) -> GroupingDecision {
+    let against = Evidence { distance: 1.0, test: None, verdict: Verdict::Rejected };
     let assignment = Assignment { decision, evidence: vec![against; 2] };
     GroupingDecision {
         trial: Trial::Episodes,
-        provisional: is_provisional && matches!(decision, Decision::Existing(_)),
+        is_provisional: is_provisional && matches!(decision, Decision::Existing(_)),
         ..assignment.into()
     }
 }
@@ -177,10 +176,10 @@ fn turns(covers: &mut dyn Learner, env: &mut Bars, count: usize) -> Vec<(usize, 
 
 /// A policy that is one of several acts for a round of 50 decisions before it acts for 100.
 #[test]
-fn a_policy_that_is_refused_when_it_is_heard_costs_one_round() {
-    let script = |refuses: &[usize]| Script {
+fn a_policy_that_is_rejected_in_its_audition_costs_one_round() {
+    let script = |rejects: &[usize]| Script {
         decisions: vec![Decision::New, Decision::Existing(0)],
-        refuses: refuses.to_vec(),
+        rejects: rejects.to_vec(),
         ..Script::default()
     };
     let (mut env, mut covers) = learner(script(&[]));
@@ -200,13 +199,13 @@ fn twins() -> Script {
 }
 
 #[test]
-fn of_twins_one_goes_on() {
+fn of_twins_one_continues() {
     let (mut env, mut covers) = learner(twins());
-    // policy 1 learns, both act for a round, and policy 0 collects the next rollout
+    // policy 1 trains, both act for a round, and policy 0 collects the next rollout
     let expected = [(0, 100), (1, 300), (0, 100)];
     assert_eq!(turns(&mut covers, &mut env, 3), expected);
-    // a rollout that lost its end says nothing of how long policies may be heard
-    let (mut short_env, mut short_covers) = learner(Script { learns: Some(50), ..twins() });
+    // auditions last as long after a rollout that lost its end
+    let (mut short_env, mut short_covers) = learner(Script { end: Some(50), ..twins() });
     assert_eq!(turns(&mut short_covers, &mut short_env, 3), expected);
 }
 
@@ -234,7 +233,7 @@ fn twins_are_looked_for_whatever_trains_them() {
 
 /// Ten environments show twenty episodes in two rounds, which must be less than a rollout.
 #[test]
-fn policies_are_heard_as_long_as_a_decision_takes_or_not_at_all() {
+fn auditions_last_as_long_as_a_decision_takes_or_do_not_take_place() {
     let script = Script { needs: 20, ..twins() };
     let (mut env, mut covers) = learner(script.clone());
     assert_eq!(turns(&mut covers, &mut env, 2), [(0, 100), (1, 200)]);
@@ -242,8 +241,8 @@ fn policies_are_heard_as_long_as_a_decision_takes_or_not_at_all() {
     assert_eq!(turns(&mut long_covers, &mut long_env, 2), [(0, 150), (1, 500)]);
 }
 
-/// Decisions of three turns, and how many the replay holds that learnt, where the first policy goes
-/// on after another one was opened.
+/// Decisions of three turns, and how many the replay holds that was trained on, where the first
+/// policy continues after another one was created.
 fn held(script: Script) -> Vec<(usize, usize)> {
     let (mut env, mut learner) =
         off_policy(Script { decisions: vec![Decision::New, Decision::Existing(0)], ..script });
@@ -288,15 +287,59 @@ fn a_policy_keeps_no_frames_of_the_group_before() {
     assert_eq!([0, 50].map(kept), [[20, 20], [20, 10]]);
 }
 
-/// One that looks speak against, as they do against all that have heirs, is heard whatever becomes
-/// of rollouts that change hands.
+/// Merged policies, for example, are named provisionally.
 #[test]
-fn who_is_named_against_the_looks_is_heard_where_rollouts_are_reused() {
-    let heard = |refuses: &[usize]| {
-        held(Script { is_provisional: true, refuses: refuses.to_vec(), ..Script::default() })
+fn a_provisional_policy_acts_before_it_trains_where_rollouts_are_reused() {
+    let tried = |rejects: &[usize]| {
+        held(Script { is_provisional: true, rejects: rejects.to_vec(), ..Script::default() })
     };
-    assert_eq!(heard(&[]), [(100, 100), (100, 100), (250, 300)]);
-    assert_eq!(heard(&[0]), [(100, 100), (100, 100), (250, 200)]);
+    assert_eq!(tried(&[]), [(100, 100), (100, 100), (250, 300)]);
+    assert_eq!(tried(&[0]), [(100, 100), (100, 100), (250, 200)]);
+}
+
+/// Answer to a trial in which the group has changed.
+fn changed(decision: Decision, trial: Trial) -> GroupingDecision {
+    GroupingDecision { group_changed: true, trial, ..with_trial(decision, false) }
+}
+
+/// Policy 0 passes its audition, and its rollout, or already the audition, shows that the group has
+/// changed. The rollouts before are of the earlier group.
+#[test]
+fn no_replay_takes_rollouts_of_an_earlier_group() {
+    let tried = |trials: &[GroupingDecision]| {
+        let script = Script { is_provisional: true, trials: trials.to_vec(), ..Script::default() };
+        held(script)[2]
+    };
+    let passes = with_trial(Decision::Existing(0), true);
+    for named in [Decision::New, Decision::Existing(1)] {
+        // policy 1 has 100 decisions of its own
+        let own = if named == Decision::New { 0 } else { 100 };
+        let moved = changed(named, Trial::Rollout);
+        assert_eq!(tried(std::slice::from_ref(&moved)), (250, own + 100));
+        assert_eq!(tried(&[passes.clone(), moved]), (350, own + 100));
+    }
+}
+
+/// The group has become that of policy 1 again. It trains on the rollout of policy 0, but not on a
+/// few episodes: it collects its own rollout then, which is reviewed.
+#[test]
+fn a_waived_trial_saves_a_rollout_unless_a_few_episodes_showed_the_change() {
+    let passes = with_trial(Decision::Existing(0), false);
+    let waived = changed(Decision::Existing(1), Trial::Waived);
+    let back = changed(Decision::Existing(0), Trial::Waived);
+    let created = with_trial(Decision::Existing(1), false);
+    for (third_turn, expected) in [
+        (vec![passes, waived.clone()], (1, 250)),
+        (vec![waived.clone()], (1, 250)),
+        (vec![waived, back], (0, 250)),
+    ] {
+        let (mut env, mut covers) = learner(Script {
+            decisions: vec![Decision::New, Decision::Existing(0)],
+            trials: [vec![created.clone()], third_turn].concat(),
+            ..Script::default()
+        });
+        assert_eq!(turns(&mut covers, &mut env, 3)[2], expected);
+    }
 }
 
 /// Ten environments show twenty episodes in a rollout of 100 decisions.
@@ -310,23 +353,20 @@ fn whole_episodes_are_collected_for_groupings_that_ask() {
         turns(&mut covers, &mut env, 2);
         courses.lock().unwrap().clone()
     };
-    // the first rollout of all is learnt from without a decision
+    // the first rollout of all is trained on without a decision
     assert_eq!(shown(true), [20; 3]);
     assert_eq!(shown(false), [0; 3]);
 }
 
-/// The first half of a rollout is learnt from where the second shows another group.
+/// The first half of a rollout is trained on where the second shows another group.
 #[test]
-fn what_shows_another_group_is_not_learnt_from() {
-    let learnt = |learns| {
-        let (mut env, mut covers) = learner(Script {
-            decisions: vec![Decision::Existing(0); 2],
-            learns,
-            ..Script::default()
-        });
+fn no_policy_trains_on_steps_after_a_changepoint() {
+    let trained = |end| {
+        let (mut env, mut covers) =
+            learner(Script { decisions: vec![Decision::Existing(0); 2], end, ..Script::default() });
         turns(&mut covers, &mut env, 2);
         covers.to_checkpoint_bytes(Path::new("none"), CheckpointExtent::Everything, "").unwrap()
     };
-    assert_eq!(learnt(None), learnt(Some(100)));
-    assert_ne!(learnt(None), learnt(Some(50)));
+    assert_eq!(trained(None), trained(Some(100)));
+    assert_ne!(trained(None), trained(Some(50)));
 }

@@ -29,7 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         [file, tip] => (RobotDescription::from_urdf_file(Path::new(file))?, &tip[..]),
         _ => return Err("usage: embed_robot [URDF TIP_LINK]".into()),
     };
-    arm.notes().iter().chain(arm.unread_meshes()).for_each(|note| eprintln!("{note}"));
+    arm.notes().iter().chain(arm.missing_shapes()).for_each(|note| eprintln!("{note}"));
     if env::var_os("MJCF").is_some() {
         let mjcf = arm
             .to_mjcf(&MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() })?;

@@ -143,7 +143,7 @@ impl CartesianControl {
     ///
     /// # Errors
     /// [`ControlError::InvalidSetting`], [`ControlError::JointOutOfRange`],
-    /// [`ControlError::MissingSpeed`].
+    /// [`ControlError::ReversedRange`], [`ControlError::MissingSpeed`].
     ///
     /// # Panics
     /// If `posture` is not as long as the chain.

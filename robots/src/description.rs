@@ -23,7 +23,7 @@ pub struct RobotDescription {
     pub(crate) num_dofs: usize,
     pub(crate) restrictions: Vec<RangeRestriction>,
     pub(crate) notes: Vec<String>,
-    pub(crate) unread_meshes: Vec<String>,
+    pub(crate) missing_shapes: Vec<String>,
 }
 
 /// Reduction of a free joint's range, so that a joint that follows it stays within its own range.
@@ -33,7 +33,7 @@ pub struct RangeRestriction {
     pub joint: String,
     /// Name of the joint that follows it.
     pub follower: String,
-    /// Range in the file (radians, metres); `None` for a hinge without limits.
+    /// Range in the file (radians, metres); `None` for a joint without limits.
     pub file_range: Option<[f64; 2]>,
     /// Reduced range, in which the follower stays within its own.
     pub range: [f64; 2],
@@ -82,11 +82,12 @@ pub struct JointMotion {
     pub kind: MotionKind,
     /// Unit vector in the joint's frame.
     pub axis: DVec3,
-    /// Lowest and highest position; `None` for a joint without limits.
+    /// Lowest and highest position; `None` for a joint without limits. A file may state them the
+    /// wrong way round; control, inverse kinematics and MJCF refuse such a joint.
     pub range: Option<[f64; 2]>,
-    /// Maximum speed (m/s, rad/s); `None` if the file states none.
+    /// Maximum speed (m/s, rad/s); `None` if the file states none that is positive and below 1e6.
     pub max_speed: Option<f64>,
-    /// Maximum force or torque; `None` if the file states none.
+    /// Maximum force or torque; `None` if the file states none that is positive and below 1e6.
     pub max_effort: Option<f64>,
     /// Viscous damping: force per speed.
     pub damping: f64,
@@ -206,15 +207,16 @@ impl RobotDescription {
         &self.notes
     }
 
-    /// Returns the collision meshes that are missing because they could not be read, with reasons.
-    pub fn unread_meshes(&self) -> &[String] {
-        &self.unread_meshes
+    /// Returns the collision shapes that are missing, with reasons: meshes that could not be read,
+    /// and shapes of a size below 1e-6 m.
+    pub fn missing_shapes(&self) -> &[String] {
+        &self.missing_shapes
     }
 
     /// Returns the position vector of the robot at rest: for each joint zero, or the end of its
     /// range nearest to zero.
     pub fn rest_positions(&self) -> Vec<f64> {
-        let nearest = |[low, high]: [f64; 2]| 0_f64.clamp(low, high);
+        let nearest = |[low, high]: [f64; 2]| 0_f64.max(low).min(high);
         let joints = self.free_joints();
         joints.map(|(_, motion)| motion.range.map_or(0.0, nearest)).collect()
     }
@@ -279,6 +281,49 @@ impl RobotDescription {
         Ok(self)
     }
 
+    /// Returns this robot with `link` fixed to the link `parent`, at `origin` in its frame. The joint
+    /// has the name of the link.
+    ///
+    /// # Errors
+    /// [`DescriptionError::UnknownLink`], [`DescriptionError::Duplicate`].
+    pub fn with_fixed_link(
+        mut self,
+        parent: &str,
+        origin: Pose,
+        link: Link,
+    ) -> Result<Self, DescriptionError> {
+        let parent = self.link_index(parent, "a link that is added")?;
+        let name = link.name.clone();
+        for (kind, taken) in [
+            ("link", self.links.iter().any(|own| own.name == name)),
+            ("joint", self.joints.iter().any(|own| own.name == name)),
+        ] {
+            if taken {
+                return Err(DescriptionError::Duplicate { kind, name });
+            }
+        }
+        // right after its parent, which keeps links in depth-first order
+        for joint in self.joints.iter_mut().filter(|joint| joint.parent > parent) {
+            joint.parent += 1;
+        }
+        self.links.insert(parent + 1, link);
+        self.joints.insert(parent, Joint { name, parent, origin, motion: None });
+        Ok(self)
+    }
+
+    /// Returns this robot with `prefix` before the names of all links and joints, so that they can
+    /// be no names of a scene.
+    pub fn with_prefix(mut self, prefix: &str) -> Self {
+        let links = self.links.iter_mut().map(|link| &mut link.name);
+        let joints = self.joints.iter_mut().map(|joint| &mut joint.name);
+        links.chain(joints).for_each(|name| name.insert_str(0, prefix));
+        for restriction in &mut self.restrictions {
+            restriction.joint.insert_str(0, prefix);
+            restriction.follower.insert_str(0, prefix);
+        }
+        self
+    }
+
     /// Returns the poses of all links in the world, in the order of [`RobotDescription::links`].
     ///
     /// # Panics
@@ -296,6 +341,7 @@ impl RobotDescription {
     }
 
     /// Returns capsules in the world that enclose all shapes, each with the index of its link.
+    /// [`RobotDescription::missing_shapes`] names shapes that are not among them.
     ///
     /// # Panics
     /// If `positions` is not of length [`RobotDescription::num_dofs`].

@@ -18,6 +18,14 @@ pub enum DescriptionError {
         /// Error of the operating system.
         source: std::io::Error,
     },
+    /// A file of a robot's settings that is no JSON, or has other fields than those settings.
+    #[error("the settings of the robot in `{}` cannot be used: {message}", .path.display())]
+    InvalidSettings {
+        /// Path of the file.
+        path: PathBuf,
+        /// Line and cause.
+        message: String,
+    },
     /// A file that is too long.
     #[error("the URDF has more than {limit} bytes; give one robot, without meshes inside")]
     FileTooLong {
@@ -177,19 +185,28 @@ pub enum DescriptionError {
         /// Reason for the rejection.
         reason: &'static str,
     },
-    /// Collision meshes that could not be read, in a use that needs all shapes.
+    /// Collision shapes that are missing, in a use that needs all shapes.
     #[error(
-        "{}\nread the robot with `UrdfSettings::ignore_meshes` to leave all meshes out",
-        .unread.join("\n")
+        "{}\ncorrect them, or set `UrdfSettings::ignore_meshes`, which leaves out all meshes, or \
+         `UrdfSettings::repair`, which enlarges sizes to 1e-6 m",
+        .shapes.join("\n")
     )]
-    UnreadMeshes {
-        /// Descriptions of the meshes and the reasons.
-        unread: Vec<String>,
+    MissingShapes {
+        /// Lines, elements and reasons.
+        shapes: Vec<String>,
+    },
+    /// A folder of the settings that does not exist.
+    #[error("`{setting}` is `{}`, which is no folder; give one that exists", .folder.display())]
+    InvalidFolder {
+        /// Name of the setting.
+        setting: String,
+        /// Path in the settings.
+        folder: PathBuf,
     },
     /// Joints without maximum force or torque, which servos need.
     #[error(
-        "servos need the efforts of the joints {}, which the URDF does not state: add `effort` to \
-         their `<limit>`, or set `UrdfSettings::default_effort`",
+        "servos need the efforts of the joints {}: state a positive `effort` below 1e6 in their \
+         `<limit>`, or set `UrdfSettings::default_effort`",
         .joints.join(", ")
     )]
     MissingEffort {
@@ -242,13 +259,25 @@ pub enum ControlError {
     },
     /// Joints without maximum speed.
     #[error(
-        "control needs the speeds of the joints {}, which the URDF does not state: add `velocity` \
-         to their `<limit>`, or set `UrdfSettings::default_speed`",
+        "control needs the speeds of the joints {}: state a positive `velocity` below 1e6 in their \
+         `<limit>`, or set `UrdfSettings::default_speed`",
         .joints.join(", ")
     )]
     MissingSpeed {
         /// Names of the joints.
         joints: Vec<String>,
+    },
+    /// A joint whose lower limit is above its upper one.
+    #[error(
+        "the joint `{joint}` has the limits {} to {}, expected the lower one first: exchange \
+         `lower` and `upper` in its `<limit>`",
+        .range[0], .range[1]
+    )]
+    ReversedRange {
+        /// Name of the joint.
+        joint: String,
+        /// Range in the file.
+        range: [f64; 2],
     },
     /// A posture with a joint outside of its range.
     #[error(

@@ -143,8 +143,9 @@ impl OrientationConstraint {
         }
     }
 
-    /// Returns the error of the tip as the twist that moves it to `target` in one second.
-    pub(crate) fn error(&self, tip: &Pose, target: &Pose) -> Twist {
+    /// Returns the error of the tip, without the rotation that is free, as the twist that moves it to
+    /// `target` in one second.
+    pub fn error(&self, tip: &Pose, target: &Pose) -> Twist {
         let [linear, turn] = tip.displacement_to(target);
         let angular = match self {
             Self::Full => turn,
@@ -237,8 +238,9 @@ impl Chain {
     ///
     /// # Errors
     /// [`ControlError::NotFinite`], [`ControlError::JointOutOfRange`] for a seed out of range,
-    /// [`ControlError::InvalidSetting`]; [`ControlError::OutOfReach`] for a target beyond the
-    /// length of the arm, and [`ControlError::NoSolution`] where no search succeeds.
+    /// [`ControlError::ReversedRange`], [`ControlError::InvalidSetting`];
+    /// [`ControlError::OutOfReach`] for a target beyond the length of the arm, and
+    /// [`ControlError::NoSolution`] where no search succeeds.
     ///
     /// # Panics
     /// If `seed` is not as long as the chain.
@@ -280,6 +282,48 @@ impl Chain {
         Err(ControlError::NoSolution { miss, searches })
     }
 }
+
+impl Chain {
+    /// Returns configuration `number` of a sequence that is spread evenly over the ranges of the
+    /// joints, of which half a turn (or as many metres) to either side of the middle is used. Number
+    /// 0 is the middle itself, and zero for joints without limits.
+    pub fn spread_configuration(&self, number: usize) -> Vec<f64> {
+        let range = |joint: &ChainJoint| joint.motion.range.unwrap_or_default();
+        let joints = self.joints().iter();
+        let middle: Vec<f64> = joints.map(range).map(|[low, high]| low.midpoint(high)).collect();
+        if number == 0 { middle } else { spread(self, &middle, number) }
+    }
+
+    /// Returns the speed (m/s) that the tip reaches in every direction in `configuration` `[len]`,
+    /// without turning except where `orientation` leaves it free: the least one of the six along
+    /// the axes of the world. Joints without maximum speed count as infinitely fast.
+    ///
+    /// # Panics
+    /// If `configuration` is not as long as the chain.
+    pub fn tip_speed(&self, configuration: &[f64], orientation: OrientationConstraint) -> f64 {
+        let mut solver = JointVelocitySolver::new(configuration.len(), orientation);
+        let mut columns = vec![Twist::ZERO; configuration.len()];
+        let tip = self.jacobian(configuration, &mut columns);
+        let speeds = DVec3::AXES.map(|axis| {
+            let wanted = Twist::from_linear(axis);
+            let free = [f64::NEG_INFINITY, f64::INFINITY];
+            solver.solve(self, configuration, wanted, LEAST_DAMPING, |_| 0.0, |_| free);
+            let velocities = solver.joint_velocities();
+            let parts = columns.iter().zip(velocities);
+            let reached = parts.fold(Twist::ZERO, |sum, (&column, &v)| sum + v * column);
+            let lost = orientation.constrained(&tip, reached) + -1.0 * wanted;
+            let used = self.joints().iter().zip(velocities).map(|(joint, velocity)| {
+                joint.motion.max_speed.map_or(0.0, |speed| velocity.abs() / speed)
+            });
+            // a direction in which the tip cannot move is none in which it has a speed
+            if lost.dot(&lost) > LOST * LOST { 0.0 } else { 1.0 / used.fold(0.0, f64::max) }
+        });
+        speeds.into_iter().fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// Part of a motion that may be lost where a tip counts as able to follow it.
+const LOST: f64 = 0.05;
 
 /// Search for a configuration that brings the tip of a chain to a target.
 struct Search<'a> {
@@ -386,10 +430,13 @@ pub(crate) fn step_joints(
     }
 }
 
-/// Rejects a configuration with a joint outside of its range.
+/// Rejects a configuration with a joint outside of its range, and ranges that are reversed.
 pub(crate) fn check_joint_ranges(chain: &Chain, configuration: &[f64]) -> Result<(), ControlError> {
     for (joint, &position) in chain.joints().iter().zip(configuration) {
         let range = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
+        if range[0] > range[1] {
+            return Err(ControlError::ReversedRange { joint: joint.name.clone(), range });
+        }
         if !(range[0]..=range[1]).contains(&position) {
             let joint = joint.name.clone();
             return Err(ControlError::JointOutOfRange { joint, position, range });

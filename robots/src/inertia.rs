@@ -22,49 +22,72 @@ const SMALL_MASS: f64 = 1e-3;
 /// Estimated inertia (m^2) of each kilogram: that of a ball with a radius of 5 cm.
 const INERTIA_PER_MASS: f64 = 1e-3;
 
+/// Inertia of a link that a simulation cannot take as the file states it.
+pub(crate) struct InertiaFinding {
+    /// Index of the link.
+    pub(crate) link: usize,
+    /// Error of simulating the link without a repair; `None` where none is needed.
+    pub(crate) error: Option<DescriptionError>,
+    /// Inertia that is used instead.
+    pub(crate) note: String,
+}
+
 impl RobotDescription {
-    /// Returns the inertias of the links for a simulation, with errors where they are estimates,
-    /// each with a note on the estimate.
+    /// Returns the inertias of the links for a simulation, and those that are not the file's.
     ///
     /// A link that a joint moves, or one that is fixed to it, must have a mass, and links that move
     /// must have possible inertias.
-    pub(crate) fn simulated_inertias(
-        &self,
-    ) -> (Vec<Option<Inertia>>, Vec<(DescriptionError, String)>) {
+    pub(crate) fn simulated_inertias(&self) -> (Vec<Option<Inertia>>, Vec<InertiaFinding>) {
         let bodies = self.rigid_bodies();
-        let mut defects = Vec::new();
-        let inertia = |(index, stated): (usize, &Link)| {
-            let mut members = self.links.iter().zip(&bodies).filter(|(_, body)| **body == index);
+        let mut findings = Vec::new();
+        let inertia = |(link, stated): (usize, &Link)| {
+            let mut members = self.links.iter().zip(&bodies).filter(|(_, body)| **body == link);
             let is_massless =
-                index > 0 && bodies[index] == index && members.all(|(l, _)| mass(l) == 0.0);
-            let (name, own) = (&stated.name, stated.inertia.filter(|_| mass(stated) > 0.0));
-            match own.map(physical).transpose() {
-                Ok(None) if is_massless => {
-                    let estimate = estimated(stated);
-                    let (link, joint) = (name.clone(), self.joints[index - 1].name.clone());
-                    let assumed = format!("{:.3} kg are assumed", estimate.mass);
-                    let note = format!("the link `{name}` has no mass; {assumed}");
-                    defects.push((DescriptionError::MissingInertia { link, joint }, note));
-                    Some(estimate)
+                link > 0 && bodies[link] == link && members.all(|(member, _)| mass(member) == 0.0);
+            let name = &stated.name;
+            let mut find = |error, problem: &str| {
+                let note = format!("`<inertial>` of the link `{name}`: {problem}");
+                findings.push(InertiaFinding { link, error, note });
+            };
+            if is_massless {
+                let estimate = estimated(stated);
+                let joint = self.joints[link - 1].name.clone();
+                let error = DescriptionError::MissingInertia { link: name.clone(), joint };
+                find(Some(error), &format!("no mass, so {:.3} kg is assumed", estimate.mass));
+                return Some(estimate);
+            }
+            let own = stated.inertia?;
+            if mass(stated) == 0.0 {
+                find(None, "ignored, because its mass is below a milligram");
+                return None;
+            }
+            match physical(own) {
+                Ok(inertia) if inertia == own => Some(own),
+                Ok(inertia) => {
+                    let reason = "because it barely meets the triangle inequality";
+                    find(None, &format!("enlarged by 4e-6 of its trace, {reason}"));
+                    Some(inertia)
                 }
-                Ok(own) => own,
-                Err(_) if bodies[index] == 0 => None,
-                Err((inertia, reason)) => {
-                    let mean = trace(&inertia.tensor) / 3.0;
-                    let none = INERTIA_PER_MASS * inertia.mass;
-                    let moment = if mean > LEAST_INERTIA { mean } else { none };
-                    let [x, y, z] = inertia.tensor.to_cols_array_2d();
+                Err(reason) if bodies[link] == 0 => {
+                    find(None, &format!("ignored, because {reason}; the link does not move"));
+                    None
+                }
+                Err(reason) => {
+                    let mean = trace(&own.tensor) / 3.0;
+                    let is_possible = mean > LEAST_INERTIA;
+                    let moment = if is_possible { mean } else { INERTIA_PER_MASS * own.mass };
+                    let [x, y, z] = own.tensor.to_cols_array_2d();
                     let tensor = [x[0], y[1], z[2], x[1], x[2], y[2]];
+                    let error =
+                        DescriptionError::InvalidInertia { link: name.clone(), tensor, reason };
                     let assumed = format!("{moment:.3e} kg m^2 about all axes is assumed");
-                    let note = format!("the link `{name}` has an impossible inertia; {assumed}");
-                    let link = name.clone();
-                    defects.push((DescriptionError::InvalidInertia { link, tensor, reason }, note));
-                    Some(Inertia { tensor: identity(moment), ..inertia })
+                    find(Some(error), &format!("{reason}, so {assumed}"));
+                    Some(Inertia { tensor: identity(moment), ..own })
                 }
             }
         };
         let inertias = self.links.iter().enumerate().map(inertia).collect();
-        (inertias, defects)
+        (inertias, findings)
     }
 
     /// Returns, for each link, the first of the links that are fixed to it, itself included.
@@ -110,16 +133,16 @@ fn trace(tensor: &DMat3) -> f64 {
 /// The triangle inequality holds exactly where the second moment of mass, half the trace times the
 /// identity less the inertia, has no negative eigenvalue (Wensing, Kim, Slotine 2018, "Linear
 /// matrix inequalities for physically consistent inertial parameter identification", section III).
-fn physical(inertia: Inertia) -> Result<Inertia, (Inertia, &'static str)> {
+fn physical(inertia: Inertia) -> Result<Inertia, &'static str> {
     let tensor = inertia.tensor;
     let trace = trace(&tensor);
     let rounding = ROUNDING * trace;
     let second = identity(0.5 * trace) - tensor;
     if !is_positive(&(tensor - identity(LEAST_INERTIA))) {
-        return Err((inertia, "a principal inertia is below 1e-12"));
+        return Err("a principal inertia is below 1e-12");
     }
     if !is_positive(&(second + identity(rounding))) {
-        return Err((inertia, "a principal inertia exceeds the sum of the others"));
+        return Err("a principal inertia exceeds the sum of the others");
     }
     let sound = is_positive(&(second - identity(rounding)));
     // a multiple of the identity adds twice as much to two of three as to the third

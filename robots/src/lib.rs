@@ -2,12 +2,14 @@
 
 mod capsule;
 mod chain;
+mod check;
 mod control;
 mod description;
 mod error;
 mod fit;
 pub mod gen3;
 mod gravity;
+mod hand;
 mod ik;
 mod inertia;
 mod kinematic_arm;
@@ -15,12 +17,14 @@ mod mjcf;
 mod overlap;
 mod pose;
 mod robot;
+mod robot_file;
 mod twist;
 mod urdf;
 mod watchdog;
 
 pub use capsule::{Capsule, PlacedShape, Shape};
 pub use chain::{Chain, ChainJoint};
+pub use check::{JointCheck, RobotCheck};
 pub use control::{CartesianControl, ControlSettings};
 pub use description::{
     Inertia, Joint, JointMotion, Link, MotionKind, PositionSource, RangeRestriction,
@@ -32,6 +36,7 @@ pub use kinematic_arm::KinematicArm;
 pub use mjcf::{LinkAddition, Mjcf, MjcfSettings, Servo};
 pub use pose::Pose;
 pub use robot::{Command, Robot, RobotState};
+pub use robot_file::RobotFile;
 pub use twist::{Twist, TwistLimits};
 pub use urdf::{MAX_LINKS, MAX_URDF_BYTES, UrdfSettings};
 pub use watchdog::Watchdog;

@@ -126,8 +126,9 @@ impl RobotDescription {
     /// [`DescriptionError::TooManyLinksInRow`] for more than 96 nested links,
     /// [`DescriptionError::InvalidName`] for a link `world` with shapes or mass.
     /// [`DescriptionError::MissingInertia`] and [`DescriptionError::InvalidInertia`] for bodies
-    /// that cannot be simulated, [`DescriptionError::UnreadMeshes`] for meshes that could not be
-    /// read; with servos, [`DescriptionError::MissingEffort`].
+    /// that cannot be simulated, [`DescriptionError::MissingShapes`] for shapes that could not be
+    /// read, [`DescriptionError::NumberOutOfRange`] for a lower limit above the upper one; with
+    /// servos, [`DescriptionError::MissingEffort`].
     pub fn to_mjcf(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let name = xml_escaped(&self.name);
         let head = "<compiler angle=\"radian\"/>\n<option integrator=\"implicit\"/>\n";
@@ -154,11 +155,12 @@ impl RobotDescription {
         self.check_links(settings)?;
         self.check_nesting()?;
         self.check_world()?;
-        let (inertias, defects) = self.simulated_inertias();
-        let mut errors: Vec<_> = defects.into_iter().map(|(error, _)| error).collect();
-        if !self.unread_meshes.is_empty() {
-            errors.push(DescriptionError::UnreadMeshes { unread: self.unread_meshes.clone() });
+        let (inertias, findings) = self.simulated_inertias();
+        let mut errors: Vec<_> = findings.into_iter().filter_map(|of| of.error).collect();
+        if !self.missing_shapes.is_empty() {
+            errors.push(DescriptionError::MissingShapes { shapes: self.missing_shapes.clone() });
         }
+        errors.extend(self.joints.iter().filter_map(reversed));
         let joints = self.free_joints().filter(|(_, motion)| motion.max_effort.is_none());
         let joints: Vec<String> = joints.map(|(joint, _)| joint.name.clone()).collect();
         if settings.servo.is_some() && !joints.is_empty() {
@@ -177,11 +179,19 @@ impl RobotDescription {
             ("equality", self.equalities()),
             ("actuator", servos),
         ];
-        let names = |pair: [usize; 2]| pair.map(|link| self.links[link].name.clone());
         Ok(Mjcf {
             text: sections.map(section).concat(),
-            excluded_pairs: touching.into_iter().map(names).collect(),
+            excluded_pairs: touching.into_iter().map(|pair| self.link_names(pair)).collect(),
         })
+    }
+
+    /// Returns the names of the links that touch at rest and would collide otherwise.
+    pub(crate) fn names_of_touching_links(&self) -> Vec<[String; 2]> {
+        self.touching_at_rest().into_iter().map(|pair| self.link_names(pair)).collect()
+    }
+
+    fn link_names(&self, pair: [usize; 2]) -> [String; 2] {
+        pair.map(|link| self.links[link].name.clone())
     }
 
     fn check_links(&self, settings: &MjcfSettings) -> Result<(), DescriptionError> {
@@ -325,6 +335,14 @@ impl RobotDescription {
         };
         self.free_joints().map(of_joint).collect()
     }
+}
+
+/// Returns an error for a joint whose lower limit is above its upper one.
+fn reversed(joint: &Joint) -> Option<DescriptionError> {
+    let [low, high] = joint.motion?.range?;
+    let place = || format!("the joint `{}`", joint.name);
+    let (what, expected) = ("its lower limit", "a position not above its upper limit");
+    require(low <= high, place, what, low, expected).err()
 }
 
 /// Writes the start tag of a link's body.

@@ -86,6 +86,14 @@ impl Solid {
     }
 }
 
+impl PlacedShape {
+    /// Returns the point of the shape, on a link at pose `link`, that lies furthest in `direction`.
+    pub fn furthest_point(&self, link: &Pose, direction: DVec3) -> DVec3 {
+        let solid = Solid::new(self, link);
+        solid.support(direction) + solid.radius * direction.normalize_or_zero()
+    }
+}
+
 /// Returns the point of a simplex of up to four corners that is nearest to zero, and the corners of
 /// the smallest face that contains it.
 fn nearest_of(corners: &[DVec3]) -> (DVec3, Vec<DVec3>) {

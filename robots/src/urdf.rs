@@ -12,12 +12,13 @@ mod names;
 mod tree;
 mod xml;
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use crate::description::RobotDescription;
-use crate::error::{DescriptionError, all};
+use crate::error::{DescriptionError, all, require};
 use crate::pose::Pose;
 
 pub use names::MAX_LINKS;
@@ -26,41 +27,74 @@ pub use xml::MAX_URDF_BYTES;
 /// Settings of reading a URDF file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UrdfSettings {
-    /// Names and folders of ROS packages, for `package://NAME/PATH`. Other packages are searched in
-    /// the URDF's folder and the five above it.
-    pub packages: Vec<(String, PathBuf)>,
+    /// Folders of ROS packages by name, for `package://NAME/PATH`. A mesh of such a package that is
+    /// not there is an error. Other packages are searched around the URDF: folders called `NAME` in
+    /// its folder and the five above it, then those of the six whose `package.xml` states `NAME`,
+    /// then, with a note, those without a `package.xml`.
+    pub packages: BTreeMap<String, PathBuf>,
     /// Folder outside of which no mesh is read, except from `packages`. If `None`, the fifth folder
     /// above the URDF's.
     pub mesh_root: Option<PathBuf>,
     /// `true` if meshes are left out: links then collide only as their other shapes.
     pub ignore_meshes: bool,
-    /// Maximum speed (rad/s, m/s) of joints for which the file states none, which control needs.
+    /// Maximum speed (rad/s, m/s) of joints for which the file states none, which control needs;
+    /// positive and below 1e6.
     pub default_speed: Option<f64>,
-    /// Maximum torque or force (newton metres, newtons), likewise, which servos need.
+    /// Maximum torque or force (newton metres, newtons) of joints for which the file states none,
+    /// which servos need; positive and below 1e6.
     pub default_effort: Option<f64>,
-    /// `true` if masses and inertias that cannot be simulated are replaced, with a note: moving
-    /// links without mass get that of capsules of water around their shapes, or one gram, and
-    /// impossible inertias become their mean in all directions. Conversion to MJCF refuses such a
-    /// robot otherwise.
+    /// `true` if values that cannot be simulated are replaced, with a note: moving links without
+    /// mass get that of capsules of water around their shapes, or one gram, impossible inertias
+    /// become their mean in all directions, and sizes below 1e-6 m become 1e-6 m. Conversion to
+    /// MJCF refuses such a robot otherwise.
     pub repair: bool,
 }
 
-/// Findings while a file is read.
+impl UrdfSettings {
+    fn check(&self) -> Result<(), DescriptionError> {
+        let defaults = [
+            ("`UrdfSettings::default_speed`", self.default_speed),
+            ("`UrdfSettings::default_effort`", self.default_effort),
+        ];
+        defaults.into_iter().try_for_each(|(name, value)| {
+            let is_limit = value.is_none_or(joints::is_limit);
+            let place = || "the settings".to_owned();
+            require(is_limit, place, name, value.unwrap_or_default(), "positive and below 1e6")
+        })
+    }
+}
+
+/// Findings while a file is read. Line 0 stands for the whole file.
 #[derive(Default)]
 struct Report {
+    /// [`UrdfSettings::repair`].
+    repair: bool,
     errors: Vec<(usize, DescriptionError)>,
     notes: Vec<String>,
-    unread_meshes: Vec<String>,
+    missing_shapes: Vec<String>,
 }
 
 impl Report {
-    /// Adds an error at a line, or in the whole file at line 0.
     fn reject(&mut self, line: usize, error: DescriptionError) {
         self.errors.push((line, error));
     }
 
+    /// Adds a note; on the whole file, unless it is there already.
     fn note(&mut self, line: usize, note: &str) {
-        self.notes.push(format!("line {line}: {note}"));
+        if line > 0 {
+            self.notes.push(format!("line {line}: {note}"));
+        } else if self.notes.iter().all(|other| other != note) {
+            self.notes.push(note.to_owned());
+        }
+    }
+
+    /// Reports a size below 1e-6 m, which a repair enlarges.
+    fn small_size(&mut self, line: usize, problem: &str) {
+        if self.repair {
+            self.note(line, &format!("{problem}; 1e-6 m is assumed"));
+        } else {
+            self.missing_shapes.push(format!("line {line}: {problem}"));
+        }
     }
 
     /// Fails with the errors, if there are any, in the order of their lines.
@@ -85,10 +119,13 @@ impl RobotDescription {
 
     /// Reads a URDF file, and the collision meshes that it names.
     ///
-    /// A mesh (STL, OBJ or COLLADA) becomes a capsule that encloses its points.
+    /// A mesh (STL, OBJ or COLLADA) becomes a capsule that encloses its points. One that cannot be
+    /// read is left out and named by [`RobotDescription::missing_shapes`].
     ///
     /// # Errors
-    /// [`DescriptionError::Read`], and those of [`RobotDescription::from_urdf`].
+    /// [`DescriptionError::Read`], [`DescriptionError::InvalidFolder`] and
+    /// [`DescriptionError::NumberOutOfRange`] for settings, and those of
+    /// [`RobotDescription::from_urdf`].
     pub fn from_urdf_file_with(
         path: &Path,
         settings: &UrdfSettings,
@@ -119,7 +156,9 @@ impl RobotDescription {
         folder: Option<&Path>,
         settings: &UrdfSettings,
     ) -> Result<Self, DescriptionError> {
-        let mut report = Report::default();
+        settings.check()?;
+        let meshes = mesh::Meshes::new(settings, folder)?;
+        let mut report = Report { repair: settings.repair, ..Report::default() };
         let cleaned = xml::clean(text, &mut report)?;
         let file = urdf_rs::read_from_string(&cleaned.text)
             .map_err(|error| DescriptionError::InvalidSyntax { message: error.to_string() })?;
@@ -129,30 +168,33 @@ impl RobotDescription {
         let (mut joints, num_dofs) = joints::joints(&file, &tree, &lines, settings, &mut report);
         let note = |joint: usize, note: String| report.note(lines[joint], &note);
         let restrictions = mimic::restrict(&mut joints, note);
+        let link_lines: Vec<usize> = tree.links.iter().map(|&at| cleaned.link_lines[at]).collect();
+        let stated = tree.links.iter().zip(&link_lines);
+        let links =
+            stated.map(|(&at, &line)| links::link(&file.links[at], line, &meshes, &mut report));
+        let links = links.collect();
         report.check()?;
-        let meshes = mesh::Meshes::new(settings, folder);
-        let links = tree
-            .links
-            .iter()
-            .map(|&at| links::link(&file.links[at], cleaned.link_lines[at], &meshes, &mut report));
         let mut description = Self {
-            links: links.collect(),
+            links,
             joints,
             num_dofs,
             restrictions,
-            notes: report.notes,
-            unread_meshes: report.unread_meshes,
+            notes: Vec::new(),
+            missing_shapes: Vec::new(),
             base_pose: Pose::IDENTITY,
             name: file.name,
         };
+        let (inertias, findings) = description.simulated_inertias();
+        for finding in findings.iter().filter(|of| settings.repair || of.error.is_none()) {
+            report.note(link_lines[finding.link], &finding.note);
+        }
         if settings.repair {
-            let (inertias, defects) = description.simulated_inertias();
             for (link, inertia) in description.links.iter_mut().zip(inertias) {
                 link.inertia = inertia;
             }
-            description.notes.extend(defects.into_iter().map(|(_, assumed)| assumed));
         }
-        Ok(description)
+        let Report { notes, missing_shapes, .. } = report;
+        Ok(Self { notes, missing_shapes, ..description })
     }
 }
 

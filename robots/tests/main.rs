@@ -2,10 +2,12 @@
 
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
+mod check;
 mod control;
 mod damage;
 mod gen3;
 mod ik;
+mod meshes;
 mod mjcf;
 mod refusals;
 mod structures;

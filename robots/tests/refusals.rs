@@ -1,15 +1,15 @@
 //! Invalid files: each causes a clear error.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use mujoco::Model;
 use robots::{
-    CartesianControl, Chain, ControlSettings, JointMotion, MAX_URDF_BYTES, MjcfSettings,
-    PlacedShape, PositionSource, RobotDescription, Servo, Shape, UrdfSettings,
+    CartesianControl, Chain, ControlSettings, JointMotion, MAX_URDF_BYTES, MjcfSettings, Pose,
+    PositionSource, RobotDescription, Servo, Shape, UrdfSettings,
 };
 
 use crate::SIX_JOINT;
+use crate::meshes::Folder;
 
 /// The six-jointed arm with `old` replaced by `new`.
 #[track_caller]
@@ -91,7 +91,8 @@ fn joints_must_be_possible() {
         r#"
         name="twist" type="revolute"        | name="twist" type="floating" | `twist` is "floating"; continuous
         name="twist" type="revolute"        | name="twist"               | joint `twist` has no `type`
-        lower="-3" upper="3"                | lower=" 3" upper="-3"      | `twist` is " 3"; not above `upper`
+        lower="-3" upper="3"                | lower="inf" upper="inf"    | `lower` of `<limit>`; `twist` is "inf"; within 1e6
+        lower="-3" upper="3"                | lower="-2e6" upper="-1e6"  | `upper` of `<limit>`; `twist` is "-1e6"; within 1e6
         upper="0.3"                         | upper="nan"                | `upper` of `<limit>` of the joint `lift`; a number
         lower="-3" upper="3"                | lower="-3,1" upper="3"     | `twist` is "-3,1"; a number
         damping="20"                        | damping="-20"              | joint `lift`; -20
@@ -148,19 +149,59 @@ fn limits_are_needed_where_they_are_used() {
         ["", r#"<limit effort="inf" velocity="1e16"/>"#, r#"<limit effort="0" velocity="-1"/>"#]
     {
         let urdf = changed(r#"<limit effort="60" velocity="1.5"/>"#, limit);
-        assert!(not_simulated(&urdf).contains("efforts of the joints turn, "));
+        assert!(not_simulated(&urdf).contains("efforts of the joints turn: "));
         let chain = Chain::new(&read(&urdf), "tip").unwrap();
         let control = CartesianControl::new(chain, &[0.0; 6], ControlSettings::default());
-        assert!(control.unwrap_err().to_string().contains("speeds of the joints turn, "));
-        for (speed, known) in [(0.5, Some(0.5)), (0.0, None)] {
-            let default_speed = Some(speed);
-            let settings = UrdfSettings { default_speed, ..UrdfSettings::default() };
-            let arm = Folder::new("limits").read_with(&urdf, &settings);
-            assert_eq!(motion_of(&arm, "turn").max_speed, known);
-            let note = "joint `turn` has no limit of velocity, so 0.5 is assumed";
-            assert_eq!(arm.notes().iter().any(|told| told.contains(note)), known.is_some());
+        assert!(control.unwrap_err().to_string().contains("speeds of the joints turn: "));
+        let settings = UrdfSettings { default_speed: Some(0.5), ..UrdfSettings::default() };
+        let arm = Folder::new("limits").read_with(&urdf, &settings).unwrap();
+        assert_eq!(motion_of(&arm, "turn").max_speed, Some(0.5));
+        let note = "joint `turn` has no limit of velocity, so 0.5 is assumed";
+        assert!(arm.notes().iter().any(|told| told.contains(note)), "{:?}", arm.notes());
+    }
+    // a joint without ends may state any
+    let endless = r#"<limit effort="60" velocity="1.5" lower="pi" upper=""/>"#;
+    let arm = read(&changed(r#"<limit effort="60" velocity="1.5"/>"#, endless));
+    assert_eq!(motion_of(&arm, "turn").range, None);
+}
+
+#[test]
+fn default_limits_must_be_limits() {
+    for value in [0.0, -1.0, 1e6, f64::NAN, f64::INFINITY] {
+        for (default_speed, default_effort) in [(Some(value), None), (None, Some(value))] {
+            let settings =
+                UrdfSettings { default_speed, default_effort, ..UrdfSettings::default() };
+            let error = Folder::new("defaults").read_with(SIX_JOINT, &settings).unwrap_err();
+            assert!(error.to_string().contains("expected positive and below 1e6"), "{error}");
         }
     }
+}
+
+/// A range that is reversed is a note, and an error where it is used.
+#[test]
+fn reversed_ranges_are_refused_where_they_are_used() {
+    let urdf = changed(r#"lower="-3" upper="3""#, r#"lower=" 3" upper="-3""#);
+    let arm = read(&urdf);
+    assert_eq!(motion_of(&arm, "twist").range, Some([3.0, -3.0]));
+    let line = urdf[..urdf.find("lower=\" 3\"").unwrap()].matches('\n').count() + 1;
+    let note = "`lower` of `<limit>` of the joint `twist` is above `upper`: 3 to -3";
+    assert_eq!(arm.notes(), [format!("line {line}: {note}")]);
+    assert_eq!(arm.link_poses(&[0.1; 6]), read(SIX_JOINT).link_poses(&[0.1; 6]));
+    assert_eq!(arm.rest_positions().len(), 6);
+    let message = not_simulated(&urdf);
+    assert!(message.contains("`twist`: its lower limit is 3, expected a position"), "{message}");
+    let chain = Chain::new(&arm, "tip").unwrap();
+    let [ik, control] = [
+        chain.solve_ik(&Pose::IDENTITY, &[0.0; 6]).unwrap_err(),
+        CartesianControl::new(chain, &[0.0; 6], ControlSettings::default()).unwrap_err(),
+    ];
+    for error in [ik, control] {
+        assert!(error.to_string().contains("`twist` has the limits 3 to -3"), "{error}");
+    }
+    // a follower loses such a range
+    let follower = read(&changed(r#"lower="-4" upper="4""#, r#"lower="4" upper="-4""#));
+    assert_eq!(motion_of(&follower, "balance").range, None);
+    assert_eq!(follower.notes().len(), 2, "{:?}", follower.notes());
 }
 
 /// The motion of a joint.
@@ -247,11 +288,12 @@ fn masses_must_be_those_of_bodies() {
         <mass value="0.5"/> | <mass value="nan"/>  | link `wrist`; nan
         <mass value="0.5"/> |                      | `<inertial>` of the link `wrist` has no `<mass>`
         izz="0.02"          | izz="inf"            | link `column`; inf
+        izz="0.02"          |                      | `<inertia>` of the link `column` has no `izz`
         "#,
     );
     // old text, new text, words of the error of simulating it, note on a repair
     let table = r#"
-        <mass value="0.5"/> | <mass value="0"/>    | `twist` moves the link `wrist`, which has no mass | 0.001 kg
+        <mass value="0.5"/> | <mass value="0"/>    | `twist` moves the link `wrist`, which has no mass | `<inertial>` of the link `wrist`: no mass, so 0.001 kg
         <mass value="1"/>   | <mass value="0"/>    | `swing` moves the link `forearm`, which has no mass | 0.537 kg
         ixx="5e-4"          | ixx="11e-4"          | `wrist`; exceeds the sum; 0.0011 | 7.000e-4 kg m^2
         ixx="5e-4"          | ixx="-5e-4"          | `wrist`; below 1e-12 | 1.667e-4 kg m^2
@@ -262,7 +304,8 @@ fn masses_must_be_those_of_bodies() {
         let message = not_simulated(&urdf);
         assert!(words.split("; ").all(|word| message.contains(word)), "{message}");
         let settings = UrdfSettings { repair: true, ..UrdfSettings::default() };
-        let arm = Folder::new("masses").read_with(&urdf, &settings);
+        let arm = Folder::new("masses").read_with(&urdf, &settings).unwrap();
+        assert!(arm.notes()[0].starts_with("line "), "{:?}", arm.notes());
         assert!(arm.notes()[0].contains(note), "{:?}", arm.notes());
         Model::from_xml(&arm.to_mjcf(&MjcfSettings::default()).unwrap().text).unwrap();
     }
@@ -284,6 +327,17 @@ fn frames_need_no_mass() {
         <axis xyz="0 0 0"/></joint><joint name="spin" type="continuous"><parent link="floor"/>
         <child link="tip"/></joint></robot>"#
     ));
+    let ignored =
+        |name: &str| format!("line 1: `<inertial>` of the link `{name}`: ignored, because ");
+    assert_eq!(
+        arm.notes(),
+        [
+            ignored("floor")
+                + "a principal inertia exceeds the sum of the others; the link does not \
+                                move",
+            ignored("tip") + "its mass is below a milligram",
+        ]
+    );
     let mjcf = arm.to_mjcf(&MjcfSettings::default()).unwrap().text;
     Model::from_xml(&mjcf).unwrap();
     let masses: Vec<&str> = mjcf.split(" mass=").skip(1).collect();
@@ -294,7 +348,12 @@ fn frames_need_no_mass() {
 fn shapes_must_be_primitive() {
     all_refused(
         r#"
-        <sphere radius="0.05"/> | <sphere radius="-1"/>   | link `carriage`; "-1"; zero or more metres
+        <sphere radius="0.05"/> | <sphere radius="-1"/>   | `radius` of `<sphere>` of the link `carriage` is "-1"; 1e-6
+        <sphere radius="0.05"/> | <sphere/>               | line; `<sphere>` of the link `carriage` has no `radius`
+        <sphere radius="0.05"/> | <box/>                  | line; `<box>` of the link `carriage` has no `size`
+        <sphere radius="0.05"/> | <cylinder length="1"/>  | line; `<cylinder>` of the link `carriage` has no `radius`
+        <sphere radius="0.05"/> | <capsule radius="1"/>   | line; `<capsule>` of the link `carriage` has no `length`
+        <sphere radius="0.05"/> | <mesh filename="a.stl" scale="1 0 1"/> | `scale`; none of them zero
         <sphere radius="0.05"/> | <plane/>                | `<geometry>` of the link `carriage` has no `<sphere>`, `<box>`
         <sphere radius="0.05"/> | <mesh/>                 | `<mesh>` of the link `carriage` has no `filename`
         <sphere radius="0.05"/> | <mesh scale="1 1 1 a"/> | `scale`; three numbers; line
@@ -304,14 +363,63 @@ fn shapes_must_be_primitive() {
     );
 }
 
-/// Shapes without size are left out, and flat ones stay.
+/// Shapes without size are missed where shapes are needed. A repair gives them a size.
 #[test]
-fn shapes_without_size_are_left_out() {
-    let flat = ["<sphere radius=\"0\"/>", "<box size=\"0 0 0\"/>", "<box size=\"1 1 0\"/>"];
-    for (shape, shapes) in flat.into_iter().zip([0, 0, 1]) {
-        let arm = read(&changed("<sphere radius=\"0.05\"/>", shape));
-        assert_eq!((arm.links()[2].shapes.len(), arm.notes().len()), (shapes, 1 - shapes));
-        arm.to_mjcf(&MjcfSettings::default()).unwrap();
+fn shapes_without_size_are_missed_or_repaired() {
+    for (shape, place) in [
+        ("<sphere radius=\"0\"/>", "`radius` of `<sphere>` of the link `carriage` is \"0\""),
+        ("<box size=\"0 0 0\"/>", "`size` of `<box>` of the link `carriage` is \"0 0 0\""),
+        ("<box size=\"1 1 1e-7\"/>", "`size` of `<box>` of the link `carriage` is \"1 1 1e-7\""),
+        ("<cylinder radius=\"1\" length=\"0\"/>", "`length` of `<cylinder>`"),
+    ] {
+        let urdf = changed("<sphere radius=\"0.05\"/>", shape);
+        let arm = read(&urdf);
+        assert!(arm.links()[2].shapes.is_empty() && arm.notes().is_empty(), "{:?}", arm.notes());
+        let line = urdf[..urdf.find(shape).unwrap()].matches('\n').count() + 1;
+        let start = format!("line {line}: {place}");
+        assert!(arm.missing_shapes()[0].starts_with(&start), "{:?}", arm.missing_shapes());
+        let message = not_simulated(&urdf);
+        assert!(
+            message.contains(&start) && message.contains("`UrdfSettings::repair`"),
+            "{message}"
+        );
+        let settings = UrdfSettings { repair: true, ..UrdfSettings::default() };
+        let repaired = Folder::new("sizes").read_with(&urdf, &settings).unwrap();
+        assert!(repaired.notes()[0].starts_with(&start), "{:?}", repaired.notes());
+        assert!(repaired.missing_shapes().is_empty());
+        assert_eq!(repaired.links()[2].shapes.len(), 1);
+        Model::from_xml(&repaired.to_mjcf(&MjcfSettings::default()).unwrap().text).unwrap();
+    }
+}
+
+/// Of elements that a link or joint has twice, the first one is read, with a note.
+#[test]
+fn elements_that_are_ignored_are_noted() {
+    let twice = "<sphere radius=\"0.05\"/><box size=\"1 1 1\"/>";
+    let arm = read(&changed("<sphere radius=\"0.05\"/>", twice));
+    assert_eq!(arm.links()[2].shapes[0].shape, Shape::Sphere { radius: 0.05 });
+    assert!(arm.notes()[0].contains("`<box>` of the link `carriage` is ignored"));
+    let axis =
+        read(&changed("<axis xyz=\"0 0 2\"/>", "<axis xyz=\"0 0 2\"/><axis xyz=\"1 0 0\"/>"));
+    assert!(axis.notes()[0].contains("`<axis>` of the joint `lift` is ignored"));
+    assert_eq!(axis.joints(), read(SIX_JOINT).joints());
+}
+
+/// Entities inside entities would expand to gigabytes.
+#[test]
+fn entities_are_refused() {
+    let entities: String = (1..20)
+        .map(|level| format!("<!ENTITY e{level} \"{}\">\n", format!("&e{};", level - 1).repeat(9)))
+        .collect();
+    let bomb = format!(
+        "<!DOCTYPE robot [\n<!ENTITY e0 \"0\">\n{entities}]>\n<robot name=\"&e19;\"><link name=\"a\"/></robot>"
+    );
+    for text in [bomb, format!("<!DOCTYPE r [\n<!ENTITY % e \"1\">]>\n{SIX_JOINT}")] {
+        assert!(refusal(&text).contains("line 2: `<!ENTITY` declares an entity"));
+    }
+    let without = ["<!DOCTYPE robot>", "<!DOCTYPE robot SYSTEM \"urdf.dtd\" [<!ELEMENT a ANY>]>"];
+    for head in without.into_iter().chain(["<!-- <!ENTITY a \"b\"> -->"]) {
+        assert_eq!(read(&format!("{head}\n{SIX_JOINT}")).links(), read(SIX_JOINT).links());
     }
 }
 
@@ -446,104 +554,4 @@ fn files_that_cannot_be_read_are_named() {
     }
     let arm = RobotDescription::from_urdf_file(Path::new("assets/urdf/six_joint.urdf")).unwrap();
     assert_eq!((arm.name(), arm.num_dofs(), arm.links().len()), ("six_joint", 6, 9));
-}
-
-/// Temporary folder that is removed when the test ends.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(name: &str) -> Self {
-        let folder = std::env::temp_dir().join(format!("covers-{name}-{}", std::process::id()));
-        fs::create_dir_all(&folder).unwrap();
-        Self(folder.canonicalize().unwrap())
-    }
-
-    fn write(&self, file: &str, text: &[u8]) {
-        let path = self.0.join(file);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, text).unwrap();
-    }
-
-    fn read_with(&self, urdf: &str, settings: &UrdfSettings) -> RobotDescription {
-        let file = "arm_description/urdf/arm.urdf";
-        self.write(file, urdf.as_bytes());
-        RobotDescription::from_urdf_file_with(&self.0.join(file), settings).unwrap()
-    }
-
-    /// The six-jointed arm whose carriage collides as the mesh `file`.
-    fn with_mesh(&self, file: &str, settings: &UrdfSettings) -> RobotDescription {
-        let mesh = format!("<mesh filename=\"{file}\" scale=\"0.001 0.001 0.001\"/>");
-        let urdf = SIX_JOINT.replace("<sphere radius=\"0.05\"/>", &mesh);
-        self.read_with(&urdf, settings)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
-
-#[test]
-fn meshes_are_found_in_their_packages() {
-    let (folder, other) = (Folder::new("meshes"), Folder::new("elsewhere"));
-    let octahedron = b"v 50 0 0\nv -50 0 0\nv 0 50 0\nv 0 -50 0\nv 0 0 50\nv 0 0 -50\n";
-    for file in ["arm_description/meshes/ball.obj", "hand_description/ball.OBJ"] {
-        folder.write(file, octahedron);
-    }
-    other.write("far/ball.obj", octahedron);
-    let packages = vec![("far_description".to_owned(), other.0.join("far"))];
-    let settings =
-        UrdfSettings { packages, mesh_root: Some(folder.0.clone()), ..UrdfSettings::default() };
-    let absolute = format!("file://{}/arm_description/meshes/ball.obj", folder.0.display());
-    for name in [
-        "package://arm_description/meshes/ball.obj",
-        "package://renamed_description/meshes/ball.obj",
-        "package://hand_description/ball.OBJ",
-        "package://far_description/ball.obj",
-        "model://arm_description/meshes/ball.obj",
-        "../meshes/ball.obj",
-        "..\\meshes\\ball.obj",
-        &absolute,
-    ] {
-        let arm = folder.with_mesh(name, &settings);
-        let shapes = &arm.links()[2].shapes[..];
-        let &[PlacedShape { shape: Shape::Sphere { radius }, pose }] = shapes else {
-            panic!("{name}: {shapes:?} {:?}", arm.unread_meshes());
-        };
-        assert!((radius - 0.05).abs() < 1e-5 && pose.position.x == 0.1, "{shapes:?}");
-    }
-}
-
-/// A mesh that cannot be read is reported with every path that was tried, and missed where shapes
-/// are needed.
-#[test]
-fn meshes_that_cannot_be_read_are_named() {
-    let (folder, other) = (Folder::new("unread"), Folder::new("outside"));
-    other.write("ball.obj", b"v 1 2 3");
-    folder.write("arm_description/far.obj", b"v 1 2 1e300");
-    folder.write("arm_description/ball.ply", b"ply");
-    let link = folder.0.join("link.obj");
-    std::os::unix::fs::symlink(other.0.join("ball.obj"), link).unwrap();
-    let settings = UrdfSettings { mesh_root: Some(folder.0.clone()), ..UrdfSettings::default() };
-    let outside = format!("file://{}/ball.obj", other.0.display());
-    for (file, words) in [
-        ("none.obj", "urdf/none.obj`; give the folder of its package"),
-        ("package://arm_description/none.obj", "arm_description/arm_description/none.obj`, `"),
-        ("../far.obj", "beyond 1e6"),
-        ("../ball.ply", "only STL, OBJ and DAE"),
-        ("https://host/a.stl", "`https://` is not read"),
-        ("../../link.obj", "no file outside of"),
-        (&outside, "no file outside of"),
-    ] {
-        let arm = folder.with_mesh(file, &settings);
-        let message = arm.to_mjcf(&MjcfSettings::default()).unwrap_err().to_string();
-        assert!(arm.links()[2].shapes.is_empty());
-        assert!(message.contains(words) && message.contains("ignore_meshes"), "{message}");
-        assert!(message.contains(&format!("link `carriage` collides as the mesh `{file}`")));
-        let ignored = UrdfSettings { ignore_meshes: true, ..settings.clone() };
-        folder.with_mesh(file, &ignored).to_mjcf(&MjcfSettings::default()).unwrap();
-    }
-    let text = SIX_JOINT.replace("<sphere radius=\"0.05\"/>", "<mesh filename=\"a.stl\"/>");
-    assert!(not_simulated(&text).contains("without its folder"));
 }

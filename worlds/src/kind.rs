@@ -97,7 +97,7 @@ impl WorldKind {
     const fn spec(self) -> Spec {
         use Property::{Colour, Dynamics, Form, Ground, Reward, Shape, Target};
         const LOOKS: &[Property] = &[Colour, Shape, Form, Target];
-        let (name, num_groups, properties, nuisance): (_, _, _, Nuisance) = match self {
+        let values: (_, _, _, Nuisance) = match self {
             Self::Appearance => ("appearance", [8, 8], LOOKS, unchanged),
             Self::Shape => ("shape", [8, 8], &[Shape, Target], unchanged),
             Self::Colour => ("colour", [8, 8], &[Colour, Target], unchanged),
@@ -114,6 +114,7 @@ impl WorldKind {
             Self::RisingNoise => ("rising-noise", [1, 4], LOOKS, raise_noise),
             Self::RescaledReward => ("rescaled-reward", [1, 4], LOOKS, rescale_rewards),
         };
+        let (name, num_groups, properties, nuisance) = values;
         Spec { name, num_groups, properties, nuisance }
     }
 

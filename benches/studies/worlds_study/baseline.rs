@@ -1,6 +1,6 @@
 //! Simple baselines: groupings by one description of first pictures.
 
-use cluster::{Candidate, Decision, Frames, Side, Source, assign_by_threshold, joint_test_until};
+use cluster::{Candidate, Decision, Frames, Side, Source, assign_by_threshold, joint_test};
 use evidence::{Course, RecogniserSettings};
 use learner::{
     Candidates, CoversSettings, Episodes, Grouping, GroupingDecision, Learned, LearnerError,
@@ -84,10 +84,11 @@ impl Baseline {
             let stages = [self.settings.permutations / 4, self.settings.permutations];
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             // a test that is far from significant may end early
-            joint_test_until(&[source], &stages, |test| test.p_value > 0.15, &mut rng)
+            joint_test(&[source], &stages, |test| test.overall.p_value > 0.15, &mut rng)
         });
         let tests = tests.collect::<Result<Vec<_>, _>>()?.into_iter().enumerate();
-        let nearest = tests.min_by(|(_, one), (_, other)| one.score.total_cmp(&other.score));
+        let nearest =
+            tests.min_by(|(_, one), (_, other)| one.overall.score.total_cmp(&other.overall.score));
         let fits = nearest.filter(|(_, test)| {
             // without a source all descriptions are equal
             test.sources[0].is_none_or(|source| {

@@ -467,14 +467,14 @@ mod tests {
     #[test]
     fn a_turn_is_dated_by_what_it_learnt() {
         let mut trial = Trial::of(&job(Case::Kind(WorldKind::Target), 6, 8)).unwrap();
-        let mut heard = 0;
+        let mut auditions = 0;
         while trial.round() < trial.rounds {
             let turn = trial.turn().unwrap();
             assert_eq!(trial.env.bed.lock().group_at(turn.last), turn.group);
             let dropped = ROUNDS - turn.learnt.iter().flatten().count();
-            heard += trial.round() - 1 - dropped - turn.last;
+            auditions += trial.round() - 1 - dropped - turn.last;
         }
-        assert!(heard > 0, "no policy was heard");
+        assert!(auditions > 0, "no policy had an audition");
     }
 
     #[test]

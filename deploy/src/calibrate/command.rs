@@ -24,7 +24,7 @@ use super::file::CalibrationFile;
 use super::measure::{CalibrateSettings, CalibrationResult, calibrate};
 use super::poses::calibration_poses;
 use crate::faults::Fault;
-use crate::options::{RigOptions, RobotKind};
+use crate::options::RigOptions;
 use crate::rig::{Rig, Trial};
 use crate::simulated::{SimulatedRig, SimulationSettings};
 
@@ -93,8 +93,7 @@ impl CalibrateOptions {
     /// As [`calibrate`]; a file and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), DeployError> {
         let settings = self.simulation()?;
-        let RobotKind::KinovaSim = self.rig.robot;
-        let mut rig = SimulatedRig::carrying_ball(settings, Camera::default())?;
+        let mut rig = SimulatedRig::carrying_ball(settings, Camera::default(), self.rig.robot)?;
         let arm = rig.arm().clone();
         let calibrated = self.calibrate_on(&mut rig, &arm, out)?;
         if self.json {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use envs::embodiments::Arm;
-use envs::{Camera, HAND_TARGET_START};
+use envs::{Camera, Embodiment, HAND_TARGET_START};
 use glam::{DQuat, DVec3};
 use inpainting::Calibration;
 use rl::BoxedEnvError;
@@ -79,7 +79,11 @@ impl Rig for FakeRig {
     }
 
     fn calibration(&self) -> Calibration {
-        let rig = SimulatedRig::new(SimulationSettings::NO_FAULTS, Camera::default());
+        let rig = SimulatedRig::new(
+            SimulationSettings::NO_FAULTS,
+            Camera::default(),
+            Embodiment::KINOVA_GEN3,
+        );
         rig.unwrap().true_calibration()
     }
 

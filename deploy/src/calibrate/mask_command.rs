@@ -15,7 +15,7 @@ use learner::disk::{LocalDisk, check_writable, write_atomically};
 use super::mask::MaskCheck;
 use super::poses::calibration_poses;
 use crate::deployment::Deployment;
-use crate::options::{RobotKind, RunAndRigOptions};
+use crate::options::RunAndRigOptions;
 use crate::rig::{Rig, Trial};
 use crate::settings::VisionSettings;
 use crate::simulated::SimulatedRig;
@@ -45,8 +45,9 @@ impl CheckMaskOptions {
     pub fn run(&self, out: &mut impl Write) -> Result<bool, DeployError> {
         let settings = self.run_and_rig.rig.settings()?;
         let deployment = self.run_and_rig.deployment(settings.vision)?;
-        let RobotKind::KinovaSim = self.run_and_rig.rig.robot;
-        let mut rig = SimulatedRig::new(settings.simulation, *deployment.training_camera())?;
+        let robot = self.run_and_rig.rig.robot;
+        let camera = *deployment.training_camera();
+        let mut rig = SimulatedRig::new(settings.simulation, camera, robot)?;
         let arm = rig.arm().clone();
         self.check(&deployment, &mut rig, &arm, out)
     }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use envs::{Camera, HAND_TARGET_START};
+use envs::{Camera, Embodiment, HAND_TARGET_START};
 use glam::{DMat3, DVec3};
 use inpainting::{BallOffset, Calibration, CalibrationBall, Extrinsics, HandEyeSettings};
 use rl::BoxedEnvError;
@@ -17,7 +17,7 @@ use super::measure::{CalibrateSettings, calibrate};
 use crate::faults::FaultAmount;
 use crate::rig::{Rig, SetUp, TaskVerdict, Trial};
 use crate::tests::pretrained;
-use crate::{DeployError, FaultLevel, RigOptions, RobotKind, SimulatedRig, SimulationSettings};
+use crate::{DeployError, FaultLevel, RigOptions, SimulatedRig, SimulationSettings};
 
 pub(super) const SETTINGS: CalibrateSettings = CalibrateSettings {
     ball: CalibrationBall { color: [255, 0, 255] },
@@ -33,7 +33,7 @@ pub(super) const SETTINGS: CalibrateSettings = CalibrateSettings {
 fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions {
     CalibrateOptions {
         rig: RigOptions {
-            robot: RobotKind::KinovaSim,
+            robot: Embodiment::KINOVA_GEN3,
             seed: 1000,
             faults: FaultLevel::Nominal,
             fault_amounts: fault,
@@ -55,7 +55,8 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     let faults = ["position-error=30", "angle-error=3"].map(|fault| fault.parse().unwrap());
     let options = options(&name, faults.to_vec(), true);
     let settings = options.rig.settings().unwrap().simulation;
-    let mut rig = SimulatedRig::carrying_ball(settings, Camera::default()).unwrap();
+    let mut rig =
+        SimulatedRig::carrying_ball(settings, Camera::default(), Embodiment::KINOVA_GEN3).unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.true_calibration());
     let mut out = Vec::new();
     let calibrated = options.calibrate_on(&mut rig, &arm, &mut out).unwrap();
@@ -123,7 +124,8 @@ fn a_file_that_deploy_will_refuse_is_told() {
     let name = format!("covers-refused-{}.json", std::process::id());
     let options = options(&name, Vec::new(), false);
     let settings = options.rig.settings().unwrap().simulation;
-    let rig = SimulatedRig::carrying_ball(settings, Camera::default()).unwrap();
+    let rig =
+        SimulatedRig::carrying_ball(settings, Camera::default(), Embodiment::KINOVA_GEN3).unwrap();
     let arm = rig.arm().clone();
     let mut out = Vec::new();
     let calibrated = options.run_on(&mut Misplaced(rig), &arm, &mut out);
@@ -142,7 +144,12 @@ fn a_file_that_deploy_will_refuse_is_told() {
 /// A mask by the true camera holds, and one by a camera that is 30 mm and 3 degrees off does not.
 #[test]
 fn masks_are_held_to_the_picture() {
-    let mut rig = SimulatedRig::new(SimulationSettings::NOMINAL_FAULTS, Camera::default()).unwrap();
+    let mut rig = SimulatedRig::new(
+        SimulationSettings::NOMINAL_FAULTS,
+        Camera::default(),
+        Embodiment::KINOVA_GEN3,
+    )
+    .unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.true_calibration());
     let rotation = DMat3::from_rotation_x(3_f64.to_radians()) * truth.extrinsics.rotation;
     let position = truth.position() + 0.03 * DVec3::X;
@@ -166,7 +173,8 @@ fn masks_do_not_lag_behind_late_pictures() {
     let checks = [0.0, 0.4].map(|latency| {
         let mut settings = SimulationSettings::NO_FAULTS;
         settings.camera_imperfections.latency = latency;
-        let mut rig = SimulatedRig::new(settings, Camera::default()).unwrap();
+        let mut rig =
+            SimulatedRig::new(settings, Camera::default(), Embodiment::KINOVA_GEN3).unwrap();
         let deployment = pretrained("pretrained-robot", Some(rig.true_calibration()));
         let arm = rig.arm().clone();
         let (two, trial) = (&calibration_poses(&arm)[..2], Trial::on_empty_table(1000));

@@ -63,7 +63,8 @@ fn difference(a: &[u8], b: &[u8]) -> f64 {
 fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
     let deployment = deployment();
     let camera = *deployment.training_camera();
-    let mut rig = SimulatedRig::new(SimulationSettings::NO_FAULTS, camera).unwrap();
+    let mut rig =
+        SimulatedRig::new(SimulationSettings::NO_FAULTS, camera, Embodiment::KINOVA_GEN3).unwrap();
     let arm = rig.arm().clone();
     let set_up = rig.set_up(&TRIAL).unwrap();
     let start = rig.state().unwrap();
@@ -85,8 +86,12 @@ fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
 #[test]
 fn a_trial_with_close_ups_is_filmed_as_any_other() {
     let mut deployment = deployment();
-    let mut rig =
-        SimulatedRig::new(SimulationSettings::NO_FAULTS, *deployment.training_camera()).unwrap();
+    let mut rig = SimulatedRig::new(
+        SimulationSettings::NO_FAULTS,
+        *deployment.training_camera(),
+        Embodiment::KINOVA_GEN3,
+    )
+    .unwrap();
     let arm = rig.arm().clone();
     let mut strip = FilmStrip::default();
     let played = deployment.run_trial(&mut rig, &arm, &TRIAL, Some(&mut strip));

@@ -38,7 +38,7 @@ pub enum ConformanceError {
         /// Variant (or task group), embodiment and layout of the failed check.
         case: String,
         /// Error that ended the check.
-        source: EnvError,
+        source: Box<EnvError>,
     },
 }
 
@@ -88,7 +88,7 @@ pub fn check(group: TaskGroup) -> Result<(), ConformanceError> {
             let scene = Scene::new_in_layout(layout, group, embodiment, Camera::default())
                 .map_err(|source| ConformanceError::CheckFailed {
                     case: format!("{group}, {embodiment}, {layout}"),
-                    source,
+                    source: Box::new(source),
                 })?;
             check_scene(&Arc::new(scene))?;
         }
@@ -114,8 +114,10 @@ fn check_scene(scene: &Arc<Scene>) -> Result<(), ConformanceError> {
 
 fn ask(case: &Case, rules: &[Rule]) -> Result<(), ConformanceError> {
     for &(rule, finding) in rules {
-        let finding = finding(case)
-            .map_err(|source| ConformanceError::CheckFailed { case: case.to_string(), source })?;
+        let finding = finding(case).map_err(|source| ConformanceError::CheckFailed {
+            case: case.to_string(),
+            source: Box::new(source),
+        })?;
         if let Some(finding) = finding {
             return Err(ConformanceError::RuleViolated { case: case.to_string(), rule, finding });
         }

@@ -2,11 +2,11 @@
 
 use glam::DVec3;
 use robots::{
-    Capsule, CartesianControl, Chain, ControlSettings, JointMotion, LinkAddition, MjcfSettings,
-    Pose, PositionSource as JointDrive, RobotDescription, RobotState, Servo,
+    Capsule, CartesianControl, Chain, ControlSettings, IkSettings, LinkAddition, MjcfSettings,
+    Pose, RobotDescription, RobotState, Servo,
 };
 
-use crate::actuation::{Actuation, JointPositions, ServoController, ServoSettings};
+use crate::actuation::{Actuation, FingerDrive, JointPositions, ServoController, ServoSettings};
 use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec, OPEN_APERTURE};
 use crate::error::{EnvError, require};
 use crate::mjcf::{Mjcf, parts};
@@ -67,9 +67,18 @@ pub struct Gripper {
     pub link: String,
     /// Right and left finger of the gripper.
     pub fingers: [Finger; 2],
-    /// Name of the joint that closes the fingers from one end of its range to the other, at its own
-    /// speed. `None` for fingers that do not move.
-    pub joint: Option<String>,
+    /// Joint that closes the fingers at its own speed. `None` for fingers that do not move.
+    pub joint: Option<FingerJoint>,
+}
+
+/// Joint that opens and closes a gripper.
+#[derive(Clone, Debug)]
+pub struct FingerJoint {
+    /// Name of the joint.
+    pub name: String,
+    /// Positions of the joint (metres, radians) with open and with closed fingers, both within its
+    /// range.
+    pub positions: [f64; 2],
 }
 
 /// Reference points of a gripper's finger.
@@ -90,7 +99,7 @@ pub struct Finger {
 pub struct Arm {
     settings: ArmSettings,
     chain: Chain,
-    finger: Option<usize>,
+    finger: Option<FingerDrive>,
     mjcf: String,
 }
 
@@ -116,7 +125,7 @@ impl Arm {
         // built only to check the settings; `actuation` builds the one that is used
         CartesianControl::new(chain.clone(), ready, settings.control)?;
         Ok(Self {
-            finger: finger(robot, settings.gripper.joint.as_deref())?,
+            finger: finger(robot, settings.gripper.joint.as_ref())?,
             mjcf: robot.to_mjcf_part(&mjcf_settings(&settings))?.text,
             chain,
             settings,
@@ -170,61 +179,47 @@ impl Arm {
 
     /// Returns the time in which the fingers close (seconds); `None` for fingers that do not move.
     pub fn closing_seconds(&self) -> Option<f64> {
-        let (_, motion) = self.robot().free_joints().nth(self.finger?)?;
-        let [low, high] = motion.range?;
-        Some((high - low) / motion.max_speed?)
-    }
-
-    /// Returns the open positions of the finger joint and of the joints that mimic it.
-    fn open_fingers(&self) -> impl Iterator<Item = (String, f64)> {
-        let robot = self.robot();
-        let mut positions = vec![0.0; robot.num_dofs()];
-        if let Some((dof, [open, _])) = self.finger_range() {
-            positions[dof] = open;
-        }
-        robot.joints().iter().filter_map(move |joint| {
-            let motion = joint.motion.as_ref()?;
-            let (JointDrive::Free { dof } | JointDrive::Follows { dof, .. }) = motion.drive;
-            let position = motion.position(&positions);
-            (Some(dof) == self.finger).then(|| (joint.name.clone(), position))
-        })
-    }
-
-    /// Returns the index of the finger joint among the free joints, and its open and closed
-    /// positions.
-    fn finger_range(&self) -> Option<(usize, [f64; 2])> {
-        let dof = self.finger?;
-        let (_, motion) = self.robot().free_joints().nth(dof)?;
-        Some((dof, motion.range?))
+        let finger = self.finger?;
+        Some(finger.travel() / finger.max_speed)
     }
 
     /// Returns the positions of all free joints. Joints other than the chain's and the fingers' are
-    /// at zero.
+    /// at rest.
     fn positions(&self, state: &RobotState) -> Vec<f64> {
-        let robot = self.robot();
         assert_eq!(state.joints.len(), self.chain.joints().len(), "joints of a state");
-        let mut positions = vec![0.0; robot.num_dofs()];
+        let mut positions = self.robot().rest_positions();
         for (joint, position) in self.chain.joints().iter().zip(&state.joints) {
             positions[joint.dof_index] = *position;
         }
-        if let Some((dof, [open, closed])) = self.finger_range() {
-            positions[dof] = open + state.gripper_closure * (closed - open);
+        if let Some(finger) = self.finger {
+            positions[finger.dof] = finger.position(state.gripper_closure);
         }
         positions
     }
 }
 
-/// Returns the index of the finger joint, which must be a free joint with a range and a speed.
-fn finger(robot: &RobotDescription, joint: Option<&str>) -> Result<Option<usize>, EnvError> {
-    let Some(name) = joint else {
+/// Returns the drive of the fingers by a joint, which must be a free one with a range and a speed.
+fn finger(
+    robot: &RobotDescription,
+    joint: Option<&FingerJoint>,
+) -> Result<Option<FingerDrive>, EnvError> {
+    let Some(FingerJoint { name, positions }) = joint else {
         return Ok(None);
     };
-    let is_limited = |motion: &JointMotion| motion.range.is_some() && motion.max_speed.is_some();
-    let found =
-        robot.free_joints().position(|(free, motion)| free.name == name && is_limited(motion));
+    let mut joints = robot.free_joints().enumerate();
+    let found = joints.find(|(_, (free, _))| free.name == *name);
+    let limits = found.and_then(|(dof, (_, motion))| Some((dof, motion.range?, motion.max_speed?)));
     let expected = "a joint of the robot that has limits, also of velocity, and follows no other";
-    require(found.is_some(), "gripper.joint", &name, expected)?;
-    Ok(found)
+    require(limits.is_some(), "gripper.joint", name, expected)?;
+    let drive = limits.map(|(dof, [low, high], max_speed)| {
+        let inside = positions.iter().all(|at| (low..=high).contains(at));
+        let expected_positions = "two positions within the range of the joint";
+        let differ = inside && positions[0] != positions[1];
+        let value = format!("{positions:?}");
+        require(differ, "gripper.joint.positions", &value, expected_positions)?;
+        Ok::<_, EnvError>(FingerDrive { dof, positions: *positions, max_speed })
+    });
+    drive.transpose()
 }
 
 fn mjcf_settings(settings: &ArmSettings) -> MjcfSettings {
@@ -275,11 +270,18 @@ impl EmbodimentSpec for Arm {
 
     fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError> {
         let ready = &self.settings.ready_joint_positions;
-        let target = Pose { position: hand_target, rotation: self.chain.tip_pose(ready).rotation };
-        let solved = self.chain.solve_ik(&target, ready)?;
-        let joints = self.chain.joints().iter();
-        let arm = joints.map(|joint| joint.name.clone()).zip(solved);
-        Ok(arm.chain(self.open_fingers()).collect())
+        let rotation = self.chain.tip_pose(ready).rotation;
+        let target = Pose { position: hand_target, rotation };
+        let orientation = self.settings.control.orientation;
+        let settings = IkSettings { orientation, ..IkSettings::default() };
+        let joints = self.chain.solve_ik_with(&target, ready, &settings)?;
+        let state = RobotState { tip: target, joints, gripper_closure: 0.0 };
+        let positions = self.positions(&state);
+        let moving = self.robot().joints().iter().filter_map(|joint| {
+            let position = joint.motion?.position(&positions);
+            Some((joint.name.clone(), position))
+        });
+        Ok(moving.collect())
     }
 
     fn actuation(&self) -> Result<Actuation, EnvError> {
@@ -298,6 +300,7 @@ impl EmbodimentSpec for Arm {
             finger: self.finger,
             max_target_lead: *max_target_lead,
             limits: control.limits,
+            orientation: control.orientation,
         };
         let control = CartesianControl::new(self.chain.clone(), ready, control)?;
         Ok(Actuation::Servos(Box::new(ServoController::new(servos, control))))

@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 use glam::DVec3;
 use robots::{ControlSettings, Pose, Servo, TwistLimits, gen3};
 
-use super::arm::{Arm, ArmSettings, Finger, Gripper};
+use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
 use crate::actuation::{Actuation, JointPositions};
 use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec};
 use crate::error::EnvError;
@@ -33,11 +33,11 @@ const CLAW: f64 = 0.0305;
 const TIP: f64 = 0.01875;
 /// Largest distance of the hand's target from the hand (metres), tuned for decisions at 8 Hz: with
 /// 28 to 33 mm some pucks stay short of their goal, with 35 mm one button of 300 was not pressed.
-const LEAD: f64 = 0.034;
+pub(super) const LEAD: f64 = 0.034;
 /// Acceleration of the hand (m/s^2): what the arm's hard limit of 4.94 rad/s^2 for its first four
 /// joints allows at 0.4 m from an axis. With the driver's default of 0.4 m/s^2 the hand needs 13 cm
 /// to stop from the speed of a full action (0.32 m/s), and overshoots its targets.
-const ACCELERATION: f64 = 2.0;
+pub(super) const ACCELERATION: f64 = 2.0;
 
 impl KinovaGen3 {
     /// Builds the arm of this embodiment: the Kinova Gen3 with its gripper and control.
@@ -70,7 +70,7 @@ impl KinovaGen3 {
             gripper: Gripper {
                 link: "gripper_link".to_owned(),
                 fingers: [finger("finger_r_link", -1.0), finger("finger_l_link", 1.0)],
-                joint: Some(FINGER.to_owned()),
+                joint: Some(FingerJoint { name: FINGER.to_owned(), positions: [OPEN, CLOSED] }),
             },
             control: ControlSettings {
                 limits: TwistLimits { max_acceleration: ACCELERATION, ..TwistLimits::default() },
@@ -84,7 +84,7 @@ impl KinovaGen3 {
 }
 
 /// Returns the arm, built on first use.
-fn made() -> Result<&'static Arm, EnvError> {
+pub(crate) fn made() -> Result<&'static Arm, EnvError> {
     static ARM: OnceLock<Arm> = OnceLock::new();
     if let Some(arm) = ARM.get() {
         return Ok(arm);

@@ -2,11 +2,13 @@
 
 #![allow(dead_code, clippy::unwrap_used)]
 
-use evidence::{Account, Accountant, Course, Finding, Recogniser, RecogniserSettings, Situation};
-use rand::SeedableRng;
+use evidence::{
+    Account, Accountant, Album, Course, Finding, Recogniser, RecogniserSettings, Situation,
+};
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{Observations, Transition, VectorEnv};
-use symmetry::{D2, Irrep};
+use symmetry::Irrep;
 use worlds::{TaskStream, Visit, World, WorldKind};
 
 pub const HORIZON: usize = 12;
@@ -63,11 +65,7 @@ pub fn accounts(stream: TaskStream, rounds: usize, as_group: Option<usize>) -> V
 pub fn accounts_of(courses: &[Course]) -> Vec<Account> {
     let filters = RecogniserSettings::default().filters;
     let accountant = Accountant::new([48, 48, 6], &AXES, &AXES, filters).unwrap();
-    accountant.accounts(courses).unwrap()
-}
-
-pub fn mirrored(stream: TaskStream, g: D2) -> TaskStream {
-    stream.with_variant(g)
+    accountant.accounts(courses, &mut Album::default()).unwrap()
 }
 
 /// Evidence on each policy, as text.
@@ -96,8 +94,8 @@ pub fn settle(recogniser: &Recogniser, seen: &[Account], collector: usize) -> Fi
 pub fn knowing(kind: WorldKind, seed: u64, groups: usize) -> Recogniser {
     let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
     for group in 0..groups {
-        let mut learnt = accounts(stream(kind, seed, &[(group, 8)], 5), 8, None);
-        let (first, later) = learnt.split_at_mut(20);
+        let mut home = accounts(stream(kind, seed, &[(group, 8)], 5), 8, None);
+        let (first, later) = home.split_at_mut(20);
         first.iter_mut().for_each(|a| a.earned = Some(0.0));
         recogniser.learn(group, first, &mut rng()).unwrap();
         recogniser.learn(group, later, &mut rng()).unwrap();
@@ -106,8 +104,38 @@ pub fn knowing(kind: WorldKind, seed: u64, groups: usize) -> Recogniser {
     recogniser
 }
 
-/// 20 episodes of a group that come later than what the recogniser learnt from.
+/// 20 episodes of a group that come later than those that the recogniser remembers.
 pub fn rollout(kind: WorldKind, seed: u64, group: usize, as_group: usize) -> Vec<Account> {
     let all = accounts(stream(kind, seed, &[(group, 12)], 5), 12, Some(as_group));
     all[40..].to_vec()
+}
+
+/// Twelve numbers around this one, which scatter widely: most of the distance of two clouds is
+/// chance.
+fn around(centre: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {
+    (0..12).map(|_| centre + rng.random_range(-0.5..0.5)).collect()
+}
+
+/// Episodes of which the picture scatters around one number and motion around another.
+pub fn episodes(count: usize, picture: f32, motion: f32, rng: &mut ChaCha8Rng) -> Vec<Account> {
+    let episode = |began| Account {
+        began,
+        picture: around(picture, rng),
+        vector: vec![0.0],
+        motion: Some(around(motion, rng)),
+        slope: Some(vec![1.0]),
+        earned: Some(1.0),
+    };
+    (0..count).map(episode).collect()
+}
+
+/// A recogniser of policies at home in episodes whose pictures scatter around these numbers.
+pub fn knowing_pictures(pictures: &[f32]) -> (Recogniser, ChaCha8Rng) {
+    let mut rng = rng();
+    let mut recogniser = Recogniser::new(RecogniserSettings::default()).unwrap();
+    for (policy, &picture) in pictures.iter().enumerate() {
+        let home = episodes(40, picture, 1.0, &mut rng);
+        recogniser.learn(policy, &home, &mut rng).unwrap();
+    }
+    (recogniser, rng)
 }

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::error::LearnerError;
 
-use super::grouping::{Candidates, Grouping, GroupingDecision, Needs, Query};
+use super::grouping::{Candidates, Grouping, GroupingDecision, Query};
 
 /// The paper's grouping: compares the rollout's first frames `O` with every policy's `B`, in that
 /// policy's own features, and takes the nearest policy within a threshold.
@@ -27,10 +27,6 @@ impl Distance {
 }
 
 impl Grouping for Distance {
-    fn needs(&self) -> Needs {
-        Needs::LEAST
-    }
-
     fn assign(
         &mut self,
         _: Query<'_>,
@@ -105,11 +101,7 @@ mod tests {
 
     impl Candidates for Glance {
         fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
-            let clouds = [0, 1].map(|policy| Candidate {
-                buffer: self.frames(policy, &self.home(policy)),
-                rollout: self.frames(policy, &[self.seen]),
-            });
-            Ok(clouds.into())
+            panic!("two policies at a time are compared")
         }
 
         fn contests(&mut self, rivals: [usize; 2], _: usize) -> Result<[Contest; 2], LearnerError> {
@@ -120,7 +112,7 @@ mod tests {
         }
 
         fn episodes(&self) -> Episodes<'_> {
-            panic!("distances are those of frames")
+            panic!("first frames are compared")
         }
     }
 

@@ -1,7 +1,9 @@
 //! Grouping by evidence that no policy owns: pictures, motion and returns of whole episodes.
 
 use cluster::{Assignment, Decision};
-use evidence::{Account, Accountant, Album, Finding, Recogniser, RecogniserSettings, Situation};
+use evidence::{
+    Account, Accountant, Album, Finding, Opinion, Recogniser, RecogniserSettings, Situation,
+};
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
@@ -41,32 +43,11 @@ impl Evident {
         let filters = self.recogniser.settings().filters;
         let accountant =
             Accountant::new(spec.image_shape, &spec.vector_irreps, &spec.action_irreps, filters)?;
-        let mut accounts = accountant.accounts_with(courses, &mut self.album)?;
+        let mut accounts = accountant.accounts(courses, &mut self.album)?;
         if policy != episodes.collector {
             accounts.iter_mut().for_each(Account::forget_course);
         }
         Ok(accounts)
-    }
-
-    fn decision(&self, finding: Finding) -> GroupingDecision {
-        let settings = self.recogniser.settings();
-        let accepted = match finding.decision {
-            Decision::Existing(_) => finding.accepted(),
-            Decision::New | Decision::Undecided => Vec::new(),
-        };
-        let opinions = finding.opinions.iter();
-        let assignment = Assignment {
-            decision: finding.decision,
-            evidence: opinions.map(|o| o.evidence(settings, finding.look)).collect(),
-        };
-        GroupingDecision {
-            cut: finding.cut,
-            trial: finding.trial,
-            provisional: finding.is_unproven,
-            rejected: finding.rejected,
-            accepted,
-            ..assignment.into()
-        }
     }
 
     /// Names the policy of episodes that are not used for training, by the policies'
@@ -90,6 +71,25 @@ impl Evident {
         let fits = found.policies.get(best).is_some_and(|&p| p >= found.none);
         let policy = if fits { Decision::Existing(best) } else { Decision::Undecided };
         Ok(GroupingDecision { nearest: Some(best), ..GroupingDecision::of(policy) })
+    }
+}
+
+impl From<Finding> for GroupingDecision {
+    fn from(finding: Finding) -> Self {
+        let accepted = match finding.decision {
+            Decision::Existing(_) => finding.accepted(),
+            Decision::New | Decision::Undecided => Vec::new(),
+        };
+        let evidence = finding.opinions.iter().map(Opinion::evidence).collect();
+        Self {
+            cut: finding.cut,
+            group_changed: finding.group_changed,
+            trial: finding.trial,
+            is_provisional: finding.is_provisional,
+            rejected: finding.rejected,
+            accepted,
+            ..Assignment { decision: finding.decision, evidence }.into()
+        }
     }
 }
 
@@ -117,13 +117,13 @@ impl Grouping for Evident {
                 let situation = Situation {
                     collector,
                     rejected: &earlier.rejected,
-                    is_unproven: earlier.provisional,
+                    is_provisional: earlier.is_provisional,
                     can_wait,
                 };
                 self.recogniser.review(&accounts, situation, rng)?
             }
         };
-        Ok(self.decision(finding))
+        Ok(finding.into())
     }
 
     /// Remembers a rollout, or merges two policies. Before that both act in the group: first the
@@ -145,9 +145,9 @@ impl Grouping for Evident {
                 }
                 [first, again, ..] => {
                     let twin = first.collector;
-                    let heard = self.accounts(first, twin)?;
+                    let of_twin = self.accounts(first, twin)?;
                     let again = self.accounts(again, policy)?;
-                    self.recogniser.merge(policy, twin, &heard, &again, rng)?;
+                    self.recogniser.merge(policy, twin, &of_twin, &again, rng)?;
                 }
                 [] => {}
             },

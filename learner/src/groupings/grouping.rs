@@ -12,8 +12,11 @@ use crate::error::LearnerError;
 ///
 /// Policy 0 exists from the start and takes the very first rollout without a query.
 pub trait Grouping: Send {
-    /// Returns the experience that a decision of the grouping requires.
-    fn needs(&self) -> Needs;
+    /// Returns the experience that a decision of the grouping requires. The default needs the first
+    /// frames of one episode.
+    fn needs(&self) -> Needs {
+        Needs { episodes: 1, whole_episodes: false }
+    }
 
     /// Decides which policy the rollout in `candidates` belongs to: an existing one, a new one, or
     /// none yet. After [`Decision::New`] a policy is created, unless the query is
@@ -63,11 +66,6 @@ pub struct Needs {
     /// `true` if the grouping uses whole episodes and not only their first frames.
     /// [`Episodes::courses`] are only collected if it does.
     pub whole_episodes: bool,
-}
-
-impl Needs {
-    /// Least requirement: the first frames of one episode.
-    pub const LEAST: Self = Self { episodes: 1, whole_episodes: false };
 }
 
 /// Query to a grouping, to assign episodes to a policy or to confirm one.
@@ -133,14 +131,16 @@ pub struct GroupingDecision {
     /// Evidence for and against each policy; empty if nothing was compared.
     pub evidence: Vec<Evidence>,
     /// Changepoint, in decisions of all environments, if the rollout shows two task groups. Only
-    /// the later group was judged, or in a trial only the earlier one, unless the policy was proposed
-    /// for a group that is over.
+    /// the later group was judged, or in a trial only the earlier one, unless `group_changed`.
     pub cut: Option<usize>,
+    /// `true` if the task group changed after the policy on trial was proposed: no policy may train
+    /// on earlier rollouts.
+    pub group_changed: bool,
     /// Trial that the named policy must pass once it acts, before the decision is final.
     pub trial: Trial,
-    /// `true` if there is evidence against the named policy, so that it must not train before its
-    /// trial.
-    pub provisional: bool,
+    /// `true` if the named policy is provisional: there is evidence against it, so it must not train
+    /// before its trial.
+    pub is_provisional: bool,
     /// Indices of the policies that are rejected until the next iteration.
     pub rejected: Vec<usize>,
     /// Indices of the policies that the evidence accepts, the named one included, of a grouping
@@ -167,8 +167,9 @@ impl GroupingDecision {
             nearest: None,
             evidence: Vec::new(),
             cut: None,
+            group_changed: false,
             trial: Trial::None,
-            provisional: false,
+            is_provisional: false,
             rejected: Vec::new(),
             accepted: Vec::new(),
         }

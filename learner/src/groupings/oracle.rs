@@ -10,17 +10,13 @@ use serde_json::Value;
 
 use crate::error::LearnerError;
 
-use super::grouping::{Candidates, Grouping, GroupingDecision, Learned, Lesson, Needs, Query};
+use super::grouping::{Candidates, Grouping, GroupingDecision, Learned, Lesson, Query};
 
 /// Grouping that assigns every rollout to policy 0: the paper's baselines Equi and CNN.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Single;
 
 impl Grouping for Single {
-    fn needs(&self) -> Needs {
-        Needs::LEAST
-    }
-
     fn assign(
         &mut self,
         _: Query<'_>,
@@ -68,10 +64,6 @@ impl Oracle {
 }
 
 impl Grouping for Oracle {
-    fn needs(&self) -> Needs {
-        Needs::LEAST
-    }
-
     fn assign(
         &mut self,
         query: Query<'_>,
@@ -125,7 +117,6 @@ pub(super) fn unlabelled() -> LearnerError {
 mod tests {
     use cluster::{Candidate, Contest};
     use rand::SeedableRng;
-    use rl::EnvSpec;
 
     use super::*;
     use crate::groupings::grouping::Episodes;
@@ -161,17 +152,7 @@ mod tests {
         let message = ask(&mut oracle, ROLLOUT).unwrap_err().to_string();
         assert!(message.contains("a grouping without labels"), "{message}");
         labels.set("a");
-        let spec = EnvSpec {
-            num_envs: 1,
-            image_shape: [1; 3],
-            vector_irreps: Vec::new(),
-            action_irreps: Vec::new(),
-        };
-        let first = Lesson::Rollout {
-            policy: 0,
-            accepted: &[],
-            episodes: Episodes { spec: &spec, collector: 0, courses: &[] },
-        };
+        let first = Lesson::Probes { policy: 0, probes: &[] };
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         oracle.learn(first, &mut rng).unwrap();
         let mut look = |label: &str, query| {

@@ -115,9 +115,6 @@ pub struct Iteration {
     /// Evidence for and against each policy that the grouping compared; empty for learners and
     /// groupings that compare nothing.
     pub evidence: Vec<Evidence>,
-    /// Evidence of the first decision that left the grouping undecided, so that more rollouts were
-    /// collected; `None` without such a decision.
-    pub first_rollout_evidence: Option<Vec<Evidence>>,
     /// Number of rollouts that the grouping left undecided, so that no policy trained on them.
     pub discarded: usize,
     /// Index of the policy that each one was merged into, if any; empty for learners and groupings
@@ -252,7 +249,7 @@ impl Iteration {
         metrics.add_number("looks", (1 + self.discarded) as f64);
         metrics.add_per_policy(DISTANCES, evidence.iter().map(|e| Some(e.distance)));
         for (name, number) in TEST_COLUMNS {
-            metrics.add_per_policy(name, evidence.iter().map(|e| e.test().map(number)));
+            metrics.add_per_policy(name, evidence.iter().map(|e| e.test.as_ref().map(number)));
         }
         if !self.merged_into.is_empty() {
             let heirs = self.merged_into.iter();

@@ -32,7 +32,8 @@ pub(super) fn joints(
         if let (Some(own), None) = (&mut joint.motion, mimic(of_file)) {
             if let Some([position, _]) = own.range.filter(|[lower, upper]| lower == upper) {
                 locked[index] = position;
-                lock(&mut joint, position, "its `lower` equals its `upper`", lines[index], report);
+                let reason = "its `lower` and `upper` are equal (0 where the file states none)";
+                lock(&mut joint, position, reason, lines[index], report);
             } else {
                 own.drive = PositionSource::Free { dof: num_dofs };
                 num_dofs += 1;
@@ -120,17 +121,17 @@ fn motion(
         _ => return None,
     };
     let limit = &joint.limit;
-    // limits of 1e6 and more stand for none, and so do speeds and efforts of zero or less
+    // limits of 1e6 and more stand for none
     let endless = limit.lower <= -MAX_NUMBER && limit.upper >= MAX_NUMBER;
     let range = [limit.lower, limit.upper].map(|end| end.clamp(-MAX_NUMBER, MAX_NUMBER));
-    let known = |value: f64| (value > 0.0 && value < MAX_NUMBER).then_some(value);
     let mut maximum = |name: &str, stated: f64, default: Option<f64>| {
-        let default = default.and_then(known).filter(|_| joint.mimic.is_none());
-        if let (None, Some(default)) = (known(stated), default) {
+        let stated = Some(stated).filter(|&stated| is_limit(stated));
+        let default = default.filter(|_| stated.is_none() && joint.mimic.is_none());
+        if let Some(default) = default {
             let note = format!("has no limit of {name}, so {default} is assumed");
             report.note(line, &format!("the joint `{}` {note}", joint.name));
         }
-        known(stated).or(default)
+        stated.or(default)
     };
     let dynamics = joint.dynamics.clone().unwrap_or_default();
     Some(JointMotion {
@@ -143,4 +144,9 @@ fn motion(
         friction: dynamics.friction,
         drive: PositionSource::Free { dof: 0 },
     })
+}
+
+/// Returns `true` if a speed or effort limits a joint: many files write zero or 1e6 for unknown.
+pub(super) fn is_limit(value: f64) -> bool {
+    value > 0.0 && value < MAX_NUMBER
 }

@@ -26,11 +26,10 @@ pub(super) fn link(
                 let own = meshes.shape(&stated.name, line, filename, scale, report);
                 shapes.extend(own.map(|own| PlacedShape { pose: pose * own.pose, ..own }));
             }
-            ref primitive => match primitive_shape(primitive) {
-                Some(shape) => shapes.push(PlacedShape { pose, shape }),
-                None => report
-                    .note(line, &format!("a shape without size of `{}` is left out", stated.name)),
-            },
+            ref primitive => {
+                let shape = primitive_shape(primitive, report.repair);
+                shapes.extend(shape.map(|shape| PlacedShape { pose, shape }));
+            }
         }
     }
     Link {
@@ -52,27 +51,27 @@ fn inertia(stated: &urdf_rs::Inertial) -> Option<Inertia> {
     is_massive.then_some(Inertia { mass, centre_of_mass: pose.position, tensor })
 }
 
-/// Converts a shape other than a mesh. `None` for one without size.
-fn primitive_shape(geometry: &Geometry) -> Option<Shape> {
-    match *geometry {
+/// Converts a shape other than a mesh. A repair enlarges sizes to [`MIN_SHAPE_SIZE`]; without it,
+/// returns `None` if one is smaller.
+fn primitive_shape(geometry: &Geometry, repair: bool) -> Option<Shape> {
+    let sized = |size: f64| {
+        let large = size.max(MIN_SHAPE_SIZE);
+        (repair || large == size).then_some(large)
+    };
+    Some(match *geometry {
         Geometry::Box { size } => {
-            sized(*size).map(|size| Shape::Box { half_extents: 0.5 * DVec3::from_array(size) })
+            let [x, y, z] = *size;
+            Shape::Box { half_extents: 0.5 * DVec3::new(sized(x)?, sized(y)?, sized(z)?) }
         }
         Geometry::Cylinder { radius, length } => {
-            sized([radius, length]).map(|[radius, length]| Shape::Cylinder { radius, length })
+            Shape::Cylinder { radius: sized(radius)?, length: sized(length)? }
         }
         Geometry::Capsule { radius, length } => {
-            sized([radius, length]).map(|[radius, length]| Shape::Capsule { radius, length })
+            Shape::Capsule { radius: sized(radius)?, length: sized(length)? }
         }
-        Geometry::Sphere { radius } => sized([radius]).map(|[radius]| Shape::Sphere { radius }),
-        Geometry::Mesh { .. } => None,
-    }
-}
-
-/// Enlarges sizes to [`MIN_SHAPE_SIZE`]. `None` if all are smaller.
-fn sized<const N: usize>(sizes: [f64; N]) -> Option<[f64; N]> {
-    let any = sizes.iter().any(|&size| size >= MIN_SHAPE_SIZE);
-    any.then(|| sizes.map(|size| size.max(MIN_SHAPE_SIZE)))
+        Geometry::Sphere { radius } => Shape::Sphere { radius: sized(radius)? },
+        Geometry::Mesh { .. } => return None,
+    })
 }
 
 /// Converts an `<origin>`.

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use super::collada;
-use super::xml::decode;
+use super::xml::{MAX_URDF_BYTES, decode, parse};
 use super::{Report, UrdfSettings, read};
 use crate::capsule::PlacedShape;
-use crate::error::MAX_NUMBER;
+use crate::error::{DescriptionError, MAX_NUMBER};
 use crate::fit::bounding_capsule;
 
 /// Maximum size of a mesh file (bytes).
@@ -22,21 +22,38 @@ pub(super) struct Meshes<'a> {
     /// The URDF's folder and those above it, nearest first, without symbolic links. Empty for a
     /// URDF that is no file.
     folders: Vec<PathBuf>,
-    /// Folder that no mesh may lie outside of, unless a package of the settings holds it.
-    root: PathBuf,
+    /// Folders that no mesh may lie outside of: the root, and the packages of the settings.
+    allowed: Vec<PathBuf>,
 }
 
 impl<'a> Meshes<'a> {
-    pub(super) fn new(settings: &'a UrdfSettings, folder: Option<&Path>) -> Self {
-        let real = |path: &Path| path.canonicalize().ok();
-        let own = folder.and_then(real).unwrap_or_default();
-        let limit = settings.mesh_root.as_deref().and_then(real);
-        let above = own.ancestors().filter(|path| path.parent().is_some()).take(SEARCHED);
-        let within = |path: &Path| limit.as_ref().is_none_or(|root| path.starts_with(root));
-        let folders = above.filter(|&path| path == own || within(path));
+    /// Prepares to read the meshes of a URDF in `folder`.
+    ///
+    /// # Errors
+    /// [`DescriptionError::InvalidFolder`] for a folder of the settings that does not exist.
+    pub(super) fn new(
+        settings: &'a UrdfSettings,
+        folder: Option<&Path>,
+    ) -> Result<Self, DescriptionError> {
+        let real = |setting: String, stated: &PathBuf| {
+            let found = stated.canonicalize().ok().filter(|found| found.is_dir());
+            found.ok_or(DescriptionError::InvalidFolder { setting, folder: stated.clone() })
+        };
+        let packages = settings.packages.iter();
+        let packages = packages
+            .map(|(name, stated)| real(format!("UrdfSettings::packages[\"{name}\"]"), stated));
+        let mut allowed: Vec<PathBuf> = packages.collect::<Result<_, _>>()?;
+        let root = settings.mesh_root.as_ref();
+        let root = root.map(|root| real("UrdfSettings::mesh_root".to_owned(), root)).transpose()?;
+        let own = folder.and_then(|folder| folder.canonicalize().ok());
+        let above = own.iter().flat_map(|own| own.ancestors().skip(1).take(SEARCHED - 1));
+        // `/` is no folder of packages
+        let above = above.filter(|path| path.parent().is_some());
+        let within = |path: &&Path| root.as_ref().is_none_or(|root| path.starts_with(root));
+        let folders = own.as_deref().into_iter().chain(above.filter(within));
         let folders: Vec<PathBuf> = folders.map(Path::to_owned).collect();
-        let root = limit.or_else(|| folders.last().cloned()).unwrap_or_default();
-        Self { settings, folders, root }
+        allowed.extend(root.or_else(|| folders.last().cloned()));
+        Ok(Self { settings, folders, allowed })
     }
 
     /// Returns a capsule that encloses the points of a mesh. `None` if meshes are ignored, and for
@@ -52,103 +69,169 @@ impl<'a> Meshes<'a> {
         if self.settings.ignore_meshes {
             return None;
         }
-        match self.points(file) {
-            Ok(points) if !points.is_empty() => {
-                let points: Vec<DVec3> = points.into_iter().map(|point| scale * point).collect();
-                return Some(bounding_capsule(&points));
+        let place = format!("the link `{link}` collides as the mesh `{file}`, which");
+        let file = file.replace('\\', "/");
+        let path = self.find(&file, report);
+        // the user says where such a package is, so that must not be overlooked
+        if let (Err(reason), true) = (&path, self.is_mapped(&file)) {
+            let problem = format!("cannot be used: {reason}");
+            report.reject(line, DescriptionError::InvalidElement { place, problem });
+            return None;
+        }
+        let points = path.and_then(|path| {
+            let points = scaled_points(&path, scale, report);
+            points.map_err(|reason| format!("`{}`: {reason}", path.display()))
+        });
+        match points {
+            Ok(points) if !points.is_empty() => return Some(bounding_capsule(&points)),
+            Ok(_) => report.note(line, &format!("{place} holds no points; it is left out")),
+            Err(reason) => {
+                let missing = format!("line {line}: {place} cannot be used: {reason}");
+                report.missing_shapes.push(missing);
             }
-            Ok(_) => report.note(line, &format!("the mesh `{file}` of `{link}` holds no points")),
-            Err(reason) => report.unread_meshes.push(format!(
-                "line {line}: the link `{link}` collides as the mesh `{file}`, which cannot be \
-                 used: {reason}"
-            )),
         }
         None
     }
 
-    fn points(&self, file: &str) -> Result<Vec<DVec3>, String> {
-        let path = self.find(file)?;
-        let bytes = read(&path, MAX_BYTES).map_err(|error| error.to_string());
-        let points = bytes.and_then(|bytes| points(&path, bytes));
-        let is_near = |point: &DVec3| point.abs().max_element() <= MAX_NUMBER;
-        let points = points.and_then(|points| {
-            let all = points.iter().all(is_near);
-            if all { Ok(points) } else { Err("it holds points beyond 1e6".to_owned()) }
-        });
-        points.map_err(|reason| format!("`{}`: {reason}", path.display()))
+    /// Returns `true` if a file is in a package of the settings.
+    fn is_mapped(&self, file: &str) -> bool {
+        package(file).is_some_and(|(name, _)| self.settings.packages.contains_key(name))
     }
 
     /// Finds the file that a URDF names. The error lists the paths that were tried.
-    fn find(&self, file: &str) -> Result<PathBuf, String> {
-        if self.folders.is_empty() {
+    fn find(&self, file: &str, report: &mut Report) -> Result<PathBuf, String> {
+        let Some(own) = self.folders.first() else {
             return Err("the URDF was read without its folder; use `from_urdf_file`".to_owned());
-        }
-        let tried = self.candidates(&file.replace('\\', "/"))?;
-        let mut outside = String::new();
-        for path in tried.iter().filter_map(|path| path.canonicalize().ok()) {
-            let mut packages = self.settings.packages.iter().map(|(_, folder)| folder.as_path());
-            let inside = |folder: &Path| folder.canonicalize().is_ok_and(|f| path.starts_with(f));
-            if path.is_file() && (inside(&self.root) || packages.any(inside)) {
-                return Ok(path);
+        };
+        let (tried, known) = match (package(file), file.split_once("://")) {
+            (Some((name, path)), _) => {
+                let (roots, known) = self.roots(name);
+                (roots.iter().map(|root| root.join(path)).collect(), known)
             }
-            outside = format!("; no file outside of `{}` is read", self.root.display());
+            (None, None) => (vec![own.join(file)], 1),
+            (None, Some(("file", path))) => (vec![own.join(path)], 1),
+            (None, Some((scheme, _))) => {
+                let read = "only package://, model:// and file://";
+                return Err(format!("`{scheme}://` is not read, {read}"));
+            }
+        };
+        let real = |path: &PathBuf| path.canonicalize().ok().filter(|real| real.is_file());
+        let mut existing = tried.iter().map(real).enumerate();
+        let found = existing.find_map(|(index, path)| Some((index, path?)));
+        let Some((index, found)) = found else {
+            let paths: Vec<String> =
+                tried.iter().map(|path| format!("`{}`", path.display())).collect();
+            let advice = match package(file) {
+                Some(_) => "give the right folder of its package in `UrdfSettings::packages`",
+                None => "correct its `filename`",
+            };
+            return Err(format!("no such file, tried {}; {advice}", paths.join(", ")));
+        };
+        if !self.allowed.iter().any(|folder| found.starts_with(folder)) {
+            let root = self.allowed.last().unwrap_or(own).display();
+            return Err(format!(
+                "`{}` is outside of `{root}`, and no file there is read; give a folder around both \
+                 as `UrdfSettings::mesh_root`",
+                found.display()
+            ));
         }
-        let tried: Vec<String> = tried.iter().map(|path| format!("`{}`", path.display())).collect();
-        Err(format!(
-            "no such file, tried {}{outside}; give the folder of its package in \
-             `UrdfSettings::packages`, or the folder around all files as `UrdfSettings::mesh_root`",
-            tried.join(", ")
-        ))
+        if let (true, Some((name, _))) = (index >= known, package(file)) {
+            let note = format!(
+                "no folder of the package `{name}` has all its meshes, so some are read from other \
+                 folders around the URDF; give its folder in `UrdfSettings::packages`"
+            );
+            report.note(0, &note);
+        }
+        Ok(found)
     }
 
-    /// Returns the paths at which a file may lie, the most likely one first.
-    fn candidates(&self, file: &str) -> Result<Vec<PathBuf>, String> {
-        let (scheme, path) = file.split_once("://").unwrap_or(("", file));
-        match scheme {
-            "" | "file" => Ok(vec![self.folders[0].join(path)]),
-            "package" | "model" => {
-                let (name, path) = path.split_once('/').unwrap_or(("", path));
-                let given = self.settings.packages.iter().find(|(given, _)| given == name);
-                // a package's folder may have another name than the package
-                let near = self.folders.iter().flat_map(|near| [near.join(name), near.clone()]);
-                let folders =
-                    given.map_or_else(|| near.collect(), |(_, given)| vec![given.clone()]);
-                Ok(folders.into_iter().map(|folder| folder.join(path)).collect())
-            }
-            other => {
-                Err(format!("`{other}://` is not read, only package://, model:// and file://"))
-            }
+    /// Returns the folders that may be the root of a package, the most likely one first, and the
+    /// number of them that are no guesses.
+    ///
+    /// A folder of the settings is the only one. Else come folders that have the package's name,
+    /// and those whose `package.xml` has it. A copied package often has another name, so each other
+    /// folder around the URDF may be it, unless it is another package.
+    fn roots(&self, name: &str) -> (Vec<PathBuf>, usize) {
+        if let Some(folder) = self.settings.packages.get(name) {
+            return (vec![folder.clone()], 1);
         }
+        let mut roots: Vec<PathBuf> = self.folders.iter().map(|near| near.join(name)).collect();
+        let others = self.folders.iter().filter(|near| !roots.contains(near));
+        let others: Vec<_> = others.map(|near| (near, package_name(near))).collect();
+        let with = |stated: Option<&str>| {
+            let same = others.iter().filter(move |(_, of)| of.as_deref() == stated);
+            same.map(|(near, _)| (*near).clone()).collect::<Vec<_>>()
+        };
+        roots.extend(with(Some(name)));
+        let known = roots.len();
+        roots.extend(with(None));
+        (roots, known)
     }
 }
 
+/// Returns the package that a file name starts with, and the path in it.
+fn package(file: &str) -> Option<(&str, &str)> {
+    let path = file.strip_prefix("package://").or_else(|| file.strip_prefix("model://"))?;
+    Some(path.split_once('/').unwrap_or((path, "")))
+}
+
+/// Returns the name of the ROS package whose root is `folder`; `None` if it is none.
+fn package_name(folder: &Path) -> Option<String> {
+    let text = decode(read(&folder.join("package.xml"), MAX_URDF_BYTES).ok()?);
+    let name = |package: roxmltree::Node| {
+        let name = package.children().find(|child| child.has_tag_name("name"))?;
+        Some(name.text()?.trim().to_owned())
+    };
+    parse(&text, "package", name).ok()?
+}
+
+/// Reads all points of a mesh (metres).
+fn scaled_points(path: &Path, scale: DVec3, report: &mut Report) -> Result<Vec<DVec3>, String> {
+    let bytes = read(path, MAX_BYTES).map_err(|error| error.to_string())?;
+    let mut points = points(path, bytes, report)?;
+    for point in &mut points {
+        *point *= scale;
+        // a comparison that is false for NaN, too
+        if !point.abs().cmple(DVec3::splat(MAX_NUMBER)).all() {
+            return Err(format!("its point {point}, as scaled, is not within 1e6 m of zero"));
+        }
+    }
+    Ok(points)
+}
+
 /// Returns all points of a mesh, with repetitions.
-fn points(path: &Path, bytes: Vec<u8>) -> Result<Vec<DVec3>, String> {
+fn points(path: &Path, bytes: Vec<u8>, report: &mut Report) -> Result<Vec<DVec3>, String> {
     if bytes.len() > MAX_BYTES {
         return Err("it has more than 64 MB".to_owned());
     }
     let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
     match extension.to_str() {
-        // a binary STL may start with `solid`, too
-        Some("stl") => match std::str::from_utf8(&bytes) {
-            Ok(text) if text.contains("vertex") => named(text, "vertex"),
-            _ => binary_stl(&bytes),
-        },
-        Some("obj") => named(&decode(bytes), "v"),
-        Some("dae") => collada::points(&decode(bytes)),
+        // binary STL may start with `solid`, too, but its number of triangles has a zero byte
+        Some("stl") if bytes.contains(&0) => binary_stl(&bytes),
+        Some("stl") => vertices(&decode(bytes), "vertex"),
+        Some("obj") => vertices(&decode(bytes), "v"),
+        Some("dae") => {
+            let (points, note) = collada::points(&decode(bytes))?;
+            note.into_iter().for_each(|note| report.note(0, note));
+            Ok(points)
+        }
         _ => Err("only STL, OBJ and DAE (COLLADA) files are read".to_owned()),
     }
 }
 
 /// Parses a binary STL: 80 bytes, the number of triangles, and for each a normal, three points and
-/// two bytes. The number is wrong in many files, so the length decides.
+/// two bytes. Some files lack the number, or have it wrong, so the length may decide.
 fn binary_stl(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
-    let triangles = bytes.get(84..).unwrap_or_default().as_chunks::<50>().0;
-    if triangles.is_empty() && ![80, 84].contains(&bytes.len()) {
-        return Err("it is neither a text with `vertex` nor binary STL".to_owned());
+    let (triangles, rest) = bytes.get(84..).unwrap_or_default().as_chunks::<50>();
+    let stated = bytes.get(80..84).and_then(|count| count.try_into().ok());
+    let stated = stated.map_or(0, |count| u32::from_le_bytes(count) as usize);
+    let count = if rest.is_empty() { triangles.len() } else { stated };
+    if bytes.len() < 80 || count > triangles.len() || (count == 0 && !rest.is_empty()) {
+        return Err(format!("as binary STL, {} bytes do not hold {stated} triangles", bytes.len()));
     }
     let number = |word: &[u8; 4]| f64::from(f32::from_le_bytes(*word));
-    let corners = triangles.iter().flat_map(|triangle| triangle[12..48].as_chunks::<12>().0);
+    let corners = triangles[..count].iter();
+    let corners = corners.flat_map(|triangle| triangle[12..48].as_chunks::<12>().0);
     let point = |corner: &[u8; 12]| {
         let [x, y, z] = [0, 1, 2].map(|axis| number(&corner.as_chunks::<4>().0[axis]));
         DVec3::new(x, y, z)
@@ -157,11 +240,11 @@ fn binary_stl(bytes: &[u8]) -> Result<Vec<DVec3>, String> {
 }
 
 /// Parses the points of a text, three numbers on each line that starts with `word`.
-fn named(text: &str, word: &str) -> Result<Vec<DVec3>, String> {
+fn vertices(text: &str, word: &str) -> Result<Vec<DVec3>, String> {
     let mut points = Vec::new();
     for line in text.lines() {
         let mut words = line.split_whitespace();
-        if words.next() != Some(word) {
+        if !words.next().is_some_and(|first| first.eq_ignore_ascii_case(word)) {
             continue;
         }
         let mut number = || words.next()?.parse().ok();
@@ -169,7 +252,7 @@ fn named(text: &str, word: &str) -> Result<Vec<DVec3>, String> {
         let ((x, y), z) = point.ok_or("a point of it has fewer than three numbers")?;
         points.push(DVec3::new(x, y, z));
     }
-    Ok(points)
+    if points.is_empty() { Err(format!("no line of it starts with `{word}`")) } else { Ok(points) }
 }
 
 #[cfg(test)]
@@ -191,10 +274,12 @@ mod tests {
         for (name, bytes) in
             [("a.STL", binary), ("a.stl", text.into_bytes()), ("a.obj", object.into_bytes())]
         {
-            assert_eq!(points(Path::new(name), bytes).unwrap(), expected, "{name}");
+            let found = points(Path::new(name), bytes, &mut Report::default());
+            assert_eq!(found.unwrap(), expected, "{name}");
         }
         for empty in [80, 84] {
-            assert_eq!(points(Path::new("a.stl"), vec![0; empty]).unwrap(), []);
+            let found = points(Path::new("a.stl"), vec![0; empty], &mut Report::default());
+            assert_eq!(found.unwrap(), []);
         }
     }
 
@@ -204,10 +289,12 @@ mod tests {
             ("a.ply", "v 1 2 3", "only STL"),
             ("a.obj", "v 1 2", "fewer than three"),
             ("a.obj", "v 1 2 x", "fewer than three"),
-            ("a.stl", "solid", "neither a text"),
+            ("a.stl", "solid", "no line of it starts with `vertex`"),
+            ("a.obj", "<html>", "no line of it starts with `v`"),
             ("a.dae", "v 1 2 3", "COLLADA"),
         ] {
-            let error = points(Path::new(name), bytes.into()).unwrap_err();
+            let found = points(Path::new(name), bytes.into(), &mut Report::default());
+            let error = found.unwrap_err();
             assert!(error.contains(words), "{error}");
         }
     }

@@ -58,6 +58,9 @@ pub(super) fn restrict(
 /// Returns the part of the range `whole` in which the follower stays within its `own` range.
 /// `None` if nothing is left.
 fn narrowed(whole: [f64; 2], own: [f64; 2], multiplier: f64, offset: f64) -> Option<[f64; 2]> {
+    if own[0] > own[1] || whole[0] > whole[1] {
+        return None;
+    }
     let led = led(whole, multiplier, offset);
     let is_range = own[0] < own[1];
     if is_range && own[0] - ROUNDING <= led[0] && led[1] <= own[1] + ROUNDING {
@@ -105,6 +108,9 @@ mod tests {
             (whole, [2.0 - 2e-6, 4.0], 1.0, 0.0, Some([2.0 - 2e-6, 2.0])),
             (whole, [0.5, 0.5], 1.0, 0.0, None),
             (whole, [0.5, 0.5], 0.0, 0.5, None),
+            // lower limits above the upper ones
+            (whole, [3.0, -3.0], 1.5, 0.0, None),
+            ([2.0, -1.0], [-3.0, 3.0], 1.5, 0.0, None),
             // a leader without end, and followers that it hardly moves
             (ENDLESS, [-1.0, 1.0], 0.5, 0.0, Some([-2.0, 2.0])),
             (ENDLESS, [-1.0, 1.0], 1e-5, 0.0, Some([-1e5, 1e5])),

@@ -8,6 +8,7 @@ use roxmltree::{Document, Error, Node, ParsingOptions};
 
 use super::Report;
 use crate::error::{DescriptionError, MAX_NUMBER};
+use crate::fit::MIN_SHAPE_SIZE;
 use crate::mjcf::xml_escaped;
 
 /// Maximum size of a URDF (bytes).
@@ -63,43 +64,96 @@ pub(super) fn clean(text: &str, report: &mut Report) -> Result<Cleaned, Descript
     if text.len() > MAX_URDF_BYTES {
         return Err(DescriptionError::FileTooLong { limit: MAX_URDF_BYTES });
     }
+    let written = parse(text, "robot", |robot| written(robot, report));
+    written.unwrap_or_else(|message| Err(DescriptionError::InvalidSyntax { message }))
+}
+
+/// Parses an XML text that consists of the element `name`, and calls `read` with that element.
+///
+/// Comments and document types may hold anything but entities. Prefixes may lack a declaration, as
+/// in `<sensor:camera>`. The error names the line.
+pub(super) fn parse<T>(text: &str, name: &str, read: impl FnOnce(Node) -> T) -> Result<T, String> {
     // the text is decoded already, and a declaration may stand only at the start
-    let mut text = without_hyphens(text).replacen("<?xml ", "<?was ", 1);
+    let mut text = without_comments(text)?.replacen("<?xml ", "<?was ", 1);
     // rough counts, taken before the parsing whose cost they limit
-    let tags = || text.split('<').filter(|tag| !tag.starts_with("!--"));
+    let tags = || text.split('<');
     if tags().map(|tag| tag.matches("xmlns").count()).sum::<usize>() > MAX_NAMESPACES {
-        return syntax(format!("more than {MAX_NAMESPACES} namespaces are declared"));
+        return Err(format!("more than {MAX_NAMESPACES} namespaces are declared"));
     }
     if tags().any(|tag| tag.matches('=').count() > MAX_ATTRIBUTES) {
-        return syntax(format!("an element has more than {MAX_ATTRIBUTES} attributes"));
+        return Err(format!("an element has more than {MAX_ATTRIBUTES} attributes"));
     }
+    let alone = format!("expected one `<{name}>` and, around it, only blanks and comments");
+    let start = format!("<{name}");
     for _ in 0..=MAX_NAMESPACES {
-        let error = match Document::parse_with_options(&text, options()) {
-            Ok(document) => return written(document.root_element(), report),
+        let options =
+            ParsingOptions { allow_dtd: true, nodes_limit: MAX_NODES, ..ParsingOptions::default() };
+        let error = match Document::parse_with_options(&text, options) {
+            Ok(document) if document.root_element().has_tag_name(name) => {
+                return Ok(read(document.root_element()));
+            }
+            Ok(document) => {
+                let found = document.root_element().tag_name().name();
+                return Err(format!("`<{found}>`: {alone}"));
+            }
             Err(error) => error,
         };
         let line = error.pos().row;
-        match (error, text.find("<robot")) {
-            // old files use prefixes of tools, such as `<sensor:camera>`, without a declaration
+        match (error, text.find(&start)) {
             (Error::UnknownNamespace(prefix, _), Some(root)) => {
                 let namespace = format!(" xmlns:{prefix}=\"unknown:{prefix}\"");
-                text.insert_str(root + "<robot".len(), &namespace);
+                text.insert_str(root + start.len(), &namespace);
             }
             (Error::UnknownToken(_) | Error::NoRootNode, _) => {
-                return syntax(format!("line {line}: {ALONE}"));
+                return Err(format!("line {line}: {alone}"));
             }
-            (error, _) => return syntax(format!("line {line}: broken XML, {error}")),
+            (error, _) => return Err(format!("line {line}: broken XML, {error}")),
         }
     }
-    syntax(format!("more than {MAX_NAMESPACES} prefixes are not declared"))
+    Err(format!("more than {MAX_NAMESPACES} prefixes are not declared"))
 }
 
-/// Writes the element `<robot>`, which must be the root and hold no xacro where it is read.
-fn written(root: Node, report: &mut Report) -> Result<Cleaned, DescriptionError> {
-    let name = root.tag_name().name();
-    if name != "robot" {
-        return syntax(format!("`<{name}>` is not URDF: {ALONE}"));
+/// Start and end of a comment, and of other parts of XML that may hold anything.
+const SECTIONS: [(&str, &str); 3] = [("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>")];
+
+/// Empties comments, since XML forbids two hyphens in them and many files are decorated so. Line
+/// numbers stay.
+///
+/// Rejects entities, which may expand to gigabytes: URDF and COLLADA need none.
+fn without_comments(text: &str) -> Result<String, String> {
+    let (mut kept, mut rest) = (String::with_capacity(text.len()), text);
+    while let Some(start) = rest.find('<') {
+        let (before, tag) = rest.split_at(start);
+        if tag.starts_with("<!ENTITY") {
+            let line = 1 + text[..text.len() - tag.len()].matches('\n').count();
+            return Err(format!(
+                "line {line}: `<!ENTITY` declares an entity, and entities are not read; write their \
+                 values where they are used"
+            ));
+        }
+        kept += before;
+        let Some((open, close)) = SECTIONS.iter().find(|(open, _)| tag.starts_with(open)) else {
+            kept.push('<');
+            rest = &tag[1..];
+            continue;
+        };
+        let Some(length) = tag[open.len()..].find(close) else {
+            rest = tag;
+            break;
+        };
+        let (section, after) = tag.split_at(open.len() + length + close.len());
+        if *open == "<!--" {
+            kept += &format!("<!--{}-->", "\n".repeat(section.matches('\n').count()));
+        } else {
+            kept += section;
+        }
+        rest = after;
     }
+    Ok(kept + rest)
+}
+
+/// Writes the element `<robot>`, which must hold no xacro where it is read.
+fn written(root: Node, report: &mut Report) -> Result<Cleaned, DescriptionError> {
     let mut open = vec![root];
     while let Some(node) = open.pop() {
         if let Some(found) = template(node) {
@@ -113,28 +167,6 @@ fn written(root: Node, report: &mut Report) -> Result<Cleaned, DescriptionError>
     write(&mut text, "robot", Some(root), report);
     let lines = |tag| elements(root, tag).map(line).collect();
     Ok(Cleaned { text, link_lines: lines("link"), joint_lines: lines("joint") })
-}
-
-pub(super) fn options<'a>() -> ParsingOptions<'a> {
-    ParsingOptions { allow_dtd: true, nodes_limit: MAX_NODES, ..ParsingOptions::default() }
-}
-
-/// Expectation in the message about a file that is not one `<robot>` element.
-const ALONE: &str = "expected one `<robot>` and, around it, only blanks and comments";
-
-fn syntax<T>(message: String) -> Result<T, DescriptionError> {
-    Err(DescriptionError::InvalidSyntax { message })
-}
-
-/// Replaces hyphens in comments, since XML forbids two of them and many files are decorated so.
-fn without_hyphens(text: &str) -> String {
-    let (mut kept, mut rest) = (String::with_capacity(text.len()), text);
-    while let Some((before, after)) = rest.split_once("<!--") {
-        let (comment, after) = after.split_once("-->").unwrap_or((after, ""));
-        kept += &format!("{before}<!--{}-->", comment.replace('-', "_"));
-        rest = after;
-    }
-    kept + rest
 }
 
 /// Describes the element, or one of its attributes, that `xacro` should have expanded, if there is
@@ -203,11 +235,16 @@ const OF_JOINT: [&str; 7] = ["origin", "axis", "limit", "dynamics", "mimic", "pa
 const OF_MOTION: [&str; 4] = ["axis", "limit", "dynamics", "mimic"];
 const REPEATED: [&str; 3] = ["link", "joint", "collision"];
 /// Attributes and elements without which a file is refused. Others have default values.
-const REQUIRED_ATTRIBUTES: [&str; 5] = ["type", "link", "joint", "value", "filename"];
+const REQUIRED_ATTRIBUTES: [&str; 11] =
+    ["type", "link", "joint", "value", "filename", "radius", "length", "size", "ixx", "iyy", "izz"];
+const SIZE_ATTRIBUTES: [&str; 3] = ["radius", "length", "size"];
 const REQUIRED_ELEMENTS: [&str; 5] = ["mass", "geometry", SHAPES, "parent", "child"];
 
 const NUMBER: &str = "a finite number up to 1e6";
 const VECTOR: &str = "three numbers up to 1e6 with blanks between";
+const SCALE: &str = "three numbers up to 1e6, none of them zero";
+const SIZE: &str = "1e-6 to 1e6 metres";
+const SIZES: &str = "three numbers, each 1e-6 to 1e6 metres";
 const KINDS: [&str; 4] = ["revolute", "continuous", "prismatic", "fixed"];
 
 /// Returns the default of an attribute, a check of its value, and the values expected.
@@ -224,15 +261,11 @@ fn rule(element: &str, attribute: &str) -> (&'static str, fn(&str) -> bool, &'st
         (_, "value" | "damping" | "friction") => {
             ("0", |text| all::<1>(text, not_negative), "zero or more, up to 1e6")
         }
-        (_, "radius" | "length") => {
-            ("0", |text| all::<1>(text, not_negative), "zero or more metres")
-        }
-        (_, "size") => {
-            ("0 0 0", |text| all::<3>(text, not_negative), "three numbers, zero or more metres")
-        }
+        (_, "radius" | "length") => ("0", |text| all::<1>(text, not_negative), SIZE),
+        (_, "size") => ("0 0 0", |text| all::<3>(text, not_negative), SIZES),
         ("axis", _) => ("1 0 0", is_axis, "a direction: three numbers, not all of them zero"),
         (_, "xyz" | "rpy") => ("0 0 0", |text| all::<3>(text, bounded), VECTOR),
-        (_, "scale") => ("1 1 1", |text| all::<3>(text, bounded), VECTOR),
+        (_, "scale") => ("1 1 1", |text| all::<3>(text, |n| bounded(n) && n != 0.0), SCALE),
         (_, "quat_xyzw") => ("", |_| false, "`rpy` instead"),
         (_, "multiplier") => ("1", |text| all::<1>(text, bounded), NUMBER),
         _ => ("0", |text| all::<1>(text, bounded), NUMBER),
@@ -253,6 +286,12 @@ fn not_negative(number: f64) -> bool {
     (0.0..=MAX_NUMBER).contains(&number)
 }
 
+/// Returns `true` if one of the sizes in a text is too small for MuJoCo.
+fn is_small(sizes: &str) -> bool {
+    let small = |size: f64| size < MIN_SHAPE_SIZE;
+    sizes.split_whitespace().any(|size| size.parse().is_ok_and(small))
+}
+
 fn is_axis(text: &str) -> bool {
     all::<3>(text, bounded) && !all::<3>(text, |number| number.abs() < SHORTEST_AXIS)
 }
@@ -262,13 +301,23 @@ fn write(text: &mut String, name: &str, node: Option<Node>, report: &mut Report)
     let read = READ.iter().find(|(names, ..)| names.split('|').any(|of| of == name));
     let (_, attributes, children) = read.unwrap_or(&("", &[], &[]));
     *text += &format!("<{name}");
+    // such a joint has no ends, whatever its `<limit>` says
+    let around = node.and_then(|node| node.parent());
+    let is_endless = around.and_then(|around| around.attribute("type")) == Some("continuous");
     for attribute in *attributes {
         let (default, holds, expected) = rule(name, attribute);
         let stated = node.and_then(|node| node.attribute(*attribute));
+        let stated = stated.filter(|_| !(is_endless && ["lower", "upper"].contains(attribute)));
         let value = stated.filter(|value| holds(value));
         match (node, stated) {
             (Some(node), Some(stated)) if value.is_none() => {
                 reject(report, node, attribute, unexpected(stated, expected));
+            }
+            (Some(node), Some(stated))
+                if SIZE_ATTRIBUTES.contains(attribute) && is_small(stated) =>
+            {
+                let problem = unexpected(stated, expected);
+                report.small_size(line(node), &format!("{} {problem}", place(node, attribute)));
             }
             (Some(node), None) if REQUIRED_ATTRIBUTES.contains(attribute) => {
                 reject(report, node, "", format!("has no `{attribute}`; add it"));
@@ -281,11 +330,15 @@ fn write(text: &mut String, name: &str, node: Option<Node>, report: &mut Report)
     // what a fixed joint says of its motion is often wrong, and never needed
     let is_fixed = node.and_then(|node| node.attribute("type")) == Some("fixed");
     for inside in children.iter().filter(|inside| !(is_fixed && OF_MOTION.contains(*inside))) {
-        let most = if REPEATED.contains(inside) { usize::MAX } else { 1 };
-        let found = node.into_iter().flat_map(|node| elements(node, inside)).take(most);
+        let found = node.into_iter().flat_map(|node| elements(node, inside));
         let found: Vec<Node> = found.collect();
-        for &child in &found {
-            write(text, child.tag_name().name(), Some(child), report);
+        for (index, &child) in found.iter().enumerate() {
+            if index == 0 || REPEATED.contains(inside) {
+                write(text, child.tag_name().name(), Some(child), report);
+            } else {
+                let ignored = "is ignored, because an element before it is read instead";
+                report.note(line(child), &format!("{} {ignored}", place(child, "")));
+            }
         }
         let is_required = REQUIRED_ELEMENTS.contains(inside);
         // `urdf-rs` demands an inertia with every mass
@@ -315,7 +368,12 @@ fn check_limit(joint: Node, report: &mut Report) {
     let texts = ["lower", "upper"].map(|end| limit.attribute(end).unwrap_or("0"));
     let [lower, upper] = texts.map(|end| end.trim().parse().unwrap_or(f64::NAN));
     if lower > upper {
-        reject(report, limit, "lower", unexpected(texts[0], "a position not above `upper`"));
+        let place = place(limit, "lower");
+        report.note(line(limit), &format!("{place} is above `upper`: {lower} to {upper}"));
+    } else if lower >= MAX_NUMBER || upper <= -MAX_NUMBER {
+        let end = if lower >= MAX_NUMBER { 0 } else { 1 };
+        let problem = unexpected(texts[end], "a range with positions within 1e6 of zero");
+        reject(report, limit, ["lower", "upper"][end], problem);
     }
 }
 
@@ -325,8 +383,7 @@ fn unexpected(value: &str, expected: &str) -> String {
 
 /// Reports a problem of an element or, with a name, of its attribute.
 fn reject(report: &mut Report, node: Node, attribute: &str, problem: String) {
-    let of = if attribute.is_empty() { String::new() } else { format!("`{attribute}` of ") };
-    let place = of + &place(node);
+    let place = place(node, attribute);
     report.reject(line(node), DescriptionError::InvalidElement { place, problem });
 }
 
@@ -346,16 +403,18 @@ fn line(node: Node) -> usize {
     node.document().text_pos_at(node.range().start).row as usize
 }
 
-/// Describes an element in a message, such as "`<limit>` of the joint `elbow`".
-fn place(node: Node) -> String {
+/// Describes an element or, with a name, its attribute in a message, such as "`lower` of `<limit>`
+/// of the joint `elbow`".
+fn place(node: Node, attribute: &str) -> String {
+    let of = if attribute.is_empty() { String::new() } else { format!("`{attribute}` of ") };
     let tag = node.tag_name().name();
     let is_owner = |around: &Node| ["link", "joint"].contains(&around.tag_name().name());
     let Some(owner) = node.ancestors().find(is_owner) else {
-        return format!("`<{tag}>`");
+        return format!("{of}`<{tag}>`");
     };
     let name = quoted(owner.attribute("name").unwrap_or_default());
     let named = format!("the {} `{name}`", owner.tag_name().name());
-    if owner == node { named } else { format!("`<{tag}>` of {named}") }
+    if owner == node { of + &named } else { format!("{of}`<{tag}>` of {named}") }
 }
 
 #[cfg(test)]
@@ -393,10 +452,11 @@ mod tests {
             ("<!-- - -- ---><link name='a'/>text<?p '?><![CDATA[<b/>]]>", &["a"]),
             ("<h:camera h:x='1'/><link name='a'/><i:j/>", &["a"]),
             ("<gazebo><xacro:grey/><a b='${c}'/></gazebo><link name='a'/>", &["a"]),
-            ("<link name='&n;'/>", &["entity"]),
+            ("<!-- <!ENTITY n 'e'> --><link name='a-b'/><![CDATA[<!ENTITY n 'e'>]]>", &["a-b"]),
+            ("<![CDATA[<!--]]><link name='a-b'/><![CDATA[-->]]>", &["a-b"]),
         ] {
-            let head = "\n<!-- -- -->\n<?xml version='1.0' encoding='latin1'?>\n<!DOCTYPE robot \
-                        [<!ENTITY n 'entity'>]>\n<robot xmlns:g='g' xmlns:xacro='x'>";
+            let head = "\n<!-- -- <robot -->\n<?xml version='1.0' encoding='latin1'?>\n<!DOCTYPE \
+                        robot [<!ELEMENT a ANY>]>\n<robot xmlns:g='g' xmlns:xacro='x'>";
             assert_eq!(links(&format!("{head}{inside}</robot>\n")), names, "{inside}");
         }
         let crowded = format!("<!-- {} -->", "= xmlns ".repeat(2 * MAX_ATTRIBUTES));

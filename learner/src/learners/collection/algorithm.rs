@@ -54,7 +54,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
             let query = Query::Rollout { can_wait: iteration.can_wait() };
             let mut decision = self.assign(query, &observed, &mut iteration.seconds)?;
             if decision.policy == Decision::Undecided {
-                self.discard(decision, &mut iteration);
+                self.discard(&mut iteration);
                 continue;
             }
             observed.drop_before_changepoint(decision.cut);
@@ -68,7 +68,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
             {
                 break (actor, decision);
             }
-            self.discard(decision, &mut iteration);
+            self.discard(&mut iteration);
         };
         // Extension: groupings that remember whole episodes learn, too.
         let learned = self.teach_grouping(actor, &decision, &mut iteration.seconds)?;
@@ -95,7 +95,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         rng: &mut ChaCha8Rng,
     ) -> Result<Recognised, LearnerError> {
         let observed = self.watch(env, episodes, rng)?;
-        if !self.has_learnt() {
+        if !self.has_trained() {
             return Ok(Recognised { policy: 0, fits: true });
         }
         let mut candidates =
@@ -218,7 +218,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         seconds: &mut IterationSeconds,
     ) -> Result<GroupingDecision, LearnerError> {
         // the paper starts with an empty `B`, for which no distance exists
-        if !self.has_learnt() {
+        if !self.has_trained() {
             return Ok(GroupingDecision::of(Decision::Existing(0)));
         }
         let clock = Instant::now();
@@ -231,7 +231,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     }
 
     /// Tests for a first rollout: policy 0 has taken one.
-    fn has_learnt(&self) -> bool {
+    fn has_trained(&self) -> bool {
         self.policies[0].buffer.seen() > 0
     }
 

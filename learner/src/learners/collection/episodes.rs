@@ -78,7 +78,7 @@ pub trait Rollout {
     /// A collection that is not finished.
     fn truncate(&mut self, steps: usize) -> Result<(), RlError>;
 
-    /// Keeps only the latest `collections` collections since an algorithm last learnt. A rollout
+    /// Keeps only the latest `collections` collections since an algorithm last trained. A rollout
     /// that holds a single collection forgets it when the next one begins.
     fn keep_latest(&mut self, _collections: usize) {}
 }

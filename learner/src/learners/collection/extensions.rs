@@ -17,10 +17,9 @@ use super::settings::{Handover, PolicyCollectionSettings, RolloutOf, Training};
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Discards a rollout that the grouping left undecided.
-    pub(super) fn discard(&mut self, decision: GroupingDecision, iteration: &mut Iteration) {
+    pub(super) fn discard(&mut self, iteration: &mut Iteration) {
         self.rollout.keep_latest(0);
         iteration.discarded += 1;
-        iteration.first_rollout_evidence.get_or_insert(decision.evidence);
     }
 
     /// Prepares the rollout of `collector` for training the current policy, which `decision` named,
@@ -46,8 +45,9 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         // ends because a grouping names no rejected policy again in one group, and decides without
         // a trial once too many rollouts were discarded
         loop {
-            // all collections so far are of other policies, and a replay would take them
-            if decision.cut.is_some() {
+            // all collections so far are of other policies, and a replay would take those of
+            // another group, too
+            if decision.cut.is_some() || decision.group_changed {
                 self.rollout.keep_latest(0);
             }
             let mut passes = true;
@@ -84,7 +84,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     fn may_reuse(&self, decision: &GroupingDecision) -> bool {
         self.settings.common().handover == Handover::Reuse
             && decision.cut.is_none()
-            && !decision.provisional
+            && !decision.is_provisional
     }
 
     /// Prepares the rollout of another policy for training the current one.

@@ -1,0 +1,346 @@
+//! Arm of a user's own file: gripper, place at the table and settings of its control.
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use glam::{DMat3, DQuat, DVec3};
+use robots::{
+    ControlSettings, Inertia, Link, PlacedShape, Pose, PositionSource, RobotDescription, RobotFile,
+    Servo, Shape, TwistLimits,
+};
+
+use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
+use super::kinova_gen3::{ACCELERATION, LEAD};
+use super::placing::{Placing, mounted};
+use crate::actuation::{Actuation, JointPositions};
+use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec, OPEN_APERTURE};
+use crate::error::EnvError;
+
+/// Prefix of the names of links and joints, which a scene could have otherwise.
+const PREFIX: &str = "robot/";
+/// Links that are added: the hand as tasks know it, and the gripper of arms that have none.
+const HAND: &str = "gripper_hand";
+const PALM: &str = "gripper_palm";
+const FINGERS: [&str; 2] = ["gripper_right", "gripper_left"];
+/// Distance of the fingertips from the hand (metres), which scripted experts assume.
+const TIP: f64 = 0.045;
+/// Distance from the robot's own hand to [`HAND`] with our gripper (metres).
+const MOUNT: f64 = 0.09;
+/// Distance from the middle to the outside of open fingers (metres), as of the Sawyer arm's.
+const OUTSIDE: f64 = 0.053;
+
+/// Arm of a robot's file, which is read when it is first used. Its name is the file's path.
+pub(crate) struct FileArm {
+    name: String,
+    arm: OnceLock<Arm>,
+}
+
+impl FileArm {
+    /// Creates the embodiment of the arm in the file `name`.
+    pub fn new(name: String) -> Self {
+        Self { name, arm: OnceLock::new() }
+    }
+
+    /// Returns the arm, read on first use.
+    ///
+    /// # Errors
+    /// Those of [`Arm::from_file`].
+    pub fn arm(&self) -> Result<&Arm, EnvError> {
+        if let Some(arm) = self.arm.get() {
+            return Ok(arm);
+        }
+        let arm = Arm::from_file(&self.name, &RobotFile::read(Path::new(&self.name))?)?;
+        Ok(self.arm.get_or_init(|| arm))
+    }
+}
+
+impl EmbodimentSpec for FileArm {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn parts(&self) -> Result<EmbodimentParts, EnvError> {
+        self.arm()?.parts()
+    }
+
+    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError> {
+        self.arm()?.initial_joint_positions(hand_target)
+    }
+
+    fn actuation(&self) -> Result<Actuation, EnvError> {
+        self.arm()?.actuation()
+    }
+}
+
+impl Arm {
+    /// Builds the arm `name` of a robot's file. Without fingers of its own it gets a gripper with
+    /// fixed claws, 0.1 m apart. Its base stands where the hand, pointing down, reaches all places
+    /// of the tasks; links and joints have the prefix `robot/`.
+    ///
+    /// # Errors
+    /// [`EnvError::Robot`] for a robot that cannot be read or simulated, [`EnvError::OutOfReach`],
+    /// [`EnvError::InvalidFingers`], [`EnvError::Control`] for joints without maximum speed.
+    pub fn from_file(name: &str, file: &RobotFile) -> Result<Self, EnvError> {
+        let plain = file.description()?;
+        let hand = file.hand(&plain);
+        let axis = file.approach_axis(&plain)?;
+        let fingers = match &file.fingers {
+            Some(fingers) => Some(fingers.clone()),
+            None => plain.default_fingers(hand)?,
+        };
+        let own = fingers.map(|names| OwnFingers::find(&plain, hand, axis, names)).transpose()?;
+        let frame = own.as_ref().map_or_else(|| mounting_frame(axis), |own| own.frame);
+        let hand = format!("{PREFIX}{hand}");
+        let robot = plain.with_prefix(PREFIX);
+        let framed = robot.clone().with_fixed_link(&hand, frame, bare(HAND))?;
+        let placed = Placing {
+            robot: &framed,
+            hand: HAND,
+            quarter_turns: if own.is_some() { &[0, 2] } else { &[0, 1, 2, 3] },
+            base_position: file.base_position.map(DVec3::from_array),
+            base_yaw: file.base_yaw_degrees.map(f64::to_radians),
+        }
+        .search()?;
+        let turned = Pose { rotation: frame.rotation * mounted(placed.quarter_turns), ..frame };
+        let (robot, gripper) = match own {
+            None => with_gripper(robot, &hand, turned)?,
+            Some(own) => {
+                let swapped = placed.quarter_turns > 0;
+                (robot.with_fixed_link(&hand, turned, bare(HAND))?, own.gripper(hand, swapped))
+            }
+        };
+        Self::new(ArmSettings {
+            name: name.to_owned(),
+            robot: robot.with_base_pose(placed.base)?,
+            hand_link: HAND.to_owned(),
+            ready_joint_positions: placed.ready,
+            gripper,
+            control: ControlSettings {
+                limits: TwistLimits { max_acceleration: ACCELERATION, ..TwistLimits::default() },
+                orientation: placed.orientation,
+                ..ControlSettings::default()
+            },
+            servo: Servo::default(),
+            max_target_lead: LEAD,
+            additions: Vec::new(),
+        })
+    }
+}
+
+/// Returns the rotation of a frame with its z along `axis` and its y along `sideways`, which are
+/// unit vectors across each other.
+fn along(axis: DVec3, sideways: DVec3) -> DQuat {
+    DQuat::from_mat3(&DMat3::from_cols(sideways.cross(axis), sideways, axis))
+}
+
+/// Returns a link without shapes and mass.
+fn bare(name: &str) -> Link {
+    Link { name: name.to_owned(), inertia: None, shapes: Vec::new() }
+}
+
+/// Returns a box with a mass (kg), given its centre and half extents (metres).
+fn solid(name: &str, mass: f64, centre: DVec3, half_extents: DVec3) -> Link {
+    let square = half_extents * half_extents;
+    let moments = DVec3::splat(square.element_sum()) - square;
+    let tensor = DMat3::from_diagonal(mass / 3.0 * moments);
+    Link {
+        name: name.to_owned(),
+        inertia: Some(Inertia { mass, centre_of_mass: centre, tensor }),
+        shapes: vec![PlacedShape {
+            pose: Pose::from_position(centre),
+            shape: Shape::Box { half_extents },
+        }],
+    }
+}
+
+/// Returns the frame of our gripper on a hand that reaches out along `axis`.
+fn mounting_frame(axis: DVec3) -> Pose {
+    Pose { position: MOUNT * axis, rotation: along(axis, axis.any_orthonormal_vector()) }
+}
+
+/// Adds a gripper with fixed claws, of the sizes of the Sawyer arm's, whose hand is at `frame` on the
+/// link `hand`.
+fn with_gripper(
+    robot: RobotDescription,
+    hand: &str,
+    frame: Pose,
+) -> Result<(RobotDescription, Gripper), EnvError> {
+    let palm = solid(PALM, 0.15, DVec3::new(0.0, 0.0, -0.0658), DVec3::new(0.033, 0.0528, 0.0267));
+    let mut robot = robot.with_fixed_link(hand, frame, palm)?.with_fixed_link(
+        PALM,
+        Pose::IDENTITY,
+        bare(HAND),
+    )?;
+    let half_extents = DVec3::new(0.015, 0.0045, TIP);
+    for (name, side) in FINGERS.iter().zip([-1.0, 1.0]) {
+        let centre = DVec3::new(0.0, side * (OUTSIDE - half_extents.y), 0.0);
+        let finger = solid(name, 0.02, centre, half_extents);
+        robot = robot.with_fixed_link(PALM, Pose::IDENTITY, finger)?;
+    }
+    let finger = |(link, side): (&str, f64)| Finger {
+        link: link.to_owned(),
+        claw_point: DVec3::new(0.0, side * 0.5 * OPEN_APERTURE, 0.0),
+        tip_point: DVec3::new(0.0, side * 0.5 * OPEN_APERTURE, TIP),
+    };
+    let [right, left] = FINGERS;
+    let fingers = [(right, -1.0), (left, 1.0)].map(finger);
+    Ok((robot, Gripper { link: PALM.to_owned(), fingers, joint: None }))
+}
+
+/// Fingers of the robot itself.
+struct OwnFingers {
+    /// Frame of the hand on the robot's hand, with its z downwards at work.
+    frame: Pose,
+    /// Fingers; the second one is on the side of the frame's y.
+    fingers: [Finger; 2],
+    joint: FingerJoint,
+}
+
+impl OwnFingers {
+    /// Finds the frame of the hand on the link `hand`, with its z along `axis` and its y from the
+    /// first finger to the second, and the reference points of the fingers.
+    ///
+    /// # Errors
+    /// [`EnvError::InvalidFingers`].
+    fn find(
+        robot: &RobotDescription,
+        hand: &str,
+        axis: DVec3,
+        names: [String; 2],
+    ) -> Result<Self, EnvError> {
+        let refuse = |reason| EnvError::InvalidFingers { fingers: names.clone(), reason };
+        let index = |name: &str| robot.links().iter().position(|link| link.name == name);
+        let [Some(hand), Some(one), Some(other)] =
+            [index(hand), index(&names[0]), index(&names[1])]
+        else {
+            return Err(refuse("the robot has no such links"));
+        };
+        let links = [one, other];
+        if links.iter().any(|&link| robot.links()[link].shapes.is_empty()) {
+            return Err(refuse("their tips are those of their shapes, and they have none"));
+        }
+        let [Some(dof), Some(same)] = links.map(|link| driving_dof(robot, link)) else {
+            return Err(refuse("one joint must move both, the other one following it"));
+        };
+        let joint = robot.free_joints().nth(dof).filter(|_| dof == same);
+        let Some((joint, motion)) = joint else {
+            return Err(refuse("one joint must move both, the other one following it"));
+        };
+        let Some([low, high]) = motion.range else {
+            return Err(refuse("the joint that moves them has no range"));
+        };
+        let at = |position| FingerPlaces::new(robot, [hand, one, other], (dof, position));
+        let (lower, upper) = (at(low), at(high));
+        let opens_down = lower.distance() > upper.distance();
+        let (widest, wide, closed) =
+            if opens_down { (&lower, low, high) } else { (&upper, high, low) };
+        let sideways = widest.sideways(axis).ok_or_else(|| refuse("they do not move apart"))?;
+        // no farther open than fingers that come down in front of what they push
+        let [most, least] = [wide, closed].map(|position| at(position).outside(sideways));
+        let part = ((OUTSIDE - least) / (most - least)).clamp(0.1, 1.0);
+        let open = closed + part * (wide - closed);
+        let places = at(open);
+        let (frame, fingers) = places.frame_and_fingers(axis, sideways, &names);
+        let name = joint.name.clone();
+        Ok(Self { frame, fingers, joint: FingerJoint { name, positions: [open, closed] } })
+    }
+
+    /// Returns the gripper on the link `hand`; `swapped` if the second finger is the right one.
+    fn gripper(self, hand: String, swapped: bool) -> Gripper {
+        let [first, second] = self.fingers;
+        let fingers = if swapped { [second, first] } else { [first, second] };
+        let prefixed = |name: String| format!("{PREFIX}{name}");
+        let fingers = fingers.map(|finger| Finger { link: prefixed(finger.link), ..finger });
+        let joint = FingerJoint { name: prefixed(self.joint.name), ..self.joint };
+        Gripper { link: hand, fingers, joint: Some(joint) }
+    }
+}
+
+/// Returns the index in the position vector that moves a link against its parent.
+fn driving_dof(robot: &RobotDescription, link: usize) -> Option<usize> {
+    match robot.joints()[link.checked_sub(1)?].motion?.drive {
+        PositionSource::Free { dof } | PositionSource::Follows { dof, .. } => Some(dof),
+    }
+}
+
+/// Two fingers in one position of their joint, in the frame of the robot's hand.
+struct FingerPlaces<'a> {
+    shapes: [&'a [PlacedShape]; 2],
+    poses: [Pose; 2],
+}
+
+impl<'a> FingerPlaces<'a> {
+    /// Places the fingers, given the indices of the hand and the fingers, and the joint's index in
+    /// the position vector with its position.
+    fn new(
+        robot: &'a RobotDescription,
+        [hand, one, other]: [usize; 3],
+        (dof, position): (usize, f64),
+    ) -> Self {
+        let mut positions = robot.rest_positions();
+        positions[dof] = position;
+        let poses = robot.link_poses(&positions);
+        let turn = poses[hand].rotation.conjugate();
+        let in_hand = |link: usize| Pose {
+            position: turn * (poses[link].position - poses[hand].position),
+            rotation: turn * poses[link].rotation,
+        };
+        let shapes = [one, other].map(|link| &robot.links()[link].shapes[..]);
+        Self { shapes, poses: [one, other].map(in_hand) }
+    }
+
+    /// Returns the mean of the centres of a finger's shapes.
+    fn centre(&self, finger: usize) -> DVec3 {
+        let shapes = self.shapes[finger];
+        let centres = shapes.iter().map(|of| self.poses[finger].transform_point(of.pose.position));
+        centres.sum::<DVec3>() / shapes.len() as f64
+    }
+
+    fn distance(&self) -> f64 {
+        self.centre(0).distance(self.centre(1))
+    }
+
+    /// Returns the direction across `axis` from the first finger to the second.
+    fn sideways(&self, axis: DVec3) -> Option<DVec3> {
+        (self.centre(1) - self.centre(0)).reject_from(axis).try_normalize()
+    }
+
+    /// Returns how far a finger's shapes reach in a direction (metres).
+    fn furthest(&self, finger: usize, way: DVec3) -> f64 {
+        let points =
+            self.shapes[finger].iter().map(|of| of.furthest_point(&self.poses[finger], way));
+        points.map(|point| point.dot(way)).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Returns the distance from the middle to the outside of the fingers (metres).
+    fn outside(&self, sideways: DVec3) -> f64 {
+        0.5 * (self.furthest(1, sideways) + self.furthest(0, -sideways))
+    }
+
+    /// Returns the frame of the hand as tasks know it, between the fingers and [`TIP`] above their
+    /// tips, and the fingers with their reference points, as if open claws were 0.1 m apart.
+    fn frame_and_fingers(
+        &self,
+        axis: DVec3,
+        sideways: DVec3,
+        names: &[String; 2],
+    ) -> (Pose, [Finger; 2]) {
+        let depth = self.furthest(0, axis).max(self.furthest(1, axis));
+        let inner = [self.furthest(0, sideways), -self.furthest(1, -sideways)];
+        let between = inner[0].midpoint(inner[1]);
+        let middle = self.centre(0).midpoint(self.centre(1));
+        let level = middle.reject_from(axis).reject_from(sideways) + (depth - TIP) * axis;
+        let finger = |side: usize| {
+            let Pose { position, rotation } = self.poses[side];
+            let own = |point: DVec3| rotation.conjugate() * (point - position);
+            let claw = between + (side as f64 - 0.5) * OPEN_APERTURE;
+            Finger {
+                link: names[side].clone(),
+                claw_point: own(level + claw * sideways),
+                tip_point: own(level + inner[side] * sideways + TIP * axis),
+            }
+        };
+        let position = level + between * sideways;
+        (Pose { position, rotation: along(axis, sideways) }, [0, 1].map(finger))
+    }
+}

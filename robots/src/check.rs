@@ -1,0 +1,228 @@
+//! Check of a robot description: figures, and what looks wrong or is missing.
+
+use serde::Serialize;
+
+use crate::capsule::Capsule;
+use crate::chain::Chain;
+use crate::control::{CartesianControl, ControlSettings};
+use crate::description::{Inertia, Joint, JointMotion, Link, MotionKind, RobotDescription};
+use crate::error::DescriptionError;
+use crate::ik::IkSettings;
+use crate::mjcf::{MjcfSettings, Servo};
+use crate::pose::Pose;
+
+/// Number of targets for inverse kinematics.
+const TARGETS: usize = 100;
+/// Number of the first posture that makes a target. Searches start from postures with lower ones.
+const FIRST_TARGET: usize = 1000;
+/// Masses of all links together (kg) that arms have.
+const MASSES: [f64; 2] = [0.05, 500.0];
+/// Reaches (metres) that arms have.
+const REACHES: [f64; 2] = [0.05, 5.0];
+/// Largest distance of a shape from its link (metres) that looks right.
+const SHAPE_EXTENT: f64 = 5.0;
+/// Largest position (radians) of a hinge's limit that looks right: more than two turns.
+const HINGE_LIMIT: f64 = 13.0;
+/// Largest speed of a hinge (rad/s) that looks right.
+const HINGE_SPEED: f64 = 50.0;
+/// Largest inertia of a kilogram (m^2) that looks right: that of a mass 2 m away.
+const INERTIA_PER_MASS: f64 = 4.0;
+
+/// Findings of [`RobotDescription::check`].
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RobotCheck {
+    /// Name of the robot.
+    pub name: String,
+    /// Number of links.
+    pub links: usize,
+    /// Joints that move.
+    pub joints: Vec<JointCheck>,
+    /// Mass of all links (kg).
+    pub mass_kg: f64,
+    /// Name of the hand's link.
+    pub hand: String,
+    /// Axis of the hand along which it reaches out.
+    pub approach_axis: [f64; 3],
+    /// Names of the hand's own two fingers, if they were found.
+    pub fingers: Option<[String; 2]>,
+    /// Joints from the base to the hand; empty if they form no chain.
+    pub chain: Vec<String>,
+    /// Bound on the distance of the hand from the first joint in any posture (metres); `None`
+    /// without chain or limit.
+    pub reach_m: Option<f64>,
+    /// Number of targets for inverse kinematics: poses of the hand in postures that are spread over
+    /// the ranges of the joints.
+    pub ik_targets: usize,
+    /// Number of these targets that inverse kinematics finds from the middle of the ranges.
+    pub ik_found: usize,
+    /// Pairs of links that touch at rest, and therefore do not collide in the simulation.
+    pub touching_at_rest: Vec<[String; 2]>,
+    /// Values that look as if they were in another unit.
+    pub unit_warnings: Vec<String>,
+    /// Values of the file that were replaced, left out or reduced.
+    pub notes: Vec<String>,
+    /// Collision shapes that are missing, with the reasons.
+    pub missing_shapes: Vec<String>,
+    /// Reasons for which the robot cannot be simulated with servos or controlled.
+    pub problems: Vec<String>,
+}
+
+/// Joint of a checked robot. Units are radians and newton metres, or metres and newtons of a slide.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct JointCheck {
+    /// Name of the joint.
+    pub name: String,
+    /// `true` for a slide, `false` for a hinge.
+    pub slides: bool,
+    /// `true` if the joint follows another one.
+    pub follows: bool,
+    /// Lowest and highest position; `None` without limits.
+    pub range: Option<[f64; 2]>,
+    /// Maximum speed; `None` if the file states none.
+    pub max_speed: Option<f64>,
+    /// Maximum force or torque; `None` if the file states none.
+    pub max_effort: Option<f64>,
+}
+
+impl RobotCheck {
+    /// Returns `true` if the robot can be simulated and controlled, and no unit looks wrong.
+    pub fn passes(&self) -> bool {
+        self.problems.is_empty() && self.unit_warnings.is_empty()
+    }
+}
+
+impl RobotDescription {
+    /// Checks the robot with the hand `hand`, or [`RobotDescription::default_hand`] if `None`.
+    ///
+    /// # Errors
+    /// [`DescriptionError::UnknownLink`] for a hand that the robot does not have.
+    pub fn check(&self, hand: Option<&str>) -> Result<RobotCheck, DescriptionError> {
+        let hand = hand.unwrap_or(self.default_hand());
+        let axis = self.default_approach_axis(hand)?;
+        let mut problems = Vec::new();
+        let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
+        problems.extend(self.to_mjcf(&settings).err().map(|error| error.to_string()));
+        let chain = Chain::new(self, hand);
+        problems.extend(chain.as_ref().err().map(ToString::to_string));
+        let chain = chain.ok();
+        if let Some(chain) = &chain {
+            let posture = chain.spread_configuration(0);
+            let control =
+                CartesianControl::new(chain.clone(), &posture, ControlSettings::default());
+            problems.extend(control.err().map(|error| error.to_string()));
+        }
+        let reach = chain.as_ref().map(Chain::reach).filter(|reach| reach.is_finite());
+        Ok(RobotCheck {
+            name: self.name.clone(),
+            links: self.links.len(),
+            joints: self.joints.iter().filter_map(joint_check).collect(),
+            mass_kg: self.mass(),
+            approach_axis: axis.to_array(),
+            fingers: self.default_fingers(hand)?,
+            hand: hand.to_owned(),
+            reach_m: reach,
+            ik_targets: chain.as_ref().map_or(0, |_| TARGETS),
+            ik_found: chain.as_ref().map_or(0, found_targets),
+            chain: chain.iter().flat_map(|of| of.joints()).map(|of| of.name.clone()).collect(),
+            touching_at_rest: self.names_of_touching_links(),
+            unit_warnings: self.unit_warnings(reach),
+            notes: self.notes.iter().cloned().chain(self.restriction_notes()).collect(),
+            missing_shapes: self.missing_shapes.clone(),
+            problems,
+        })
+    }
+
+    /// Returns the mass of all links (kg).
+    fn mass(&self) -> f64 {
+        self.links.iter().filter_map(|link| link.inertia).map(|inertia| inertia.mass).sum()
+    }
+
+    fn restriction_notes(&self) -> impl Iterator<Item = String> {
+        self.restrictions.iter().map(|of| {
+            let [low, high] = of.range;
+            format!(
+                "the range of the joint `{}` is reduced to {low} to {high}, so that `{}`, which \
+                 follows it, stays within its own",
+                of.joint, of.follower
+            )
+        })
+    }
+
+    fn unit_warnings(&self, reach: Option<f64>) -> Vec<String> {
+        let mut warnings = Vec::new();
+        let mut warn = |is_right: bool, what: String, unit: &str| {
+            if !is_right {
+                warnings.push(format!("{what}: is the file in {unit}?"));
+            }
+        };
+        let total = self.mass();
+        let all = format!("the links weigh {total:.3} kg together");
+        warn(total <= MASSES[1], all.clone(), "grams, or pounds, instead of kilograms");
+        warn(total == 0.0 || total >= MASSES[0], all, "tonnes instead of kilograms");
+        if let Some(reach) = reach {
+            let length = format!("the arm is {reach:.3} m long");
+            warn(reach <= REACHES[1], length.clone(), "millimetres or inches instead of metres");
+            warn(reach >= REACHES[0], length, "kilometres instead of metres");
+        }
+        for link in &self.links {
+            let name = &link.name;
+            let far = extent(link);
+            let shapes = format!("shapes of the link `{name}` are {far:.1} m from it");
+            warn(
+                far <= SHAPE_EXTENT,
+                shapes,
+                "millimetres (a mesh needs `scale`) instead of metres",
+            );
+            if let Some(Inertia { mass, tensor, .. }) = link.inertia.filter(|of| of.mass > 0.0) {
+                let largest = tensor.x_axis.x.max(tensor.y_axis.y).max(tensor.z_axis.z);
+                let inertia = format!("the link `{name}` of {mass} kg has {largest} kg m^2");
+                let unit = "kg mm^2 or g m^2 instead of kg m^2";
+                warn(largest <= INERTIA_PER_MASS * mass, inertia, unit);
+            }
+        }
+        for (joint, motion) in self.free_joints().filter(|(_, of)| of.kind == MotionKind::Hinge) {
+            let limit = motion.range.map_or(0.0, |[low, high]| low.abs().max(high.abs()));
+            let name = &joint.name;
+            let range = format!("the joint `{name}` turns as far as {limit} rad");
+            warn(limit <= HINGE_LIMIT, range, "degrees instead of radians");
+            let speed = motion.max_speed.unwrap_or(0.0);
+            let fast = format!("the joint `{name}` turns at up to {speed} rad/s");
+            warn(speed <= HINGE_SPEED, fast, "degrees instead of radians");
+        }
+        warnings
+    }
+}
+
+fn joint_check(joint: &Joint) -> Option<JointCheck> {
+    let JointMotion { kind, range, max_speed, max_effort, .. } = joint.motion?;
+    let follows = !joint.motion?.is_free();
+    let slides = kind == MotionKind::Slide;
+    Some(JointCheck { name: joint.name.clone(), slides, follows, range, max_speed, max_effort })
+}
+
+/// Returns the largest distance of a shape from the origin of its link (metres).
+fn extent(link: &Link) -> f64 {
+    let capsules = link.shapes.iter().map(|shape| shape.enclosing_capsule(&Pose::IDENTITY));
+    let far =
+        |Capsule { ends: [start, end], radius }: Capsule| start.length().max(end.length()) + radius;
+    capsules.map(far).fold(0.0, f64::max)
+}
+
+/// Returns the number of targets that inverse kinematics finds.
+fn found_targets(chain: &Chain) -> usize {
+    let seed = chain.spread_configuration(0);
+    let found = |number: usize| {
+        let target = chain.tip_pose(&chain.spread_configuration(FIRST_TARGET + number));
+        chain.solve_ik_with(&target, &seed, &IkSettings::default()).is_ok()
+    };
+    (0..TARGETS).filter(|&number| found(number)).count()
+}
+
+impl Chain {
+    /// Returns a bound on the distance of the tip (metres) from the first joint, or from the foot
+    /// of the first link on its axis, in any configuration. Infinite with a slide without limits.
+    pub fn reach(&self) -> f64 {
+        let (_, to_last) = self.reach_bound();
+        to_last + self.tip_in_last_joint().position.length()
+    }
+}

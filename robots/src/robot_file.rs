@@ -1,0 +1,128 @@
+//! Settings of a robot in a file: what its URDF does not say.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use serde::Deserialize;
+
+use crate::description::RobotDescription;
+use crate::error::DescriptionError;
+use crate::urdf::UrdfSettings;
+
+/// Robot arm as a user describes it: a URDF, and settings where the defaults do not fit.
+///
+/// [`RobotFile::read`] takes the URDF itself, or a JSON file with these fields, of which only
+/// `urdf` is required.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RobotFile {
+    /// Path of the URDF, relative to the folder of this file.
+    pub urdf: PathBuf,
+    /// Name of the hand's link; `None` for [`RobotDescription::default_hand`].
+    #[serde(default)]
+    pub hand: Option<String>,
+    /// Axis of the hand, in its own frame, that points down at work; `None` for
+    /// [`RobotDescription::default_approach_axis`].
+    #[serde(default)]
+    pub approach_axis: Option<[f64; 3]>,
+    /// Names of the links of the hand's two fingers; `None` for
+    /// [`RobotDescription::default_fingers`].
+    #[serde(default)]
+    pub fingers: Option<[String; 2]>,
+    /// Position of the base (metres; origin: centre of the table, y away from the robot, z up);
+    /// `None` for one that fits the reach of the arm.
+    #[serde(default)]
+    pub base_position: Option<[f64; 3]>,
+    /// Angle (degrees) by which the base is turned about z from the x axis of the table; `None` for
+    /// 90 degrees, the base's x pointing across the table.
+    #[serde(default)]
+    pub base_yaw_degrees: Option<f64>,
+    /// Maximum speed (rad/s, m/s) of joints without one in the URDF.
+    #[serde(default)]
+    pub default_speed: Option<f64>,
+    /// Maximum torque or force (newton metres, newtons) of joints without one in the URDF.
+    #[serde(default)]
+    pub default_effort: Option<f64>,
+    /// `true` if collision meshes are left out.
+    #[serde(default)]
+    pub ignore_meshes: bool,
+    /// `true` if masses and inertias that cannot be simulated are replaced
+    /// ([`UrdfSettings::repair`]).
+    #[serde(default)]
+    pub repair: bool,
+    /// Folders of ROS packages by name, relative to the folder of this file.
+    #[serde(default)]
+    pub packages: BTreeMap<String, PathBuf>,
+}
+
+impl RobotFile {
+    /// Returns `true` for names of files that [`RobotFile::read`] takes: `.urdf` and `.json`.
+    pub fn has_extension(path: &Path) -> bool {
+        is(path, "urdf") || is(path, "json")
+    }
+
+    /// Reads a JSON file, or returns the defaults for a URDF. Paths are relative to the working
+    /// directory then.
+    ///
+    /// # Errors
+    /// [`DescriptionError::Read`], [`DescriptionError::InvalidSettings`].
+    pub fn read(path: &Path) -> Result<Self, DescriptionError> {
+        if !is(path, "json") {
+            return Ok(Self { urdf: path.to_owned(), ..Self::default() });
+        }
+        let bytes = std::fs::read(path)
+            .map_err(|source| DescriptionError::Read { path: path.to_owned(), source })?;
+        let file: Self = serde_json::from_slice(&bytes).map_err(|error| {
+            let message = error.to_string();
+            DescriptionError::InvalidSettings { path: path.to_owned(), message }
+        })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let packages = file.packages.into_iter().map(|(name, at)| (name, folder.join(at)));
+        Ok(Self { urdf: folder.join(&file.urdf), packages: packages.collect(), ..file })
+    }
+
+    /// Reads the URDF.
+    ///
+    /// # Errors
+    /// Those of [`RobotDescription::from_urdf_file`].
+    pub fn description(&self) -> Result<RobotDescription, DescriptionError> {
+        let settings = UrdfSettings {
+            packages: self.packages.clone().into_iter().collect(),
+            mesh_root: None,
+            ignore_meshes: self.ignore_meshes,
+            default_speed: self.default_speed,
+            default_effort: self.default_effort,
+            repair: self.repair,
+        };
+        RobotDescription::from_urdf_file_with(&self.urdf, &settings)
+    }
+
+    /// Returns the name of the hand's link in `robot`.
+    pub fn hand<'a>(&'a self, robot: &'a RobotDescription) -> &'a str {
+        self.hand.as_deref().unwrap_or(robot.default_hand())
+    }
+
+    /// Returns the unit vector, in the frame of the hand, that points down at work.
+    ///
+    /// # Errors
+    /// [`DescriptionError::UnknownLink`]; [`DescriptionError::NumberOutOfRange`] for an axis
+    /// without direction.
+    pub fn approach_axis(&self, robot: &RobotDescription) -> Result<DVec3, DescriptionError> {
+        let hand = self.hand(robot);
+        let Some(axis) = self.approach_axis else {
+            return robot.default_approach_axis(hand);
+        };
+        let axis = DVec3::from_array(axis);
+        axis.try_normalize().ok_or_else(|| DescriptionError::NumberOutOfRange {
+            place: format!("the hand `{hand}`"),
+            what: "the length of `approach_axis`",
+            value: axis.length(),
+            expected: "a finite length that is not zero",
+        })
+    }
+}
+
+fn is(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension))
+}

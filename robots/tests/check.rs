@@ -1,0 +1,185 @@
+//! Checks of robots, guesses of their hands, files of settings, and additions.
+
+use glam::DVec3;
+use robots::{Chain, Link, OrientationConstraint, Pose, RobotDescription, RobotFile, gen3};
+
+use crate::SIX_JOINT;
+
+fn six_joint(from: &str, to: &str) -> RobotDescription {
+    let text = SIX_JOINT.replace(from, to);
+    assert!(from == to || text != SIX_JOINT, "{from}");
+    RobotDescription::from_urdf(&text).unwrap()
+}
+
+#[test]
+fn the_check_of_a_whole_robot_finds_its_hand_and_nothing_wrong() {
+    let check = gen3::description().unwrap().check(None).unwrap();
+    assert!(check.passes(), "{check:#?}");
+    assert_eq!((&check.hand[..], check.chain.len(), check.joints.len()), ("gripper_link", 7, 9));
+    assert_eq!(check.approach_axis, [0.0, 0.0, 1.0]);
+    let fingers = check.fingers.unwrap();
+    assert!(fingers.iter().all(|finger| finger.starts_with("finger_")), "{fingers:?}");
+    // Kinova: an arm of 8.2 kg with a reach of 902 mm, and a gripper of 0.9 kg
+    assert!((check.mass_kg - 9.1).abs() < 0.2, "{}", check.mass_kg);
+    let reach = check.reach_m.unwrap();
+    assert!((0.902..1.2).contains(&reach), "{reach}");
+    assert!(check.ik_found >= 97 && check.ik_targets == 100, "{}", check.ik_found);
+    let tool = gen3::description().unwrap().check(Some("tool_link")).unwrap();
+    assert!(tool.reach_m.unwrap() > reach);
+    let message = gen3::description().unwrap().check(Some("claw")).unwrap_err().to_string();
+    assert!(message.contains("`claw`"), "{message}");
+}
+
+#[test]
+fn values_in_other_units_are_named() {
+    for (from, to, says) in [
+        (
+            "<mass value=\"4\"/>",
+            "<mass value=\"4000\"/>",
+            "4005.700 kg together: is the file in grams",
+        ),
+        ("xyz=\"0 0 0.35\"", "xyz=\"0 0 350\"", "m long: is the file in millimetres"),
+        ("size=\"0.1 0.12 0.3\"", "size=\"100 120 300\"", "link `column` are"),
+        ("lower=\"-2.5\"", "lower=\"-143\"", "`swing` turns as far as 143 rad: is the file in deg"),
+        (
+            "velocity=\"1.5\"",
+            "velocity=\"86\"",
+            "`turn` turns at up to 86 rad/s: is the file in deg",
+        ),
+        (
+            "ixx=\"0.05\"",
+            "ixx=\"50\"",
+            "the link `column` of 4 kg has 50 kg m^2: is the file in kg",
+        ),
+    ] {
+        let check = six_joint(from, to).check(Some("tip")).unwrap();
+        assert!(!check.passes());
+        let found = check.unit_warnings.iter().any(|warning| warning.contains(says));
+        assert!(found, "{says}: {:?}", check.unit_warnings);
+    }
+    let check = six_joint("", "").check(Some("tip")).unwrap();
+    assert_eq!(check.unit_warnings, [""; 0]);
+}
+
+#[test]
+fn what_keeps_a_robot_from_moving_is_a_problem() {
+    for (from, to, says) in [
+        ("<mass value=\"1.5\"/>", "<mass value=\"0\"/>", "`upper_arm`, which has no mass"),
+        ("velocity=\"0.4\"", "", "the speeds of the joints lift"),
+        ("effort=\"60\"", "", "the efforts of the joints turn"),
+    ] {
+        let check = six_joint(from, to).check(Some("tip")).unwrap();
+        assert!(check.problems.iter().any(|of| of.contains(says)), "{:?}", check.problems);
+    }
+    let check = six_joint("", "").check(Some("counterweight")).unwrap();
+    assert!(check.problems[0].contains("`balance` on it follows"), "{:?}", check.problems);
+    assert_eq!((check.ik_targets, check.reach_m), (0, None));
+}
+
+/// Returns a robot of links without masses; each has a name, a parent, and moves or not.
+fn tree(links: &[(&str, &str, &str)]) -> RobotDescription {
+    let part = |(name, parent, kind): &(&str, &str, &str)| {
+        format!(
+            "<link name=\"{name}\"/><joint name=\"{name}\" type=\"{kind}\"><origin xyz=\"0 -1 0\"/>\
+             <parent link=\"{parent}\"/><child link=\"{name}\"/></joint>"
+        )
+    };
+    let parts: String = links.iter().map(part).collect();
+    RobotDescription::from_urdf(&format!("<robot name=\"r\"><link name=\"base\"/>{parts}</robot>"))
+        .unwrap()
+}
+
+#[test]
+fn the_hand_is_the_last_link_before_the_fingers() {
+    let arm = [("stand", "base", "fixed"), ("arm", "base", "continuous")];
+    let flange = [("flange", "arm", "fixed"), ("tool", "flange", "fixed")];
+    let fingers = [("one", "tool", "continuous"), ("two", "tool", "continuous")];
+    let frames = [("camera", "tool", "fixed"), ("tip", "tool", "fixed")];
+    assert_eq!(tree(&arm).default_hand(), "arm");
+    for end in [&[][..], &fingers, &frames, &[fingers, frames].concat()] {
+        let robot = tree(&[&arm[..], &flange, end].concat());
+        assert_eq!(robot.default_hand(), "tool", "{end:?}");
+        assert_eq!(robot.default_approach_axis("tool").unwrap(), DVec3::NEG_Y);
+        // fingers that move on their own are no gripper
+        assert_eq!(robot.default_fingers("tool").unwrap(), None);
+    }
+}
+
+#[test]
+fn a_file_of_settings_names_the_urdf_beside_it() {
+    let folder = std::env::temp_dir().join(format!("covers-robot-file-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("arm.urdf"), SIX_JOINT.replace("velocity=\"0.4\"", "")).unwrap();
+    let read = |text: &str| {
+        std::fs::write(folder.join("arm.json"), text).unwrap();
+        RobotFile::read(&folder.join("arm.json"))
+    };
+    let file = read(
+        r#"{"urdf": "arm.urdf", "hand": "tip", "approach_axis": [0, 2, 0], "default_speed": 0.3}"#,
+    );
+    let file = file.unwrap();
+    let robot = file.description().unwrap();
+    assert_eq!((file.hand(&robot), file.approach_axis(&robot).unwrap()), ("tip", DVec3::Y));
+    assert!(robot.check(Some("tip")).unwrap().problems.is_empty());
+    let axis = read(r#"{"urdf": "arm.urdf", "approach_axis": [0, 0, 0]}"#).unwrap();
+    let message = axis.approach_axis(&robot).unwrap_err().to_string();
+    assert!(message.contains("`approach_axis` is 0"), "{message}");
+    let unknown = read(r#"{"urdf": "arm.urdf", "hnad": "tip"}"#).unwrap_err().to_string();
+    assert!(unknown.contains("arm.json") && unknown.contains("`hnad`"), "{unknown}");
+    let plain = RobotFile::read(&folder.join("arm.urdf")).unwrap();
+    assert_eq!(plain.urdf, folder.join("arm.urdf"));
+    assert!(matches!(
+        RobotFile::read(&folder.join("none.json")),
+        Err(robots::DescriptionError::Read { .. })
+    ));
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn an_added_link_moves_with_its_parent_and_nothing_else_moves() {
+    let bare = six_joint("", "");
+    let origin = Pose::from_xyz_rpy([0.1, 0.2, 0.3], [0.4, 0.5, 0.6]);
+    let added = || Link { name: "added".to_owned(), inertia: None, shapes: Vec::new() };
+    let positions = [0.3, 0.1, 0.7, -0.3, -0.6, 1.1];
+    for parent in ["world", "upper_arm", "tip"] {
+        let robot = bare.clone().with_fixed_link(parent, origin, added()).unwrap();
+        let named = |of: &RobotDescription, name: &str| {
+            let at = of.links().iter().position(|link| link.name == name).unwrap();
+            of.link_poses(&positions)[at]
+        };
+        for link in bare.links() {
+            assert_eq!(named(&robot, &link.name), named(&bare, &link.name), "{}", link.name);
+        }
+        let way = named(&robot, "added").displacement_to(&(named(&bare, parent) * origin));
+        assert!(way.iter().all(|part| part.length() < 1e-12), "{way:?}");
+        let taken = robot.with_fixed_link("tip", origin, added()).unwrap_err().to_string();
+        assert!(taken.contains("called `added`"), "{taken}");
+    }
+    let prefixed = bare.clone().with_prefix("robot/");
+    assert_eq!(prefixed.links()[1].name, "robot/column");
+    assert_eq!(prefixed.joints()[1].name, "robot/lift");
+    assert_eq!(prefixed.link_poses(&positions), bare.link_poses(&positions));
+}
+
+/// Three slides move the tip as fast as the slowest of them, and two move it in a plane alone.
+#[test]
+fn a_tip_is_as_fast_as_its_slowest_direction() {
+    let slides = |axes: &[(&str, f64)]| {
+        let mut parts = "<link name=\"l0\"/>".to_owned();
+        for (index, (axis, speed)) in axes.iter().enumerate() {
+            let next = index + 1;
+            parts += &format!(
+                "<link name=\"l{next}\"/><joint name=\"j{next}\" type=\"prismatic\">\
+                 <parent link=\"l{index}\"/><child link=\"l{next}\"/><axis xyz=\"{axis}\"/>\
+                 <limit lower=\"-1\" upper=\"1\" effort=\"1\" velocity=\"{speed}\"/></joint>"
+            );
+        }
+        let robot = RobotDescription::from_urdf(&format!("<robot name=\"r\">{parts}</robot>"));
+        let tip = format!("l{}", axes.len());
+        let chain = Chain::new(&robot.unwrap(), &tip).unwrap();
+        chain.tip_speed(&vec![0.0; axes.len()], OrientationConstraint::Full)
+    };
+    let speed = slides(&[("1 0 0", 0.7), ("0 1 0", 0.5), ("0 0 1", 0.9)]);
+    assert!((speed - 0.5).abs() < 1e-5, "{speed}");
+    assert_eq!(slides(&[("1 0 0", 0.7), ("0 1 0", 0.5)]), 0.0);
+}

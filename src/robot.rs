@@ -1,0 +1,211 @@
+//! `covers robot`: what a robot's description contains, and its MJCF.
+
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use envs::EnvError;
+use envs::embodiments::Arm;
+use envs::robots::{JointCheck, MjcfSettings, OrientationConstraint, RobotCheck, RobotFile, Servo};
+use glam::DVec3;
+
+use experiments::RunError;
+use experiments::cli::print_escaped;
+use learner::disk::{LocalDisk, write_atomically};
+
+/// Subcommands of `covers robot`.
+#[derive(Clone, Debug, Subcommand)]
+pub enum RobotCommand {
+    /// Prints what was read of a robot, and fails if it cannot be simulated or looks wrong.
+    #[command(after_help = "Example: covers robot check arm.urdf")]
+    Check(CheckRobotOptions),
+    /// Writes the MJCF with which MuJoCo 2.2.2 simulates a robot.
+    #[command(after_help = "Example: covers robot mjcf arm.urdf --out arm.xml")]
+    Mjcf(RobotMjcfOptions),
+}
+
+/// Options of `covers robot check`.
+#[derive(Clone, Debug, Args)]
+pub struct CheckRobotOptions {
+    /// URDF, or a JSON file of settings that names one.
+    #[arg(value_name = "ARM")]
+    pub robot: PathBuf,
+    /// Print one JSON object instead of a text.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `covers robot mjcf`.
+#[derive(Clone, Debug, Args)]
+pub struct RobotMjcfOptions {
+    /// URDF, or a JSON file of settings that names one.
+    #[arg(value_name = "ARM")]
+    pub robot: PathBuf,
+    /// File to write (default: standard output).
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Add a position servo for each joint.
+    #[arg(long)]
+    pub servos: bool,
+    /// Print one JSON object with the MJCF and the pairs of links that never collide.
+    #[arg(long, conflicts_with = "out")]
+    pub json: bool,
+}
+
+impl RobotCommand {
+    /// Runs the command, prints to `out`, and returns `false` if a check found a problem.
+    ///
+    /// # Errors
+    /// A robot that cannot be read or simulated, and files that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<bool, RunError> {
+        match self {
+            Self::Check(options) => options.run(out),
+            Self::Mjcf(options) => options.run(out).map(|()| true),
+        }
+    }
+}
+
+impl CheckRobotOptions {
+    fn run(&self, out: &mut impl Write) -> Result<bool, RunError> {
+        let file = RobotFile::read(&self.robot).map_err(EnvError::from)?;
+        let robot = file.description().map_err(EnvError::from)?;
+        let check = robot.check(file.hand.as_deref()).map_err(EnvError::from)?;
+        let table = table_text(&file);
+        let printed = if self.json {
+            let mut object = serde_json::json!(check);
+            object["table"] = table.into();
+            object.to_string()
+        } else {
+            check_text(&check) + &table
+        };
+        print_escaped(out, printed.trim_end())?;
+        Ok(check.passes())
+    }
+}
+
+impl RobotMjcfOptions {
+    fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
+        let file = RobotFile::read(&self.robot).map_err(EnvError::from)?;
+        let robot = file.description().map_err(EnvError::from)?;
+        let servo = self.servos.then(Servo::default);
+        let settings = MjcfSettings { servo, ..MjcfSettings::default() };
+        let mjcf = robot.to_mjcf(&settings).map_err(EnvError::from)?;
+        if let Some(path) = &self.out {
+            write_atomically(&LocalDisk, path, mjcf.text.as_bytes())?;
+            return print_escaped(out, &format!("{}", path.display()));
+        }
+        if self.json {
+            let object =
+                serde_json::json!({"mjcf": mjcf.text, "excluded_pairs": mjcf.excluded_pairs});
+            return print_escaped(out, &object.to_string());
+        }
+        print_escaped(out, mjcf.text.trim_end())
+    }
+}
+
+fn check_text(check: &RobotCheck) -> String {
+    let RobotCheck { name, links, joints, mass_kg, hand, approach_axis, .. } = check;
+    let mut text =
+        format!("{name}: {links} links, {} joints that move, {mass_kg:.3} kg\n", { joints.len() });
+    // writing to a String cannot fail
+    let _ = writeln!(text, "hand {hand}, which reaches out along its axis {approach_axis:?}");
+    if let Some([one, other]) = &check.fingers {
+        let _ = writeln!(text, "fingers {one}, {other}");
+    }
+    let _ = writeln!(text, "joints to the hand: {}", check.chain.join(", "));
+    if let Some(reach) = check.reach_m {
+        let _ = writeln!(text, "reach: the hand is at most {reach:.3} m from the first joint");
+    }
+    if check.ik_targets > 0 {
+        let RobotCheck { ik_found, ik_targets, .. } = check;
+        let _ = writeln!(text, "inverse kinematics finds {ik_found} of {ik_targets} poses");
+    }
+    text += "joint                      lowest    highest      speed     effort\n";
+    joints.iter().for_each(|joint| text += &joint_line(joint));
+    let pairs = check.touching_at_rest.iter().map(|[one, other]| format!("{one} and {other}"));
+    let lists = [
+        ("links that touch at rest and do not collide", pairs.collect()),
+        ("notes", check.notes.clone()),
+        ("collision shapes that are missing", check.missing_shapes.clone()),
+        ("units that look wrong", check.unit_warnings.clone()),
+        ("problems", check.problems.clone()),
+    ];
+    for (title, lines) in lists.iter().filter(|(_, lines)| !lines.is_empty()) {
+        let _ = writeln!(text, "{title}:\n  {}", lines.join("\n").replace('\n', "\n  "));
+    }
+    text
+}
+
+/// Returns where the arm stands to do the tasks, or why it cannot do them.
+fn table_text(file: &RobotFile) -> String {
+    let arm = match Arm::from_file("arm", file) {
+        Ok(arm) => arm,
+        Err(error) => return format!("the arm cannot do the tasks: {error}"),
+    };
+    let DVec3 { x, y, z } = arm.robot().base_pose().position;
+    let kept = match arm.settings().control.orientation {
+        OrientationConstraint::Full => "the hand does not turn",
+        _ => "the hand turns about the vertical",
+    };
+    format!("at the table of the tasks its base stands at {x}, {y}, {z} m; {kept}")
+}
+
+fn joint_line(joint: &JointCheck) -> String {
+    let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4}"));
+    let [low, high] = [0, 1].map(|end| number(joint.range.map(|range| range[end])));
+    let [speed, effort] = [joint.max_speed, joint.max_effort].map(number);
+    let units = if joint.slides { "m, m/s, N" } else { "rad, rad/s, N m" };
+    let follows = if joint.follows { ", follows another one" } else { "" };
+    let name = &joint.name;
+    format!("{name:<22} {low:>10} {high:>10} {speed:>10} {effort:>10}  {units}{follows}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::program::Program;
+    use clap::Parser;
+
+    /// Returns the exit code and the output of `covers robot` with these arguments.
+    fn printed(words: &[&str]) -> (u8, String) {
+        let mut out = Vec::new();
+        let program = Program::try_parse_from([&["covers", "robot"], words].concat()).unwrap();
+        (program.run(&mut out).unwrap(), String::from_utf8(out).unwrap())
+    }
+
+    #[test]
+    fn a_check_prints_the_figures_and_fails_where_something_is_wrong() {
+        let gen3 = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/urdf/kinova_gen3.urdf");
+        let (code, text) = printed(&["check", gen3]);
+        assert_eq!(code, 0, "{text}");
+        for expected in
+            ["hand gripper_link", "finger_l_link", "joint_7", "of 100 poses", "base stands"]
+        {
+            assert!(text.contains(expected), "{expected}: {text}");
+        }
+        let (_, json) = printed(&["check", gen3, "--json"]);
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(json["chain"].as_array().unwrap().len(), 7);
+        let degrees = std::fs::read_to_string(gen3).unwrap().replace("2.24", "128");
+        let path = std::env::temp_dir().join(format!("covers-robot-{}.urdf", std::process::id()));
+        std::fs::write(&path, degrees).unwrap();
+        let (failed, warned) = printed(&["check", path.to_str().unwrap()]);
+        assert!(failed == 1 && warned.contains("128 rad: is the file in degrees"), "{warned}");
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn mjcf_goes_to_a_file_or_to_the_output() {
+        let gen3 = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/urdf/kinova_gen3.urdf");
+        let (_, bare) = printed(&["mjcf", gen3]);
+        assert!(bare.starts_with("<mujoco") && !bare.contains("<actuator>"), "{bare}");
+        let path = std::env::temp_dir().join(format!("covers-robot-{}.xml", std::process::id()));
+        printed(&["mjcf", gen3, "--servos", "--out", path.to_str().unwrap()]);
+        let driven = std::fs::read_to_string(&path).unwrap();
+        assert!(driven.contains("<actuator>"), "{driven}");
+        std::fs::remove_file(path).unwrap();
+        let (_, json) = printed(&["mjcf", gen3, "--json"]);
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(json["mjcf"].as_str().unwrap().trim_end(), bare.trim_end());
+    }
+}
