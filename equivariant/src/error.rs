@@ -28,8 +28,8 @@ pub enum LayerError {
         size: usize,
         /// Window that does not sit symmetrically on the axis.
         kernel: SlidingWindow,
-        /// Remainder of image length plus padding minus window size, divided by the stride, in
-        /// pixels; must be 0.
+        /// Remainder of (image length + 2 padding - window size) divided by the stride, in pixels;
+        /// must be 0.
         remainder: usize,
     },
     /// Window that does not fit the padded image, or whose size or stride is zero.
