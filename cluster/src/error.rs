@@ -229,9 +229,9 @@ pub enum ClusterError {
     FramesMismatch {
         /// Name of the size of the frames that differs.
         what: &'static str,
-        /// Size in the first cloud.
+        /// Size of the frames in the first cloud.
         first: usize,
-        /// Size in the second cloud.
+        /// Size of the frames in the second cloud.
         second: usize,
     },
     /// Reservoir restored from a capacity and numbers of episodes that do not fit together.

@@ -38,7 +38,7 @@ pub struct EuclideanCosts {
 }
 
 impl EuclideanCosts {
-    /// Makes a matrix that has allocated no memory yet.
+    /// Creates a distance matrix that has allocated no memory yet.
     pub fn new() -> Self {
         Self::default()
     }

@@ -24,10 +24,10 @@ pub struct Source {
 /// Direction in which a difference between rollout and buffer counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// Differences in any direction.
+    /// Differences between rollout and buffer in any direction.
     Both,
-    /// Only a rollout with a smaller mean value over all dimensions; otherwise the distance is
-    /// zero.
+    /// Only differences in which the rollout has the smaller mean value over all dimensions;
+    /// otherwise the distance is zero.
     Less,
 }
 

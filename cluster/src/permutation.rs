@@ -62,7 +62,7 @@ impl NullDistribution {
     }
 
     /// Returns the probability of a larger standardised score under the Pearson type III
-    /// distribution with these moments.
+    /// distribution with the moments of the null distribution.
     pub(crate) fn tail(&self, standardised: f64) -> f64 {
         // raised by the standard error of a normal sample's skewness, since a tail that is taken
         // for too light costs a false alarm, and one that is taken for too heavy little

@@ -42,7 +42,7 @@ impl<E> Reservoir<E> {
         Ok(Self { capacity, seen, episodes })
     }
 
-    /// Offers an episode to the sample. Once it is full, a stored episode or the offered one is
+    /// Offers an episode to the reservoir. Once it is full, a stored episode or the offered one is
     /// dropped.
     pub fn offer(&mut self, episode: E, rng: &mut impl Rng) {
         self.seen += 1;

@@ -115,7 +115,7 @@ pub struct Wasserstein {
 }
 
 impl Wasserstein {
-    /// Creates a workspace that has allocated nothing yet.
+    /// Creates a solver of Wasserstein distances that has allocated nothing yet.
     pub fn new() -> Self {
         Self::default()
     }

@@ -1,4 +1,4 @@
-//! Actuation of the hand: how a decision moves it.
+//! Actuation of the hand: the mechanisms by which a decision moves the gripper.
 
 use std::sync::Arc;
 
@@ -33,40 +33,40 @@ pub(crate) struct ServoSettings {
     pub servo: Servo,
     /// Orientation in which the hand is held.
     pub hand_rotation: DQuat,
-    /// Drive of the fingers; `None` for fingers that do not move.
+    /// Drive of the gripper's fingers; `None` for fingers that do not move.
     pub finger: Option<FingerDrive>,
-    /// Largest distance of the target from the hand (metres).
+    /// Largest distance of the hand's target from the hand (metres).
     pub max_target_lead: f64,
     /// Maximum speeds and accelerations of the hand.
     pub limits: robots::TwistLimits,
-    /// Part of the orientation that the hand keeps.
+    /// Constraint on the orientation of the hand: the part that the hand keeps.
     pub orientation: OrientationConstraint,
 }
 
 /// Drive of a gripper's fingers by one joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FingerDrive {
-    /// Index of the joint among the arm's free joints.
+    /// Index of the finger joint among the arm's free joints.
     pub dof: usize,
-    /// Positions with open and with closed fingers (metres, radians).
+    /// Positions of the finger joint with open and with closed fingers (metres or radians).
     pub positions: [f64; 2],
-    /// Maximum speed of the joint.
+    /// Maximum speed of the finger joint (metres or radians per second).
     pub max_speed: f64,
 }
 
 impl FingerDrive {
-    /// Returns the distance between the open and the closed position.
+    /// Returns the distance between the open and the closed position of the finger joint.
     pub fn travel(&self) -> f64 {
         (self.positions[1] - self.positions[0]).abs()
     }
 
-    /// Returns the joint's position with a closure from 0 (open) to 1.
+    /// Returns the finger joint's position at a closure from 0 (open) to 1 (closed).
     pub fn position(&self, closure: f64) -> f64 {
         let [open, closed] = self.positions;
         open + closure * (closed - open)
     }
 
-    /// Returns the closure, from 0 (open) to 1, with the joint at `position`.
+    /// Returns the closure, from 0 (open) to 1 (closed), with the finger joint at `position`.
     fn closure(&self, position: f64) -> f64 {
         let [open, closed] = self.positions;
         ((position - open) / (closed - open)).clamp(0.0, 1.0)
@@ -86,9 +86,10 @@ pub struct ServoController {
     commanded: Command,
 }
 
-/// Largest angle (radians) between the hand and its commanded orientation before the control waits.
+/// Largest angle (radians) between the hand's orientation and the commanded one, beyond which the
+/// control waits for the hand.
 const MAX_TURN_ERROR: f64 = 0.1;
-/// Rate (1/s) of the final, exponential approach to the target.
+/// Rate (1/s) of the final, exponential approach of the hand to its target.
 const APPROACH_RATE: f64 = 10.0;
 
 impl ServoController {
@@ -117,8 +118,8 @@ impl ServoController {
         Ok(self.control.restart(&configuration)?)
     }
 
-    /// Returns `wanted` moved so that it is at most `lead` from `hand`. The target of a slow or
-    /// blocked arm thus cannot run away.
+    /// Returns the target `wanted`, moved so that it is at most `max_target_lead` from `hand`. The
+    /// target of a slow or blocked arm thus cannot run away.
     pub(crate) fn within_lead(&self, wanted: DVec3, hand: DVec3) -> DVec3 {
         hand + (wanted - hand).clamp_length_max(self.servos.max_target_lead)
     }
@@ -137,7 +138,7 @@ impl ServoController {
         Ok(data.set_ctrl(&self.controls(&self.positions(data)))?)
     }
 
-    /// Replaces the command in force.
+    /// Replaces the command that the controller follows.
     pub(crate) fn command(&mut self, command: &Command) -> Result<(), ControlError> {
         self.control.command(command.twist)?;
         self.commanded = *command;
@@ -150,8 +151,8 @@ impl ServoController {
         self.commanded = Command { twist: Twist::ZERO, gripper_closure: self.gripper_closure };
     }
 
-    /// Sets the servo controls for one control step of the command in force. Returns the finger
-    /// speed in `[-1, 1]`, and the error that stopped the arm, if any.
+    /// Sets the servo controls for one control step of the command that the controller follows.
+    /// Returns the finger speed in `[-1, 1]`, and the error that stopped the arm, if any.
     pub(crate) fn step_command(
         &mut self,
         data: &mut Data,
@@ -171,7 +172,7 @@ impl ServoController {
         Ok((finger, stopped))
     }
 
-    /// Advances the command in force by `seconds`. The control waits while something blocks the
+    /// Follows the present command for `seconds`. The control waits while something blocks the
     /// hand, because the servos would push ever harder.
     fn advance_command(&mut self, data: &Data, seconds: f64) -> Result<(), ControlError> {
         let twist = self.commanded.twist;

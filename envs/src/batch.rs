@@ -1,4 +1,4 @@
-//! Buffers for observations and outcomes of N environments.
+//! Buffers for observations and step outcomes of N environments.
 
 use crate::settings::VecEnvSettings;
 use crate::tabletop::VECTOR_DIM;
@@ -6,29 +6,33 @@ use crate::tabletop::VECTOR_DIM;
 /// Borrowed buffers for the observations of N environments.
 #[derive(Debug)]
 pub struct ObservationsMut<'a> {
-    /// Images `[N, size, size, C]` of the observations: the current RGB picture, then those of
-    /// [`ExtraView`](crate::ExtraView).
+    /// Images `[N, size, size, C]` of the observations, with C channels: the current RGB picture,
+    /// then those of [`ExtraView`](crate::ExtraView).
     pub images: &'a mut [u8],
-    /// Vectors `[N, 7]` of the observations, see [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
+    /// Observation vectors `[N, 7]`: hand, aperture and goal, see
+    /// [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
     pub vectors: &'a mut [f32],
 }
 
 /// Borrowed buffers for the outcome of one step of N environments.
 #[derive(Debug)]
 pub struct StepMut<'a> {
-    /// Observations to choose the next actions from. Where an episode ended, the first of the next
-    /// one.
+    /// Observations to choose the next actions from: where an episode ended, the first of the next
+    /// episode.
     pub observations: ObservationsMut<'a>,
-    /// Last observations of episodes that ended; only rows with `truncated` are written.
+    /// Last observations of episodes that ended; only those of environments with `truncated` are
+    /// written.
     pub final_observations: ObservationsMut<'a>,
-    /// Rewards of the decision `[N]`, in `[0, 1]`.
+    /// Rewards of the N environments for the decision, in `[0, 1]`.
     pub rewards: &'a mut [f32],
-    /// `[N]`: `true` if the success condition held at any control step of the decision.
+    /// Flags of N environments: `true` if the success condition held at any control step of the
+    /// decision.
     pub success: &'a mut [bool],
-    /// `[N]`: `true` if the success condition holds after the decision's last control step.
+    /// Flags of N environments: `true` if the success condition holds after the decision's last
+    /// control step.
     pub success_at_end: &'a mut [bool],
-    /// `[N]`: `true` if the episode reached its time limit, or its environment failed. Tasks have
-    /// no other end.
+    /// Flags of N environments: `true` if the episode reached its time limit, or its environment
+    /// failed. Tasks have no other end.
     pub truncated: &'a mut [bool],
 }
 
@@ -36,21 +40,25 @@ pub struct StepMut<'a> {
 /// contents.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepBuffers {
-    /// Images `[N, size, size, C]` of the current observations, C = 6 by default.
+    /// Images `[N, size, size, C]` of the current observations of N environments, with C channels,
+    /// 6 by default.
     pub images: Vec<u8>,
-    /// Vectors `[N, 7]` of the current observations: hand, aperture and goal.
+    /// Observation vectors `[N, 7]` of N environments now: hand, aperture and goal.
     pub vectors: Vec<f32>,
     /// Last images `[N, size, size, C]` of episodes that ended.
     pub final_images: Vec<u8>,
-    /// Last vectors `[N, 7]` of episodes that ended.
+    /// Last observation vectors `[N, 7]` of episodes that ended.
     pub final_vectors: Vec<f32>,
-    /// Rewards of the last decision `[N]`, in `[0, 1]`.
+    /// Rewards of the N environments for the last decision, in `[0, 1]`.
     pub rewards: Vec<f32>,
-    /// Flags `[N]`: `true` if the success condition held at any control step of the decision.
+    /// Flags of N environments: `true` if the success condition held at any control step of the
+    /// decision.
     pub success: Vec<bool>,
-    /// Flags `[N]`: `true` if the success condition holds after the decision's last control step.
+    /// Flags of N environments: `true` if the success condition holds after the decision's last
+    /// control step.
     pub success_at_end: Vec<bool>,
-    /// Flags `[N]`: `true` where an episode reached its time limit, or its environment failed.
+    /// Flags of N environments: `true` where an episode reached its time limit, or its environment
+    /// failed.
     pub truncated: Vec<bool>,
 }
 

@@ -15,23 +15,25 @@ pub use compose::ObservationPictures;
 pub const RGB_CHANNELS: usize = 3;
 /// Largest side of a drawn picture (pixels).
 const MAX_SIDE: usize = 4096;
-/// Range of drawn pixels along each side of an observed pixel.
+/// Range of the number of drawn pixels along each side of an observed pixel.
 pub(crate) const OVERSAMPLING_RANGE: RangeInclusive<usize> = 1..=8;
-/// Lowest camera (metres). A camera at or below the hand would project it mirrored.
+/// Lowest height of the camera above the table (metres). A camera at or below the hand would
+/// project it mirrored.
 const MIN_HEIGHT: f64 = 0.6;
 
-/// Camera, light and gripper mark. A trained policy depends on them, so they serialise.
+/// Camera above the table, with its light and the gripper's mark. A trained policy depends on them,
+/// so they serialise.
 ///
 /// A square pinhole camera looks straight down on the table's centre; image up is +y, image right
 /// is +x. There are no shadows and no reflections.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
-    /// Pixels along either side of an observed picture; an even number, so that flips map pixels to
+    /// Number of pixels along either side of an observed picture; even, so that flips map pixels to
     /// pixels.
     pub size: usize,
-    /// Drawn pixels along each side of an observed pixel, 1 to 8 (1 if a file has no value). An
-    /// observed pixel is their mean, so an edge can move by less than a pixel.
+    /// Number of drawn pixels along each side of an observed pixel, 1 to 8 (1 if a file has no
+    /// value). An observed pixel is their mean, so an edge can move by less than a pixel.
     #[serde(default = "one")]
     pub oversampling: usize,
     /// Height of the camera above the table (metres).
@@ -64,8 +66,8 @@ pub struct Light {
     pub overhead: f64,
 }
 
-/// Disc or ring over the gripper. Its size in the picture is that of one on the table, whatever the
-/// gripper's height.
+/// Disc or ring that is drawn over the gripper. Its size in the picture is that of one on the
+/// table, whatever the gripper's height.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mark {
@@ -253,7 +255,7 @@ pub enum ExtraView {
 }
 
 impl ExtraView {
-    /// Returns the number of channels of an observation's image, C: 6 or 9.
+    /// Returns the number of channels of an observation's image: 6 or 9.
     pub const fn num_channels(self) -> usize {
         match self {
             Self::First | Self::CloseUp => 2 * RGB_CHANNELS,

@@ -1,4 +1,4 @@
-//! Rules for tasks, as functions that a task's tests call.
+//! Conformance rules for tasks, as functions that a task's tests call.
 //!
 //! [`check`] tests a group against all rules in one line. [`measure_expert`] and
 //! [`measure_symmetry`] measure one variant on a chosen number of placements.

@@ -1,10 +1,10 @@
-//! Conversion of actions to motion, and length of an episode.
+//! Settings that convert actions to motion, and the length of an episode.
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{EnvError, require};
 
-/// Physics steps of 2.5 ms in one control step of 12.5 ms (Meta-World's).
+/// Number of physics steps of 2.5 ms in one control step of 12.5 ms, as in Meta-World.
 pub const PHYSICS_STEPS_PER_CONTROL_STEP: usize = 5;
 /// Duration of a control step (seconds).
 const CONTROL_STEP: f64 = 0.0125;

@@ -10,13 +10,13 @@ use crate::camera::{Camera, RGB_CHANNELS, for_each_ring_pixel};
 use crate::homography::Homography;
 use crate::randomisation::Randomisation;
 
-/// First random stream for pictures. Placements use the streams below it, so randomised pictures do
-/// not change them.
+/// Number of the first random stream for camera errors of pictures. Placements use the streams
+/// below it, so randomised pictures do not change them.
 const PICTURE_STREAMS: u64 = 1 << 63;
-/// Standard deviation of a patch's distance from the gripper along either axis (mm), about the
-/// width of an arm with its gripper.
+/// Standard deviation of the distance of an off-colour patch from the gripper along either axis
+/// (mm), about the width of an arm with its gripper.
 const PATCH_SPREAD: f64 = 100.0;
-/// Approximate exponent between light and the levels of a picture, as in sRGB.
+/// Approximate exponent from the levels of a picture to linear light, as in sRGB.
 const GAMMA: f64 = 2.2;
 /// Largest share of a pixel that one blur pass gives to each neighbour. With more, the pixel would
 /// keep less than its neighbours get.
@@ -44,11 +44,12 @@ impl CameraState {
     }
 }
 
-/// Applies the errors of a [`CameraState`] to the pictures of a perfect camera.
+/// Randomiser that applies the errors of a [`CameraState`] to the pictures of a perfect camera.
 pub(crate) struct DomainRandomiser {
     amounts: Randomisation,
     camera: Camera,
-    /// Picture being processed `[size, size]`, and a second buffer for the next step.
+    /// Pixels `[size, size]` of the picture that is being processed, and a second buffer for the
+    /// next step.
     levels: Vec<Pixel>,
     spare: Vec<Pixel>,
 }
@@ -60,7 +61,8 @@ impl DomainRandomiser {
         Self { amounts, camera, levels: room.clone(), spare: room }
     }
 
-    /// Draws the camera errors (pose, exposure, white balance, blur) of the episode that begins.
+    /// Draws random camera errors (pose, exposure, white balance, blur) for the episode that
+    /// begins.
     pub fn begin_episode(&self, state: &mut CameraState) {
         let (amounts, rng) = (&self.amounts, &mut state.rng);
         // all numbers are drawn whatever the amounts, so that one amount does not shift the others'
@@ -90,7 +92,7 @@ impl DomainRandomiser {
         self.camera.draw_mark(&self.camera.mark, hand, rgb);
     }
 
-    /// Resamples the picture through a homography, with bilinear interpolation; border pixels
+    /// Resamples the picture `rgb` through a homography, with bilinear interpolation; border pixels
     /// extend outwards.
     fn resample(&mut self, view: &Homography, rgb: &[u8]) {
         for (out, color) in self.spare.iter_mut().zip(rgb.chunks_exact(RGB_CHANNELS)) {
@@ -112,8 +114,8 @@ impl DomainRandomiser {
         }
     }
 
-    /// Blurs once: each pixel gives `share` of itself to each neighbour, along rows and then along
-    /// columns. Nothing is lost at the border.
+    /// Blurs the picture once: each pixel gives `share` of itself to each neighbour, along rows and
+    /// then along columns. Nothing is lost at the border.
     fn blur(&mut self, share: f32) {
         let size = self.camera.size;
         let lines = self.levels.chunks_exact(size);
@@ -134,7 +136,8 @@ impl DomainRandomiser {
         }
     }
 
-    /// Adds coloured discs around the gripper at `hand`.
+    /// Draws off-colour patches, discs at random places around the gripper at `hand`, over the
+    /// picture.
     fn patch(&mut self, hand: DVec3, rng: &mut ChaCha8Rng) {
         let amounts = &self.amounts;
         let [right, up] = self.camera.project(hand);
@@ -153,7 +156,7 @@ impl DomainRandomiser {
         }
     }
 
-    /// Applies `gains` and noise, and writes the result as bytes.
+    /// Applies the channels' `gains` and noise to the picture, and writes it to `rgb` as bytes.
     fn expose(&self, gains: [f32; RGB_CHANNELS], rng: &mut ChaCha8Rng, rgb: &mut [u8]) {
         let deviation = self.amounts.noise_sd as f32;
         let pixels = self.levels.iter().zip(rgb.chunks_exact_mut(RGB_CHANNELS));
@@ -168,15 +171,16 @@ impl DomainRandomiser {
     }
 }
 
-/// Returns the index of the pixel before `place` on a line of `size` pixels, at most the last but
-/// one, and the distance from that pixel to `place`.
+/// Returns the index of the pixel before the coordinate `place` in a row or column of `size`
+/// pixels, at most the last but one, and the distance from that pixel to `place`.
 fn split(place: f32, size: usize) -> (usize, f32) {
     // converting to i32 is faster than to usize, and the side of a picture always fits
     let before = (place as i32).min(size as i32 - 2);
     (before as usize, place - before as f32)
 }
 
-/// Returns the two indices next to one of `0..size`; at the border its own index.
+/// Returns the indices of the two pixels next to a pixel in a row or column of `size`; at the
+/// border that of the pixel itself.
 fn neighbours(index: usize, size: usize) -> (usize, usize) {
     (index.saturating_sub(1), (index + 1).min(size - 1))
 }
@@ -201,7 +205,7 @@ fn passes(variance: f64) -> (usize, f32) {
     (passes as usize, share as f32)
 }
 
-/// Draws a vector of uniform direction, whose length is uniform in `[0, most]`.
+/// Returns a random vector of uniform direction, whose length is uniform in `[0, most]`.
 fn vector(most: f64, rng: &mut ChaCha8Rng) -> DVec3 {
     // the z of a uniform direction is uniform, by Archimedes' hat-box theorem
     let z: f64 = rng.random_range(-1.0..1.0);
@@ -210,8 +214,8 @@ fn vector(most: f64, rng: &mut ChaCha8Rng) -> DVec3 {
     most * rng.random::<f64>() * DVec3::new(across * cosine, across * sine, z)
 }
 
-/// Draws three numbers of mean 0 and variance 1. Each is the sum of three uniform 7-bit integers:
-/// close to normal, except that the tails end at 2.98.
+/// Returns three random numbers of mean 0 and variance 1. Each is the sum of three uniform 7-bit
+/// integers: close to normal, except that the tails end at 2.98.
 fn normals(rng: &mut ChaCha8Rng) -> [f32; RGB_CHANNELS] {
     /// Reciprocal of the standard deviation of the sum, sqrt(3 (128^2 - 1) / 12).
     const SCALE: f32 = 0.015_625_477;

@@ -22,7 +22,7 @@ use crate::instance_id::{InstanceId, impl_traits_by_name};
 #[derive(Clone, Copy)]
 pub struct Embodiment(&'static dyn EmbodimentSpec);
 
-/// Embodiments registered by the program.
+/// Embodiments that the embedding program has registered.
 static REGISTERED: RwLock<Vec<Embodiment>> = RwLock::new(Vec::new());
 
 impl Embodiment {
@@ -35,8 +35,8 @@ impl Embodiment {
     /// with another arm.
     pub const KINOVA_GEN3: Self = Self::from_spec(&KinovaGen3);
 
-    /// Embodiments for training, in the order of reports. Every task must pass its conformance
-    /// rules with them.
+    /// Embodiments for training, in the order in which reports list them. Every task must pass its
+    /// conformance rules with them.
     pub const STANDARD: [Self; 2] = [Self::SAWYER, Self::HAND];
     /// Embodiments that this crate provides.
     pub const BUILT_IN: [Self; 3] = [Self::SAWYER, Self::HAND, Self::KINOVA_GEN3];
@@ -71,7 +71,7 @@ impl Embodiment {
         Ok(arm)
     }
 
-    /// Returns the arm of an embodiment that servos move.
+    /// Returns the robot arm of an embodiment that servos move.
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`] for an embodiment without servos; errors of reading the file of
@@ -136,7 +136,7 @@ impl Embodiment {
         self.0.mirrors_exactly()
     }
 
-    /// Returns an id that differs from that of another embodiment with this name.
+    /// Returns an id that distinguishes the embodiment from another one with the same name.
     pub(crate) fn instance_id(self) -> InstanceId {
         InstanceId::of(self.0)
     }
@@ -156,7 +156,7 @@ impl Embodiment {
 }
 
 impl Default for Embodiment {
-    /// Returns [`Embodiment::SAWYER`].
+    /// Returns the Sawyer arm, [`Embodiment::SAWYER`].
     fn default() -> Self {
         Self::SAWYER
     }

@@ -29,18 +29,18 @@ pub struct EmbodimentParts {
 
 /// Definition of an embodiment. It keeps no state between calls.
 pub trait EmbodimentSpec: Any + Send + Sync {
-    /// Returns the name as settings and files spell it: words of lower-case letters and digits,
-    /// joined by hyphens or underscores.
+    /// Returns the embodiment's name as settings and files spell it: words of lower-case letters
+    /// and digits, joined by hyphens or underscores.
     fn name(&self) -> &str;
 
-    /// Returns the parts of the scene.
+    /// Returns the parts of a scene that depend on the embodiment.
     ///
     /// # Errors
     /// For instance [`EnvError::Robot`] for an invalid robot description.
     fn parts(&self) -> Result<EmbodimentParts, EnvError>;
 
-    /// Returns joint positions near rest with the hand's target at `hand_target` (metres, world
-    /// frame). Joints that are left out start at zero.
+    /// Returns joint positions at which the embodiment is nearly at rest with the hand's target at
+    /// `hand_target` (metres, world frame). Joints that are left out start at zero.
     ///
     /// # Errors
     /// For instance [`EnvError::Control`] for a target out of reach.
@@ -59,8 +59,9 @@ pub trait EmbodimentSpec: Any + Send + Sync {
         false
     }
 
-    /// Returns the MJCF for the layout `metaworld`, if it differs. An episode then starts from the
-    /// model's initial pose, as with Meta-World's own arm.
+    /// Returns the embodiment's MJCF for the layout `metaworld`, if it differs from that of the
+    /// symmetric layout. An episode then starts from the model's initial pose, as with Meta-World's
+    /// own arm.
     fn meta_world_mjcf(&self) -> Option<&str> {
         None
     }

@@ -1,4 +1,4 @@
-//! Errors of this crate.
+//! Errors of environments: settings, tasks, embodiments and simulation.
 
 use crate::task::TaskGroup;
 
@@ -58,7 +58,7 @@ pub enum EnvError {
     /// Setting of an environment whose value is out of range.
     #[error("setting `{name}` is {value}, expected {expected}")]
     InvalidSetting {
-        /// Name of the setting.
+        /// Name of the setting whose value is out of range.
         name: &'static str,
         /// Rejected value of the setting.
         value: String,
@@ -166,7 +166,7 @@ pub enum EnvError {
          does not copy its worker threads, so make environments after the fork, or use `spawn`"
     )]
     UsedAfterFork {
-        /// Identifier of the process that made it.
+        /// Identifier of the process that made the vector environment.
         made_in: u32,
         /// Identifier of the calling process.
         process: u32,
@@ -187,7 +187,7 @@ pub enum EnvError {
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// Arm of a file that cannot do the tasks where it stands best.
+    /// Robot arm from a file that cannot do the tasks, wherever its base stands.
     #[error(
         "the arm `{name}` cannot bring its hand, pointing down, to all places of the tasks. With its \
          base at {base} m it reaches {reached} of {places}; the next one, {missed} m, is {distance:.2} \
@@ -196,27 +196,28 @@ pub enum EnvError {
          settings"
     )]
     OutOfReach {
-        /// Name of the robot.
+        /// Name of the robot arm.
         name: String,
-        /// Number of places that the hand reaches, one after the other, before the missed one.
+        /// Number of places of the tasks that the hand reaches, one after the other, before the
+        /// missed one.
         reached: usize,
-        /// Number of places that the tasks need.
+        /// Number of places that the hand must reach for the tasks.
         places: usize,
-        /// Position of the base from which it reaches the most (metres).
+        /// Position of the arm's base from which the hand reaches the most places (metres).
         base: glam::DVec3,
-        /// First place that is not reached (metres).
+        /// First place of the tasks that the hand does not reach (metres).
         missed: glam::DVec3,
-        /// Distance of that place from the base (metres).
+        /// Distance of the missed place from the arm's base (metres).
         distance: f64,
         /// Bound on the distance of the hand from the first joint (metres).
         reach: f64,
     },
-    /// Fingers in the file of an arm that cannot be used.
+    /// Fingers in the file of a robot arm that cannot be used.
     #[error("the fingers {} and {} cannot be used: {reason}", .fingers[0], .fingers[1])]
     InvalidFingers {
         /// Names of the fingers' links.
         fingers: [String; 2],
-        /// Reason for the rejection.
+        /// Reason for the rejection of the fingers.
         reason: &'static str,
     },
     /// Invalid robot description.
@@ -237,13 +238,13 @@ pub enum EnvError {
 }
 
 impl EnvError {
-    /// Wraps the error with the index of its environment.
+    /// Wraps the error with the index of the environment in which it occurred.
     pub(crate) fn in_env(self, index: usize) -> Self {
         Self::InEnv { index, source: Box::new(self) }
     }
 }
 
-/// Returns [`EnvError::InvalidSetting`] unless `holds`.
+/// Returns [`EnvError::InvalidSetting`] for the setting `name` unless `holds`.
 pub(crate) fn require(
     holds: bool,
     name: &'static str,

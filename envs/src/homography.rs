@@ -1,4 +1,4 @@
-//! View of the table from a camera with an error in its pose.
+//! Homography between the pictures of a camera with an error in its pose and of the nominal camera.
 
 use glam::{DMat3, DQuat, DVec3};
 
@@ -10,7 +10,7 @@ use crate::camera::Camera;
 pub(crate) struct Homography {
     /// Matrix rows that map a pixel offset (right, up, 1) to a point in homogeneous coordinates.
     rows: [[f32; 3]; 3],
-    /// Translation added to the point (pixels).
+    /// Translation that is added to the mapped point (pixels).
     shift: [f32; 2],
 }
 
@@ -42,8 +42,8 @@ impl Homography {
         }
     }
 
-    /// Returns the offset (right, up) in the nominal picture of the point at this offset in the
-    /// camera's picture; both from the picture's centre, in pixels.
+    /// Returns the offset (right, up) in the nominal picture of the point that the misplaced camera
+    /// shows at the offset (u, v); both from the picture's centre, in pixels.
     pub fn nominal_offset(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         let [x, y, divisor] = self.rows.map(|[a, b, c]| a * u + b * v + c);
         let scale = 1.0 / divisor;

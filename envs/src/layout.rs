@@ -20,18 +20,18 @@ const SYMMETRIC: [Mjcf<'static>; 4] =
 const META_WORLD: [Mjcf<'static>; 4] =
     parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "metaworld");
 
-/// Physics steps for a hand to come to rest at its start: 10 s.
+/// Number of physics steps in which a hand comes to rest at its start: 10 s.
 const SETTLED: usize = 4000;
-/// Physics steps of Meta-World's reset: 0.625 s, after which its arm is still moving.
+/// Number of physics steps of Meta-World's reset: 0.625 s, after which its arm is still moving.
 const META_WORLD_RESET: usize = 250;
 
 /// Settings of the simulation that leads to the start state of episodes.
 pub(crate) struct SettlingSettings {
     /// Position of the hand's target (metres).
     pub hand_target: DVec3,
-    /// Joint positions other than zero.
+    /// Initial positions of the joints that do not start at zero.
     pub joint_positions: JointPositions,
-    /// Physics steps before episodes may start, if a weld moves the hand.
+    /// Number of physics steps before episodes may start, if a weld moves the hand.
     pub steps: usize,
 }
 
@@ -42,11 +42,12 @@ pub(crate) struct SettlingSettings {
 )]
 #[serde(rename_all = "lowercase")]
 pub enum Layout {
-    /// Centred bounds, start at rest, off-centre placements: four variants in four quadrants.
+    /// Layout for training, with centred bounds, a start at rest and off-centre placements: four
+    /// variants in four quadrants.
     #[default]
     Symmetric,
-    /// Meta-World's ranges, hand starts, bounds, finger strokes and contact shapes; only the
-    /// identity variant.
+    /// Layout of Meta-World, with its ranges, hand starts, bounds, finger strokes and contact
+    /// shapes; only the identity variant.
     MetaWorld,
 }
 
@@ -132,7 +133,7 @@ impl Layout {
         }
     }
 
-    /// Returns the files that other parts include by name.
+    /// Returns the MJCF files that parts of a scene in this layout include by name.
     pub(crate) fn included_files(self) -> &'static [Mjcf<'static>] {
         match self {
             Self::Symmetric => &SYMMETRIC,
@@ -140,7 +141,7 @@ impl Layout {
         }
     }
 
-    /// Rejects an element that this layout has no variant for.
+    /// Rejects an element of D2 that this layout has no variant for.
     pub(crate) fn check_variant(self, element: D2) -> Result<(), EnvError> {
         if self.elements().contains(&element) {
             return Ok(());
@@ -155,7 +156,8 @@ impl std::fmt::Display for Layout {
     }
 }
 
-/// Maps a point between the canonical and the world frame. Every element is its own inverse.
+/// Maps a point between the canonical frame of a variant and the world frame. Every element is its
+/// own inverse.
 pub(crate) fn map_point(element: D2, point: DVec3) -> DVec3 {
     let [x, y] = element.apply_xy([point.x, point.y]);
     DVec3::new(x, y, point.z)

@@ -22,31 +22,32 @@ pub struct EnvFailure {
 /// Command for one environment in [`VecEnv::execute_commands`](crate::VecEnv::execute_commands).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EnvCommand {
-    /// Takes one decision. If it ends the episode, the next one begins at once, as in
+    /// Command to take one decision. If it ends the episode, the next one begins at once, as in
     /// [`VecEnv::step`](crate::VecEnv::step) (Gymnasium's same-step autoreset).
     Step,
-    /// Takes one decision. If it ends the episode, the environment keeps its last observation until
-    /// a reset.
+    /// Command to take one decision. If it ends the episode, the environment keeps its last
+    /// observation until a reset.
     StepNoAutoReset,
-    /// Begins an episode, and abandons a running one. The action is ignored.
+    /// Command to begin an episode, and to abandon a running one. The action is ignored.
     Reset,
-    /// Does nothing: the environment keeps its last observation. The action is ignored.
+    /// Command to do nothing: the environment keeps its last observation. The action is ignored.
     Idle,
 }
 
-/// Command for a worker, which answers each with a [`WorkerReply`].
+/// Command for a worker thread, which answers each command with a [`WorkerReply`].
 pub(crate) enum WorkerCommand {
-    /// Makes a renderer for this scene, unless there is one.
+    /// Command to make a renderer for a scene, unless there is one.
     Prepare(Arc<Scene>),
-    /// Selects this prepared scene from the next reset on, with variants drawn from these elements.
+    /// Command to use a prepared scene from the next reset on, with variants drawn from the given
+    /// elements of D2.
     SetTasks(Arc<Scene>, Vec<D2>),
-    /// Restarts the random streams from this seed.
+    /// Command to restart the random streams from a seed.
     Reseed(u64),
-    /// Executes the command of every row.
+    /// Command to execute the [`EnvCommand`] of every environment of the worker.
     Advance(WorkerBatch),
-    /// Writes the scripted experts' actions.
+    /// Command to write the scripted experts' actions for the present states.
     Experts(WorkerBatch),
-    /// Applies a fault to one row before its next decision.
+    /// Command to apply a fault to one environment before its next decision.
     #[cfg(test)]
     Inject(usize, Fault),
 }
@@ -55,13 +56,14 @@ pub(crate) enum WorkerCommand {
 #[cfg(test)]
 pub(crate) type Fault = fn(&mut crate::tabletop::TableTop, &mut crate::renderer::SceneRenderer);
 
-/// Answer of a worker: the rows that came with the command, and an error that stopped it.
+/// Answer of a worker thread: the buffers that came with the command, and an error that stopped it.
 pub(crate) struct WorkerReply {
     pub rows: Option<WorkerBatch>,
     pub result: Result<(), EnvError>,
 }
 
-/// Rows of one worker; sent back and forth, so that a step allocates nothing.
+/// Buffers of the environments of one worker thread, one row each; sent back and forth, so that a
+/// step allocates nothing.
 pub(crate) struct WorkerBatch {
     pub commands: Vec<EnvCommand>,
     pub actions: Vec<f32>,
@@ -70,7 +72,7 @@ pub(crate) struct WorkerBatch {
 }
 
 impl WorkerBatch {
-    /// Creates rows for `settings.num_envs` environments.
+    /// Creates buffers for `settings.num_envs` environments.
     pub(crate) fn new(settings: &VecEnvSettings) -> Self {
         Self {
             commands: vec![EnvCommand::Idle; settings.num_envs],
@@ -80,7 +82,7 @@ impl WorkerBatch {
         }
     }
 
-    /// Clears the outcome of `row`, for a row without a decision.
+    /// Clears the outcome of environment `row`, which took no decision.
     pub(crate) fn clear(&mut self, row: usize) {
         self.write_outcome(row, &StepResult::default());
     }
@@ -93,7 +95,8 @@ impl WorkerBatch {
         batch.truncated[row] = step.truncated;
     }
 
-    /// Returns `true` if the episode of `row` has ended and its command begins the next one.
+    /// Returns `true` if the episode of environment `row` has ended and its command begins the next
+    /// one.
     pub(crate) fn auto_resets(&self, row: usize) -> bool {
         self.batch.truncated[row] && self.commands[row] == EnvCommand::Step
     }
@@ -111,7 +114,7 @@ impl WorkerBatch {
         }
     }
 
-    /// Ends the episode of `row` at its last observation, like a time-out.
+    /// Ends the episode of environment `row` at its last observation, like a time-out.
     pub(crate) fn end_as_truncated(&mut self, row: usize) {
         let batch = &mut self.batch;
         let image = batch.images.len() / batch.rewards.len();
@@ -123,12 +126,12 @@ impl WorkerBatch {
     }
 }
 
-/// Returns row `row` of rows of `len` values.
+/// Returns row `row` of a flat array with rows of `len` values.
 pub(crate) fn row_mut<T>(values: &mut [T], row: usize, len: usize) -> &mut [T] {
     &mut values[row * len..(row + 1) * len]
 }
 
-/// Copies row `row` of `from` to row `to_row` of `to`.
+/// Copies row `row` of the flat array `from` to row `to_row` of `to`.
 pub(crate) fn copy_row<T: Copy>(from: &[T], row: usize, to: &mut [T], to_row: usize, len: usize) {
     row_mut(to, to_row, len).copy_from_slice(&from[row * len..(row + 1) * len]);
 }

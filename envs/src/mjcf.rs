@@ -1,9 +1,9 @@
-//! MJCF files of `assets/mjcf`, compiled in.
+//! MJCF files of `assets/mjcf`, compiled into the crate.
 
-/// Name and text of a file; other files include it by the name.
+/// Name and text of an MJCF file; other files include it by the name.
 pub(crate) type Mjcf<'a> = (&'a str, &'a str);
 
-/// Expands to one file of `assets/mjcf` or of a folder in it.
+/// Expands to the name and text of one MJCF file of `assets/mjcf` or of a folder in it.
 macro_rules! part {
     ($file:literal $(in $folder:literal)?) => {
         (
@@ -13,7 +13,7 @@ macro_rules! part {
     };
 }
 
-/// Expands to several files of one folder.
+/// Expands to the names and texts of several MJCF files of one folder.
 macro_rules! parts {
     ([$($file:literal),+] in $folder:literal) => {
         [$(crate::mjcf::part!($file in $folder)),+]

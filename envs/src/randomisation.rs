@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use crate::camera::Camera;
 use crate::error::{EnvError, require};
 
-/// Largest blur (pixels). The number of passes over a picture grows with its square, up to 32.
+/// Largest standard deviation of the blur (pixels). The number of passes over a picture grows with
+/// its square, up to 32.
 const MAX_BLUR: f64 = 4.0;
 
 /// Amounts of domain randomisation of pictures, so that a policy learns to tolerate the errors of a
@@ -22,7 +23,8 @@ pub struct Randomisation {
     /// Largest distance of the camera from its nominal position (mm, 0 to 100). The distance is
     /// uniform up to it, in a uniform direction.
     pub max_position_error_mm: f64,
-    /// Largest rotation of the camera (degrees, 0 to 10): uniform up to it, about a uniform axis.
+    /// Largest angle by which the camera is rotated (degrees, 0 to 10): uniform up to it, about a
+    /// uniform axis.
     pub max_angle_error_deg: f64,
     /// Standard deviation of the logarithm of the exposure (%, 0 to 100).
     pub exposure_sd: f64,
@@ -30,14 +32,14 @@ pub struct Randomisation {
     pub white_balance_sd: f64,
     /// Largest standard deviation of the blur (mm on the table, 0 to 4 pixels): uniform up to it.
     pub max_blur_mm: f64,
-    /// Standard deviation of the noise (levels of 255, 0 to 64).
+    /// Standard deviation of the noise of each pixel (levels of 255, 0 to 64).
     pub noise_sd: f64,
     /// Largest number of off-colour patches in a picture (0 to 100): uniform up to it. Patches are
     /// discs around the gripper, like the remains of an arm that was painted out.
     pub max_patches: usize,
-    /// Largest radius of a patch (mm, 0 to 200): uniform up to it.
+    /// Largest radius of an off-colour patch (mm, 0 to 200): uniform up to it.
     pub max_patch_radius_mm: f64,
-    /// Standard deviation of a patch's error in each channel (levels of 255, 0 to 255).
+    /// Standard deviation of the colour error of a patch in each channel (levels of 255, 0 to 255).
     pub patch_color_sd: f64,
 }
 
@@ -70,7 +72,7 @@ impl Randomisation {
         patch_color_sd: 40.0,
     };
 
-    /// Rejects amounts out of range for pictures of `camera`.
+    /// Rejects amounts of randomisation that are out of range for pictures of `camera`.
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`].

@@ -15,7 +15,7 @@ impl TaskGroup {
     /// Task group of sliding a puck into a goal cage.
     pub const PLATE_SLIDE: Self = Self::from_task(&PlateSlide);
 
-    /// All four task groups of the COVERS paper, in the order of reports.
+    /// All four task groups of the COVERS paper, in the order in which reports list them.
     pub const STANDARD: [Self; 4] =
         [Self::GOAL_REACH, Self::BUTTON_PRESS, Self::DRAWER_CLOSE, Self::PLATE_SLIDE];
 

@@ -10,7 +10,7 @@ use crate::error::EnvError;
 use crate::scene::{ARM_GEOM_GROUP, Scene};
 use crate::tabletop::TableTop;
 
-/// Renderer of one scene through its camera; stays on the thread that made it.
+/// Renderer of one scene through its top-down camera; stays on the thread that made it.
 pub struct SceneRenderer {
     scene: Arc<Scene>,
     renderer: Renderer,
@@ -39,7 +39,8 @@ impl SceneRenderer {
         Self::showing(scene, true, None)
     }
 
-    /// Creates a renderer of the table alone, the background that in-painting starts from.
+    /// Creates a renderer of the table without arm and mark, the background that in-painting starts
+    /// from.
     ///
     /// # Errors
     /// [`EnvError::Render`] if no off-screen OpenGL is available.
@@ -99,9 +100,9 @@ impl SceneRenderer {
         Ok(())
     }
 
-    /// Returns the camera, with a mirror for exactly symmetric embodiments. Each variant is then
-    /// drawn mirrored to the canonical one, so all four pass the same numbers to OpenGL, and their
-    /// pictures mirror bit for bit.
+    /// Returns the scene's camera, with a mirror for exactly symmetric embodiments. Each variant is
+    /// then drawn mirrored to the canonical one, so all four pass the same numbers to OpenGL, and
+    /// their pictures mirror bit for bit.
     fn view(&self, table: &TableTop) -> Result<CameraView, EnvError> {
         let element = table.variant().ok_or(EnvError::NotReset)?.element;
         let mirrors = self.scene.embodiment.mirrors_exactly();

@@ -17,16 +17,16 @@ use crate::layout::{HAND_TARGET_START, Layout, SettlingSettings};
 use crate::mjcf::{Mjcf, part};
 use crate::task::{MetaWorldSpec, Placement, TaskGroup, TaskParts};
 
-/// MuJoCo geom group (3) of the arm's and the gripper's geoms.
+/// Number of the MuJoCo geom group of the arm's and the gripper's geoms, which learners do not see.
 pub const ARM_GEOM_GROUP: usize = 3;
 
-/// Name of the main file, which includes the parts.
+/// Name of the main MJCF file of a scene, which includes the parts.
 const MAIN: &str = "scene.xml";
-/// Names of the files with the task's parts.
+/// Names of the MJCF files with the task's parts.
 const TASK: &str = "task.xml";
 const ADDITION: &str = "addition.xml";
 const ARENA: Mjcf<'static> = part!("arena.xml");
-/// Name of the file with the embodiment's part.
+/// Name of the MJCF file with the embodiment's part.
 const EMBODIMENT: &str = "embodiment.xml";
 
 /// Model of one task group with one embodiment, and the state in which episodes start. Any number
@@ -35,7 +35,7 @@ const EMBODIMENT: &str = "embodiment.xml";
 pub struct Scene {
     /// Layout (geometry) that the scene follows.
     pub layout: Layout,
-    /// Task group whose scene it is.
+    /// Task group that the scene is made for.
     pub group: TaskGroup,
     /// Embodiment that acts in the scene.
     pub embodiment: Embodiment,
@@ -134,7 +134,8 @@ impl Scene {
         &self.start_state
     }
 
-    /// Returns everything besides the state that determines the future of an episode.
+    /// Returns the key of the scene: everything besides the state that determines the future of an
+    /// episode.
     pub(crate) fn key(&self, control: Control) -> SceneKey {
         SceneKey {
             layout: self.layout,
@@ -145,7 +146,7 @@ impl Scene {
         }
     }
 
-    /// Draws the placement of an episode from the task's distribution.
+    /// Draws a random placement of object and goal from the task's distribution.
     pub fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         match &self.meta_world {
             None => self.group.task().draw_placement(rng),
@@ -154,7 +155,7 @@ impl Scene {
     }
 }
 
-/// Key of simulations whose states are interchangeable.
+/// Key of a scene: simulations with equal keys can exchange their states.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SceneKey {
     layout: Layout,
@@ -166,8 +167,8 @@ pub(crate) struct SceneKey {
 }
 
 impl SceneKey {
-    /// Describes the key for an error message. If `other` has equal names but another definition
-    /// behind one, it says so.
+    /// Returns a description of the key for an error message. If `other` has equal names but
+    /// another definition behind one, it says so.
     pub(crate) fn describe(&self, other: &Self) -> String {
         let [other_task, other_embodiment] =
             [0, 1].map(|of| self.instance_ids[of] != other.instance_ids[of]);
@@ -182,7 +183,7 @@ impl SceneKey {
     }
 }
 
-/// Rejects placements that are NaN or infinite.
+/// Rejects placements with coordinates that are NaN or infinite.
 pub(crate) fn check_placement(placement: &Placement) -> Result<(), EnvError> {
     for (what, value) in [("object", placement.object), ("goal", placement.goal)] {
         if !value.is_finite() {
@@ -192,7 +193,7 @@ pub(crate) fn check_placement(placement: &Placement) -> Result<(), EnvError> {
     Ok(())
 }
 
-/// Rejects values that would lead to measurements and rewards that are NaN.
+/// Rejects task parts with values that would lead to measurements and rewards that are NaN.
 fn check_parts(parts: &TaskParts<'_>) -> Result<(), EnvError> {
     let offset = parts.object_offset;
     let expected = "finite numbers of metres";
@@ -230,22 +231,22 @@ fn compile(
     Ok(Model::from_files(MAIN, &files)?)
 }
 
-/// Returns the addresses in `qpos` of joints, and their positions.
+/// Returns the addresses in `qpos` of the named joints, with the given positions.
 fn addresses(model: &Model, joints: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, EnvError> {
     let address = |&(name, position)| Ok((model.joint_qpos_address(model.joint(name)?), position));
     joints.iter().map(address).collect()
 }
 
-/// Returns the address of the loose cylinder of Meta-World's reach task. A task's own joint called
-/// `decoy` is left alone.
+/// Returns the address in `qpos` of the loose cylinder of Meta-World's reach task, if the scene has
+/// it. A task's own joint called `decoy` is left alone.
 fn decoy(model: &Model, spec: &MetaWorldSpec<'_>) -> Option<usize> {
     spec.extra_mjcf?;
     let joint = model.joint("decoy").ok()?;
     Some(model.joint_qpos_address(joint))
 }
 
-/// Simulates to the state in which episodes start. Also returns the controller of an arm with
-/// servos.
+/// Simulates `model` to the state in which episodes start. Also returns the controller of an arm
+/// with servos.
 fn settle(
     model: &Arc<Model>,
     settling: &SettlingSettings,
@@ -276,7 +277,7 @@ fn settle(
     Ok((data.save_state(), controller))
 }
 
-/// Control steps in which servos come to rest, in any layout: 1 s.
+/// Number of control steps in which servos come to rest, in any layout: 1 s.
 const SERVOS_SETTLED: usize = 80;
 /// Finger action that opens the gripper.
 const OPEN_ACTION: f64 = -1.0;

@@ -31,7 +31,7 @@ pub struct VecEnvSettings {
     /// Domain randomisation of the pictures; `None` for perfect pictures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub randomisation: Option<Randomisation>,
-    /// Seed of all placements and variant draws.
+    /// Seed of the random placements, variants and camera errors of all environments.
     pub seed: u64,
 }
 
@@ -54,7 +54,8 @@ const FIRST_PICTURE: &str = "the first picture if pictures are randomised: camer
 whole pictures, so close-ups would be without them";
 
 impl VecEnvSettings {
-    /// Returns the number of bytes of one environment's image, size x size x C.
+    /// Returns the number of bytes of one environment's observed image: size x size x number of
+    /// channels.
     pub fn image_len(&self) -> usize {
         self.camera.size * self.camera.size * self.camera.extra_views.num_channels()
     }

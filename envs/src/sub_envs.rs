@@ -1,4 +1,4 @@
-//! Environments of one worker thread, and the renderers of their scenes.
+//! Environments of one worker thread, and the renderers of their task groups' scenes.
 
 use std::any::Any;
 use std::collections::BTreeMap;
@@ -36,17 +36,16 @@ struct Slot {
     fault: Option<Fault>,
 }
 
-/// Everything that a worker thread owns.
+/// Environments and renderers that a worker thread owns.
 pub(crate) struct SubEnvs {
     settings: VecEnvSettings,
     slots: Vec<Slot>,
-    /// Renderer of each prepared group. A renderer that failed is dropped and made again.
+    /// Renderer of each prepared task group. A renderer that failed is dropped and made again.
     renderers: BTreeMap<TaskGroup, SceneRenderer>,
-    /// Simulations of the current group, one per slot.
+    /// Simulations of the current task group, one per environment.
     tables: Vec<TableTop>,
-    /// Simulations of earlier groups, kept for their return. Freeing blocks of
-    /// several megabytes and almost equal sizes fragments the heap: memory would grow with every
-    /// group.
+    /// Simulations of earlier task groups, kept for their return. Freeing blocks of several
+    /// megabytes and almost equal sizes fragments the heap: memory would grow with every group.
     parked: BTreeMap<TaskGroup, Vec<TableTop>>,
     elements: Vec<D2>,
     picture: Vec<u8>,
@@ -146,7 +145,7 @@ impl SubEnvs {
         Ok(())
     }
 
-    /// Creates a simulation for each slot.
+    /// Creates a simulation of `scene` for each environment.
     fn simulations(&self, scene: &Arc<Scene>) -> Result<Vec<TableTop>, EnvError> {
         let table = |_| TableTop::new(Arc::clone(scene), self.settings.control);
         self.slots.iter().map(table).collect()
@@ -181,8 +180,8 @@ impl SubEnvs {
         Ok(())
     }
 
-    /// Calls `work` for one row and returns `true` if it succeeded. Errors and panics are failures
-    /// of that row alone, except errors of rendering, which affect all rows.
+    /// Calls `work` for the environment `row` and returns `true` if it succeeded. Errors and panics
+    /// are failures of that row alone, except errors of rendering, which affect all rows.
     fn attempt(
         &mut self,
         row: usize,
@@ -211,7 +210,7 @@ impl SubEnvs {
         }
     }
 
-    /// Starts an episode in slot `row` and writes its first observation.
+    /// Starts an episode in environment `row` of the worker and writes its first observation.
     fn begin_episode(&mut self, row: usize, rows: &mut WorkerBatch) -> Result<(), EnvError> {
         self.prepare(Arc::clone(self.tables[row].scene()))?;
         let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
@@ -236,7 +235,8 @@ impl SubEnvs {
         Ok(())
     }
 
-    /// Takes one decision in slot `row` and writes its outcome, or nothing if it fails.
+    /// Takes one decision in environment `row` of the worker and writes its outcome, or nothing if
+    /// it fails.
     fn decide(&mut self, row: usize, rows: &mut WorkerBatch) -> Result<(), EnvError> {
         let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
         let renderer = renderer_of(&mut self.renderers, table)?;
@@ -286,7 +286,7 @@ fn renderer_of<'a>(
     renderers.get_mut(&table.scene().group).ok_or(EnvError::NotReset)
 }
 
-/// Returns the message of a panic.
+/// Returns the text of a panic's message.
 pub(crate) fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(ToString::to_string);
     text.or_else(|| panic.downcast_ref::<String>().cloned())

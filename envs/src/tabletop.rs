@@ -1,4 +1,4 @@
-//! One environment without pictures: reset, step, reward.
+//! One table-top environment without pictures: reset, step and reward.
 
 use std::sync::Arc;
 
@@ -151,7 +151,7 @@ impl TableTop {
         Ok(())
     }
 
-    /// Moves the objects to `placement`, and their joints to the start positions.
+    /// Moves object and goal to `placement`, and the task's joints to their start positions.
     fn put_objects(&mut self, element: D2, placement: &Placement) -> Result<(), EnvError> {
         let scene = &self.scene;
         for (body, position) in [(scene.object, placement.object), (scene.goal, placement.goal)] {
@@ -257,7 +257,7 @@ impl TableTop {
         self.pass(episode, finger)
     }
 
-    /// Simulates one control step of 12.5 ms.
+    /// Simulates one control step of 12.5 ms with the controls as they are, and returns its reward.
     fn pass(&mut self, episode: &mut Episode, finger: f64) -> Result<StepReward, EnvError> {
         self.data.step(PHYSICS_STEPS_PER_CONTROL_STEP)?;
         episode.touched |= self.data.contact_count() > 0;
@@ -279,18 +279,18 @@ impl TableTop {
         self.episode.as_ref().is_some_and(|episode| episode.touched)
     }
 
-    /// Ends the running episode, if any.
+    /// Ends the environment's running episode, if any.
     pub(crate) fn end_episode(&mut self) {
         self.episode = None;
     }
 
-    /// Returns the position of the hand (metres, world frame).
+    /// Returns the position of the hand body (metres, world frame).
     pub fn hand_position(&self) -> DVec3 {
         DVec3::from_array(self.data.body_position(self.scene.hand))
     }
 
-    /// Returns the goal (metres, world frame); `None` for tasks with a hidden goal, or if no
-    /// episode is running.
+    /// Returns the goal's position (metres, world frame); `None` for tasks with a hidden goal, or
+    /// if no episode is running.
     pub fn observable_goal(&self) -> Option<DVec3> {
         let episode = self.episode.as_ref()?;
         let goal = map_point(episode.element, episode.start.placement.goal);
@@ -340,7 +340,7 @@ impl TableTop {
         Ok(self.scene.group.task().reward(&episode.start, &now, finger))
     }
 
-    /// Returns the measurements that the reward depends on (canonical frame).
+    /// Returns the measurements of the present state that the reward depends on (canonical frame).
     ///
     /// # Errors
     /// [`EnvError::NotReset`].

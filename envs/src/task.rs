@@ -39,7 +39,7 @@ impl TaskGroup {
         self.0
     }
 
-    /// Returns an id that differs from that of another task with this name.
+    /// Returns an id that distinguishes the task from another one with the same name.
     pub(crate) fn instance_id(self) -> InstanceId {
         InstanceId::of(self.0)
     }
@@ -57,7 +57,7 @@ impl_traits_by_name!(TaskGroup);
 pub struct TaskVariant {
     /// Task group of the variant.
     pub group: TaskGroup,
-    /// Element of D2 that maps the canonical scene to this variant's.
+    /// Element of D2 that maps the canonical variant to this one.
     pub element: D2,
 }
 
@@ -120,7 +120,8 @@ pub struct StepReward {
     pub success: bool,
 }
 
-/// Constant parts of a task. `TaskParts::default()` is the bare table with a hidden goal.
+/// Parts of a task's scene that are the same in all episodes. `TaskParts::default()` is the bare
+/// table with a hidden goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TaskParts<'a> {
     /// MJCF of the task's objects, a `<mujocoinclude>`; `None` for the bare table.
@@ -159,26 +160,27 @@ pub struct MetaWorldSpec<'a> {
     pub name: &'a str,
     /// Position of the hand's target when an episode starts (metres, world frame).
     pub hand_target: DVec3,
-    /// Additional part of the scene as MJCF, a `<mujocoinclude>`. The name `decoy` is then reserved
-    /// for a free joint, whose body starts at the placement's object.
+    /// Additional MJCF of the scene, a `<mujocoinclude>`. The name `decoy` is then reserved for a
+    /// free joint, whose body starts at the placement's object.
     pub extra_mjcf: Option<&'a str>,
     /// Function that draws a placement from Meta-World's ranges.
     pub draw_placement: fn(&mut ChaCha8Rng) -> Placement,
 }
 
-/// Task in its canonical frame; it keeps no state between calls.
+/// Definition of a task in its canonical frame; it keeps no state between calls.
 ///
 /// The four variants follow from mapping positions and actions by the elements of [`D2`].
 /// [`conformance::check`](crate::conformance::check) tests the requirements.
 pub trait Task: Any + Send + Sync {
-    /// Returns the name in kebab-case: words of lower-case letters and digits, joined by hyphens.
+    /// Returns the task's name in kebab-case: words of lower-case letters and digits, joined by
+    /// hyphens.
     fn name(&self) -> &str;
 
-    /// Returns the constant parts of the task.
+    /// Returns the parts of the task's scene that are the same in all episodes.
     fn parts(&self) -> TaskParts<'_>;
 
-    /// Draws a placement. All objects, or all goals, must lie in one quadrant and more than 1 mm
-    /// off its axes, so that the four variants fill four quadrants.
+    /// Draws a random placement of object and goal. All objects, or all goals, must lie in one
+    /// quadrant and more than 1 mm off its axes, so that the four variants fill four quadrants.
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement;
 
     /// Returns reward and success of the state `now` of an episode with the start `start`; `finger`
@@ -188,7 +190,8 @@ pub trait Task: Any + Send + Sync {
     /// Returns the scripted expert's next command.
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand;
 
-    /// Returns the settings for the layout `metaworld`; `None` if the task has no scene in it.
+    /// Returns the task's settings for the layout `metaworld`; `None` if the task has no scene in
+    /// that layout.
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
         None
     }

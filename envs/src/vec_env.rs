@@ -38,7 +38,7 @@ pub struct VecEnv {
     workers: Vec<Worker>,
     rows: Vec<WorkerBatch>,
     failures: Vec<EnvFailure>,
-    /// `true` while episodes run: after a reset, until the tasks change or a call fails.
+    /// `true` while episodes run: after a reset, until the task group changes or a call fails.
     running: bool,
     /// Identifier of the process with the worker threads.
     process: u32,
@@ -219,7 +219,7 @@ impl VecEnv {
         Err(EnvError::UsedAfterFork { made_in, process })
     }
 
-    /// Returns an error if no episodes run, or after a worker was lost with its rows.
+    /// Returns an error if no episodes run, or after a worker thread was lost with its buffers.
     fn require_running(&self) -> Result<(), EnvError> {
         self.require_own_process()?;
         if self.running && self.rows.len() == self.workers.len() {
@@ -228,7 +228,7 @@ impl VecEnv {
         Err(EnvError::NotReset)
     }
 
-    /// Executes the commands in the rows and copies the results out.
+    /// Executes the commands in the workers' buffers and copies the results to `out`.
     fn advance_rows(
         &mut self,
         actions: &[f32],
@@ -250,7 +250,7 @@ impl VecEnv {
         Ok(&self.failures)
     }
 
-    /// Sends the rows to the workers with `command`, and collects the failures.
+    /// Sends the workers their buffers with `command`, and collects the environments' failures.
     fn run(&mut self, command: fn(WorkerBatch) -> WorkerCommand) -> Result<(), EnvError> {
         self.running = false;
         // after an error episodes count as ended, until a reset succeeds
@@ -263,7 +263,7 @@ impl VecEnv {
         Ok(())
     }
 
-    /// Sends every worker its rows and waits for them to come back.
+    /// Sends every worker its buffers with `command` and waits for them to come back.
     fn send_rows(&mut self, command: fn(WorkerBatch) -> WorkerCommand) -> Result<(), EnvError> {
         self.require_own_process()?;
         for (rows, worker) in self.rows.drain(..).zip(&self.workers) {
@@ -272,7 +272,7 @@ impl VecEnv {
         self.receive()
     }
 
-    /// Sends every worker a command without rows.
+    /// Sends every worker a command without buffers.
     fn broadcast(&mut self, command: impl Fn() -> WorkerCommand) -> Result<(), EnvError> {
         self.require_own_process()?;
         for worker in &self.workers {
@@ -281,7 +281,7 @@ impl VecEnv {
         self.receive()
     }
 
-    /// Creates the workers' rows, at first use and after a worker was lost.
+    /// Creates the workers' buffers, at first use and after a worker was lost.
     fn prepare_rows(&mut self) {
         if self.rows.len() != self.workers.len() {
             let rows = |worker: &Worker| {
@@ -291,8 +291,8 @@ impl VecEnv {
         }
     }
 
-    /// Waits for every worker, then returns the first error. All answers are received even then, so
-    /// that commands and answers stay paired.
+    /// Waits for the answers of all workers, then returns the first error. All answers are received
+    /// even then, so that commands and answers stay paired.
     fn receive(&mut self) -> Result<(), EnvError> {
         let mut first_error = Ok(());
         for worker in &mut self.workers {

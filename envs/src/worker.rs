@@ -1,4 +1,4 @@
-//! Worker thread that owns some of the environments.
+//! Worker thread that owns some of a vector environment's environments.
 
 use std::ops::Range;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -9,7 +9,7 @@ use crate::messages::{WorkerCommand, WorkerReply};
 use crate::settings::VecEnvSettings;
 use crate::sub_envs::{SubEnvs, panic_message};
 
-/// Handle of one worker thread.
+/// Handle of one worker thread of a vector environment.
 pub(crate) struct Worker {
     /// Range of the environments that this worker owns.
     pub envs: Range<usize>,
@@ -43,14 +43,14 @@ impl Worker {
         Ok(Self { envs, index, commands: Some(commands), replies, thread: Some(thread) })
     }
 
-    /// Sends a command. If the thread is gone, [`Worker::receive`] reports it.
+    /// Sends the worker thread a command. If the thread is gone, [`Worker::receive`] reports it.
     pub(crate) fn send(&self, command: WorkerCommand) {
         if let Some(commands) = &self.commands {
             let _ = commands.send(command);
         }
     }
 
-    /// Waits for the answer to the last command.
+    /// Waits for the worker thread's answer to the last command.
     pub(crate) fn receive(&mut self) -> WorkerReply {
         self.replies.recv().unwrap_or_else(|_| {
             let worker = self.index;
@@ -59,7 +59,7 @@ impl Worker {
         })
     }
 
-    /// Returns the reason for which the thread ended.
+    /// Returns the reason for which the worker thread ended.
     fn exit_message(&mut self) -> String {
         match self.thread.take().map(JoinHandle::join) {
             Some(Err(panic)) => panic_message(&*panic),

@@ -31,8 +31,8 @@ impl<'a> Choice<'a> {
         self.opinions.get(self.collector)
     }
 
-    /// Returns `true` if first pictures and vectors do not reject the acting policy at this
-    /// significance level.
+    /// Returns `true` if first pictures and vectors do not reject the acting policy at the
+    /// significance level `level`.
     pub(crate) fn is_alike(&self, level: f64) -> bool {
         self.own().is_some_and(|own| !own.looks_doubtful(level))
     }

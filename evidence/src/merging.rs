@@ -27,10 +27,10 @@ impl Recogniser {
         twin.filter(|_| examiner.has_proven_gain(own))
     }
 
-    /// Returns `true` if `twin`, which acted in these episodes of the task group of `policy`,
-    /// earned about as much as in its own group and as `policy` does. Then let `policy` act once
-    /// more, since the group may have changed before `twin` acted, and call [`Recogniser::merge`].
-    /// Two policies that differ are not proposed again.
+    /// Returns `true` if `twin`, which acted in the episodes `accounts` of the task group of
+    /// `policy`, earned about as much as in its own group and as `policy` does. Then let `policy`
+    /// act once more, since the group may have changed before `twin` acted, and call
+    /// [`Recogniser::merge`]. Two policies that differ are not proposed again.
     ///
     /// # Errors
     /// Too few episodes, unknown policies, or episodes that cannot be compared.

@@ -164,8 +164,8 @@ impl Recogniser {
         self.memories.len()
     }
 
-    /// Remembers that `policy` trains on these episodes, in which it acted. A new policy has the
-    /// index [`policies`](Self::policies). A merge of `policy` is undone. Episodes after a
+    /// Remembers that `policy` trains on the episodes `accounts`, in which it acted. A new policy
+    /// has the index [`policies`](Self::policies). A merge of `policy` is undone. Episodes after a
     /// changepoint are left out: returns the decisions before the first of them, if there is one.
     ///
     /// # Errors
@@ -369,7 +369,7 @@ impl Recogniser {
         self.open(case, finding)
     }
 
-    /// Decides on a rollout in whose task group its collector was not proposed. In a short visit
+    /// Decides on a rollout whose collector was proposed for another task group. In a short visit
     /// the named policy would act too late, so it trains on the rollout without a trial.
     fn start_over(&mut self, case: Case, is_cut: bool, rng: &mut impl Rng) -> Result<Finding> {
         let situation = Situation { rejected: &[], is_provisional: false, ..case.situation };

@@ -6,14 +6,14 @@ use glam::{DMat3, DVec3};
 /// both show.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ColorCorrection {
-    /// No correction.
+    /// No colour correction: pictures stay as they are.
     None,
-    /// Matches mean and standard deviation of each channel of the decorrelated space l, alpha, beta
-    /// (Reinhard, Ashikhmin, Gooch, Shirley, "Color Transfer between Images", IEEE
-    /// CG&A 21(5), 2001).
+    /// Match of mean and standard deviation of each channel of the decorrelated space l, alpha,
+    /// beta (Reinhard, Ashikhmin, Gooch, Shirley, "Color Transfer between Images", IEEE CG&A 21(5),
+    /// 2001).
     #[default]
     MeanAndDeviation,
-    /// Scales red, green and blue so that both pictures have one mean (grey world, von Kries).
+    /// Scaling of red, green and blue so that both pictures have one mean (grey world, von Kries).
     GreyWorld,
 }
 

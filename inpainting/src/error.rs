@@ -83,7 +83,7 @@ pub enum InpaintingError {
          picture size", 1e3 * accuracy, fits(.fitted)
     )]
     InconsistentPoses {
-        /// Number of the arm pose with the largest residual.
+        /// Number of the worst arm pose, the one without which the others fit best.
         pose: usize,
         /// Distance in the picture between the ball of the worst pose and where the others predict
         /// it (pixels).

@@ -38,7 +38,8 @@ impl ImageMoments {
         self.middle
     }
 
-    /// Returns the ratio of length to width of the ellipse with these moments; infinite for a line.
+    /// Returns the ratio of length to width of the ellipse with the spot's second moments; infinite
+    /// for a line.
     pub fn elongation(&self) -> f64 {
         let [across, mixed, down] = self.second;
         let half = (across + down) / 2.0;

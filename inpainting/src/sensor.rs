@@ -16,7 +16,7 @@ const STEPS: usize = 1 << 16;
 pub(crate) struct Sensor {
     /// Linear light of each of the 256 sRGB levels, in `[0, 1]`.
     light: Vec<f32>,
-    /// The sRGB level of each step of linear light.
+    /// Level in sRGB of each step of linear light.
     levels: Vec<u8>,
     /// Sums of the collected light, `[height, width, 3]`.
     collected: Vec<f32>,

@@ -8,7 +8,7 @@ use rl::BoxedEnvError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LearnerError {
-    /// A setting outside its range.
+    /// Setting of a learner outside its range.
     #[error("setting `{name}` is {value}, expected {expected}")]
     InvalidSetting {
         /// Name of the setting that is out of range.
@@ -18,7 +18,7 @@ pub enum LearnerError {
         /// Valid values of the setting, in words.
         expected: &'static str,
     },
-    /// A rollout that shows too few episodes to be assigned to a policy.
+    /// Rollout that shows too few episodes to be assigned to a policy.
     #[error(
         "the rollout shows the first {first_frames} frames of {got} episodes, expected at least {needed}: \
          use more environments, longer rollouts, or fewer first frames"

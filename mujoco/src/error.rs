@@ -144,7 +144,7 @@ pub enum SimError {
         what: Quantity,
         /// Length that the model requires.
         expected: usize,
-        /// Length of the slice.
+        /// Length of the rejected slice.
         got: usize,
     },
     /// Quaternion of norm zero, or too small for a rotation.
@@ -225,14 +225,14 @@ pub enum RenderError {
         /// Value of the environment variable `COVERS_GL`.
         got: String,
     },
-    /// Image size out of range.
+    /// Size of a renderer's images out of range.
     #[error("image size {width} x {height} is out of range; each side must be 1 to {limit} pixels")]
     ImageSizeOutOfRange {
-        /// Requested width, in pixels.
+        /// Requested width of the images, in pixels.
         width: usize,
-        /// Requested height, in pixels.
+        /// Requested height of the images, in pixels.
         height: usize,
-        /// Largest allowed side, in pixels.
+        /// Largest allowed width or height, in pixels.
         limit: usize,
     },
     /// Output slice that does not hold exactly one image.
@@ -240,7 +240,7 @@ pub enum RenderError {
     WrongImageLength {
         /// Number of bytes that one image has.
         expected: usize,
-        /// Number of bytes that the slice has.
+        /// Number of bytes that the output slice has.
         got: usize,
     },
     /// Data of another model than the renderer's.
@@ -339,7 +339,7 @@ pub enum ContextError {
     /// Missing extension of EGL that the backend needs.
     #[error("EGL does not offer {name}")]
     MissingEglExtension {
-        /// Name of the missing extension.
+        /// Name of the missing EGL extension.
         name: &'static str,
     },
     /// Failed call of an EGL function.

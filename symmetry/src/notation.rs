@@ -44,7 +44,7 @@ pub enum ParseFieldTypeError {
     Term(String),
     /// Term that brings the field type above [`FieldType::MAX_DIM`] channels.
     TooManyChannels {
-        /// Term that exceeds the maximum.
+        /// Term with which the field type exceeds the maximum.
         term: String,
     },
     /// Representation that the symmetry group does not have.

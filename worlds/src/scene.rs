@@ -44,7 +44,7 @@ pub(crate) fn change_light(scene: Scene, rng: &mut ChaCha8Rng) -> [Scene; 2] {
     [scene, Scene { brightness: if rng.random() { 1.3 } else { 0.6 }, ..scene }]
 }
 
-/// Changes each channel of the ground.
+/// Changes each channel of the ground's colour by a random amount.
 pub(crate) fn tint_ground(scene: Scene, rng: &mut ChaCha8Rng) -> [Scene; 2] {
     let ground = scene.ground.map(|level| level + rng.random_range(-35.0..35.0));
     [scene, Scene { ground, ..scene }]

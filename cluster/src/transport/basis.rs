@@ -166,8 +166,9 @@ impl Basis {
         self.stack = stack;
     }
 
-    /// Brings an arc into the basis: sends as much as fits around the cycle that it closes, drops
-    /// the arc that runs empty, and moves the prices of the part that changes sides.
+    /// Brings the arc `entering` into the basis: sends as much flow as fits around the cycle that
+    /// it closes, drops the arc that runs empty, and moves the prices of the part that changes
+    /// sides.
     pub(crate) fn pivot(&mut self, entering: Entering) {
         let source = entering.source;
         let sink = entering.sink + self.sources as u32;
@@ -206,9 +207,9 @@ impl Basis {
         }
     }
 
-    /// Finds the smallest flow among the arcs between `from` and `top` that would shrink, and the
-    /// node below it. On the entering source's side these belong to sources, on the sink's side to
-    /// sinks.
+    /// Returns the lower node and the flow of the arc with the smallest flow, among those between
+    /// `from` and `top` that a pivot would shrink. On the entering source's side these belong to
+    /// sources, on the sink's side to sinks.
     fn narrowest(&self, from: u32, top: u32, source_side: bool) -> (u32, Mass) {
         let (mut node, mut found) = (from, (NONE, Mass::MAX));
         while node != top {

@@ -88,9 +88,9 @@ fn whole(units: usize) -> Mass {
     Mass { units: units as i64, infinitesimals: 0 }
 }
 
-/// Gives each source `m` infinitesimals and each sink one; the last sink balances. A subset of
-/// sinks without the last one holds fewer than `m` of them, so it never equals a subset of sources,
-/// and neither does its complement.
+/// Perturbs supplies and demands: each source gets `m` infinitesimals and each sink one; the last
+/// sink balances. A subset of sinks without the last one holds fewer than `m` of them, so it never
+/// equals a subset of sources, and neither does its complement.
 fn perturb(supplies: &mut [Mass], demands: &mut [Mass]) {
     let (n, m) = (supplies.len() as i64, demands.len() as i64);
     supplies.iter_mut().for_each(|s| s.infinitesimals = m);

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Camera, ExtraView, RGB_CHANNELS};
 
-/// Pictures that an observation's image is composed of.
+/// Camera pictures that an observation's image is composed of, with the hand's position.
 #[derive(Clone, Copy, Debug)]
 pub struct ObservationPictures<'a> {
     /// Current picture with the gripper's mark `[size, size, 3]`.

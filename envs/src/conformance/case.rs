@@ -1,4 +1,4 @@
-//! One variant of one scene, and random actions to drive it.
+//! One variant of one scene to test, and random actions to drive it.
 
 use std::fmt;
 use std::sync::Arc;
@@ -12,15 +12,15 @@ use crate::error::EnvError;
 use crate::scene::Scene;
 use crate::tabletop::{ACTION_DIM, StepResult, TableTop, VECTOR_DIM};
 
-/// Outcome of a rule: `None`, or a description of the violation.
+/// Outcome of a conformance rule: `None`, or a description of the violation.
 pub(super) type RuleResult = Result<Option<String>, EnvError>;
 
-/// Returns `finding()` if `holds` is `false`.
+/// Returns the description `finding()` of a violation if `holds` is `false`.
 pub(super) fn unless(holds: bool, finding: impl FnOnce() -> String) -> Option<String> {
     (!holds).then(finding)
 }
 
-/// One variant of one scene.
+/// Variant of a scene that the conformance rules are tested on.
 pub(super) struct Case {
     pub scene: Arc<Scene>,
     pub element: D2,
@@ -31,7 +31,7 @@ impl Case {
         TableTop::new(Arc::clone(&self.scene), self.scene.layout.control())
     }
 
-    /// Returns a table at the start of the episode of `seed`.
+    /// Returns an environment at the start of the episode of `seed`.
     pub(super) fn started(&self, seed: u64) -> Result<TableTop, EnvError> {
         let mut table = self.table()?;
         self.reset(&mut table, seed)?;
@@ -46,7 +46,7 @@ impl Case {
         self.scene.layout.control().decisions_per_episode()
     }
 
-    /// Returns the control of the layout with one decision in each control step.
+    /// Returns the layout's control settings, changed to one decision in each control step.
     pub(super) fn fine_control(&self) -> Control {
         let control = self.scene.layout.control();
         Control {
@@ -62,7 +62,7 @@ impl Case {
 }
 
 impl RandomActions {
-    /// Creates random actions for a table with `control`.
+    /// Creates random actions for an environment with the control settings `control`.
     pub(super) fn new(seed: u64, control: &Control) -> Self {
         Self {
             rng: ChaCha8Rng::seed_from_u64(seed),
@@ -87,7 +87,7 @@ impl fmt::Display for Case {
 pub(super) struct RandomActions {
     rng: ChaCha8Rng,
     action: [f32; ACTION_DIM],
-    /// Decisions that an action is held for.
+    /// Number of decisions that a random action is held for.
     hold: usize,
     decision: usize,
 }
@@ -106,7 +106,7 @@ impl RandomActions {
 /// Everything that a learner observes of one decision, as bits for exact comparison.
 pub(super) type Bits = ([u32; VECTOR_DIM], u64, [bool; 3]);
 
-/// Takes `decisions` decisions and returns their observations.
+/// Takes `decisions` random decisions in `table` and returns all that a learner observes.
 pub(super) fn run(
     table: &mut TableTop,
     actions: &mut RandomActions,

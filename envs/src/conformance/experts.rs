@@ -1,4 +1,4 @@
-//! Success rate of the scripted experts.
+//! Measurement of the success rate of the scripted experts.
 
 use std::fmt;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use crate::tabletop::TableTop;
 /// Smallest share of episodes that a scripted expert must solve.
 const SUCCESS_RATE: f64 = 0.98;
 
-/// Variant that a row of measurements belongs to: embodiment, task group and element of D2.
+/// Names of the variant that measurements belong to: embodiment, task group and element of D2.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct VariantName {
     /// Name of the embodiment.
@@ -99,8 +99,8 @@ pub fn measure_expert(
     })
 }
 
-/// Runs the expert to the end of the episode. Returns the sum of the rewards, and `true` if any
-/// decision succeeded.
+/// Runs the scripted expert to the end of the episode. Returns the sum of the rewards, and `true`
+/// if any decision succeeded.
 pub(super) fn episode(table: &mut TableTop) -> Result<(f64, bool), EnvError> {
     let (mut reward, mut success) = (0.0, false);
     loop {

@@ -1,4 +1,4 @@
-//! Rules for variants, and the check that applies every rule.
+//! Conformance rules for variants, and the check that applies every rule.
 
 use std::sync::Arc;
 
@@ -42,17 +42,17 @@ pub enum ConformanceError {
     },
 }
 
-/// Description of a rule, and the function that checks it.
+/// Description of a conformance rule, and the function that checks it.
 type Rule = (&'static str, fn(&Case) -> RuleResult);
 
-/// Rules for a scene, checked with its identity variant.
+/// Conformance rules for a scene, checked with its identity variant.
 const OF_SCENES: [Rule; 3] = [
     ("everything in the scene has a name", scene_rules::names),
     ("pictures show what happens", scene_rules::moving_pictures),
     ("variants differ", scene_rules::distinct_variants),
 ];
 
-/// Rules for every variant.
+/// Conformance rules for every variant in every layout.
 const OF_VARIANTS: [Rule; 6] = [
     ("figures are finite and in range", ranges),
     ("a seed fixes an episode and another changes it", determinism),
@@ -62,7 +62,7 @@ const OF_VARIANTS: [Rule; 6] = [
     ("doing nothing solves nothing", idleness),
 ];
 
-/// Rules for every variant of the symmetric layout.
+/// Conformance rules for every variant of the symmetric layout.
 const OF_MIRRORED_VARIANTS: [Rule; 2] =
     [("the expert solves it", solution), ("it mirrors its canonical twin", mirror)];
 
@@ -125,7 +125,8 @@ fn ask(case: &Case, rules: &[Rule]) -> Result<(), ConformanceError> {
     Ok(())
 }
 
-/// Checks ranges in every control step, under random actions and under the expert's.
+/// Checks that observations, rewards and commands are in range in every control step, under random
+/// actions and under the expert's.
 fn ranges(case: &Case) -> RuleResult {
     let control = case.fine_control();
     let mut actions = RandomActions::new(2, &control);
@@ -240,8 +241,9 @@ fn variation(case: &Case) -> RuleResult {
     Ok(wrong.map(|i| format!("component {i} of the vector is in {}..={}", low[i], high[i])))
 }
 
-/// Checks that a restored episode continues to the same bits. The solver's warm start is part of
-/// the state: contacts and welds are solved to the same bits only from the same start.
+/// Checks that an episode that is saved and restored continues to the same bits. The solver's warm
+/// start is part of the state: contacts and welds are solved to the same bits only from the same
+/// start.
 fn continuation(case: &Case) -> RuleResult {
     let mut table = case.started(1)?;
     run(&mut table, &mut case.random_actions(9), 15)?;

@@ -1,4 +1,4 @@
-//! Rules for a whole scene: its names and its pictures.
+//! Conformance rules for a whole scene: its names, pictures and variants.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -19,9 +19,9 @@ use crate::task::Placement;
 const VISIBLE_DISPLACEMENT: f64 = 0.02;
 /// Displacement (metres) at the end of an episode at which pictures must have changed.
 const FINAL_DISPLACEMENT: f64 = 1e-3;
-/// Distance from an axis (metres) beyond which a point lies off it.
+/// Distance from an axis of the table (metres) beyond which a point lies off the axis.
 const OFF_AXIS: f64 = 1e-3;
-/// Number of placements drawn to check their quadrant.
+/// Number of random placements whose quadrant is checked.
 const PLACEMENTS: usize = 100;
 
 pub(super) fn names(case: &Case) -> RuleResult {
@@ -72,8 +72,8 @@ fn moving_mark(case: &Case) -> RuleResult {
     Ok(unless(before != after, || "nothing changes".to_owned()))
 }
 
-/// Checks that variants differ. A placement on an axis would make two variants equal, and so would
-/// objects that pictures do not show.
+/// Checks that the variants of the task differ. A placement on an axis would make two variants
+/// equal, and so would objects that pictures do not show.
 pub(super) fn distinct_variants(case: &Case) -> RuleResult {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let placements: Vec<Placement> =

@@ -1,4 +1,5 @@
-//! Comparison of a variant with the canonical variant, which should stay mirror images.
+//! Comparison of a variant with the canonical variant: both should stay mirror images of each
+//! other.
 
 use std::sync::Arc;
 
@@ -23,7 +24,7 @@ const RETURN_SPREAD: f64 = 0.03;
 const FREE_DEVIATION: f64 = 1e-9;
 const CONTACT_DEVIATION: f64 = 1e-6;
 
-/// Decisions that a random action is held for.
+/// Number of decisions that a random action is held for.
 const HELD: usize = 5;
 
 /// Deviation of a variant from the mirror image of its canonical twin.
@@ -86,13 +87,13 @@ pub fn measure_symmetry(
     Ok(twins.row)
 }
 
-/// Canonical table and a variant of it that gets the same actions, mirrored.
+/// Canonical environment and a variant of it that gets the same actions, mirrored.
 struct Twins {
     canonical: TableTop,
     variant: TableTop,
     element: D2,
-    /// Element that maps canonical actions to the variant's. Only the tests of this checker use
-    /// another one than `element`.
+    /// Element of D2 that maps the actions of the canonical environment to the variant's. Only the
+    /// tests of this checker use another one than `element`.
     of_actions: D2,
     renderer: SceneRenderer,
     pictures: [Vec<u8>; 2],
@@ -100,7 +101,7 @@ struct Twins {
     row: SymmetryRow,
 }
 
-/// Source of the canonical actions.
+/// Source of the actions in the canonical environment: the scripted expert or random numbers.
 #[derive(Clone, Copy)]
 enum Driver {
     Expert,
@@ -213,8 +214,8 @@ impl Twins {
     }
 }
 
-/// Returns the largest distance (metres) between the measurements of two tables, in the canonical
-/// frame.
+/// Returns the largest distance (metres) between the measurements of two environments, in the
+/// canonical frame.
 fn deviation(a: &Measurement, b: &Measurement) -> f64 {
     let distances = [
         a.hand.distance(b.hand),

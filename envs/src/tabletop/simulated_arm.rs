@@ -1,4 +1,4 @@
-//! Simulated arm behind the interface of real arms.
+//! Simulated robot arm behind the interface of real arms, [`Robot`].
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::task::{Placement, StepReward};
 
 use super::TableTop;
 
-/// Largest latency (seconds).
+/// Largest latency of commands to a simulated arm (seconds).
 const MAX_LATENCY: f64 = 1.0;
 
 /// Arm of a [`TableTop`] as a [`Robot`]: twists move it, and its state is computed from its joints.
@@ -24,10 +24,10 @@ const MAX_LATENCY: f64 = 1.0;
 /// not follow, the next call returns the reason.
 pub struct SimulatedArm {
     table: TableTop,
-    /// Control steps between an order and its effect.
+    /// Number of control steps between an order (command or stop) and its effect.
     delay: usize,
     steps: usize,
-    /// Pending orders, and the step in which each takes effect.
+    /// Pending orders (commands and stops), each with the control step in which it takes effect.
     sent: VecDeque<(usize, Order)>,
     fault: Option<ControlError>,
 }
@@ -110,7 +110,7 @@ impl SimulatedArm {
         self.fault.take().map_or(Ok(()), Err)
     }
 
-    /// Executes the orders that are due.
+    /// Executes the orders (commands and stops) that are due in the present control step.
     fn deliver(&mut self) {
         while let Some((_, order)) = self.sent.pop_front_if(|(due, _)| *due <= self.steps) {
             let done = self.controller().and_then(|controller| match order {

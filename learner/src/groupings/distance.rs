@@ -42,8 +42,8 @@ impl Grouping for Distance {
 /// the time of the networks.
 const COMPARED: usize = 40;
 
-/// Returns the policy whose first frames are nearest to those of the rollout; 0 if `policies` is
-/// empty.
+/// Returns the index of the policy whose first frames are nearest to those of the rollout; 0 if
+/// `policies` is empty.
 ///
 /// A frame unlike all remembered ones, for example of another camera, may by chance be less distant
 /// in the features of a wrong policy. So every two policies are compared in the features of both,

@@ -45,7 +45,7 @@ impl Default for GroupingSettings {
 }
 
 impl GroupingSettings {
-    /// The paper's rule with its threshold, `d_epsilon = 1.0`.
+    /// Grouping by the paper's rule with its threshold, `d_epsilon = 1.0`.
     pub const PAPER: Self = Self::Threshold { threshold: 1.0 };
 
     /// Creates the grouping for a learner outside a run.

@@ -35,12 +35,12 @@ pub struct PolicyCollection<S: PolicyCollectionSettings> {
     policies: Vec<PolicyEntry<S>>,
     /// Index of the policy that acts.
     current: usize,
-    /// The paper's online rollout buffer `D`.
+    /// Rollout that is being assigned: the paper's online rollout buffer `D`.
     rollout: RolloutOf<S>,
     generators: Generators,
 }
 
-/// A policy, its training, and the first frames of the group that it oversees.
+/// Policy with its training, and the first frames of the task group that it serves.
 struct PolicyEntry<S: PolicyCollectionSettings> {
     policy: PolicyOf<S>,
     training: S::Training,

@@ -148,8 +148,8 @@ pub struct IterationSeconds {
 pub enum CheckpointExtent {
     /// All of the learner: a copy that is trained further gets bit-identical parameters.
     Everything,
-    /// Enough of the learner to act and to recognise task groups: policies, and a limited number of
-    /// first frames each. A copy that is trained further starts with fresh optimisers.
+    /// Enough of the learner to act and to recognise task groups: policies, and the first frames of
+    /// some episodes each. A copy that is trained further starts with fresh optimisers.
     Policies {
         /// Largest number of episodes whose first frames are kept for each policy; at least as many
         /// as the grouping needs to recognise a task group.
@@ -160,7 +160,7 @@ pub enum CheckpointExtent {
 /// Logged value of a learner.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Metric {
-    /// A single number for the whole learner.
+    /// Single number for the whole learner.
     Number(f64),
     /// One number for each policy, in the order of the policies; `None` if there was nothing to
     /// measure.

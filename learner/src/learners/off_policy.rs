@@ -24,7 +24,7 @@ use super::collection::{
 use super::tensor_file::{Tensor, TensorFile};
 use staged_rollout::StagedRollout;
 
-/// A growing collection of policies, or a single one, trained by soft actor-critic.
+/// Learner with a growing collection of policies, or a single one, trained by soft actor-critic.
 pub type OffPolicy = PolicyCollection<OffPolicySettings>;
 
 /// Settings of [`OffPolicy`]. [`OffPolicySettings::clear`] is the default.

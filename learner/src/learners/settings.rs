@@ -32,9 +32,9 @@ macro_rules! each {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LearnerSettings {
-    /// A collection of policies trained by PPO: COVERS and the paper's PPO baselines.
+    /// Collection of policies trained by PPO: COVERS and the paper's PPO baselines.
     Covers(CoversSettings),
-    /// A policy, or a collection of them, trained by soft actor-critic from replay buffers: CLEAR,
+    /// Policy, or a collection of them, trained by soft actor-critic from replay buffers: CLEAR,
     /// 3RL and equivariant policies.
     OffPolicy(OffPolicySettings),
 }

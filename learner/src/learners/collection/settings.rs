@@ -137,7 +137,7 @@ pub struct CommonSettings {
     pub handover: Handover,
     /// Initial parameters of a new policy.
     pub new_policy: NewPolicyInit,
-    /// Seed of all random numbers of the learner.
+    /// Seed of the learner's random numbers.
     pub seed: u64,
 }
 
