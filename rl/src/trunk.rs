@@ -32,24 +32,13 @@ pub struct Trunk<T> {
     pub spec: EnvSpec,
     /// Height, width and channels of the encoder's input.
     canvas: [usize; 3],
-    encoder: Option<Sequential<T>>,
-    vector: Option<Sequential<T>>,
+    pub encoder: Option<Sequential<T>>,
+    pub vector: Option<Sequential<T>>,
     /// Concatenation of the fields of image and vector, if there are both.
-    concat: Option<Concat>,
-    pool: GroupMaxPool,
+    pub concat: Option<Concat>,
+    pub pool: GroupMaxPool,
     /// Natural index of every irrep-major component of the vector.
-    vector_order: Vec<usize>,
-}
-
-/// Layers of a trunk, for running or exporting them elsewhere.
-pub struct TrunkLayers<'a, T> {
-    pub encoder: Option<&'a Sequential<T>>,
-    pub vector: Option<&'a Sequential<T>>,
-    /// Concatenation of the fields of image and vector, if there are both.
-    pub concat: Option<&'a Concat>,
-    pub pool: &'a GroupMaxPool,
-    /// Natural index of every irrep-major component of the vector.
-    pub vector_order: &'a [usize],
+    pub vector_order: Vec<usize>,
 }
 
 /// Activations, gradients and scratch memory of a trunk for up to a fixed number of samples.
@@ -144,16 +133,6 @@ impl<T: Scalar> Trunk<T> {
             vector.init(rng, &mut params[self.vector_params()]);
         }
         params
-    }
-
-    pub fn parts(&self) -> TrunkLayers<'_, T> {
-        TrunkLayers {
-            encoder: self.encoder.as_ref(),
-            vector: self.vector.as_ref(),
-            concat: self.concat.as_ref(),
-            pool: &self.pool,
-            vector_order: &self.vector_order,
-        }
     }
 
     /// Allocates buffers for up to `capacity` samples.
