@@ -138,8 +138,8 @@ pub struct GroupingDecision {
     pub group_changed: bool,
     /// Trial that the named policy must pass once it acts, before the decision is final.
     pub trial: Trial,
-    /// `true` if the named policy is provisional: there is evidence against it, so it must not train
-    /// before its trial.
+    /// `true` if the named policy is provisional: there is evidence against it, so it must not
+    /// train before its trial.
     pub is_provisional: bool,
     /// Indices of the policies that are rejected until the next iteration.
     pub rejected: Vec<usize>,
