@@ -190,8 +190,8 @@ mod tests {
         let degrees = std::fs::read_to_string(gen3).unwrap().replace("2.24", "128");
         let path = std::env::temp_dir().join(format!("covers-robot-{}.urdf", std::process::id()));
         std::fs::write(&path, degrees).unwrap();
-        let (code, text) = printed(&["check", path.to_str().unwrap()]);
-        assert!(code == 1 && text.contains("128 rad: is the file in degrees"), "{text}");
+        let (failed, wrong) = printed(&["check", path.to_str().unwrap()]);
+        assert!(failed == 1 && wrong.contains("128 rad: is the file in degrees"), "{wrong}");
         std::fs::remove_file(path).unwrap();
     }
 

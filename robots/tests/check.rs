@@ -122,10 +122,10 @@ fn a_file_of_settings_names_the_urdf_beside_it() {
     assert_eq!((file.hand(&robot), file.approach_axis(&robot).unwrap()), ("tip", DVec3::Y));
     assert!(robot.check(Some("tip")).unwrap().problems.is_empty());
     let axis = read(r#"{"urdf": "arm.urdf", "approach_axis": [0, 0, 0]}"#).unwrap();
-    let message = axis.approach_axis(&robot).unwrap_err().to_string();
-    assert!(message.contains("`approach_axis` is 0"), "{message}");
-    let message = read(r#"{"urdf": "arm.urdf", "hnad": "tip"}"#).unwrap_err().to_string();
-    assert!(message.contains("arm.json") && message.contains("`hnad`"), "{message}");
+    let refused = axis.approach_axis(&robot).unwrap_err().to_string();
+    assert!(refused.contains("`approach_axis` is 0"), "{refused}");
+    let unknown = read(r#"{"urdf": "arm.urdf", "hnad": "tip"}"#).unwrap_err().to_string();
+    assert!(unknown.contains("arm.json") && unknown.contains("`hnad`"), "{unknown}");
     let plain = RobotFile::read(&folder.join("arm.urdf")).unwrap();
     assert_eq!(plain.urdf, folder.join("arm.urdf"));
     assert!(matches!(
@@ -139,10 +139,10 @@ fn a_file_of_settings_names_the_urdf_beside_it() {
 fn an_added_link_moves_with_its_parent_and_nothing_else_moves() {
     let bare = six_joint("", "");
     let origin = Pose::from_xyz_rpy([0.1, 0.2, 0.3], [0.4, 0.5, 0.6]);
-    let link = || Link { name: "added".to_owned(), inertia: None, shapes: Vec::new() };
+    let added = || Link { name: "added".to_owned(), inertia: None, shapes: Vec::new() };
     let positions = [0.3, 0.1, 0.7, -0.3, -0.6, 1.1];
     for parent in ["world", "upper_arm", "tip"] {
-        let robot = bare.clone().with_fixed_link(parent, origin, link()).unwrap();
+        let robot = bare.clone().with_fixed_link(parent, origin, added()).unwrap();
         let named = |of: &RobotDescription, name: &str| {
             let at = of.links().iter().position(|link| link.name == name).unwrap();
             of.link_poses(&positions)[at]
@@ -152,7 +152,7 @@ fn an_added_link_moves_with_its_parent_and_nothing_else_moves() {
         }
         let way = named(&robot, "added").displacement_to(&(named(&bare, parent) * origin));
         assert!(way.iter().all(|part| part.length() < 1e-12), "{way:?}");
-        let taken = robot.with_fixed_link("tip", origin, link()).unwrap_err().to_string();
+        let taken = robot.with_fixed_link("tip", origin, added()).unwrap_err().to_string();
         assert!(taken.contains("called `added`"), "{taken}");
     }
     let prefixed = bare.clone().with_prefix("robot/");
