@@ -163,9 +163,9 @@ fn joint_line(joint: &JointCheck) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::program::Program;
     use clap::Parser;
+
+    use crate::program::Program;
 
     /// Returns the exit code and the output of `covers robot` with these arguments.
     fn printed(words: &[&str]) -> (u8, String) {
