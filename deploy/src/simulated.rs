@@ -92,8 +92,8 @@ impl SimulatedRig {
     /// Creates a rig with the arm `robot` for policies that were trained with the camera `policy`.
     ///
     /// # Errors
-    /// [`EnvError::InvalidSetting`] for an embodiment without servos, and errors of reading an arm's
-    /// file.
+    /// [`EnvError::InvalidSetting`] for an embodiment without servos, and errors of reading an
+    /// arm's file.
     pub fn new(
         settings: SimulationSettings,
         policy: Camera,
