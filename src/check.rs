@@ -107,8 +107,8 @@ fn check_experts(
     print(&rows, json, out, expert_line, ExpertRow::passes)
 }
 
-/// Applies `check` to the variants `elements` of the standard groups on all CPUs, and returns
-/// the results in the order of groups and elements.
+/// Applies `check` to the variants of the standard task groups with these elements of D2, on all
+/// CPUs, and returns the results in the order of groups and elements.
 fn of_variants<R: Send>(
     embodiment: Embodiment,
     elements: &[D2],
@@ -174,7 +174,7 @@ fn parity_line(row: &ParityRow) -> String {
     )
 }
 
-/// Prints one line for each row, or all rows as one JSON array. Returns `true` if all rows pass.
+/// Prints a line for each row of a check, or one JSON array. Returns `true` if all rows pass.
 fn print<R: Serialize>(
     rows: &[R],
     json: bool,

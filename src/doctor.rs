@@ -22,12 +22,12 @@ use experiments::{Experiment, Run, RunError, RunFolder, instruction_sets, memory
 const MUJOCO: &str = "2.2.2";
 /// Number of images in the measurement of rendering.
 const PICTURES: u32 = 100;
-/// Memory of a run of COVERS (bytes), with a margin.
+/// Memory that a run of COVERS needs (bytes), with a margin.
 const MEMORY: u64 = 1 << 30;
-/// Further memory of a full replay buffer of 200,000 transitions (bytes).
+/// Additional memory for a full replay buffer of 200,000 transitions (bytes).
 const REPLAY: u64 = 3 << 30;
 
-/// Disk space of a run with the budget `full` (bytes), with a margin: its tables, the kept
+/// Disk space that a run with the budget `full` needs (bytes), with a margin: its tables, the kept
 /// checkpoints and the one that is being written. Measured: 26 MB for COVERS, 39 MB for ordinary
 /// networks, 51 MB for learners with replay buffers after half of the stream.
 const RUN: u64 = 128 << 20;
@@ -127,7 +127,7 @@ pub fn check_machine(threads: usize, runs: &Path) -> Vec<Finding> {
     [vec![the_cpu()], the_gpus(), others].concat()
 }
 
-/// Lists the GPU adapters that policies can be updated on; empty without the feature `wgpu`.
+/// Returns a finding for each GPU that can update policies; empty without the feature `wgpu`.
 #[cfg(feature = "wgpu")]
 fn the_gpus() -> Vec<Finding> {
     let adapters = rl::gpu::available_adapters();
@@ -245,7 +245,7 @@ fn camera() -> Camera {
     Budget::Full.experiment(Method::Covers).envs.camera
 }
 
-/// Measures the median time to render an observation of Drawer Close.
+/// Returns the measured median time to render an observation of Drawer Close.
 fn time_pictures() -> Result<Duration, EnvError> {
     let camera = camera();
     let scene = Scene::new(TaskGroup::DRAWER_CLOSE, Embodiment::default(), camera)?;
@@ -279,8 +279,8 @@ fn the_learning(threads: usize) -> Finding {
     }
 }
 
-/// Measures training in Goal Reach in decisions per second, over the second iteration; the first
-/// one warms up.
+/// Returns the measured speed of training in Goal Reach in decisions per second, over the second
+/// iteration; the first one warms up.
 fn time_learning(mut experiment: Experiment) -> Result<f64, RunError> {
     let name = TaskGroup::GOAL_REACH.name();
     experiment.schedule.groups.retain(|plan| plan.group == name);

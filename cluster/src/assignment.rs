@@ -10,61 +10,64 @@ use crate::wasserstein::wasserstein1;
 /// Policy that a rollout is assigned to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Decision {
-    /// Existing policy, by its index among the candidates.
+    /// Existing policy, given by its index among the candidates.
     Existing(usize),
     /// New policy, since no candidate fits.
     New,
-    /// No policy yet: no candidate fits, but the rollout is too little to create a policy.
+    /// No policy yet: no candidate fits, but one rollout is too little to create a policy.
     Undecided,
 }
 
-/// Outcome of the comparison of a rollout with one candidate.
+/// Outcome of the comparison of a rollout with one candidate policy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// Rollout that may belong to the candidate's task group.
+    /// Candidate policy accepted: the rollout may belong to its task group.
     Accepted,
-    /// Rollout that probably does not belong to the candidate's task group; a second look decides.
+    /// Candidate policy doubted: the rollout probably does not belong to its task group; a second
+    /// test decides.
     Doubted,
-    /// Rollout that does not belong to the candidate's task group.
+    /// Candidate policy rejected: the rollout does not belong to its task group.
     Rejected,
 }
 
-/// Evidence for and against the assignment of a rollout to one candidate.
+/// Evidence for and against the assignment of a rollout to one candidate policy.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
-    /// 1-Wasserstein distance between rollout and buffer, in the features' unit.
+    /// 1-Wasserstein distance between the points of the rollout and of the policy's buffer, in the
+    /// unit of the features.
     pub distance: f64,
-    /// Permutation test of the candidate; `None` under the paper's rule, or if the candidate's
-    /// buffer holds too few episodes. It is then accepted for lack of evidence against it.
+    /// Permutation test of the candidate policy; `None` under the paper's rule, or if its buffer
+    /// holds too few episodes. It is then accepted for lack of evidence against it.
     pub test: Option<PermutationTest>,
-    /// Outcome of the comparison of the rollout with the candidate.
+    /// Outcome of the comparison of the rollout with the candidate policy.
     pub verdict: Verdict,
 }
 
 impl Evidence {
-    /// Returns the standardised distance, in standard deviations over random splits, if there was a
-    /// test.
+    /// Returns the standardised distance of the permutation test, in standard deviations over
+    /// random splits, if there was a test.
     pub fn score(&self) -> Option<f64> {
         self.test.map(|test| test.score)
     }
 
-    /// Returns the sort key of a candidate: tested ones by score, then the others by distance.
+    /// Returns the sort key of a candidate policy: tested ones by score, then the others by
+    /// distance.
     fn rank(&self) -> (bool, f64) {
         self.score().map_or((true, self.distance), |score| (false, score))
     }
 }
 
-/// Decision on a rollout, with the evidence for each candidate.
+/// Decision on the policy of a rollout, with the evidence for each candidate policy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assignment {
     /// Policy that the rollout is assigned to.
     pub decision: Decision,
-    /// Evidence for and against each candidate, in the order of the candidates.
+    /// Evidence for and against each candidate policy, in the order of the candidates.
     pub evidence: Vec<Evidence>,
 }
 
 impl Assignment {
-    /// Returns the index of the candidate that fits best, accepted or not; `None` without
+    /// Returns the index of the candidate policy that fits best, accepted or not; `None` without
     /// candidates.
     pub fn nearest(&self) -> Option<usize> {
         let ranked = self.evidence.iter().enumerate();

@@ -1,4 +1,5 @@
-//! Changepoint test: energy distances of all cuts of a sequence under one permutation test.
+//! Changepoint test: energy distances at all cuts of a sequence of episodes, in one permutation
+//! test.
 
 use rand::Rng;
 use rand::seq::SliceRandom;
@@ -10,11 +11,11 @@ use crate::frames::Frames;
 use crate::joint::shared;
 use crate::permutation::ROUNDING;
 
-/// Largest distance of a source in integer units.
+/// Number of integer units that the largest distance between two episodes is rounded to.
 // 20 bits of a distance and 20 of the number of pairs, so sums over a million pairs fit into the
 // 53 bits of an `f64`'s significand.
 const UNITS: f64 = (1_u32 << 20) as f64;
-/// Largest difference of scores that count as equal.
+/// Largest difference of standardised distances that count as equal.
 const EQUAL: f64 = 1e-9;
 
 /// Likeliest changepoint of a sequence of episodes, with its significance.
@@ -68,7 +69,7 @@ pub fn change_places(began: &[usize], least: usize) -> Vec<usize> {
     (least..last).filter(|&at| began[at] != began[at - 1]).collect()
 }
 
-/// Returns the number of episodes, which all sources must share.
+/// Checks the sources and the cuts of a changepoint test; returns the number of episodes.
 fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
     let counts: Vec<_> = sources.iter().map(|source| (source.episodes(), 0)).collect();
     let (all, _) = shared(&counts)?;
@@ -86,11 +87,12 @@ fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
 struct Scan {
     /// Distances between episodes, `[episodes, episodes]`.
     pairs: Vec<u64>,
-    /// Sum of each row of `pairs`.
+    /// Sum of the distances of each episode to all others, the row sums of `pairs`.
     rows: Vec<u64>,
-    /// Energy distances `[orders, cuts]`.
+    /// Energy distances of all orders of the episodes at all cuts, `[orders, cuts]`.
     measured: Vec<f64>,
-    /// Sums over the first episodes of an order: of the distances among them, and of their rows.
+    /// Sums over the first k episodes of an order, for every k: of the distances among them, and of
+    /// their distances to all episodes.
     sums: Vec<(u64, u64)>,
 }
 
@@ -114,7 +116,7 @@ impl Scan {
         Ok(Some(Self { pairs, rows, measured: Vec::new(), sums: Vec::with_capacity(n) }))
     }
 
-    /// Appends the energy distances of an order at all cuts.
+    /// Appends the energy distances of one order of the episodes at all cuts.
     fn measure(&mut self, order: &[usize], cuts: &[usize]) {
         let n = order.len();
         let (mut total, mut all_rows) = (0, 0);
@@ -134,8 +136,9 @@ impl Scan {
         }));
     }
 
-    /// Returns standardised distances `[orders, cuts]`. The moments of each cut are taken over all
-    /// orders, including the observed one, which makes the test exact.
+    /// Returns the standardised energy distances of all orders of the episodes, `[orders, cuts]`.
+    /// The moments of each cut are taken over all orders, including the observed one, which makes
+    /// the test exact.
     fn scores(&self, width: usize) -> Vec<f64> {
         let orders = (self.measured.len() / width) as f64;
         let mut scores = self.measured.clone();

@@ -1,4 +1,4 @@
-//! Checks of input that several modules share.
+//! Checks of arguments that several modules share.
 
 use crate::error::{ClusterError, Result};
 
@@ -26,12 +26,12 @@ pub(crate) fn rows(
     Err(ClusterError::NonFinite { what, index, value })
 }
 
-/// Checks that a size is at least one.
+/// Checks that a size in the arguments is at least one.
 pub(crate) fn positive(name: &'static str, value: usize) -> Result<()> {
     within(name, value as f64, value >= 1, "at least 1")
 }
 
-/// Checks that a number lies `inside` its range, which `expected` says in words.
+/// Returns an error for a number that is not `inside` its range, which `expected` says in words.
 pub(crate) fn within(
     name: &'static str,
     value: f64,

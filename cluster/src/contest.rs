@@ -1,10 +1,10 @@
-//! Comparison of a rollout with two clouds by energy distances.
+//! Comparison of a rollout with the frames of two policies by energy distances.
 
 use crate::error::{ClusterError, Result};
 use crate::euclidean::EuclideanCosts;
 use crate::frames::Frames;
 
-/// Frames of a rollout and of two policies' buffers, in one feature space.
+/// Frames (feature vectors) of a rollout and of two policies' buffers, in one feature space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contest {
     /// Frames of the rollout.
@@ -44,7 +44,7 @@ impl Contest {
     }
 }
 
-/// Returns the mean distance between the frames of two clouds.
+/// Returns the mean Euclidean distance between the frames of `x` and those of `y`.
 fn between(x: &Frames, y: &Frames) -> Result<f64> {
     x.check_alike(y)?;
     let mut costs = EuclideanCosts::new();
@@ -52,7 +52,8 @@ fn between(x: &Frames, y: &Frames) -> Result<f64> {
     Ok(distances.iter().sum::<f64>() / distances.len() as f64)
 }
 
-/// Returns the mean distance between frames of different episodes; 0 for a single episode.
+/// Returns the mean Euclidean distance between frames of different episodes; 0 for a single
+/// episode.
 fn within(x: &Frames) -> Result<f64> {
     let mut costs = EuclideanCosts::new();
     let distances = costs.compute(x.features(), x.features(), x.dim())?;

@@ -6,7 +6,7 @@ pub(crate) type Result<T> = std::result::Result<T, ClusterError>;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClusterError {
-    /// A list that must hold something is empty.
+    /// Empty list of points, costs or sources that must hold at least one.
     #[error("{what} is empty: expected at least one value")]
     Empty {
         /// Name of the list, for instance `x` or `cost`.
@@ -17,102 +17,103 @@ pub enum ClusterError {
         "source {source_index} shows {got:?} episodes, expected {expected:?} (rollout, buffer)"
     )]
     SourceMismatch {
-        /// Index of the source.
+        /// Index of the source of evidence whose numbers of episodes differ.
         source_index: usize,
-        /// Episodes of the source's rollout and of its buffer.
+        /// Numbers of episodes of this source's rollout and of its buffer.
         got: (usize, usize),
-        /// Episodes of the first source's rollout and of its buffer.
+        /// Numbers of episodes of the first source's rollout and of its buffer.
         expected: (usize, usize),
     },
-    /// A size or a setting lies outside its range.
+    /// Size or setting outside its range.
     #[error("{name} is {value}: expected {expected}")]
     OutOfRange {
-        /// Name of the size or setting.
+        /// Name of the size or setting that is out of range.
         name: &'static str,
-        /// Value given.
+        /// Rejected value of the size or setting.
         value: f64,
-        /// Accepted range in words.
+        /// Accepted range of the size or setting, in words.
         expected: &'static str,
     },
-    /// A flat list does not divide into whole rows.
+    /// Flat list whose length is not a multiple of the length of one row, such as one point.
     #[error("{what} has {len} values, which is not a multiple of {row} (the length of one {unit})")]
     Ragged {
-        /// Name of the list.
+        /// Name of the list that does not divide into rows.
         what: &'static str,
-        /// Number of values given.
+        /// Number of values in the list.
         len: usize,
-        /// Number of values in one row.
+        /// Number of values in one row, which must divide the length of the list.
         row: usize,
-        /// Name of one row, for instance `point`.
+        /// Name of what one row of the list is, for instance `point`.
         unit: &'static str,
     },
-    /// A value is NaN or infinite.
+    /// NaN or infinite value in a list of numbers.
     #[error("{what}[{index}] is {value}: expected a finite number")]
     NonFinite {
-        /// Name of the list.
+        /// Name of the list that holds the NaN or infinite value.
         what: &'static str,
-        /// Position in the flat list.
+        /// Index of the value in the flat list.
         index: usize,
-        /// Value found.
+        /// NaN or infinite value that was found.
         value: f64,
     },
-    /// A cost is so large that sums of costs could overflow.
+    /// Transport cost so large that sums of costs could overflow.
     #[error(
         "cost[{index}] is {value:e}: expected at most {limit:e} in magnitude; rescale the costs"
     )]
     CostTooLarge {
-        /// Position in the flat row-major matrix.
+        /// Index of the cost in the flat row-major cost matrix.
         index: usize,
-        /// Value found.
+        /// Cost that is too large.
         value: f64,
-        /// Largest magnitude accepted.
+        /// Largest accepted magnitude of a cost.
         limit: f64,
     },
-    /// The length of a cost matrix disagrees with its numbers of rows and columns.
+    /// Cost matrix whose length is not the product of the numbers of sources and sinks.
     #[error("cost has {len} entries: expected sources x sinks = {sources} x {sinks}")]
     CostShape {
-        /// Number of entries given.
+        /// Number of entries of the cost matrix.
         len: usize,
-        /// Number of rows.
+        /// Number of sources, the rows of the cost matrix.
         sources: usize,
-        /// Number of columns.
+        /// Number of sinks, the columns of the cost matrix.
         sinks: usize,
     },
-    /// A weight is negative or not a number.
+    /// Weight of a point that is negative, infinite or NaN.
     #[error("weight {index} of {side} is {value}: expected a finite number, at least 0")]
     Weight {
-        /// `sources` or `sinks`, or the name of a cloud.
+        /// Side of the transport problem with the wrong weight: `sources`, `sinks` or the name of a
+        /// cloud.
         side: &'static str,
-        /// Index of the point.
+        /// Index of the point with the wrong weight.
         index: usize,
-        /// Weight given.
+        /// Weight that is negative, infinite or NaN.
         value: f64,
     },
-    /// The weights of a side are no distribution.
+    /// Weights of one side of the transport problem that do not add up to 1.
     #[error(
         "the weights of {} add up to {}, those of {} to {}: expected 1 within {tolerance:e} for \
          both; divide the weights of each side by their sum",
         .sides[0], .sums[0], .sides[1], .sums[1]
     )]
     WeightSums {
-        /// `sources` and `sinks`, or the names of the clouds.
+        /// Names of both sides: `sources` and `sinks`, or the names of the clouds.
         sides: [&'static str; 2],
-        /// Sums of the weights given.
+        /// Sums of the weights of both sides.
         sums: [f64; 2],
-        /// Largest difference from one that is accepted.
+        /// Largest accepted difference of a sum of weights from 1.
         tolerance: f64,
     },
-    /// A cloud has another number of weights than of points.
+    /// Cloud of points with another number of weights than of points.
     #[error("{side} has {points} points and {weights} weights: expected a weight for each point")]
     WeightCount {
-        /// Name of the cloud.
+        /// Name of the cloud whose numbers of points and weights differ.
         side: &'static str,
-        /// Number of points.
+        /// Number of points of the cloud.
         points: usize,
-        /// Number of weights given.
+        /// Number of weights of the cloud.
         weights: usize,
     },
-    /// A matrix of distances does not fit in memory.
+    /// Matrix of distances between two clouds that does not fit in memory.
     #[error(
         "the distances between {points} and {others} points do not fit in memory; \
          compare samples of the clouds"
@@ -120,87 +121,92 @@ pub enum ClusterError {
     TooManyPoints {
         /// Number of points of one cloud.
         points: usize,
-        /// Number of points of the other.
+        /// Number of points of the other cloud.
         others: usize,
     },
-    /// The solver used up its bound on pivots.
+    /// Network simplex method that reached its largest number of pivots without an optimum.
     #[error(
         "the network simplex method stopped after {pivots} pivots without an optimum; \
          rescale the costs"
     )]
     Stalled {
-        /// Pivots made, which is also the bound.
+        /// Number of pivots made, which is also the largest number allowed.
         pivots: usize,
     },
-    /// A plan has other numbers of sources, sinks or potentials than the cost matrix.
+    /// Transport plan with another number of source or sink potentials than the cost matrix
+    /// requires.
     #[error("the plan's {what} has length {got}: expected {expected}")]
     PlanShape {
-        /// Name of the part of the plan.
+        /// Name of the field of the transport plan that has the wrong length.
         what: &'static str,
-        /// Length found.
+        /// Length of that field of the transport plan.
         got: usize,
         /// Length that the cost matrix requires.
         expected: usize,
     },
-    /// An entry of a plan points outside the cost matrix.
+    /// Entry of a transport plan with a source or sink outside the cost matrix.
     #[error(
         "a plan entry sends from source {source_index} of {sources} to sink {sink_index} of {sinks}"
     )]
     EntryOutOfRange {
-        /// Row index of the entry.
+        /// Index of the entry's source, a row of the cost matrix.
         source_index: usize,
-        /// Number of rows.
+        /// Number of sources, the rows of the cost matrix.
         sources: usize,
-        /// Column index of the entry.
+        /// Index of the entry's sink, a column of the cost matrix.
         sink_index: usize,
-        /// Number of columns.
+        /// Number of sinks, the columns of the cost matrix.
         sinks: usize,
     },
-    /// A row or column of a plan carries the wrong mass: the plan is not primal feasible.
+    /// Source or sink whose mass in a transport plan is not its weight: the plan is not primal
+    /// feasible.
     #[error("{side} {index} carries the mass {got}: expected {expected}")]
     Marginal {
-        /// `source` or `sink`.
+        /// Side of the wrong mass: `source` or `sink`.
         side: &'static str,
-        /// Index of the source or sink.
+        /// Index of the source or sink with the wrong mass.
         index: usize,
-        /// Mass carried, as a fraction of the whole.
+        /// Mass that the transport plan sends from the source or to the sink, as a fraction of all
+        /// mass.
         got: f64,
         /// Weight of the source or sink.
         expected: f64,
     },
-    /// An entry of a plan has a negative mass or NaN.
+    /// Entry of a transport plan whose mass is negative or NaN.
     #[error("{what}[{index}] is {value}: expected at least 0")]
     NegativeMass {
-        /// Name of the list.
+        /// Name of the list that holds the entry.
         what: &'static str,
-        /// Position in the list.
+        /// Index of the entry in the list.
         index: usize,
-        /// Mass found.
+        /// Mass that is negative or NaN.
         value: f64,
     },
-    /// Two potentials add up to more than a cost: the potentials are not dual feasible.
+    /// Pair of potentials that add up to more than their cost: the potentials are not dual
+    /// feasible.
     #[error(
         "reduced cost {slack:e} at source {source_index}, sink {sink_index}: \
          expected at least -{tolerance:e}"
     )]
     DualInfeasible {
-        /// Row index.
+        /// Index of the source with the violated cost, a row of the cost matrix.
         source_index: usize,
-        /// Column index.
+        /// Index of the sink with the violated cost, a column of the cost matrix.
         sink_index: usize,
-        /// Cost minus both potentials.
+        /// Reduced cost of the pair: cost minus both potentials.
         slack: f64,
-        /// Rounding allowance.
+        /// Largest magnitude of a negative reduced cost that rounding explains.
         tolerance: f64,
     },
-    /// The cost of a plan and the value of its potentials differ: optimality is not proven.
+    /// Difference between the cost of a transport plan and the value of its potentials: optimality
+    /// is not proven.
     #[error("primal cost {primal:e} and dual value {dual:e} differ by more than {tolerance:e}")]
     DualityGap {
-        /// Cost of the plan.
+        /// Cost of the transport plan.
         primal: f64,
-        /// Lower bound that the potentials prove.
+        /// Lower bound of the cost that the potentials prove.
         dual: f64,
-        /// Rounding allowance.
+        /// Largest difference of both that rounding explains.
         tolerance: f64,
     },
     /// Rounding leaves too much of the cost of a plan unproven: costs, or the distances between
@@ -211,31 +217,31 @@ pub enum ClusterError {
          that lie far from all others, or bring the costs closer together"
     )]
     Imprecise {
-        /// Cost of the plan that was found.
+        /// Cost of the transport plan that was found.
         cost: f64,
-        /// Largest amount by which it may exceed the optimum.
+        /// Largest amount by which the cost may exceed the optimum.
         excess: f64,
-        /// Largest amount accepted.
+        /// Largest accepted excess of the cost over the optimum.
         tolerance: f64,
     },
     /// Frames of two clouds that differ in a size, so that they cannot be compared.
     #[error("{what} is {first} in one cloud and {second} in the other, expected the same")]
     FramesMismatch {
-        /// Name of the size that differs.
+        /// Name of the size of the frames that differs.
         what: &'static str,
         /// Size in the first cloud.
         first: usize,
         /// Size in the second cloud.
         second: usize,
     },
-    /// A reservoir was restored from parts that no run could have left.
+    /// Reservoir restored from a capacity and numbers of episodes that do not fit together.
     #[error("a reservoir of capacity {capacity} that has seen {seen} episodes cannot hold {held}")]
     ReservoirParts {
-        /// Capacity given.
+        /// Capacity of the reservoir, in episodes.
         capacity: usize,
-        /// Number of episodes offered so far.
+        /// Number of episodes offered to the reservoir so far.
         seen: u64,
-        /// Number of episodes given.
+        /// Number of episodes that the reservoir is to hold.
         held: usize,
     },
 }

@@ -10,14 +10,15 @@ use rayon::prelude::*;
 use crate::check::{positive, rows};
 use crate::error::{ClusterError, Result};
 
-/// A squared distance below this fraction of the squared norms has lost more than three digits to
-/// cancellation and is computed from the differences instead.
+/// Fraction of the squared norms of two points below which their squared distance is computed from
+/// differences, since the product has lost more than three digits to cancellation.
 const CANCELLED: f64 = 1e-3;
 
-/// Rows of the matrix that one product makes: they stay in the second-level cache.
+/// Number of rows of the distance matrix that one matrix product computes: they stay in the
+/// second-level cache.
 const BLOCK_ROWS: usize = 64;
 
-/// Multiplications below which a second thread does not pay.
+/// Number of multiplications of a distance matrix below which a second thread does not pay.
 const PARALLEL: usize = 1 << 22;
 
 /// Matrix of Euclidean distances between points, whose memory is kept from one computation to the
@@ -31,7 +32,7 @@ const PARALLEL: usize = 1 << 22;
 pub struct EuclideanCosts {
     centre: Vec<f64>,
     y: Centred,
-    /// The rows of `x` in work.
+    /// Centred points of `x` whose distances are being computed.
     block: Centred,
     costs: Vec<f64>,
 }
@@ -96,7 +97,7 @@ fn add_points(sum: &mut [f64], x: &[f32], y: &[f32]) {
     }
 }
 
-/// A cloud around a centre.
+/// Points of a cloud relative to a centre, with their squared norms.
 #[derive(Clone, Debug, Default)]
 struct Centred {
     points: Vec<f64>,
@@ -117,7 +118,7 @@ impl Centred {
     }
 }
 
-/// Writes a point around the centre and returns its squared norm.
+/// Writes a point relative to the centre and returns its squared norm.
 #[inline(always)]
 fn centred_row(row: &mut [f64], point: &[f32], centre: &[f64]) -> f64 {
     for (out, (&p, c)) in zip(&mut *row, zip(point, centre)) {
@@ -132,7 +133,7 @@ fn centred_row(row: &mut [f64], point: &[f32], centre: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + rest.iter().map(|p| p * p).sum::<f64>()
 }
 
-/// The points to which distances are computed.
+/// Points `y` to which distances are computed, the columns of the distance matrix.
 #[derive(Clone, Copy)]
 struct Columns<'a> {
     centre: &'a [f64],
@@ -169,7 +170,8 @@ impl Columns<'_> {
     }
 }
 
-/// Turns products into distances; returns whether some have cancelled.
+/// Turns scalar products into distances, in place; returns `true` if some have lost digits to
+/// cancellation.
 #[inline(always)]
 fn finish_row(row: &mut [f64], own: f64, norms: &[f64]) -> bool {
     let mut cancelled = false;

@@ -3,7 +3,8 @@
 use crate::check::{positive, rows};
 use crate::error::{ClusterError, Result};
 
-/// Feature vectors of whole episodes, `[episodes, frames_per_episode, dim]`, all values finite.
+/// Feature vectors of the first frames of episodes, `[episodes, frames_per_episode, dim]`, all
+/// finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frames {
     features: Vec<f32>,
@@ -43,7 +44,7 @@ impl Frames {
         self.dim
     }
 
-    /// Rejects frames of another size.
+    /// Rejects frames with another number of features, or of frames in each episode.
     pub(crate) fn check_alike(&self, other: &Self) -> Result<()> {
         let (ours, theirs) = (self.frames_per_episode, other.frames_per_episode);
         let sizes = [("dim", self.dim, other.dim), ("frames_per_episode", ours, theirs)];
@@ -56,8 +57,7 @@ impl Frames {
     }
 }
 
-/// Frames of one policy's buffer and of the new rollout, both as features of that policy's
-/// extractor.
+/// Frames of one policy's buffer and of the new rollout, both as features of that policy's network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// Frames of the policy's buffer `B_j`.

@@ -21,7 +21,7 @@ pub struct Source {
     pub side: Side,
 }
 
-/// Direction of differences between rollout and buffer that count.
+/// Direction in which a difference between rollout and buffer counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// Differences in any direction.
@@ -31,11 +31,11 @@ pub enum Side {
     Less,
 }
 
-/// Result of one source in a [`JointTest`]. All values are finite.
+/// Result of one source of evidence in a [`JointTest`]. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourceTest {
-    /// 1-Wasserstein distance between rollout and buffer in the source's own unit; zero on the side
-    /// that does not count.
+    /// 1-Wasserstein distance between rollout and buffer in the source's own unit; zero if the
+    /// difference has the direction that does not count.
     pub distance: f64,
     /// Mean of the distance over random splits of the pooled episodes.
     pub mean: f64,
@@ -50,7 +50,7 @@ pub struct SourceTest {
 }
 
 impl SourceTest {
-    /// Returns the distance in units of its mean over random splits.
+    /// Returns the ratio of the distance to its mean over random splits.
     pub fn ratio(&self) -> f64 {
         self.distance / self.mean.max(f64::MIN_POSITIVE)
     }
@@ -66,12 +66,14 @@ impl SourceTest {
 pub struct JointTest {
     /// Result of each source; `None` for one whose pooled points are all equal.
     pub sources: Vec<Option<SourceTest>>,
-    /// Largest score over the sources, and the smallest p-values of a source, at most 1.
+    /// Largest score over all sources of evidence, and the smallest p-values of a source, at most
+    /// 1.
     pub overall: PermutationTest,
 }
 
-/// Runs a joint test of all sources in stages until an outcome `is_decided`. `stages` are total
-/// numbers of random splits, ascending; the last stage ends the test in any case.
+/// Runs a joint permutation test of all sources in stages until `is_decided` returns `true` for a
+/// result. `stages` are total numbers of random splits, ascending; the last stage ends the test in
+/// any case.
 ///
 /// If `is_decided` only stops tests that are not going to be significant, as Besag and Clifford do
 /// in "Sequential Monte Carlo p-values", Biometrika 78 (1991), false alarms become no more
@@ -111,13 +113,14 @@ pub fn joint_test(
     Err(ClusterError::Empty { what: "stages" })
 }
 
-/// Measures all pools under the same split.
+/// Computes the distances of all sources under the same split of the episodes.
 fn measure(pools: &mut [Option<Pool>], order: &[usize]) -> Result<()> {
     let mut pools = pools.iter_mut().flatten();
     pools.try_for_each(|pool| pool.measure(order))
 }
 
-/// Returns the numbers of episodes of the first source, after checking that all sources share them.
+/// Returns the numbers of episodes (rollout, buffer) of the first source, after checking that all
+/// sources have the same.
 pub(crate) fn shared(counts: &[(usize, usize)]) -> Result<(usize, usize)> {
     let expected = *counts.first().ok_or(ClusterError::Empty { what: "sources" })?;
     match counts.iter().position(|&got| got != expected) {
@@ -129,24 +132,25 @@ pub(crate) fn shared(counts: &[(usize, usize)]) -> Result<(usize, usize)> {
     }
 }
 
-/// Distances of one source: first that of the observed split, then those of random splits.
+/// Pooled points of one source, and its distances: first that of the observed split, then those of
+/// random splits.
 struct Pool {
     /// Distances between all pooled frames, `[frames, frames]`, and the largest of them.
     all: Vec<f64>,
     largest: f64,
     frames_per_episode: usize,
-    /// Number of episodes of the first side.
+    /// Number of episodes on the first side of a split.
     split: usize,
     /// Sum of the values of each episode under [`Side::Less`]; `None` under [`Side::Both`].
     sums: Option<Vec<f64>>,
     measured: Vec<f64>,
-    /// Costs of one split.
+    /// Cost matrix of the transport problem of one split.
     costs: Vec<f64>,
     solver: Solver,
 }
 
 impl Pool {
-    /// Pools the features of all episodes; `None` if all points are equal.
+    /// Pools the features of all episodes of a source; `None` if all points are equal.
     fn new(source: &Source) -> Result<Option<Self>> {
         let Candidate { rollout, buffer } = &source.clouds;
         let features = [rollout.features(), buffer.features()].concat();
@@ -167,7 +171,8 @@ impl Pool {
         }))
     }
 
-    /// Appends the distance between the two sides of the episodes in this order.
+    /// Appends the distance between the two sides of a split, which `order` lists one after the
+    /// other.
     fn measure(&mut self, order: &[usize]) -> Result<()> {
         let (left, right) = order.split_at(self.split);
         let distance = if self.counts(left, right) { self.distance(left, right)? } else { 0.0 };
@@ -175,7 +180,8 @@ impl Pool {
         Ok(())
     }
 
-    /// Returns `true` if a difference between two lists of episodes counts.
+    /// Returns `true` if the difference between two lists of episodes has the direction that
+    /// counts.
     fn counts(&self, left: &[usize], right: &[usize]) -> bool {
         self.sums.as_ref().is_none_or(|sums| {
             let mean =
@@ -184,7 +190,7 @@ impl Pool {
         })
     }
 
-    /// Returns `W1` between two lists of episodes.
+    /// Returns the 1-Wasserstein distance between two lists of episodes.
     fn distance(&mut self, left: &[usize], right: &[usize]) -> Result<f64> {
         // the solver is fastest with more sources than sinks
         let (sources, sinks) = if left.len() < right.len() { (right, left) } else { (left, right) };
@@ -200,8 +206,8 @@ impl Pool {
         Ok(self.solver.solve(&self.costs, a, b)?.cost)
     }
 
-    /// Returns mean and standard deviation of the distances from this index on; the deviation is at
-    /// least the rounding error.
+    /// Returns mean and standard deviation of the distances from index `from` on; the deviation is
+    /// at least the rounding error.
     fn moments(&self, from: usize) -> (f64, f64) {
         let values = &self.measured[from..];
         let mean = values.iter().sum::<f64>() / values.len() as f64;
@@ -216,10 +222,11 @@ impl Pool {
     }
 }
 
-/// Largest difference of scores that count as equal.
+/// Largest difference of standardised distances that count as equal.
 const EQUAL: f64 = 1e-9;
 
-/// Returns the largest score of every split over all sources; 0 if no source has a result.
+/// Returns the largest score over all sources for every split in `splits`; 0 if no source has a
+/// result.
 fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64> {
     let largest = |split: usize| {
         let scores = scores.iter().flatten().map(|scores| scores[split]);

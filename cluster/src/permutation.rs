@@ -2,7 +2,8 @@
 
 use statrs::function::gamma::checked_gamma_ur;
 
-/// Rounding allowance for distances, as a fraction of the largest pooled one.
+/// Rounding allowance for Wasserstein distances, as a fraction of the largest distance between
+/// pooled points.
 pub(crate) const ROUNDING: f64 = 1e-9;
 
 /// Distribution of a joint test's largest score over random splits of the pooled episodes.
@@ -24,20 +25,22 @@ pub struct NullDistribution {
 /// Result of a permutation test. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PermutationTest {
-    /// Distribution of the score if rollout and buffer were exchangeable.
+    /// Distribution of the score over random splits, as if episodes of rollout and buffer were
+    /// exchangeable.
     pub null: NullDistribution,
     /// Score of the observed split, standardised by `null`; zero where all splits agree.
     pub score: f64,
-    /// Share of splits, including the observed one, at least as far apart, in `(0, 1]`. Exact: for
-    /// exchangeable episodes it is at most `a` with probability at most `a`, whatever the features.
+    /// Share of splits, including the observed one, whose score is at least the observed one, in
+    /// `(0, 1]`. Exact: for exchangeable episodes it is at most `a` with probability at most `a`,
+    /// whatever the features.
     pub p_value: f64,
-    /// P-value of the score under the Pearson type III distribution of the null's moments, in
+    /// P-value of the score under the Pearson type III distribution with the moments of `null`, in
     /// `[0, 1]`. It is an approximation, for levels that the number of splits does not resolve.
     pub tail_p_value: f64,
 }
 
 impl NullDistribution {
-    /// Takes the scores of all splits.
+    /// Computes the moments of the scores of all random splits.
     pub(crate) fn new(mut splits: Vec<f64>) -> Self {
         splits.sort_unstable_by(f64::total_cmp);
         let count = splits.len() as f64;
@@ -68,8 +71,8 @@ impl NullDistribution {
     }
 }
 
-/// Skewness below which the distribution is taken for this one: with it, the shape of the gamma
-/// distribution, `4 / skewness^2`, is 400.
+/// Least skewness of the Pearson type III distribution, which replaces smaller ones: with it, the
+/// shape of the gamma distribution, `4 / skewness^2`, is 400.
 const LEAST_SKEWNESS: f64 = 0.1;
 
 /// Returns the probability that a variable of mean 0, standard deviation 1 and the given skewness

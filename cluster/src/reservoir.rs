@@ -1,11 +1,11 @@
-//! A bounded, uniform sample of a stream of episodes.
+//! Reservoir sampling: a bounded, uniform sample of the episodes seen so far.
 
 use rand::{Rng, RngExt};
 
 use crate::check::positive;
 use crate::error::{ClusterError, Result};
 
-/// A uniform sample, without replacement, of at most `capacity` of the episodes offered so far.
+/// Uniform sample, without replacement, of at most `capacity` of the episodes offered so far.
 ///
 /// Algorithm R of J. S. Vitter, "Random sampling with a reservoir", ACM Transactions on
 /// Mathematical Software 11 (1985): the episode of rank `t > capacity` is kept with probability
@@ -19,7 +19,7 @@ pub struct Reservoir<E> {
 }
 
 impl<E> Reservoir<E> {
-    /// Makes an empty reservoir for at most `capacity` episodes, at least 1.
+    /// Creates an empty reservoir for at most `capacity` episodes, at least 1.
     ///
     /// # Errors
     /// A capacity of zero.

@@ -40,11 +40,11 @@ pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64> {
 /// 1-Wasserstein distance between two clouds and its gradient in their points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WassersteinGradient {
-    /// [`wasserstein1`] of the clouds, up to rounding.
+    /// 1-Wasserstein distance ([`wasserstein1`]) between the clouds, up to rounding.
     pub distance: f64,
-    /// Derivatives with respect to the first cloud, `[n, dim]`.
+    /// Derivatives of the distance with respect to the points of the first cloud, `[n, dim]`.
     pub x: Vec<f64>,
-    /// Derivatives with respect to the second cloud, `[m, dim]`.
+    /// Derivatives of the distance with respect to the points of the second cloud, `[m, dim]`.
     pub y: Vec<f64>,
 }
 
@@ -94,8 +94,8 @@ pub fn wasserstein1_gradient(x: &[f32], y: &[f32], dim: usize) -> Result<Wassers
     Ok(WassersteinGradient { distance: plan.cost, x: by_x, y: by_y })
 }
 
-/// Solver of the 1-Wasserstein distance between weighted clouds, with plan, potentials and memory
-/// that is reused.
+/// Solver of the 1-Wasserstein distance between weighted clouds of points, with transport plan,
+/// potentials and memory that is reused.
 ///
 /// ```
 /// use cluster::{Wasserstein, Weights};
@@ -131,8 +131,8 @@ impl Wasserstein {
         self.solver.solve(costs, x.1, y.1)
     }
 
-    /// Transports `x` to `y` from the last solution, as [`Solver::solve_again`] does, which is
-    /// faster if a cloud has grown by a few points.
+    /// Transports `x` to `y` starting from the last solution, as [`Solver::solve_again`] does,
+    /// which is faster if a cloud has grown by a few points.
     ///
     /// # Errors
     /// Errors of [`solve`](Self::solve).
@@ -142,10 +142,10 @@ impl Wasserstein {
     }
 }
 
-/// Points of a cloud `[n, dim]`, and their weights.
+/// Points of a cloud, `[n, dim]` for n points of `dim` coordinates, and their weights.
 pub type Cloud<'a> = (&'a [f32], Weights<'a>);
 
-/// Returns the distances between two clouds that have a weight for each point.
+/// Returns the Euclidean distances between two clouds, after checking that each point has a weight.
 fn costs<'a>(
     costs: &'a mut EuclideanCosts,
     (x, a): Cloud,

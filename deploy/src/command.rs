@@ -24,16 +24,16 @@ use super::settings::{RigSettings, VisionSettings};
 use super::simulated::SimulatedRig;
 use super::table::{TrialScore, deployment_table};
 
-/// Fault with its amounts and the settings for each amount.
+/// Fault of the simulated rig, with the rig's settings for each amount of the fault.
 type SweepSettings = (Fault, Vec<(f64, RigSettings)>);
 
-/// Trials of one batch.
+/// Task groups of one batch of trials, with the number of trials and the folder for pictures.
 #[derive(Clone, Copy)]
 struct Batch<'a> {
     groups: &'a [TaskGroup],
-    /// Number of trials of each variant.
+    /// Number of trials of each task variant.
     trials: usize,
-    /// Folder for pictures; `None` to keep none.
+    /// Folder for pictures of the trials; `None` to keep none.
     video: Option<&'a Path>,
 }
 
@@ -133,7 +133,7 @@ impl DeployOptions {
         self.out.as_deref().map(|folder| ResultsFolder::create(folder, faults())).transpose()
     }
 
-    /// Runs the trials, or the dry run of one.
+    /// Runs the trials on a rig, or the dry run of one trial.
     fn act(
         &self,
         deployment: &mut Deployment,
@@ -160,7 +160,7 @@ impl DeployOptions {
         Ok(scores)
     }
 
-    /// Returns the first trial of a group.
+    /// Returns the first trial of a task group's first variant.
     fn first(&self, group: TaskGroup) -> Trial {
         Trial { variant: group.variants()[0], index: 0, seed: self.run_and_rig.rig.seed }
     }
@@ -178,7 +178,7 @@ impl DeployOptions {
         Ok((deployment, rig))
     }
 
-    /// Returns the settings for each amount of each sweep.
+    /// Returns the rig's settings for each amount of each fault to sweep.
     fn sweep_settings(&self, nominal: RigSettings) -> Result<Vec<SweepSettings>, DeployError> {
         let mut sweeps: Vec<SweepSettings> = Vec::new();
         for FaultSweep { fault, amounts } in &self.sweep {
@@ -240,7 +240,7 @@ impl DeployOptions {
         Ok(())
     }
 
-    /// Runs a batch of trials and prints a line for each variant and the table of all.
+    /// Runs a batch of trials on a rig and prints a line for each variant and the table of all.
     fn trials(
         &self,
         out: &mut impl Write,
@@ -270,7 +270,7 @@ impl DeployOptions {
         Ok(scores)
     }
 
-    /// Writes the pictures of a trial: the first of a variant, and each that failed.
+    /// Writes the film strip or film of a trial that is the first of its variant, or failed.
     fn keep(
         &self,
         folder: &Path,

@@ -1,4 +1,4 @@
-//! Controller that turns a policy's decisions into twists, at 40 Hz.
+//! Controller that turns a policy's decisions into velocities (twists) of the arm's hand, at 40 Hz.
 
 use std::time::{Duration, Instant};
 
@@ -12,12 +12,12 @@ use crate::DeployError;
 use super::observer::RigPerception;
 use super::rig::Rig;
 
-/// Time between commands: a Kinova Gen3 accepts them at 40 Hz.
+/// Time between commands to the arm: a Kinova Gen3 accepts them at 40 Hz.
 pub(super) const COMMAND_PERIOD: Duration = Duration::from_millis(25);
 /// Proportional gain (1/s) from the distance to the target to the speed of the hand.
 const RATE: f64 = 10.0;
-/// Fraction of [`RATE`] at which the hand's orientation is restored. Objects that the hand pushes
-/// turn it.
+/// Gain that restores the hand's orientation, as a fraction of [`RATE`]. Objects that the hand
+/// pushes turn the hand.
 const TURNING: f64 = 0.2;
 /// Maximum distance from the hand to the target (metres): the target waits for a hand that is slow
 /// or blocked. Larger than that of the scripted experts, because commands take effect late.
@@ -34,18 +34,18 @@ pub(super) struct ActionController {
     limits: TwistLimits,
     /// Orientation that the hand keeps.
     rotation: DQuat,
-    /// Part of the orientation that it keeps.
+    /// Constraint on the hand's orientation: the part of `rotation` that the controller keeps.
     orientation: OrientationConstraint,
     /// Time in which the fingers close (seconds).
     closing_time: f64,
-    /// Distance by which a full action moves the target in a tick (metres).
+    /// Distance by which a full action moves the target in a tick of 25 ms (metres).
     displacement: f64,
-    /// Number of ticks per decision.
+    /// Number of ticks per decision, with one command in each.
     ticks: usize,
     target: DVec3,
     /// Position of the hand that the commands so far should have led to (metres).
     reference: DVec3,
-    /// Current twist of the reference.
+    /// Current twist (linear and angular velocity) of `reference`.
     twist: Twist,
     gripper_closure: f64,
     refused_commands: usize,

@@ -15,7 +15,7 @@ use super::controller::COMMAND_PERIOD;
 use super::latency::{DecisionStage, LatencyProfile};
 use super::rig::{Rig, SetUp, TaskVerdict, Trial, fresh_picture};
 
-/// Command that a dry run did not send to the robot.
+/// Command for the arm that a dry run did not send.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockedCommand {
     /// Command into which the controller turned the policy's action.

@@ -18,11 +18,11 @@ pub enum Fault {
     PictureLatency,
     /// Delay from a command to its effect (ms, a multiple of the control step of 12.5 ms).
     CommandLatency,
-    /// Standard deviation of the exposure's drift (%).
+    /// Standard deviation of the drift of the camera's exposure (%).
     ExposureDrift,
-    /// Standard deviation of the drift of the gains of red and blue (%).
+    /// Standard deviation of the drift of the camera's gains of red and blue (%).
     WhiteBalanceDrift,
-    /// Margin of the mask around the arm (mm).
+    /// Margin of the mask around the arm in the camera's picture (mm).
     MaskMargin,
 }
 

@@ -7,9 +7,9 @@ use experiments::colours::line_rgb;
 use experiments::sheet::Picture;
 use render::{Film, GridCell, GridRow, compose_grid};
 
-/// Width and height of a cell (pixels), in the aspect ratio of the camera's pictures, 4 to 3.
+/// Width and height of a picture in a film strip (pixels), in the camera's aspect ratio of 4 to 3.
 const CELL: [usize; 2] = [192, 144];
-/// Distance between cells (pixels).
+/// Distance between the pictures of a film strip (pixels).
 const GAP: usize = 4;
 /// Number of decisions from one column of the strip to the next.
 const EVERY: usize = 5;
@@ -17,12 +17,12 @@ const EVERY: usize = 5;
 /// Pictures of every decision of a trial: the camera's, the mask and the policy's.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FilmStrip {
-    /// Three cells `[144, 192, 3]` for each decision.
+    /// Pictures `[144, 192, 3]` of each decision: the camera's, the mask and the policy's.
     columns: Vec<[Vec<u8>; 3]>,
 }
 
 impl FilmStrip {
-    /// Adds the pictures of a decision. The policy's picture, `seen`, is square.
+    /// Adds the pictures of a decision to the strip. The policy's picture, `seen`, is square.
     pub(super) fn add_decision(&mut self, raw: &[u8], perception: &Perception, seen: &[u8]) {
         let Intrinsics { width, height, .. } = perception.settings().calibration.intrinsics;
         let view = perception.rectified_camera().intrinsics;
@@ -36,7 +36,7 @@ impl FilmStrip {
         ]);
     }
 
-    /// Returns a picture with three rows on white: the first decision and every fifth after it.
+    /// Returns the strip as a picture of three rows: the first decision and every fifth after it.
     pub fn to_picture(&self) -> Picture {
         let [wide, high] = CELL.map(|side| side + GAP);
         let (width, height) = (self.columns.len().div_ceil(EVERY) * wide + GAP, 3 * high + GAP);
@@ -68,7 +68,7 @@ impl FilmStrip {
     }
 }
 
-/// Scales a picture to the largest size that fits into a cell, on white.
+/// Scales a picture to the largest size that fits into a rectangle of the strip, on white.
 fn fitted(picture: &[u8], [width, height]: [usize; 2]) -> Vec<u8> {
     let scale = (CELL[0] as f64 / width as f64).min(CELL[1] as f64 / height as f64);
     let shown = [width, height].map(|side| (side as f64 * scale).round() as usize);

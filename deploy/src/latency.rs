@@ -44,7 +44,7 @@ impl DecisionStage {
 pub struct LatencyProfile([Vec<Duration>; DecisionStage::ALL.len()]);
 
 impl LatencyProfile {
-    /// Adds the time that a stage took.
+    /// Adds the time that a stage of a decision took.
     pub(super) fn record(&mut self, stage: DecisionStage, took: Duration) {
         self.0[stage as usize].push(took);
     }

@@ -14,17 +14,17 @@ use super::rig::{MAX_PICTURE_AGE, Rig, SetUp, fresh_picture};
 use super::settings::VisionSettings;
 use super::state_history::StateHistory;
 
-/// Perception of a rig: removes the arm from pictures by the joints' positions at their time.
+/// Perception of a rig: removes the arm from camera pictures by the joint positions at their time.
 pub(super) struct RigPerception {
     perception: Perception,
     history: StateHistory,
-    /// Latest picture of the camera `[H, W, 3]`.
+    /// Latest picture of the camera `[H, W, 3]`, with H rows and W columns.
     picture: Vec<u8>,
-    /// Time at which the picture was taken.
+    /// Time at which the camera took `picture`.
     taken: Duration,
     /// Camera that the policy was trained with.
     camera: Camera,
-    /// Last picture without the arm `[rendered_size, rendered_size, 3]`.
+    /// Last picture after removal of the arm `[rendered_size, rendered_size, 3]`.
     painted: Vec<u8>,
 }
 
@@ -116,7 +116,7 @@ impl RigPerception {
     }
 }
 
-/// Returns the ends of the arm's capsules, two for each.
+/// Returns the end points of the capsules that make up the arm, two for each capsule.
 fn joints(arm: &Arm, state: &RobotState) -> Vec<DVec3> {
     let capsules = arm.capsules(state).into_iter();
     capsules.flat_map(|capsule| capsule.ends).collect()

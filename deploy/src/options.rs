@@ -17,7 +17,7 @@ use super::settings::{RigSettings, VisionSettings};
 /// Set of faults of a simulated robot and its camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum FaultLevel {
-    /// No faults.
+    /// Perfect camera and an arm without delay.
     Off,
     /// Faults about as large as those of real robots and cameras.
     Nominal,

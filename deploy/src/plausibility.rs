@@ -5,13 +5,14 @@ use inpainting::Calibration;
 
 use crate::DeployError;
 
-/// Maximum distance (metres) and angle (degrees) between the two cameras: 1.5 times the error that
-/// a rig's estimate may have (docs/deployment.md, "An arm of your own").
+/// Maximum distance (metres) and angle (degrees) between the camera of a file and the rig's
+/// estimate: 1.5 times the error that a rig's estimate may have (docs/deployment.md, "An arm of
+/// your own").
 const LARGEST: [f64; 2] = [0.15, 15.0];
-/// Maximum difference of focal lengths, relative to the rig's.
+/// Maximum difference between the focal lengths of a file and the rig's, relative to the rig's.
 const FOCAL: f64 = 0.1;
-/// Maximum distance of optical axes, and of the pixels that show one direction, relative to the
-/// picture's width.
+/// Maximum distance between the optical axes of a file's and the rig's camera, and between pixels
+/// that show one direction, relative to the picture's width.
 const SHIFT: f64 = 0.1;
 /// Number of points along each side of the picture at which lenses are compared.
 const POINTS: usize = 9;
@@ -72,7 +73,7 @@ pub(super) fn distance_m_and_angle_deg(one: &Calibration, other: &Calibration) -
     [one.position().distance(other.position()), angle.to_degrees()]
 }
 
-/// Difference of two lenses.
+/// Difference between the distortions of two lenses.
 enum Shift {
     /// Largest distance between the pixels at which they show the same direction.
     Pixels(f64),
@@ -80,7 +81,8 @@ enum Shift {
     Hidden([f64; 2]),
 }
 
-/// Compares two lenses on a grid of pixels, with the rig's focal lengths and pose for both.
+/// Compares the distortions of two lenses on a grid of pixels, with the rig's focal lengths for
+/// both.
 fn shift(file: &Calibration, known: &Calibration) -> Shift {
     // only the lens differs, so that errors of the pose do not count twice
     let bent = Calibration { distortion: file.distortion, ..*known };

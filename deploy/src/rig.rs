@@ -127,7 +127,7 @@ pub trait Rig: Robot {
         self.calibration()
     }
 
-    /// Returns the time since a fixed moment. It never decreases.
+    /// Returns the time on the rig's clock since a fixed moment. It never decreases.
     fn now(&self) -> Duration;
 
     /// Waits for a time while the robot keeps moving.

@@ -12,7 +12,7 @@ use super::simulated::SimulationSettings;
 pub struct VisionSettings {
     /// Margin of the mask around the arm (metres).
     pub mask_margin_m: f64,
-    /// Pixels of in-painting along each side of a pixel that is drawn for a policy; odd.
+    /// Number of in-painted pixels along each side of a pixel of the picture for a policy; odd.
     pub oversampling: usize,
     /// Method by which the colours of the camera's pictures are corrected.
     pub colour_correction: ColorCorrection,
@@ -54,9 +54,9 @@ impl VisionSettings {
         calibration: None,
     };
 
-    /// Returns the settings of the perception of an arm of capsules with these radii (metres), two
-    /// joints for each, for a policy that was trained with `camera`. Pictures have the size at
-    /// which observations are drawn, and no mark.
+    /// Returns the settings of the perception for an arm of capsules with these radii (metres),
+    /// each between two joints, and for a policy that was trained with `camera`. Pictures have the
+    /// size at which observations are drawn, and no mark.
     pub(super) fn perception_settings(
         &self,
         calibration: Calibration,

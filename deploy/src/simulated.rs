@@ -48,13 +48,13 @@ impl SimulationSettings {
 
 type Watched = Watchdog<SimulatedArm, Box<dyn Fn() -> Duration>>;
 
-/// Control step of the simulation.
+/// Duration of a control step of the simulation.
 const STEP: Duration = Duration::from_micros(12_500);
-/// Number of control steps whose states are kept for late pictures: 2.25 s, more than the largest
-/// latency and exposure time of a camera.
+/// Number of control steps whose states are kept to render late pictures: 2.25 s, more than the
+/// largest latency and exposure time of a camera.
 const KEPT: usize = 180;
-/// Bit that separates the random streams of cameras from those of placements, which are the numbers
-/// of the trials.
+/// Bit in the number of a random stream that tells streams of cameras from those of placements,
+/// which are the numbers of the trials.
 const CAMERAS: u64 = 1 << 63;
 
 /// Position of the magenta calibration ball of 40 mm (metres), from the tip of the hand in the
@@ -65,7 +65,7 @@ const BALL: DVec3 = DVec3::new(0.0, 0.13, 0.17);
 /// Simulated arm at its table, under a camera.
 pub struct SimulatedRig {
     settings: SimulationSettings,
-    /// Camera of the policy. The rig's camera has the same light and the same pose.
+    /// Camera of the policy's training. The rig's camera has the same light and the same pose.
     policy: Camera,
     arm: Arm,
     embodiment: Embodiment,
@@ -74,15 +74,15 @@ pub struct SimulatedRig {
     verdict: TaskVerdict,
 }
 
-/// Simulation of one task group.
+/// Simulation of the table, the arm and the camera for one task group.
 struct Workspace {
     group: TaskGroup,
     robot: Watched,
     camera: SimulatedCamera,
     renderer: SceneRenderer,
-    /// Copy of the table that is set to past states, or to a parked arm, and drawn.
+    /// Copy of the simulated table that is set to past states, or to a parked arm, and rendered.
     ghost: TableTop,
-    /// State after each of the last control steps, oldest first.
+    /// Simulation state after each of the last control steps, oldest first.
     history: VecDeque<(Duration, State)>,
     /// Pictures of a perfect camera at the end and at the beginning of the exposure.
     ideal: [Vec<u8>; 2],
@@ -222,7 +222,7 @@ impl SimulatedRig {
 }
 
 impl Workspace {
-    /// Stores the current state, and drops the oldest one if there are too many.
+    /// Stores the current state of the simulation, and drops the oldest one if there are too many.
     fn remember(&mut self, now: Duration) {
         let state = self.robot.robot().table().simulation().save_state();
         self.history.push_back((now, state));
@@ -231,7 +231,7 @@ impl Workspace {
         }
     }
 
-    /// Draws the perfect camera's picture at a time, or at the first known state, into
+    /// Renders the perfect camera's picture at a time, or at the first known state, into
     /// `ideal[which]`.
     fn draw(&mut self, time: Duration, which: usize) -> Result<(), EnvError> {
         // the last state that is not later than `time`
@@ -244,7 +244,7 @@ impl Workspace {
         self.renderer.render(&mut self.ghost, &mut self.ideal[which])
     }
 
-    /// Returns the camera's picture of the table with the arm parked.
+    /// Returns the simulated camera's picture of the table with the arm parked.
     fn parked_picture(
         &mut self,
         arm: &Arm,
@@ -263,7 +263,8 @@ impl Workspace {
         self.shoot(1, now)
     }
 
-    /// Returns the camera's picture, made of the first `instants` pictures of the perfect camera.
+    /// Returns the simulated camera's picture, from the first `instants` pictures of the perfect
+    /// one.
     fn shoot(&mut self, instants: usize, now: Duration) -> Result<Vec<u8>, DeployError> {
         let Intrinsics { width, height, .. } = self.camera.reported_calibration().intrinsics;
         let mut rgb = vec![0; width * height * RGB_CHANNELS];
@@ -272,7 +273,7 @@ impl Workspace {
         Ok(rgb)
     }
 
-    /// Returns the camera's latest picture and the middle of its exposure time.
+    /// Returns the simulated camera's latest picture and the middle of its exposure time.
     fn picture(&mut self, now: Duration) -> Result<(Vec<u8>, Duration), DeployError> {
         let imperfections = *self.camera.imperfections();
         let of = Duration::from_secs_f64;

@@ -8,10 +8,10 @@ use robots::RobotState;
 /// History of an arm's states with their times.
 #[derive(Clone, Debug)]
 pub(super) struct StateHistory {
-    /// States before the last one, oldest first.
+    /// States of the arm before the last one, with their times, oldest first.
     earlier: VecDeque<(Duration, RobotState)>,
     last: (Duration, RobotState),
-    /// Time for which states are kept.
+    /// Time for which the arm's states are kept.
     kept: Duration,
 }
 
@@ -29,7 +29,7 @@ impl StateHistory {
         self.earlier.drain(..old.saturating_sub(1));
     }
 
-    /// Returns the last recorded state.
+    /// Returns the arm's last recorded state.
     pub fn last(&self) -> &RobotState {
         &self.last.1
     }
@@ -51,7 +51,7 @@ impl StateHistory {
     }
 }
 
-/// Interpolates between two states; the pose of the hand is that of the nearer one.
+/// Interpolates between two states of the arm; the pose of the hand is that of the nearer one.
 fn between(from: &RobotState, to: &RobotState, share: f64) -> RobotState {
     let joints = from.joints.iter().zip(&to.joints);
     RobotState {

@@ -8,15 +8,15 @@ use report::svg::{DOT_RADIUS, SvgPlot};
 use super::faults::Fault;
 use super::table::{TRIAL_CSV_HEADER, TrialScore, trial_csv_row, wilson_interval};
 
-/// Height of a panel (pixels).
+/// Height of the panel of one task group in a figure (pixels).
 const HEIGHT: f64 = 100.0;
 /// Shares of success at the lower and the upper edge of a panel, with room for dots at 0 and 1.
 const BOUNDS: [f64; 2] = [-0.05, 1.05];
 
-/// Results of a sweep: each amount with its trials.
+/// Results of a sweep over the amounts of a fault: each amount with its trials.
 pub type SweepResults = Vec<(f64, Vec<TrialScore>)>;
 
-/// Returns a table (CSV) with a row for each trial.
+/// Returns a table (CSV) of a sweep over a fault with a row for each trial.
 pub fn sweep_csv(fault: Fault, swept: &SweepResults) -> String {
     let mut text = format!("fault,amount,{TRIAL_CSV_HEADER}\n");
     for (amount, scores) in swept {
@@ -27,8 +27,8 @@ pub fn sweep_csv(fault: Fault, swept: &SweepResults) -> String {
     text
 }
 
-/// Draws the success of each group over the amount (SVG), a panel for each, with intervals of 95 %
-/// as bands.
+/// Draws the success of each group over the amount of a fault (SVG), a panel for each group, with
+/// intervals of 95 % as bands.
 pub fn sweep_svg(fault: Fault, groups: &[TaskGroup], swept: &SweepResults) -> String {
     let end = swept.last().map_or(0.0, |(amount, _)| *amount);
     let mut drawing = SvgPlot::new_half_width(end, fault.axis_label());
@@ -39,7 +39,7 @@ pub fn sweep_svg(fault: Fault, groups: &[TaskGroup], swept: &SweepResults) -> St
     drawing.into_svg(&format!("Success against {}", fault.axis_label()))
 }
 
-/// Draws the line of one group, its band and a dot for each amount.
+/// Draws the success of one group: a line, a band for its interval, and a dot for each amount.
 fn curve(drawing: &mut SvgPlot, stroke: &Stroke, group: TaskGroup, swept: &SweepResults) {
     let counts = swept.iter().map(|(amount, scores)| {
         let of_group: Vec<bool> =

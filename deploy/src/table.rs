@@ -9,11 +9,11 @@ use symmetry::D2;
 use itertools::Itertools;
 use report::Table;
 
-/// Success of the paper's policies on its Kinova Gen3 in 20 trials a group (Liu et al., CoRL 2023,
-/// section 5): a real arm.
+/// Success rate of the paper's policies on a real Kinova Gen3 in 20 trials of each task group (Liu
+/// et al., CoRL 2023, section 5).
 const PAPER: [(&str, f64); 4] =
     [("plate-slide", 0.45), ("button-press", 0.60), ("drawer-close", 0.65), ("goal-reach", 0.95)];
-/// Half width of a 95 % interval in standard deviations of the normal distribution.
+/// Half width of a 95 % confidence interval in standard deviations of the normal distribution.
 const DEVIATIONS: f64 = 1.959_963_984_540_054;
 
 /// Result of one trial of a policy on a robot.
@@ -40,8 +40,8 @@ pub struct TrialScore {
     pub refused_commands: usize,
 }
 
-/// Returns the score interval of 95 % of a success rate (Wilson, "Probable inference, the law of
-/// succession, and statistical inference", JASA 22, 1927); `[0, 1]` without trials.
+/// Returns the 95 % confidence interval of a success rate by Wilson's score ("Probable inference,
+/// the law of succession, and statistical inference", JASA 22, 1927); `[0, 1]` without trials.
 pub(super) fn wilson_interval(successes: usize, trials: usize) -> [f64; 2] {
     if trials == 0 {
         return [0.0, 1.0];

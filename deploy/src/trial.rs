@@ -1,4 +1,5 @@
-//! Trial on a rig as a vector of one environment, in which a learner chooses a policy and acts.
+//! Trial on a rig as a vectorised environment of size 1, for the choice of a policy and its
+//! actions.
 
 use std::time::Instant;
 
@@ -56,11 +57,11 @@ pub(super) struct TrialEnv<'a> {
     pub first_picture: Vec<u8>,
     /// Observation at the start of the trial.
     pub first_observation: Observations,
-    /// Actions of the policy so far.
+    /// Actions that the policy took so far in the trial.
     pub actions: Vec<[f32; ACTION_DIM]>,
     /// Times that each stage of a decision took.
     pub latencies: LatencyProfile,
-    /// Time of the last observation; `None` before the first.
+    /// Time at which the last observation was made; `None` before the first.
     pub last_observed_at: Option<Instant>,
     pub film_strip: Option<&'a mut FilmStrip>,
 }
@@ -77,7 +78,7 @@ impl TrialEnv<'_> {
         Ok(())
     }
 
-    /// Writes the current observation into `out` `[1, ..]`.
+    /// Writes the current observation into `out`, which holds one environment.
     fn observe(&mut self, out: &mut Observations) -> Result<(), DeployError> {
         let mut picture =
             vec![0; self.spec.image_shape[0] * self.spec.image_shape[1] * RGB_CHANNELS];

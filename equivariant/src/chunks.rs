@@ -10,17 +10,18 @@ use crate::real::Real;
 
 /// Maximum number of chunk gradients held in memory at once; batches may be larger.
 const WAVE: usize = 64;
-/// Number of parameters that one task of the reduction adds up; a part of this size stays in the
+/// Number of parameters whose chunk gradients one task adds up; a part of this size stays in the
 /// first-level cache.
 const PIECE: usize = 2048;
 
 thread_local! {
-    /// `true` while this thread runs one of several chunks. A chunk that panics leaves it set,
-    /// which only costs speed.
+    /// `true` while this thread runs one of several chunks of a minibatch. A chunk that panics
+    /// leaves the flag set, which only costs speed.
     static BUSY: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Returns `true` if other chunks can use the free threads better than a split of this one.
+/// Returns `true` if this thread runs one of several chunks of a minibatch: they use free threads
+/// better than a split of one chunk.
 pub(crate) fn in_one_of_many_chunks() -> bool {
     BUSY.get()
 }
@@ -85,7 +86,8 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
         }
     }
 
-    /// Adds the gradients of all chunks of `0..num_samples` to `gradient` `[num_params]`.
+    /// Adds the gradients of all chunks of the samples `0..num_samples` to `gradient`
+    /// `[num_params]`.
     ///
     /// `f(samples, workspace, chunk_gradient)` adds the gradient of its samples to
     /// `chunk_gradient`, which starts at zero. Returns what `f` returned, in chunk order.
@@ -147,7 +149,7 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
             .collect()
     }
 
-    /// Creates the workspaces that this many samples can use and returns the number of chunks.
+    /// Creates the workspaces that `num_samples` samples can use and returns the number of chunks.
     fn prepare(&self, num_samples: usize) -> usize {
         let chunks = num_samples.div_ceil(self.chunk_size);
         let mut idle = self.lock();
@@ -157,13 +159,13 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
         chunks
     }
 
-    /// Returns the samples of a chunk.
+    /// Returns the range of the samples of chunk `chunk`.
     fn range(&self, chunk: usize, num_samples: usize) -> Range<usize> {
         let start = chunk * self.chunk_size;
         start..num_samples.min(start + self.chunk_size)
     }
 
-    /// Runs `f` with a free workspace, for one of `count` chunks.
+    /// Runs `f` on one of `count` chunks with a free workspace.
     fn run<S>(&self, count: usize, f: impl FnOnce(&mut W) -> S) -> S {
         let idle = self.lock().pop();
         let mut workspace = idle.unwrap_or_else(|| (self.new_workspace)());
@@ -181,7 +183,7 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
     }
 }
 
-/// Adds the buffers, in their order, to every entry of `sum`.
+/// Adds the chunk gradients `buffers` to `sum`, entry by entry and in their order.
 fn add_in_order<T: Real>(sum: &mut [T], buffers: &[Vec<T>]) {
     // Parallel over parameters, sequential over buffers: every sum has the order of the chunks.
     let pieces = sum.par_chunks_mut(PIECE).enumerate();

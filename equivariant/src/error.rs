@@ -24,11 +24,12 @@ pub enum LayerError {
         group: Group,
         /// Axis of the image that the group flips, `height` or `width`.
         axis: &'static str,
-        /// Length of the input along the axis, in pixels.
+        /// Length of the input image along the axis, in pixels.
         size: usize,
-        /// Window that does not sit symmetrically.
+        /// Window that does not sit symmetrically on the axis.
         kernel: SlidingWindow,
-        /// Remainder of the division by the stride, in pixels; must be 0.
+        /// Remainder of (image length + 2 padding - window size) divided by the stride, in pixels;
+        /// must be 0.
         remainder: usize,
     },
     /// Window that does not fit the padded image, or whose size or stride is zero.
@@ -42,9 +43,9 @@ pub enum LayerError {
         layer: &'static str,
         /// Axis of the image along which the window is rejected, `height` or `width`.
         axis: &'static str,
-        /// Length of the input along the axis, in pixels.
+        /// Length of the input image along the axis, in pixels.
         size: usize,
-        /// Rejected window.
+        /// Window that is larger than the padded image, or whose size or stride is zero.
         kernel: SlidingWindow,
     },
     /// Field type on which the layer would not be equivariant.
@@ -52,7 +53,7 @@ pub enum LayerError {
     InvalidFieldType {
         /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// Rejected field type.
+        /// Field type that the layer does not accept.
         got: FieldType,
         /// Description of the field types that the layer accepts.
         expected: &'static str,
@@ -65,20 +66,20 @@ pub enum LayerError {
     DifferentGroups {
         /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// First of the two field types.
+        /// First of the two field types whose groups differ.
         first: FieldType,
-        /// Second of the two field types.
+        /// Second of the two field types whose groups differ.
         second: FieldType,
     },
-    /// Map without channels or pixels.
+    /// Feature map without channels or pixels.
     #[error("{layer}: got a map of {shape}, expected at least one pixel and one channel")]
     EmptyMap {
         /// Name of the layer that cannot be built.
         layer: &'static str,
-        /// Rejected shape of the map.
+        /// Shape of the feature map without channels or pixels.
         shape: Shape,
     },
-    /// Sizes whose product exceeds the limit on values.
+    /// Map, matrix or kernel of more values than the limit of 2^31.
     #[error(
         "{layer}: got {what} of more than {MAX_VALUES} values, expected at most that; lower sizes, channels or padding"
     )]
@@ -95,7 +96,7 @@ pub enum LayerError {
         layer: &'static str,
         /// Name of the setting that is out of its range.
         setting: &'static str,
-        /// Rejected value of the setting.
+        /// Value of the setting that is out of its range, as text.
         got: String,
         /// Description of the accepted values of the setting.
         expected: &'static str,
@@ -108,9 +109,9 @@ pub enum LayerError {
     ShapeMismatch {
         /// Position of the second of the two layers in the sequence, from 0.
         index: usize,
-        /// Input shape of the second layer.
+        /// Shape of the input that the second of the two layers takes.
         takes: Shape,
-        /// Output shape of the first layer.
+        /// Shape of the output that the first of the two layers gives.
         gives: Shape,
     },
 }
@@ -143,7 +144,7 @@ impl LayerError {
         })
     }
 
-    /// Checks that a map has values and that its padded size is within the limit.
+    /// Checks that a feature map has channels and pixels and, with padding, at most 2^31 values.
     ///
     /// `layer` is the name in the error and `padding` is in pixels on each side.
     ///

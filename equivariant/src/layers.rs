@@ -1,4 +1,4 @@
-//! Layers of networks.
+//! Layers of equivariant networks.
 
 mod average_pool;
 mod check;

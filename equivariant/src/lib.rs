@@ -40,7 +40,8 @@ mod steerable {
     pub(crate) mod windows;
 }
 
-/// Inner loops, written once for all instruction sets, and the memory layout of their operands.
+/// Inner loops of the convolutions on the CPU, written once for all instruction sets, and the
+/// memory layout of their operands.
 mod simd {
     pub(crate) mod gather;
     pub(crate) mod interleave;

@@ -4,7 +4,7 @@ use faer::linalg::matmul::matmul;
 use faer::traits::RealField;
 use faer::{Accum, MatMut, MatRef, Par};
 
-/// Operands of a matrix product.
+/// Operands of a matrix product a b, and the matrix that receives it.
 #[derive(Debug)]
 pub struct MatrixProduct<'a, T> {
     /// Matrix that the product a b is written into.
@@ -16,7 +16,7 @@ pub struct MatrixProduct<'a, T> {
 }
 
 impl<T: RealField + Copy> MatrixProduct<'_, T> {
-    /// Computes the product.
+    /// Computes the product a b and writes it into `to`, or adds it to the values there.
     pub(crate) fn run(self) {
         // Par::Seq: minibatches already occupy all threads, and one thread gives a fixed order of
         // sums
@@ -26,7 +26,7 @@ impl<T: RealField + Copy> MatrixProduct<'_, T> {
     }
 }
 
-/// Returns a view of `rows` x `cols` numbers: row `r` starts at `r * stride`.
+/// Returns a matrix view of `rows` x `cols` numbers: row `r` starts at `r * stride`.
 pub(crate) fn row_major<T>(data: &[T], [rows, cols]: [usize; 2], stride: usize) -> MatRef<'_, T> {
     MatRef::from_row_major_slice_with_stride(data, rows, cols, stride)
 }
@@ -55,7 +55,7 @@ fn clear_upper_halves() {
     }
 }
 
-/// Addition of eight numbers.
+/// Addition of eight numbers by one AVX instruction; the sum is not used.
 #[cfg(target_arch = "x86_64")]
 struct Wide(pulp::x86::V3);
 

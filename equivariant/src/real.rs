@@ -48,7 +48,7 @@ pub trait Real:
     #[doc(hidden)]
     fn to_mask(self) -> u16;
 
-    /// Computes a matrix product.
+    /// Computes a matrix product in this precision.
     #[doc(hidden)]
     fn multiply_matrices(product: MatrixProduct<Self>);
 }

@@ -2,9 +2,10 @@
 
 use std::fmt;
 
-/// Bytes of a cache line; every scratch starts on one.
+/// Bytes of a cache line of the CPU; every scratch memory starts on one.
 const LINE: usize = 64;
-/// Maximum number of values skipped to reach a cache line, for the narrowest type.
+/// Number of values of the narrowest type, `f32`, in a cache line: at most as many are skipped to
+/// reach one.
 const SLACK: usize = LINE / size_of::<f32>();
 
 /// Memory for the passes of a layer: values that `forward` saves for `backward`, and working space.
@@ -16,18 +17,19 @@ const SLACK: usize = LINE / size_of::<f32>();
 /// layer rejects it. Two layers with equal descriptions count as the same layer.
 pub struct Scratch<T> {
     values: Vec<T>,
-    /// Index of the first value on a cache line.
+    /// Index of the first value used, which starts a cache line.
     start: usize,
     len: usize,
     pub(crate) origin: ScratchOrigin,
 }
 
-/// Origin of the values in a scratch; zeros if `forward` saved nothing.
+/// Forward pass that filled a scratch memory; zeros if no pass saved values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ScratchOrigin {
-    /// Number of samples of the last forward pass.
+    /// Number of samples of the forward pass that filled the scratch memory.
     pub samples: usize,
-    /// [`scratch_key`](crate::LayerSignature::scratch_key) of the layer that ran it.
+    /// [`scratch_key`](crate::LayerSignature::scratch_key) of the layer that filled the scratch
+    /// memory.
     pub layer_key: u64,
 }
 
@@ -37,20 +39,20 @@ impl<T> Scratch<T> {
         self.len
     }
 
-    /// Returns `true` for a scratch without values, as of layers that need none.
+    /// Returns `true` if the scratch memory holds no values, as for layers that need none.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// Returns the first `len` values.
+    /// Returns the first `len` values of the scratch memory.
     pub(crate) fn first_values(&mut self, len: usize) -> &mut [T] {
         &mut self.values[self.start..][..len]
     }
 }
 
 impl<T: Clone> Scratch<T> {
-    /// Creates a scratch of `len` values, all equal to `value`. Layers must not read what they did
-    /// not write; a test of that fills the scratch with NaN.
+    /// Creates scratch memory of `len` values, all equal to `value`. Layers must not read what they
+    /// did not write; a test fills the memory with NaN to check that.
     pub fn filled_with(len: usize, value: T) -> Scratch<T> {
         let values = vec![value; len + SLACK];
         Scratch {
@@ -81,7 +83,8 @@ impl<T: Clone> Clone for Scratch<T> {
     }
 }
 
-/// Slices of [`Layer::backward`](crate::Layer::backward), whose lengths have been checked.
+/// Arguments of [`Layer::backward`](crate::Layer::backward): slices whose lengths have been
+/// checked.
 ///
 /// The compiler knows that arguments of a function do not overlap, but not that these fields do
 /// not. So put loops over them into functions that take the slices as arguments.
@@ -89,39 +92,42 @@ impl<T: Clone> Clone for Scratch<T> {
 pub struct BackwardPass<'a, T> {
     /// Parameters of the layer.
     pub params: &'a [T],
-    /// Input of the forward pass, `[N, H, W, C]`.
+    /// Input of the forward pass, `[N, H, W, C]` (samples, height, width, channels).
     pub x: &'a [T],
-    /// Output of the forward pass, `[N, H, W, C]`.
+    /// Output of the forward pass, `[N, H, W, C]` (samples, height, width, channels).
     pub y: &'a [T],
-    /// Gradient of the loss with respect to the output, `[N, H, W, C]`.
+    /// Gradient of the loss with respect to the output `y`, in the shape of `y`.
     pub dy: &'a [T],
-    /// Buffer for the gradient with respect to the input, `[N, H, W, C]`; `None` if it is not
-    /// needed.
+    /// Buffer for the gradient with respect to the input `x`, in the shape of `x`; `None` if the
+    /// gradient is not needed.
     pub dx: Option<&'a mut [T]>,
-    /// Sum to which the gradient with respect to the parameters is added.
+    /// Buffer to which the gradient with respect to the parameters is added.
     pub dparams: &'a mut [T],
     /// Scratch memory; holds the values that the forward pass saved if the layer keeps them.
     pub scratch: &'a mut [T],
 }
 
-/// Rounds a length up to whole cache lines, so that the next part starts on one.
+/// Rounds the length of a part of a scratch memory up to whole cache lines, so that the next part
+/// starts on one.
 pub(crate) fn round_up_to_cache_line(len: usize) -> usize {
     len.next_multiple_of(SLACK)
 }
 
-/// Splits `len` values off the front.
+/// Splits `len` values off the front of a slice.
 pub(crate) fn take_front<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
     let (front, back) = std::mem::take(rest).split_at_mut(len);
     *rest = back;
     front
 }
 
-/// Splits `len` values off the front and drops the padding that [`round_up_to_cache_line`] adds.
+/// Splits `len` values off the front of a slice and drops the padding that
+/// [`round_up_to_cache_line`] adds.
 pub(crate) fn take_front_padded<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
     &mut take_front(rest, round_up_to_cache_line(len))[..len]
 }
 
-/// Splits `len` values off the back and drops the padding that [`round_up_to_cache_line`] adds.
+/// Splits `len` values off the back of a slice and drops the padding that
+/// [`round_up_to_cache_line`] adds.
 pub(crate) fn take_back_padded<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
     let at = rest.len() - round_up_to_cache_line(len);
     let (front, back) = std::mem::take(rest).split_at_mut(at);

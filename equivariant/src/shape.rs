@@ -48,8 +48,8 @@ impl Shape {
         self.height * self.width
     }
 
-    /// Returns a transformed copy of one sample: pixels move, and channels of odd irreps change
-    /// sign.
+    /// Returns a copy of one sample transformed by the group element `g`: pixels move, and channels
+    /// of odd irreps change sign.
     ///
     /// # Panics
     /// When `g` is not in the group of the type or `sample` does not hold [`len`](Shape::len)
@@ -63,19 +63,19 @@ impl Shape {
         moved
     }
 
-    /// Iterates over the samples of a slice.
+    /// Iterates over the samples of a slice of feature maps.
     pub(crate) fn samples<'a, T>(&self, values: &'a [T]) -> ChunksExact<'a, T> {
         // chunks of length 0 would panic
         values.chunks_exact(self.len().max(1))
     }
 
-    /// Iterates over the samples of a slice mutably.
+    /// Iterates mutably over the samples of a slice of feature maps.
     pub(crate) fn samples_mut<'a, T>(&self, values: &'a mut [T]) -> ChunksExactMut<'a, T> {
         values.chunks_exact_mut(self.len().max(1))
     }
 
-    /// Returns the number of values with `padding` pixels on each side; `None` if it exceeds
-    /// [`MAX_VALUES`].
+    /// Returns the number of values of one sample with `padding` more pixels on each side; `None`
+    /// if it exceeds [`MAX_VALUES`].
     pub(crate) fn padded_len(&self, padding: usize) -> Option<usize> {
         let padded = |size: usize| size.checked_add(padding.checked_mul(2)?);
         let dims = Irrep::ALL.map(|a| self.fields.multiplicity(a));
@@ -84,7 +84,7 @@ impl Shape {
     }
 }
 
-/// Returns the product of sizes; `None` if it exceeds [`MAX_VALUES`].
+/// Returns the product of some sizes; `None` if it exceeds [`MAX_VALUES`].
 pub(crate) fn checked_product<const N: usize>(sizes: [usize; N]) -> Option<usize> {
     let product = sizes.into_iter().try_fold(1, usize::checked_mul)?;
     (product <= MAX_VALUES).then_some(product)

@@ -5,16 +5,17 @@ use std::fmt;
 /// Square window that slides over an image, padded on all sides; all lengths in pixels.
 ///
 /// Windows sit symmetrically on an axis, and a layer therefore commutes with its flip, if and only
-/// if (size + 2 padding - kernel) mod stride = 0. Layers require this of every axis that some
-/// element of their group flips. D1x requires it of the width only and C1 of neither axis: there
-/// windows start at the left and at the top, and pixels of the remainder are ignored.
+/// if (length + 2 padding - size) mod stride = 0, with the length of the image along the axis.
+/// Layers require this of every axis that some element of their group flips. D1x requires it of the
+/// width only and C1 of neither axis: there windows start at the left and at the top, and pixels of
+/// the remainder are ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct SlidingWindow {
     /// Side of the window (pixels).
     pub size: usize,
     /// Distance between neighbouring windows (pixels).
     pub stride: usize,
-    /// Pixels of padding on each side of the image: zeros, or nothing for a maximum.
+    /// Width of the padding on each side of the image (pixels): zeros, which a maximum ignores.
     pub padding: usize,
 }
 

@@ -1,4 +1,5 @@
-//! Summaries of single episodes, which are all that the recogniser remembers of them.
+//! Summaries of single episodes: a [`Recogniser`](crate::Recogniser) remembers them instead of the
+//! episodes.
 
 use std::collections::HashMap;
 
@@ -15,13 +16,14 @@ use crate::motion::{motion, slope};
 pub struct Course {
     /// Number of decisions that all environments took before the episode began: its place in time.
     pub began: usize,
-    /// First picture of the episode `[H, W, C]`.
+    /// First picture of the episode, `[height, width, channels]`.
     pub image: Vec<u8>,
-    /// Observation vectors `[T, D]` that the policy acted on in the episode.
+    /// Observation vectors that the policy acted on in the episode, `[T, D]` for T steps and D
+    /// components.
     pub vectors: Vec<f32>,
-    /// Actions of the episode `[T, A]`.
+    /// Actions of the episode, `[T, A]` for T steps and A action dimensions.
     pub actions: Vec<f32>,
-    /// Rewards of the episode `[T]`.
+    /// Rewards of the T steps of the episode.
     pub rewards: Vec<f32>,
     /// `true` if the episode was recorded to its end.
     pub is_whole: bool,
@@ -36,22 +38,22 @@ pub struct Account {
     pub began: usize,
     /// Features of the first picture, computed by [`Filters`].
     pub picture: Vec<f32>,
-    /// First observation vector `[D]` of the episode; components that change sign under a flip are
-    /// absolute values.
+    /// First observation vector of the episode, of D components; those that change sign under a
+    /// flip are absolute values.
     pub vector: Vec<f32>,
-    /// Linear response of the observation vector to actions, `[D, A]`; `None`, like the next two
-    /// fields, if the episode was not recorded to its end.
+    /// Linear response of the D components of the observation vector to the A action dimensions,
+    /// `[D, A]`; `None` if the episode was not recorded to its end.
     pub motion: Option<Vec<f32>>,
-    /// Direction in action space in which the reward increases: absolute values `[A]`, of length 1,
-    /// or zeros if actions do not change it.
+    /// Direction in action space in which the reward increases: absolute values, scaled to length
+    /// 1, or zeros if actions do not change the reward.
     pub slope: Option<Vec<f32>>,
     /// Undiscounted return of the episode.
     pub earned: Option<f32>,
 }
 
 impl Account {
-    /// Removes all of the summary that depends on actions, so that only the first picture and
-    /// vector remain.
+    /// Removes all of the summary that depends on actions, so that only the first picture and the
+    /// first observation vector remain.
     pub fn forget_course(&mut self) {
         (self.motion, self.slope, self.earned) = (None, None, None);
     }
@@ -66,8 +68,8 @@ impl Account {
 
 type Pictures = HashMap<Vec<u8>, Vec<f32>>;
 
-/// Cache of the features of first pictures, since the filters take most of the time: a decision and
-/// the training after it use the same pictures.
+/// Cache of the features of the episodes' first pictures, since filters take most of the time: a
+/// decision and the call of `learn` after it use the same pictures.
 #[derive(Clone, Debug, Default)]
 pub struct Album(Pictures);
 
@@ -80,8 +82,8 @@ pub struct Accountant {
 }
 
 impl Accountant {
-    /// Creates a summariser for pictures `[H, W, C]` and vectors and actions of these irreps, with
-    /// `filters` random filters.
+    /// Creates a summariser for pictures `[height, width, channels]` and for observation vectors
+    /// and actions of the given irreps, with `filters` random filters.
     ///
     /// # Errors
     /// Errors of [`Filters::new`], and vectors or actions without components.
@@ -101,8 +103,8 @@ impl Accountant {
         })
     }
 
-    /// Summarises episodes in parallel, in their order. `album` has the features of the pictures of
-    /// the last call, and takes those of this one.
+    /// Summarises episodes in parallel, in their order. `album` holds the features of the pictures
+    /// of the last call; those of this call replace them.
     ///
     /// # Errors
     /// A picture of another size, or lists of different numbers of steps.
@@ -128,7 +130,8 @@ impl Accountant {
         Ok(Account { began: course.began, picture, vector, motion, slope, earned })
     }
 
-    /// Returns the first vector `[D]` in the form that all mirror images share.
+    /// Returns the first observation vector of an episode, with absolute values where a flip
+    /// changes the sign, so that all mirror images share it.
     fn first_vector(&self, course: &Course) -> Result<Vec<f32>> {
         let steps = course.rewards.len().max(1);
         check_len("vectors", course.vectors.len(), steps * self.vector.len())?;

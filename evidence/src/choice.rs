@@ -4,17 +4,18 @@ use cluster::Verdict;
 
 use crate::opinion::Opinion;
 
-/// Standard deviations by which first pictures and vectors must fit another policy better before it
-/// replaces an accepted policy that acted.
+/// Number of standard deviations by which first pictures and vectors must fit another policy better
+/// before it replaces an accepted policy that acted.
 const MARGIN: f64 = 3.0;
 /// Largest p-value of the acting policy's first pictures or vectors at which it can be replaced.
 // Groups that look alike differ by chance, too, so a better score alone is not enough.
 const UNLIKELY: f64 = 1e-3;
-/// Factor by which every other policy's distance ratio must exceed 1 more than the nearest one's.
+/// Least quotient of the excesses over 1 of two distance ratios, every other policy's by the
+/// nearest one's, for the nearest one to be singled out.
 // Nearest at 1.6 and all others beyond 2.5, since 1.5 = 2.5 * 0.6 (docs/assignment.md, "Return").
 const APART: f64 = 2.5;
 
-/// Evidence for all policies from episodes in which one of them acted.
+/// Evidence for and against all policies, from episodes in which one of them acted.
 pub(crate) struct Choice<'a> {
     opinions: &'a [Opinion],
     collector: usize,
@@ -30,7 +31,8 @@ impl<'a> Choice<'a> {
         self.opinions.get(self.collector)
     }
 
-    /// Returns `true` if first pictures and vectors do not reject the acting policy at this level.
+    /// Returns `true` if first pictures and vectors do not reject the acting policy at this
+    /// significance level.
     pub(crate) fn is_alike(&self, level: f64) -> bool {
         self.own().is_some_and(|own| !own.looks_doubtful(level))
     }
@@ -48,7 +50,7 @@ impl<'a> Choice<'a> {
     }
 
     /// Returns the accepted policies, except the acting one, that fit about as well as the best.
-    /// The policy with the largest gain comes first, because its earnings say most.
+    /// The policy with the largest gain in return comes first, because its returns say most.
     pub(crate) fn rivals(&self) -> Vec<usize> {
         let Some(fittest) = self.fittest() else {
             return Vec::new();
@@ -60,10 +62,11 @@ impl<'a> Choice<'a> {
         near
     }
 
-    /// Returns a policy whose group may have drifted while it was away. This is the eligible policy
-    /// with the smallest distance ratio, if that is below `farthest` and every other policy that is
-    /// not merged with it is far more distant; otherwise the nearest policy that `can_show` by its
-    /// earnings that it serves the group, if its ratio is below `most`.
+    /// Returns the index of a policy whose task group may have drifted while other policies acted.
+    /// This is the eligible policy with the smallest distance ratio, if that is below `farthest`
+    /// and every other policy that is not merged with it is far more distant; otherwise the nearest
+    /// policy that `can_show` by its earnings that it serves the group, if its ratio is below
+    /// `most`.
     pub(crate) fn drifted(
         &self,
         most: f64,
@@ -97,7 +100,7 @@ impl<'a> Choice<'a> {
         })
     }
 
-    /// Returns the best fit among the other accepted policies; the first of equals.
+    /// Returns the accepted policy, except the acting one, that fits best; the first of equals.
     fn fittest(&self) -> Option<usize> {
         let misfit = |policy: &usize| self.opinions[*policy].misfit();
         self.others().min_by(|a, b| misfit(a).total_cmp(&misfit(b)))

@@ -1,4 +1,4 @@
-//! Errors of this crate.
+//! Errors of episode summaries, tests of policies and stored states.
 
 use cluster::ClusterError;
 
@@ -21,14 +21,14 @@ pub enum EvidenceError {
         /// Number of channels of the picture.
         channels: usize,
     },
-    /// List of the wrong length.
+    /// List of numbers, such as the vectors of an episode, of the wrong length.
     #[error("{what} holds {got} values, expected {expected}")]
     Length {
-        /// Name of the list that has the wrong length.
+        /// Name of the list of numbers that has the wrong length.
         what: &'static str,
         /// Length of the list.
         got: usize,
-        /// Length that its dimensions require.
+        /// Length that the dimensions of the list require.
         expected: usize,
     },
     /// Setting outside its range.
@@ -41,7 +41,7 @@ pub enum EvidenceError {
         /// Valid range of the setting, in words.
         expected: &'static str,
     },
-    /// Too few episodes for a decision.
+    /// Too few episodes for a decision on their task group.
     #[error("got {got} episodes, expected at least {needed}")]
     TooFewEpisodes {
         /// Number of episodes given.
@@ -49,7 +49,7 @@ pub enum EvidenceError {
         /// Number of episodes that a decision needs.
         needed: usize,
     },
-    /// Number that is infinite or not a number.
+    /// Infinite or NaN value in the summary of an episode.
     #[error("{what} holds {value}, expected finite numbers: check what the environment returns")]
     NotFinite {
         /// Source of evidence that holds the number.
@@ -57,7 +57,7 @@ pub enum EvidenceError {
         /// Infinite or NaN value.
         value: f64,
     },
-    /// Stored state with more episodes for a policy than the settings allow.
+    /// Stored state of a recogniser with more episodes for a policy than the settings allow.
     #[error(
         "{got} accounts of one policy, expected at most {most}: set `memory` as it was when they \
          were kept"
@@ -68,7 +68,7 @@ pub enum EvidenceError {
         /// Largest number of episodes for a policy, the setting `memory`.
         most: usize,
     },
-    /// Stored state in the format of another version.
+    /// Stored state of a recogniser in the format of another version.
     #[error(
         "the state has format {got}, expected {expected}: go on with the version that wrote it, or \
          begin anew"
@@ -87,7 +87,8 @@ pub enum EvidenceError {
         /// Number of known policies.
         policies: usize,
     },
-    /// Stored state whose merged policies continue as each other in a circle.
+    /// Stored state in which each of several policies was merged into the next, in a circle, so
+    /// that none of them acts.
     #[error(
         "the heirs of policy {policy} follow each other in a circle, expected one that acts: the \
          state is damaged, take another one"
@@ -96,7 +97,7 @@ pub enum EvidenceError {
         /// Index of a policy on the circle or leading into it.
         policy: usize,
     },
-    /// Error of a distance or a test.
+    /// Error of a Wasserstein distance or a permutation test.
     #[error(transparent)]
     Cluster(#[from] ClusterError),
 }

@@ -9,33 +9,42 @@ use crate::memory::Memory;
 use crate::opinion::{Kind, Look, Opinion, Role, SURE, changed, is_doubtful, sources, whole};
 use crate::settings::RecogniserSettings;
 
-/// Splits, including the observed one, that must reach the observed score to end a test early.
+/// Number of random splits, including the observed one, that must reach the observed score to end a
+/// permutation test early.
 // Stopping insignificant tests does not raise the rate of false alarms (Besag and Clifford, 1991).
 const REACHING: f64 = 8.0;
 
-/// Increase of the significance level, as a multiple of it, for a policy that lost its whole gain.
+/// Increase of the significance level of returns, as a multiple of it, for a policy that lost its
+/// whole gain in return.
 const MOST_WEIGHT: f64 = 30.0;
-/// Least rise of a policy's return that counts as a gain, in standard deviations.
+/// Least rise of a policy's return since its first rollout that counts as a gain, in standard
+/// deviations of the return.
 const MIN_GAIN: f64 = 1.0;
-/// Least rise for returns to prove that the policy serves a group, in standard deviations.
+/// Least rise of a policy's return by which returns prove that the policy serves a task group, in
+/// standard deviations of the return.
 const PROVEN_GAIN: f64 = 3.0;
-/// Share of `min_loss` that such a policy may lose: a tenth of its gain with the default of 0.3.
+/// Largest loss of a policy that is proven by its returns, as a share of `min_loss`: a tenth of its
+/// gain in return with the default of 0.3.
 const MAX_LOSS: f64 = 1.0 / 3.0;
-/// Factor on `min_ratio - 1` for a policy that returns: drift may have changed its group meanwhile.
+/// Factor on `min_ratio - 1` for a policy that acts again after a time without training: drift may
+/// have changed its task group meanwhile.
 // With the default of 1.2 the limit is 1.5: within it lie 19 of 20 groups whose colours drifted by
 // a tenth of their range, and one of 100 other groups (docs/assignment_figures.md).
 const DRIFTED: f64 = 2.5;
-/// Factor on `min_ratio - 1` for a policy that is far nearer than all others: a limit of 1.8.
+/// Factor on `min_ratio - 1` for a policy that is far nearer than all others: the limit is 1.8 with
+/// the default of 1.2.
 const FARTHEST: f64 = 4.0;
-/// Least ratio of a distance of motion or slope to that of chance: both change in training.
+/// Least ratio of the distance of motion or slope to its mean over random splits: both change in
+/// training.
 const LEAST_RATIO: f64 = 2.0;
 
-/// Tester of policies, with its settings.
+/// Tester of policies by permutation tests, with the settings of the recogniser.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Examiner<'a>(pub(crate) &'a RecogniserSettings);
 
 impl Examiner<'_> {
-    /// Tests `accounts` against the memory of one policy, which had this role in them.
+    /// Tests the episodes `accounts` against those that one policy remembers; `role` says how the
+    /// policy relates to the tested episodes.
     pub(crate) fn opine(
         self,
         memory: &Memory,
@@ -83,8 +92,9 @@ impl Examiner<'_> {
         Ok(opinion)
     }
 
-    /// Returns `true` if more splits would not change the outcome: enough of them reach the largest
-    /// score, or a difference that counts is far more significant than the level requires.
+    /// Returns `true` if more random splits would not change the outcome of a test: enough of them
+    /// reach the largest score, or a difference that counts is far more significant than the level
+    /// requires.
     fn is_decided(self, opinion: &Opinion, test: &JointTest, look: Look) -> bool {
         let reaching = test.overall.p_value * (1 + test.overall.null.permutations) as f64;
         let limit = SURE * self.level(look);
@@ -102,8 +112,9 @@ impl Examiner<'_> {
         }
     }
 
-    /// Returns the outcome of a finished test. The first look uses exact p-values, the second those
-    /// of the fitted tail, because its level is finer than the number of splits resolves.
+    /// Returns the verdict on a policy after a finished test. The first look uses exact p-values,
+    /// the second those of the fitted tail, because its level is finer than the number of splits
+    /// resolves.
     fn verdict(self, opinion: &Opinion, look: Look) -> Verdict {
         let level = self.level(look);
         let mut against = opinion.sources().filter(|&(kind, source)| match look {
@@ -119,8 +130,8 @@ impl Examiner<'_> {
         }
     }
 
-    /// Returns `true` if a significant difference counts. It must be large, except for pictures and
-    /// vectors at the first look, which only asks for more data.
+    /// Returns `true` if a significant difference of one source counts against a policy. It must be
+    /// large, except for pictures and vectors at the first look, which only asks for more data.
     fn counts(self, opinion: &Opinion, look: Look, kind: Kind, source: &SourceTest) -> bool {
         (look == Look::First && kind.is_look()) || self.is_large(opinion, kind, source)
     }
@@ -148,8 +159,8 @@ impl Examiner<'_> {
         1.0 + FARTHEST * (self.0.min_ratio - 1.0)
     }
 
-    /// Returns the factor on the level of a source: for earnings it rises from 1 to 31 with the
-    /// lost share, for other sources it is 1.
+    /// Returns the factor on the significance level of a source: for returns it rises from 1 to 31
+    /// with the lost share of the gain, for other sources it is 1.
     fn weight(self, opinion: &Opinion, kind: Kind) -> f64 {
         let least = self.0.min_loss;
         let share = (opinion.lost - least) / (1.0 - least).max(f64::MIN_POSITIVE);
@@ -159,34 +170,39 @@ impl Examiner<'_> {
         }
     }
 
-    /// Returns `true` if these episodes prove that the policy serves them as well as its own.
+    /// Returns `true` if the returns of the tested episodes prove that the policy serves their task
+    /// group as well as its own.
     pub(crate) fn is_proven(self, opinion: &Opinion) -> bool {
         self.keeps(opinion) && opinion.episode_gain >= PROVEN_GAIN
     }
 
-    /// Returns `true` if the policy earned about as much in these episodes as in its own.
+    /// Returns `true` if the policy earned about as much in the tested episodes as in the ones that
+    /// it remembers.
     pub(crate) fn keeps(self, opinion: &Opinion) -> bool {
         opinion.kinds.contains(&Kind::Earnings) && !self.is_loss(opinion.lost)
     }
 
-    /// Returns `true` if the policy may earn as much as in its own episodes, within one standard
-    /// error. A policy whose pictures or vectors differ must pass this check: that a few episodes
-    /// of its own do not reject it again proves nothing.
+    /// Returns `true` if the policy may earn as much in the tested episodes as in its remembered
+    /// ones, within one standard error. A policy whose pictures or vectors differ must pass this
+    /// check: that a few episodes of its own do not reject it again proves nothing.
     fn may_keep(self, opinion: &Opinion) -> bool {
         opinion.kinds.contains(&Kind::Earnings) && !self.is_loss(opinion.lost - opinion.lost_error)
     }
 
-    /// Returns `true` if a policy that loses this share of its gain no longer serves the group.
+    /// Returns `true` if a policy that loses the share `lost` of its gain in return no longer
+    /// serves the task group.
     pub(crate) fn is_loss(self, lost: f64) -> bool {
         lost > MAX_LOSS * self.0.min_loss
     }
 
-    /// Returns `true` if the policy has gained so much that a loss would show in its returns.
+    /// Returns `true` if the policy's return has risen so much in training that a loss would show
+    /// in its returns.
     pub(crate) fn has_proven_gain(self, memory: &Memory) -> bool {
         memory.gain() >= PROVEN_GAIN
     }
 
-    /// Returns `true` if the policy has gained anything that returns elsewhere could show.
+    /// Returns `true` if the policy's return has risen in training at all, so that its loss in
+    /// another task group could show.
     pub(crate) fn has_gain(self, memory: &Memory) -> bool {
         memory.gain() >= MIN_GAIN
     }
@@ -211,12 +227,13 @@ impl Examiner<'_> {
         self.speaks_against(opinion, SURE * self.0.level)
     }
 
-    /// Returns `true` if a source shows a difference that is large, and significant at this level.
+    /// Returns `true` if a source shows a difference that is large, and significant at the level
+    /// `level`.
     pub(crate) fn speaks_against(self, opinion: &Opinion, level: f64) -> bool {
         self.against(opinion, level).next().is_some()
     }
 
-    /// Returns the sources with a difference that is large, and significant at this level.
+    /// Returns the sources with a difference that is large, and significant at the level `level`.
     pub(crate) fn against(self, opinion: &Opinion, level: f64) -> impl Iterator<Item = Kind> {
         let against = opinion.sources().filter(move |(_, source)| source.tail_p_value <= level);
         let large = against.filter(move |&(kind, source)| self.is_large(opinion, kind, source));

@@ -8,9 +8,9 @@ use symmetry::D2;
 
 use crate::error::{EvidenceError, Result};
 
-/// Stride of the filters in rows and columns, in pixels.
+/// Stride of the picture filters in rows and columns, in pixels.
 const STRIDE: usize = 2;
-/// Seed of the weights: all banks of one size are equal.
+/// Seed of the weights of the random filters: all banks of one size are equal.
 const SEED: u64 = 0;
 
 /// Fixed bank of random filters. Each gives two features: the mean and the largest response over
@@ -37,12 +37,13 @@ pub struct Filters {
     image: [usize; 3],
     kernel: [usize; 2],
     count: usize,
+    /// Weights of the four flips of each filter,
     /// `[kernel rows, kernel columns, channels, 4, filters]`.
     weights: Vec<f32>,
 }
 
 impl Filters {
-    /// Draws a bank of `count` filters for pictures `[H, W, C]`.
+    /// Creates a bank of `count` random filters for pictures `[height, width, channels]`.
     ///
     /// # Errors
     /// Pictures smaller than 7 x 7, no channel or more than 1000, or no filter.
@@ -64,8 +65,8 @@ impl Filters {
         Ok(Self { image, kernel, count, weights: weights(kernel, channels, count) })
     }
 
-    /// Returns the features of a picture `[H, W, C]`: the mean responses of all filters, times
-    /// 10, then the largest ones, all scaled to length 1.
+    /// Returns the features of a picture `[height, width, channels]`: the mean responses of all
+    /// filters, times 10, then the largest ones, all scaled to length 1.
     ///
     /// # Errors
     /// A picture of another size.
@@ -89,7 +90,8 @@ impl Filters {
         Ok(described)
     }
 
-    /// Returns all responses `[positions, 4, filters]`.
+    /// Returns the responses of the four flips of all filters at all positions of a picture,
+    /// `[positions, 4, filters]`.
     fn respond(&self, image: &[u8]) -> Vec<f32> {
         let taps = self.kernel[0] * self.kernel[1] * self.image[2];
         let patches = self.patches(image);
@@ -140,10 +142,11 @@ impl Filters {
     }
 }
 
-/// Weight of the mean responses relative to the largest ones.
+/// Weight of the mean filter responses relative to the largest ones in the features of a picture.
 const MEAN_WEIGHT: f64 = 10.0;
 
-/// Returns the largest weight, so that responses fit into the 24 bits of an `f32`'s significand.
+/// Returns the largest magnitude of a filter weight for which responses fit into the 24 bits of an
+/// `f32`'s significand.
 fn most([rows, cols]: [usize; 2], channels: usize) -> i32 {
     let taps = (rows * cols * channels) as i32;
     ((1 << 24) / (255 * taps) / 2).clamp(1, 100)
@@ -158,8 +161,8 @@ fn normalise(values: &mut [f32]) {
     }
 }
 
-/// Draws uniform integer weights `[rows, cols, channels, 4, count]`, shifted so that they sum to
-/// zero in each channel.
+/// Returns uniformly random integer weights of `count` filters and their four flips,
+/// `[rows, cols, channels, 4, count]`, shifted so that they sum to zero in each channel.
 fn weights(kernel: [usize; 2], channels: usize, count: usize) -> Vec<f32> {
     let [rows, cols] = kernel;
     let (most, taps) = (most(kernel, channels), rows * cols);
@@ -181,7 +184,8 @@ fn weights(kernel: [usize; 2], channels: usize, count: usize) -> Vec<f32> {
     weights
 }
 
-/// Subtracts the mean from the weights of a channel; the first taps absorb the remainder.
+/// Subtracts the mean from the weights of one filter in a channel; the first taps absorb the
+/// remainder.
 fn centre(drawn: &mut [i32], channel: usize, channels: usize, taps: i32) {
     let own = || (0..taps as usize).map(move |tap| tap * channels + channel);
     let sum: i32 = own().map(|at| drawn[at]).sum();

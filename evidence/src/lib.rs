@@ -1,4 +1,4 @@
-//! Recognises groups of tasks by evidence that no policy owns.
+//! Recognition of groups of tasks by whole episodes, without the features that a policy has learnt.
 //!
 //! A learner with several policies must find out which of them a task belongs to. The features of a
 //! policy's own network encode where objects are, because the policy needs that, and encode poorly

@@ -8,7 +8,8 @@ use crate::account::{Account, check_len};
 use crate::error::{EvidenceError, Result};
 use crate::opinion::{Kind, mean_earned};
 
-/// Summaries of the latest episodes that a policy trained on, by which its group is recognised.
+/// Summaries of the latest episodes that a policy trained on, by which its task group is
+/// recognised.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Memory {
@@ -17,9 +18,9 @@ pub(crate) struct Memory {
     pub(crate) is_trained: bool,
     /// Mean return of the first rollout that the policy trained on.
     pub(crate) beginning: Option<f64>,
-    /// Policies that were compared with this one and serve other groups.
+    /// Indices of the policies that were compared with this one and serve other task groups.
     pub(crate) apart: Vec<usize>,
-    /// Policy that this one was merged into, which now acts for its group.
+    /// Index of the policy that this one was merged into, which now acts for its task group.
     pub(crate) heir: Option<usize>,
 }
 
@@ -29,7 +30,7 @@ impl Memory {
         self.heir.is_some()
     }
 
-    /// Records that the policy trains on these episodes.
+    /// Records that the policy trains on the episodes `accounts`; keeps the latest `most`.
     pub(crate) fn learn(&mut self, accounts: Vec<&Account>, most: usize) {
         let earned = mean_earned(accounts.iter().copied());
         if !self.is_trained {
@@ -41,15 +42,15 @@ impl Memory {
         self.remember(accounts.into_iter().cloned(), most);
     }
 
-    /// Appends these episodes and keeps the latest `most` of all.
+    /// Appends summaries of episodes and keeps the latest `most` of all.
     pub(crate) fn remember(&mut self, accounts: impl Iterator<Item = Account>, most: usize) {
         self.accounts.extend(accounts);
         let too_many = self.accounts.len().saturating_sub(most);
         self.accounts.drain(..too_many);
     }
 
-    /// Returns the episodes to compare with: the later half if the policy earns more there, since
-    /// training has changed its behaviour, and all remembered ones otherwise.
+    /// Returns the remembered episodes that new ones are compared with: the later half if the
+    /// policy earns more there, since training has changed its behaviour, and all otherwise.
     pub(crate) fn home(&self) -> Vec<&Account> {
         let all: Vec<&Account> = self.accounts.iter().collect();
         let (before, late) = all.split_at(all.len() / 2);
@@ -66,8 +67,8 @@ impl Memory {
         self.gain_of(&self.home())
     }
 
-    /// Returns by how much these episodes earned more than the first rollout, in their standard
-    /// deviations, at least 0; 0 if either return is unknown.
+    /// Returns by how much the return of `accounts` exceeds that of the policy's first rollout, in
+    /// standard deviations of the former, at least 0; 0 if either return is unknown.
     pub(crate) fn gain_of(&self, accounts: &[&Account]) -> f64 {
         match (self.beginning, mean_earned(accounts.iter().copied())) {
             (Some(beginning), Some(earned)) => {
@@ -78,8 +79,8 @@ impl Memory {
         }
     }
 
-    /// Returns the share of the policy's gain that these episodes did not earn, 0 without a gain.
-    /// It is at most 1 for episodes that earn what the first rollout earned.
+    /// Returns the share of the policy's gain in return that the episodes `accounts` did not earn,
+    /// 0 without a gain. It is at most 1 for episodes that earn what the first rollout earned.
     pub(crate) fn lost(&self, accounts: &[&Account]) -> f64 {
         let now = mean_earned(accounts.iter().copied());
         match self.worth().zip(now) {
@@ -88,7 +89,8 @@ impl Memory {
         }
     }
 
-    /// Returns the standard error of the share of the gain that was lost.
+    /// Returns the standard error of [`lost`](Self::lost), the share of the gain in return that was
+    /// lost.
     pub(crate) fn lost_error(&self, accounts: &[&Account]) -> f64 {
         let home = self.home();
         let variance = |of: &[&Account]| spread(of).powi(2) / of.len().max(1) as f64;
@@ -96,7 +98,8 @@ impl Memory {
         self.worth().map_or(0.0, |(_, worth)| error / worth)
     }
 
-    /// Returns the mean return of the policy's own episodes and its gain; `None` without a gain.
+    /// Returns the mean return of the policy's remembered episodes and its rise since the first
+    /// rollout; `None` if it did not rise.
     fn worth(&self) -> Option<(f64, f64)> {
         let home = mean_earned(self.home().into_iter())?;
         let gain = home - self.beginning?;
@@ -105,7 +108,8 @@ impl Memory {
     }
 }
 
-/// Standard deviations by which the later half of the returns must be higher to count as progress.
+/// Number of standard deviations by which the later half of a policy's returns must be higher to
+/// count as progress.
 const IMPROVES: f64 = 0.5;
 
 /// Returns the standard deviation of the known returns; 0 if there are none.

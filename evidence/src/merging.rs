@@ -1,4 +1,4 @@
-//! Merges of two policies that turn out to serve one group.
+//! Merges of two policies that turn out to serve one task group.
 
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -85,13 +85,14 @@ impl Recogniser {
         Ok(())
     }
 
-    /// Returns the share of the gain of `policy` that these episodes did not earn.
+    /// Returns the share of the gain in return of `policy` that the episodes `accounts` did not
+    /// earn.
     fn lost(&self, policy: usize, accounts: &[Account]) -> f64 {
         let accounts: Vec<&Account> = accounts.iter().collect();
         self.memories[policy].lost(&accounts)
     }
 
-    /// Returns for each policy the index of the one that it was merged into, if any.
+    /// Returns for each policy the index of the policy that it was merged into, if any.
     pub fn heirs(&self) -> Vec<Option<usize>> {
         self.memories.iter().map(|memory| memory.heir).collect()
     }
@@ -103,7 +104,7 @@ impl Recogniser {
         }
     }
 
-    /// Tests a policy by episodes in which it acted itself.
+    /// Tests a policy by episodes `accounts` in which it acted itself.
     fn opinion_of(
         &self,
         policy: usize,

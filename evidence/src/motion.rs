@@ -1,14 +1,15 @@
-//! Linear response of vectors to actions: least squares over one episode, invariant under D2.
+//! Linear response of observation vectors to actions: least squares over one episode, invariant
+//! under D2.
 
 use symmetry::Irrep;
 
-/// Ridge added to the Gram matrix, as a share of its mean diagonal: an action that never varies
-/// gets no response.
+/// Ridge of the least-squares fit, as a share of the mean diagonal of the Gram matrix of actions:
+/// an action that never varies gets no response.
 const RIDGE: f64 = 1e-6;
 
-/// Fits `vector[t + 1] - vector[t] = M action[t]` over an episode and returns `M`, `[D, A]`.
-/// Entries that change sign under a flip, whose component and action have different irreps, are
-/// absolute values.
+/// Fits `vector[t + 1] - vector[t] = M action[t]` over an episode and returns `M`, `[D, A]` for D
+/// vector components and A action dimensions. Entries that change sign under a flip, whose
+/// component and action have different irreps, are absolute values.
 ///
 /// Actions are clipped to `[-1, 1]`, as environments clip them; otherwise their measured effect
 /// would depend on how far a policy explores.
@@ -52,8 +53,9 @@ pub(crate) fn motion(
     entries.map(entry).collect()
 }
 
-/// Returns the direction of actions in which the reward increases, from rewards `[T]` and actions
-/// `[T, A]`: absolute values `[A]` of length 1, or zeros if the reward does not depend on actions.
+/// Returns the direction of the A action dimensions in which the reward increases, from the rewards
+/// `[T]` and actions `[T, A]` of T steps: absolute values, scaled to length 1, or zeros if the
+/// reward does not depend on actions.
 pub(crate) fn slope(rewards: &[f32], actions: &[f32], directions: &[Irrep]) -> Vec<f32> {
     // reward[t] follows action[t], so the change from reward[t] to reward[t + 1] is due to
     // action[t + 1]
@@ -64,8 +66,8 @@ pub(crate) fn slope(rewards: &[f32], actions: &[f32], directions: &[Irrep]) -> V
     found.iter().map(|&m| (f64::from(m.abs()) / length) as f32).collect()
 }
 
-/// Solves `gram x = moment` in place, for a positive definite `gram` `[n, n]` and `moment`
-/// `[n, m]`.
+/// Solves the linear systems `gram x = moment` in place, for a positive definite `gram` `[n, n]`
+/// and `moment` `[n, m]`.
 fn solve(gram: &mut [f64], moment: &mut [f64], n: usize, m: usize) {
     for pivot in 0..n {
         for row in (0..n).filter(|&row| row != pivot) {

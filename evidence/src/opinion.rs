@@ -1,4 +1,5 @@
-//! Evidence for and against one policy: its sources and their test.
+//! Evidence for and against one policy: sources of evidence (pictures, motion, returns) and their
+//! joint permutation test.
 
 use std::fmt;
 
@@ -7,10 +8,11 @@ use cluster::{Candidate, Evidence, Frames, JointTest, Side, Source, SourceTest, 
 use crate::account::Account;
 use crate::error::Result;
 
-/// Standard deviations that a change of motion by 100 % counts as when policies are ranked.
+/// Number of standard deviations that a change of motion by 100 % counts as in the outlier score of
+/// a policy.
 const MOTION_WEIGHT: f64 = 10.0;
 
-/// Source of evidence.
+/// Source of evidence: what is compared between two sets of episodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Picture,
@@ -21,12 +23,14 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    /// Sources that do not depend on actions.
+    /// Sources of evidence that do not depend on actions: first picture and first observation
+    /// vector.
     pub(crate) const LOOKS: &'static [Self] = &[Self::Picture, Self::Vector];
     pub(crate) const ALL: &'static [Self] =
         &[Self::Picture, Self::Vector, Self::Motion, Self::Slope, Self::Earnings];
 
-    /// Returns `true` for sources that do not depend on actions.
+    /// Returns `true` for sources of evidence that do not depend on actions: first picture and
+    /// first observation vector.
     pub(crate) fn is_look(self) -> bool {
         matches!(self, Self::Picture | Self::Vector)
     }
@@ -52,7 +56,7 @@ impl Kind {
     }
 }
 
-/// Stage of a decision, by the number of rollouts that it rests on.
+/// Stage of a decision on the policy of a rollout, by the number of rollouts that it rests on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Look {
     /// First look, at one rollout: a doubt asks for another one.
@@ -62,17 +66,17 @@ pub(crate) enum Look {
     Second,
 }
 
-/// Relation of a policy to the tested episodes.
+/// Relation of a tested policy to the tested episodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Role {
-    /// Another policy acted.
+    /// Policy that did not act in the tested episodes.
     Stranger,
-    /// The policy acted and continues the task that it trained on last.
+    /// Policy that acted and continues the task that it trained on last.
     Stays,
-    /// The policy acted after a time without training: its group may have drifted meanwhile.
+    /// Policy that acted after a time without training: its task group may have drifted meanwhile.
     Returns,
-    /// The policy acted provisionally, although pictures or vectors rejected it: its returns must
-    /// show that it serves the group, as far as it has a gain.
+    /// Policy that acted although pictures or vectors rejected it: its returns must show that it
+    /// serves the task group, as far as they rose in training.
     Provisional,
 }
 
@@ -83,19 +87,22 @@ pub struct Opinion {
     pub verdict: Verdict,
     /// Joint test of all sources of evidence; `None` if the policy remembers too few episodes.
     pub test: Option<JointTest>,
-    /// Sources of the test.
+    /// Sources of evidence of the joint test, in the order of its results.
     pub(crate) kinds: &'static [Kind],
-    /// Relative change of motion, the vector's response to actions; 0 if it is unknown.
+    /// Relative change of motion (response of the observation vector to actions) from the
+    /// remembered to the tested episodes; 0 if it is unknown.
     pub changed: f64,
-    /// Relative change of slope.
+    /// Relative change of slope (direction of actions that increases the reward) from the
+    /// remembered to the tested episodes.
     pub(crate) turned: f64,
-    /// Share of the policy's gain that these episodes did not earn.
+    /// Share of the policy's gain in return that the tested episodes did not earn.
     pub(crate) lost: f64,
-    /// Standard error of `lost`.
+    /// Standard error of `lost`, the lost share of the gain in return.
     pub(crate) lost_error: f64,
-    /// Gain in the policy's return since its first rollout, in standard deviations.
+    /// Rise of the policy's return since its first rollout, in standard deviations of the return.
     pub(crate) gain: f64,
-    /// Gain of these episodes over the policy's first rollout, in standard deviations.
+    /// Rise of the return of the tested episodes over the policy's first rollout, in standard
+    /// deviations of the return.
     pub(crate) episode_gain: f64,
     pub(crate) role: Role,
 }
@@ -111,8 +118,8 @@ impl Opinion {
         }
     }
 
-    /// Returns the smallest p-value by the fitted tail, adjusted for the number of sources; 1 if
-    /// nothing was tested.
+    /// Returns the smallest p-value of a source by the fitted Pearson tail, adjusted for the number
+    /// of sources; 1 if nothing was tested.
     pub fn tail_p_value(&self) -> f64 {
         self.test.as_ref().map_or(1.0, |test| test.overall.tail_p_value)
     }
@@ -121,8 +128,8 @@ impl Opinion {
         self.verdict == Verdict::Rejected
     }
 
-    /// Returns the largest score of pictures and vectors; infinity for a policy that was not
-    /// tested, so that it ranks last.
+    /// Returns the largest standardised distance of pictures and vectors; infinity for a policy
+    /// that was not tested, so that it ranks last.
     pub(crate) fn look_score(&self) -> f64 {
         if self.test.is_none() {
             return f64::INFINITY;
@@ -139,23 +146,25 @@ impl Opinion {
         looks.map(|(_, source)| source.ratio()).fold(0.0, f64::max)
     }
 
-    /// Returns an outlier score, by which policies are ranked: pictures and vectors, and for
-    /// policies that they do not separate also motion, which hardly depends on who acts.
+    /// Returns an outlier score, by which policies are ranked: of pictures and vectors, and for
+    /// policies that they do not separate also of motion, which hardly depends on the acting
+    /// policy.
     pub(crate) fn misfit(&self) -> f64 {
         self.look_score() + MOTION_WEIGHT * self.changed
     }
 
-    /// Returns `true` if pictures or vectors reject the policy at this level.
+    /// Returns `true` if pictures or vectors reject the policy at the significance level `level`.
     pub(crate) fn looks_doubtful(&self, level: f64) -> bool {
         self.sources().any(|(kind, source)| kind.is_look() && is_doubtful(source, level))
     }
 
-    /// Returns the sources with a result; one whose pooled points are all equal has none.
+    /// Returns the sources of evidence with a test result; one whose pooled points are all equal
+    /// has none.
     pub(crate) fn sources(&self) -> impl Iterator<Item = (Kind, &SourceTest)> {
         self.test.iter().flat_map(|test| self.sources_of(test))
     }
 
-    /// Returns the sources with a result in a test that may still run.
+    /// Returns the sources of evidence with a result in a test that may still run.
     pub(crate) fn sources_of<'a>(
         &'a self,
         test: &'a JointTest,
@@ -165,7 +174,7 @@ impl Opinion {
     }
 }
 
-/// Prints the outcome and its reasons in one line.
+/// Prints the verdict on a policy and the test results of all sources in one line.
 impl fmt::Display for Opinion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:?}", self.verdict)?;
@@ -179,17 +188,19 @@ impl fmt::Display for Opinion {
     }
 }
 
-/// Share of the level at which a p-value by the fitted tail is certain enough to end a test early.
+/// Share of the significance level at which a p-value by the fitted tail is certain enough to end a
+/// permutation test early.
 pub(crate) const SURE: f64 = 1e-3;
 
-/// Returns `true` if a source shows a difference at this level: by its exact p-value, or with
-/// certainty by its tail, if the test ended before exact p-values were fine enough.
+/// Returns `true` if a source shows a difference at the significance level `level`: by its exact
+/// p-value, or with certainty by its fitted tail, if the test ended before exact p-values were fine
+/// enough.
 pub(crate) fn is_doubtful(source: &SourceTest, level: f64) -> bool {
     source.p_value <= level || source.tail_p_value <= SURE * level
 }
 
-/// Returns the distance between the mean points of two lists, relative to the norm of the second
-/// one; 0 if either is unknown.
+/// Returns the distance between the mean points of one source in two lists of episodes, relative to
+/// the norm of the second mean; 0 if either is unknown.
 pub(crate) fn changed(accounts: &[&Account], remembered: &[&Account], kind: Kind) -> f64 {
     match (mean_of(accounts, kind), mean_of(remembered, kind)) {
         (Some(now), Some(home)) if now.len() == home.len() => {
@@ -217,8 +228,8 @@ pub(crate) fn mean_earned<'a>(accounts: impl Iterator<Item = &'a Account>) -> Op
     (!earned.is_empty()).then(|| earned.iter().sum::<f64>() / earned.len() as f64)
 }
 
-/// Returns the summaries of whole episodes, since all sources need the same episodes; `None` if
-/// they are fewer than `least` or than half, so that pictures and vectors of all episodes say more.
+/// Returns the summaries of episodes recorded to their end, since all sources need the same
+/// episodes; `None` if these are fewer than `least` or than half of all.
 pub(crate) fn whole<'a>(accounts: &[&'a Account], least: usize) -> Option<Vec<&'a Account>> {
     let is_whole = |account: &&&Account| account.motion.is_some() && account.earned.is_some();
     let whole: Vec<&Account> = accounts.iter().filter(is_whole).copied().collect();
@@ -232,7 +243,8 @@ pub(crate) fn frames(accounts: &[&Account], kind: Kind) -> Result<Frames> {
     Ok(Frames::new(points.concat(), 1, dim)?)
 }
 
-/// Returns the two clouds of each source: the rollout's points and the remembered ones.
+/// Returns for each source of evidence the points of the rollout's episodes and those of the
+/// remembered ones.
 pub(crate) fn sources(
     kinds: &[Kind],
     rollout: &[&Account],

@@ -11,15 +11,16 @@ pub struct Probabilities {
     misfits: Vec<f64>,
 }
 
-/// Weight of "none of these", relative to 1 for a policy without evidence against it.
+/// Weight of a task group that no policy knows, relative to 1 for a policy without evidence against
+/// it.
 const NONE: f64 = 0.05;
-/// Least weight of a policy whose own episodes would look like these: a p-value of 0.07.
+/// Least weight of a policy at which episodes count as usual for it; this is a p-value of 0.07.
 const TYPICAL: f64 = 0.5;
-/// Least weight of a policy whose difference may be drift.
+/// Least weight of a policy whose difference from the episodes may be drift.
 const ACCEPTED: f64 = 0.1;
 
 impl Probabilities {
-    /// Takes the weight and the outlier score of each policy.
+    /// Creates the probabilities from the weight and the outlier score of each policy.
     pub(crate) fn new(policies: impl Iterator<Item = (f64, f64)>) -> Self {
         let (weights, misfits): (Vec<_>, _) = policies.unzip();
         let all = weights.iter().sum::<f64>() + NONE;
@@ -38,7 +39,7 @@ impl Probabilities {
     }
 
     /// Returns `true` if the episodes are nothing unusual for at least one policy. If they are
-    /// unusual for all, as images of another camera, probabilities compare what is never right.
+    /// unusual for all, as with images of another camera, the probabilities mean little.
     pub fn is_typical(&self) -> bool {
         let most = self.policies.iter().copied().fold(0.0, f64::max);
         most * NONE >= TYPICAL * self.none
@@ -57,8 +58,8 @@ fn bayes_factor(p: f64) -> f64 {
     }
 }
 
-/// Returns the weight of a policy with this tail p-value; `may_be_drift` if no source shows a
-/// significant difference larger than drift.
+/// Returns the weight of a policy, before normalisation to probabilities, from its tail p-value;
+/// `may_be_drift` if no source shows a significant difference larger than drift.
 pub(crate) fn weight(p_value: f64, may_be_drift: bool) -> f64 {
     bayes_factor(p_value).max(if may_be_drift { ACCEPTED } else { 0.0 })
 }

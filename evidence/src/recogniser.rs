@@ -1,4 +1,5 @@
-//! Recogniser: the summaries of each policy's episodes, and decisions on whose task new ones show.
+//! Recogniser of task groups: remembers summaries of each policy's episodes, and decides which
+//! policy new episodes belong to.
 
 use std::collections::VecDeque;
 
@@ -17,19 +18,20 @@ use crate::opinion::{Kind, Look, Opinion, Role, frames, whole};
 use crate::probability::{Probabilities, weight};
 use crate::settings::RecogniserSettings;
 
-/// Decision on a rollout, with its reasons.
+/// Decision on the policy of a rollout, with its reasons.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
     /// Policy that the episodes are assigned to: an existing one, a new one, or none yet.
     pub decision: Decision,
     /// Evidence for and against each policy, in the order of the policies.
     pub opinions: Vec<Opinion>,
-    /// Changepoint, in decisions of all environments, if the task group changed: episodes that
-    /// began before it belong to the earlier group. [`Recogniser::assign`] judges the later
-    /// episodes, [`Recogniser::review`] the earlier ones, unless `group_changed`.
+    /// Changepoint, in decisions of all environments since the start of the rollout, if the task
+    /// group changed: episodes that began before it belong to the earlier group.
+    /// [`Recogniser::assign`] judges the later episodes, [`Recogniser::review`] the earlier ones,
+    /// unless `group_changed`.
     pub cut: Option<usize>,
     /// `true` if the task group changed after the acting policy was proposed, so that earlier
-    /// rollouts show another one.
+    /// rollouts show another task group.
     pub group_changed: bool,
     /// Indices of the policies that are rejected for this task group from here on.
     pub rejected: Vec<usize>,
@@ -41,7 +43,7 @@ pub struct Finding {
     pub is_provisional: bool,
 }
 
-/// Trial of a policy that is named in place of the one that acted.
+/// Trial that a policy must pass if a decision names it in place of the policy that acted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Trial {
     /// No trial of the named policy: the decision is final.
@@ -60,7 +62,8 @@ pub enum Trial {
 }
 
 impl Trial {
-    /// Returns the trial of a policy that looks alone single out, or do not.
+    /// Returns the trial of a named policy: first episodes if several policies may fit, else a
+    /// rollout.
     fn of_policy(is_contested: bool) -> Self {
         if is_contested { Self::Episodes } else { Self::Rollout }
     }
@@ -74,7 +77,8 @@ impl Finding {
     }
 }
 
-/// Context of a decision: the policy that acted, and the rejected ones.
+/// Context of a decision on a rollout: the policy that acted, the rejected policies and earlier
+/// decisions.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Situation<'a> {
     /// Index of the policy that acted in the episodes.
@@ -83,46 +87,50 @@ pub struct Situation<'a> {
     pub rejected: &'a [usize],
     /// Value of [`Finding::is_provisional`] in the decision that proposed the acting policy.
     pub is_provisional: bool,
-    /// `true` if the decision may be [`Decision::Undecided`].
+    /// `true` if the decision may be [`Decision::Undecided`], so that another rollout is collected.
     pub can_wait: bool,
 }
 
 impl Situation<'_> {
-    /// Creates the context of a policy that was not proposed before, with no rejected policies.
+    /// Creates the context of a rollout by a policy that was not proposed before, with no rejected
+    /// policies.
     pub fn of(collector: usize) -> Self {
         Self { collector, can_wait: true, ..Self::default() }
     }
 }
 
-/// Episodes to decide on, sorted by time, and their context.
+/// Episodes that a decision is about, sorted by time, and their context.
 #[derive(Clone, Copy)]
 struct Case<'a> {
     accounts: &'a [&'a Account],
     situation: Situation<'a>,
 }
 
-/// Largest number of rollouts that are held until another one of their task group appears.
+/// Largest number of undecided rollouts that are kept until another one of their task group
+/// appears.
 // A group that is visited once in 16 undecided rollouts is still found.
 const MOST_HELD: usize = 16;
 
-/// Least p-value at which two held rollouts are taken for one task group.
+/// Least p-value at which two undecided rollouts are taken for one task group.
 // A policy that is created from two groups serves neither, and a rollout that waits costs little:
 // one of ten pairs of one group waits for a third rollout. Of 72 worlds with visits of one or two
 // rollouts 82 % had as many policies as groups, 79 % with 0.2 and 47 % with 0.02 (seeds 1000 on).
 const ALIKE: f64 = 0.1;
 
-/// Random orders of a changepoint test for each random split of a first look.
+/// Number of random orders of a changepoint test for each random split of a first look at a
+/// rollout.
 // Energy distances of an order are cheap: one pass over the pairs of episodes (`change_test`).
 const ORDERS: usize = 4;
 
-/// Number of policies without training from which on rollouts of new groups are held.
+/// Number of policies without training from which on rollouts of new task groups are kept undecided
+/// instead of creating a policy.
 const MOST_UNTRAINED: usize = 8;
 
-/// Rollout that no policy trained on, since it was too little to decide.
+/// Undecided rollout: no policy trained on it, since its episodes were too few to decide.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Held {
-    /// Index of the policy that acted.
+    /// Index of the policy that acted in the undecided rollout.
     pub(crate) collector: usize,
     pub(crate) accounts: Vec<Account>,
 }
@@ -133,7 +141,7 @@ pub(crate) struct Held {
 pub struct Recogniser {
     settings: RecogniserSettings,
     pub(crate) memories: Vec<Memory>,
-    /// Undecided rollouts, the latest last.
+    /// Undecided rollouts that are kept, the latest last.
     pub(crate) held: VecDeque<Held>,
 }
 
@@ -239,8 +247,8 @@ impl Recogniser {
         Ok(finding)
     }
 
-    /// Decides on episodes that a first look left undecided, together with held ones of the same
-    /// task group; without such, holds them if the situation allows it.
+    /// Decides on episodes that a first look left undecided, together with kept undecided rollouts
+    /// of the same task group; without such, keeps them if the situation allows it.
     fn look_again(
         &mut self,
         case: Case,
@@ -282,7 +290,7 @@ impl Recogniser {
         Ok(finding)
     }
 
-    /// Returns the policy that fits best among those that were tested and not merged.
+    /// Returns the index of the policy that fits best among those that were tested and not merged.
     fn most_similar(&self, opinions: &[Opinion]) -> Option<usize> {
         let is_tested =
             |&policy: &usize| !self.memories[policy].is_gone() && opinions[policy].test.is_some();
@@ -290,7 +298,7 @@ impl Recogniser {
         (0..opinions.len()).filter(is_tested).min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
     }
 
-    /// Decides on one rollout.
+    /// Decides on the policy of one rollout at the first look.
     fn look(&self, case: Case, rng: &mut impl Rng) -> Result<Finding> {
         let collector = case.situation.collector;
         let opinions = self.opinions(case, Look::First, Role::Stays, rng)?;
@@ -380,13 +388,14 @@ impl Recogniser {
         }
     }
 
-    /// Returns `true` if pictures or vectors reject a policy.
+    /// Returns `true` if pictures or vectors reject a policy at the final level: its task group has
+    /// changed.
     fn has_moved(&self, opinion: &Opinion) -> bool {
         self.examiner().against(opinion, self.settings.level).any(Kind::is_look)
     }
 
-    /// Remembers a rollout that no policy may train on, or its latest `memory` episodes. The latest
-    /// [`MOST_HELD`] rollouts are kept.
+    /// Keeps an undecided rollout, or its latest `memory` episodes. The latest [`MOST_HELD`]
+    /// rollouts are kept.
     fn hold(&mut self, case: Case) {
         while self.held.len() >= MOST_HELD {
             self.held.pop_front();
@@ -396,8 +405,8 @@ impl Recogniser {
         self.held.push_back(Held { collector: case.situation.collector, accounts });
     }
 
-    /// Removes and returns the held rollout that looks most like this one, if it may be of the same
-    /// task group; otherwise nothing.
+    /// Removes and returns the kept undecided rollout that is most like the episodes of `case`, if
+    /// it may be of the same task group; otherwise nothing.
     fn recall(&mut self, case: Case, rng: &mut impl Rng) -> Result<Vec<Account>> {
         let collector = case.situation.collector;
         let (mut own, mut best) = (ChaCha8Rng::seed_from_u64(rng.random()), None);
@@ -449,7 +458,7 @@ impl Recogniser {
         Examiner(&self.settings)
     }
 
-    /// Checks that a policy is known, or is the next new one.
+    /// Checks that an acting policy's index is known, or that of the next new policy.
     fn check_actor(&self, policy: usize) -> Result<()> {
         if policy == self.memories.len() { Ok(()) } else { self.check_policy(policy) }
     }
@@ -469,7 +478,8 @@ impl Recogniser {
         Ok(sorted(accounts))
     }
 
-    /// Tests all policies in parallel, the collector in the given role and the others as strangers.
+    /// Tests all policies in parallel: the acting one in the given role, the others as
+    /// [`Role::Stranger`].
     fn opinions(
         &self,
         case: Case,
@@ -493,7 +503,7 @@ impl Recogniser {
         asked.collect()
     }
 
-    /// Decides finally, on two rollouts or on a trial.
+    /// Decides finally on the policy of two rollouts or of a trial.
     fn decide(&self, case: Case, role: Role, rng: &mut impl Rng) -> Result<Finding> {
         let Situation { collector, rejected, .. } = case.situation;
         let opinions = self.opinions(case, Look::Second, role, rng)?;
@@ -525,7 +535,7 @@ impl Recogniser {
         })
     }
 
-    /// Returns the number of summaries, sorted by time, before a changepoint; `None` if there is
+    /// Returns the number of episodes, sorted by time, before a changepoint; `None` if there is
     /// none. Episodes that began together stay together.
     ///
     /// Only the latest summaries are tested, twice as many as a policy remembers, to bound the

@@ -21,11 +21,12 @@ pub struct RecogniserSettings {
     /// Number of episodes that a rollout must show, and that must be remembered for a policy, to be
     /// tested; at least 4.
     pub min_episodes: usize,
-    /// Significance level of the first look, in `(0, 1)`: the share of rollouts of a known group
-    /// that are doubted, over all sources together. It is compared with the exact p-value.
+    /// Significance level of the first look at a rollout, in `(0, 1)`: the share of rollouts of a
+    /// known task group that are doubted, over all sources together. It is compared with the exact
+    /// p-value.
     pub doubt: f64,
-    /// Significance level of a rejection, in `(0, doubt]`: the nominal rate of false alarms over
-    /// all sources together. It is compared with the fitted tail's p-value.
+    /// Significance level of the rejection of a policy, in `(0, doubt]`: the nominal rate of false
+    /// alarms over all sources together. It is compared with the fitted tail's p-value.
     pub level: f64,
     /// Significance level of the changepoint test, over all places where a rollout may be cut, in
     /// `(0, 1)` and at least `1 / (1 + permutations)`.
@@ -96,7 +97,7 @@ impl RecogniserSettings {
     }
 }
 
-/// Checks that a setting lies `inside` its range, which `expected` says in words.
+/// Returns an error for a setting that is not `inside` its range, which `expected` says in words.
 fn within(name: &'static str, value: f64, inside: bool, expected: &'static str) -> Result<()> {
     if inside { Ok(()) } else { Err(EvidenceError::InvalidSetting { name, value, expected }) }
 }

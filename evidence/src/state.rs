@@ -9,10 +9,11 @@ use crate::error::EvidenceError;
 use crate::memory::{Memory, check, check_heirs, finite, known};
 use crate::recogniser::{Held, Recogniser};
 
-/// Format that is written, and the only one that is read.
+/// Number of the state's format, the only one that is written and read.
 const VERSION: u32 = 3;
 
-/// State with the memories of all policies and the held rollouts, borrowed or owned.
+/// Stored state of a recogniser: the memories of all policies and the undecided rollouts, borrowed
+/// or owned.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State<M, H> {
@@ -22,7 +23,8 @@ struct State<M, H> {
     held: H,
 }
 
-/// Rejects another format before the policies are read, whose fields may differ.
+/// Reads the format number and rejects others before the policies are read, whose fields may
+/// differ.
 fn version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> {
     let (got, expected) = (u32::deserialize(deserializer)?, VERSION);
     if got == expected {
@@ -32,7 +34,8 @@ fn version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> 
 }
 
 impl Recogniser {
-    /// Serialises the memories of all policies and the held rollouts for [`Recogniser::restore`].
+    /// Serialises the memories of all policies and the undecided rollouts for
+    /// [`Recogniser::restore`].
     ///
     /// # Errors
     /// Errors of the serialiser.
@@ -41,7 +44,7 @@ impl Recogniser {
         State { format: VERSION, policies, held }.serialize(serializer)
     }
 
-    /// Replaces the memories of all policies and the held rollouts by a stored state.
+    /// Replaces the memories of all policies and the undecided rollouts by a stored state.
     ///
     /// # Errors
     /// Errors of the deserialiser, a state of another format or with unknown fields, numbers that
@@ -56,7 +59,7 @@ impl Recogniser {
         Ok(())
     }
 
-    /// Checks that a run could have left this state.
+    /// Checks that a stored state is consistent: a run could have left it.
     fn check_state(&self, memories: &[Memory], held: &VecDeque<Held>) -> Result<(), EvidenceError> {
         let (most, policies) = (self.settings().memory, memories.len());
         let exists = |policy: usize, end: usize| {

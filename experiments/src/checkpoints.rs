@@ -16,7 +16,7 @@ const EXTENSION: &str = "safetensors";
 pub(crate) struct FoundCheckpoint<T> {
     /// Contents that were read from the checkpoint.
     pub contents: T,
-    /// Path of the checkpoint.
+    /// Path of the checkpoint file that was read.
     pub path: PathBuf,
     /// Paths of newer checkpoints that could not be read.
     pub unreadable: Vec<PathBuf>,

@@ -10,7 +10,7 @@ use crate::schedule::{Clock, Timetable, Visit};
 use crate::stream::Stream;
 use learner::Labels;
 
-/// Stream that the learner of one experiment trains on.
+/// Environments that show the learner of one experiment its stream of tasks.
 ///
 /// On [`Clock::EnvironmentTime`], group, variants and placements depend only on the seed and the
 /// number of decisions so far: they are drawn again from these whenever all episodes end.
@@ -20,26 +20,27 @@ pub(crate) struct ClockedStream {
     timetable: Timetable,
     seeds: SeedSequence,
     clock: Clock,
-    /// Decisions of a rollout, the length of one iteration on [`Clock::LearnerIterations`].
+    /// Number of decisions of a rollout, the length of one iteration on
+    /// [`Clock::LearnerIterations`].
     rollout: usize,
-    /// Decisions so far.
+    /// Number of decisions taken in the stream so far, summed over all environments.
     now: usize,
-    /// Index of the current visit.
+    /// Index of the visit to a task group that runs now.
     running: usize,
-    /// Visits shown in the current iteration; `None` before its first step.
+    /// Visits to task groups shown in the current iteration; `None` before its first step.
     shown: Option<Shown>,
     labels: Labels,
-    /// Steps since all episodes started.
+    /// Number of steps since all episodes started.
     steps: usize,
     /// `true` if all episodes have just started and no step was taken since.
     is_begun: bool,
-    /// First observations of these episodes, for a learner that asks for a reset then.
+    /// First observations of episodes that have just started, for a learner that resets them then.
     begun: Observations,
-    /// Slot for the latest image, if there is a viewer.
+    /// Slot for the latest camera image, if there is a viewer.
     latest_frame: Option<LatestFrame>,
 }
 
-/// Indices of the first and last visit that an iteration showed.
+/// Indices of the first and the last visit to a task group that a training iteration showed.
 #[derive(Clone, Copy, Debug)]
 struct Shown {
     first: usize,
@@ -89,8 +90,8 @@ impl ClockedStream {
         self.latest_frame = Some(latest_frame);
     }
 
-    /// Returns the index of the visit that this iteration, counted from 0, starts in; `None` after
-    /// the last visit.
+    /// Returns the index of the visit that the iteration with index `iteration`, from 0, starts in;
+    /// `None` after the last visit.
     pub fn visit_index(&self, iteration: usize) -> Option<usize> {
         self.timetable.visit_index_at(match self.clock {
             Clock::EnvironmentTime => self.now,
@@ -103,23 +104,23 @@ impl ClockedStream {
         self.timetable.visit_and_earlier(index)
     }
 
-    /// Returns the number of decisions so far.
+    /// Returns the number of decisions taken in the stream so far.
     pub fn decisions_so_far(&self) -> usize {
         self.now
     }
 
-    /// Returns the index of the visit of the iteration's last step; before its first step, of the
-    /// current visit.
+    /// Returns the index of the visit shown by the last step of the current iteration; before the
+    /// iteration's first step, of the current visit.
     pub fn last_visit_index(&self) -> usize {
         self.shown.map_or(self.running, |shown| shown.last)
     }
 
-    /// Returns `true` if the iteration showed more than one group.
+    /// Returns `true` if the current iteration showed more than one task group.
     pub fn spans_switch(&self) -> bool {
         self.shown.is_some_and(|shown| shown.spans_switch)
     }
 
-    /// Records that a step of the current visit is shown, and sets its label.
+    /// Records that the next step shows the current visit, and sets the label to the visit's group.
     fn show(&mut self) {
         let (running, group) =
             (self.running, |index| &self.timetable.visit_and_earlier(index).0.group);
@@ -135,7 +136,7 @@ impl ClockedStream {
         });
     }
 
-    /// Starts the iteration with this index in the visit `index`.
+    /// Starts the training iteration with index `iteration` in the visit with index `index`.
     ///
     /// # Errors
     /// Errors of the environments.
@@ -156,7 +157,7 @@ impl ClockedStream {
         Ok(())
     }
 
-    /// Switches to the group that is due by the clock.
+    /// Switches to the task group that is due by the number of decisions so far.
     fn follow_the_clock(&mut self) -> Result<(), RunError> {
         self.steps = 0;
         match self.clock {

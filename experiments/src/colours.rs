@@ -5,12 +5,12 @@
 const COLOURS: [&str; 8] =
     ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#808080", "#8C8C00"];
 
-/// Returns the colour of the line with index `number` as `#RRGGBB`; colours repeat after eight.
+/// Returns the colour of the curve with index `number` as `#RRGGBB`; colours repeat after eight.
 pub fn line_colour(number: usize) -> &'static str {
     COLOURS[number % COLOURS.len()]
 }
 
-/// Colour and dash pattern of a line in a figure.
+/// Colour and dash pattern of a curve in a figure.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Stroke {
     /// Colour of the line, as SVG writes it.

@@ -28,16 +28,16 @@ pub enum RunError {
     /// Error of a learner, its settings or its checkpoints.
     #[error(transparent)]
     Learner(LearnerError),
-    /// Error of distances and assignment.
+    /// Error of Wasserstein distances or of the assignment of rollouts to policies by them.
     #[error(transparent)]
     Cluster(#[from] cluster::ClusterError),
-    /// Error of the grouping of rollouts by evidence.
+    /// Error of the recogniser, which assigns rollouts to policies by summaries of whole episodes.
     #[error(transparent)]
     Evidence(#[from] evidence::EvidenceError),
-    /// Thread pool that cannot be built.
+    /// Pool of worker threads that cannot be started.
     #[error("cannot start {threads} threads: {source}. Ask for fewer with `--threads`")]
     Threads {
-        /// Number of threads asked for.
+        /// Number of threads that the pool should have.
         threads: usize,
         /// Error of the thread library.
         source: rayon::ThreadPoolBuildError,
@@ -45,7 +45,7 @@ pub enum RunError {
     /// File of a run that is missing, damaged or of another kind.
     #[error("cannot read {}: {source}", path.display())]
     Read {
-        /// Path of the file.
+        /// Path of the file that cannot be read.
         path: PathBuf,
         /// Cause for which the file cannot be read.
         source: BoxedEnvError,
@@ -150,7 +150,7 @@ pub enum RunError {
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// File that would be overwritten.
+    /// Output file that exists already and would be overwritten.
     #[error("{} exists already: choose another name, or remove it", path.display())]
     FileExists {
         /// Path of the existing file.
@@ -159,7 +159,7 @@ pub enum RunError {
     /// File or folder that cannot be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {
-        /// Path of the file or folder.
+        /// Path of the file or folder that cannot be written.
         path: PathBuf,
         /// Cause for which the file cannot be written.
         source: BoxedEnvError,
@@ -184,18 +184,19 @@ impl From<LearnerError> for RunError {
 }
 
 impl RunError {
-    /// Returns a [`RunError::Read`] for `path`.
+    /// Returns a [`RunError::Read`] for the file at `path`, which could not be read because of
+    /// `source`.
     pub fn cannot_read(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         Self::Read { path, source }
     }
 
-    /// Returns a function that makes a [`RunError::Read`] for `path` of a cause.
+    /// Returns a function that converts a cause to a [`RunError::Read`] for the file at `path`.
     pub fn reading<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
         move |source| Self::cannot_read(path, source)
     }
 
-    /// Returns a function that makes a [`RunError::Write`] for `path` of a cause, as
+    /// Returns a function that converts a cause to a [`RunError::Write`] for the file at `path`, as
     /// [`RunError::cannot_write`] does.
     pub fn writing<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
         move |source| Self::cannot_write(path, source)
@@ -206,7 +207,8 @@ impl RunError {
         LearnerError::damaged_file(path, problem).into()
     }
 
-    /// Returns a [`RunError::Write`] for `path`, or [`RunError::TakenOver`] if that is the cause.
+    /// Returns a [`RunError::Write`] for the file at `path`, or [`RunError::TakenOver`] if that is
+    /// the cause.
     pub fn cannot_write(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         // a fenced disk can return nothing but an `io::Error`, so the cause is inside of it

@@ -25,8 +25,8 @@ pub use dormancy::{DORMANCY_THRESHOLD, DormantUnits};
 pub use recognition::{EPISODES_SHOWN, Recognition};
 pub use score::{GroupScore, OwnPolicies, PolicyScore, Score, average_by_group};
 
-/// Random stream of the learner's draws during recognition. Environments use streams that count up
-/// from 0 under the same seed, so this one is counted down from the top.
+/// Number of the ChaCha stream that learners draw from during recognition. Environments use streams
+/// that count up from 0 under the same seed, so this one is counted down from the top.
 const RECOGNITION_STREAM: u64 = u64::MAX;
 
 /// Results of one evaluation of a learner: scores and recognitions.

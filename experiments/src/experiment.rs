@@ -15,12 +15,12 @@ use crate::stream::Stream;
 use learner::overrides::{parse_json, read_json};
 use learner::{DeviceChoice, Labels, LearnerSettings};
 
-/// Random streams of the experiment, counted down from the top, since the learner's streams count
-/// up from 0 under the same seed.
+/// Number of the ChaCha stream that draws the schedule. The numbers of the experiment's streams are
+/// counted down from the top, since the learner's count up from 0 under the same seed.
 const SCHEDULE: u64 = u64::MAX;
 const ENVIRONMENTS: u64 = u64::MAX - 1;
 const EVALUATION: u64 = u64::MAX - 2;
-/// 32-bit words between consecutive seeds of a random stream: one block of ChaCha.
+/// Number of 32-bit words between consecutive seeds of a ChaCha stream: one block of ChaCha.
 const BLOCK: u128 = 16;
 
 /// Settings of a run, as `experiment.json` holds them.
@@ -233,8 +233,8 @@ impl Experiment {
         }
     }
 
-    /// Returns the decisions of one episode in every environment. On [`Clock::EnvironmentTime`],
-    /// task switches happen at multiples of it.
+    /// Returns the decisions of one episode in all environments together. On
+    /// [`Clock::EnvironmentTime`], task switches happen at multiples of that number.
     fn block(&self) -> usize {
         self.envs.num_envs * self.envs.control.decisions_per_episode()
     }
@@ -266,7 +266,7 @@ impl Experiment {
         }
     }
 
-    /// Draws the visits of the stream from the run's seed.
+    /// Draws the visits of the training stream to task groups from the run's seed.
     pub(crate) fn timetable(&self) -> Timetable {
         let period = match self.schedule.clock {
             Clock::EnvironmentTime => self.block(),
@@ -302,7 +302,7 @@ fn random_stream(seed: u64, stream: u64) -> ChaCha8Rng {
 pub(crate) struct SeedSequence(ChaCha8Rng);
 
 impl SeedSequence {
-    /// Returns the seed with this index.
+    /// Returns the seed with index `number`.
     pub fn nth(&self, number: usize) -> u64 {
         let mut rng = self.0.clone();
         rng.set_word_pos(BLOCK * number as u128);

@@ -26,9 +26,9 @@ use crate::table::rename_old;
 const EXPERIMENT: &str = "experiment.json";
 /// Name of the file of a run's summary, which exists if and only if the run has finished.
 pub const SUMMARY_FILE: &str = "summary.json";
-/// Name of the table of times, the only one that checkpoints do not hold.
+/// Name of the table of wall-clock seconds per rollout, which checkpoints do not hold.
 pub(crate) const TIMINGS_FILE: &str = "timings.csv";
-/// Names of the tables of a run.
+/// File names of the tables (CSV) of a run.
 const TABLES: [&str; 5] =
     ["evaluation.csv", "metrics.csv", "recognition.csv", TIMINGS_FILE, "units.csv"];
 /// Names of the files of a run, without its settings and checkpoints.
@@ -53,9 +53,10 @@ pub(crate) fn crc32_hex(table: &[u8]) -> String {
 #[derive(Clone, Debug)]
 pub struct RunFolder {
     path: PathBuf,
-    /// File system that changes of the folder go through.
+    /// File system through which the run's folder is changed.
     disk: Arc<dyn Disk>,
-    /// File system below the [`FencedDisk`](crate::lock::FencedDisk); equal to `disk` without lock.
+    /// File system without the check of the folder's lock, below the
+    /// [`FencedDisk`](crate::lock::FencedDisk); equal to `disk` without lock.
     unfenced: Arc<dyn Disk>,
     overwrite: bool,
 }
@@ -184,7 +185,7 @@ impl RunFolder {
     }
 
     fn verify_table(&self, name: &str) -> Result<(), RunError> {
-        /// Part of a summary.
+        /// Part of `summary.json` that holds the checksums of the run's tables.
         #[derive(Deserialize)]
         struct Checksums {
             #[serde(default)]
@@ -328,7 +329,7 @@ impl RunFolder {
         self.path.join(name)
     }
 
-    /// Writes a file atomically.
+    /// Writes the file called `name` in the run's folder atomically.
     pub(crate) fn replace_file(&self, name: &str, bytes: &[u8]) -> Result<(), RunError> {
         Ok(write_atomically(self.disk(), &self.file_path(name), bytes)?)
     }

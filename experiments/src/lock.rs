@@ -22,7 +22,7 @@ pub(crate) struct FolderLock {
     claim: Claim,
 }
 
-/// Identity of a lock's holder, as the owner file in the folder states it.
+/// Identity of the process that holds a folder's lock, as the owner file in the folder states it.
 #[derive(Clone, Debug)]
 struct Claim {
     folder: PathBuf,

@@ -89,7 +89,7 @@ impl RunTables {
     }
 }
 
-/// Returns the seconds of one iteration and of its parts.
+/// Returns the row of `timings.csv` for one iteration: its seconds and those of its parts.
 fn timing_row(progress: &RolloutReport) -> TimingRow {
     let seconds = &progress.iteration.seconds;
     TimingRow {
@@ -103,7 +103,7 @@ fn timing_row(progress: &RolloutReport) -> TimingRow {
     }
 }
 
-/// Returns the row of one evaluated variant.
+/// Returns the row of `evaluation.csv` for one evaluated task variant.
 fn score_row(evaluation: &EvaluationReport, score: &Score) -> ScoreRow {
     ScoreRow {
         rollouts: evaluation.rollouts,
@@ -123,7 +123,7 @@ fn score_row(evaluation: &EvaluationReport, score: &Score) -> ScoreRow {
     }
 }
 
-/// Returns the row of the units of one policy's network.
+/// Returns the row of `units.csv` for the network of one policy.
 fn units_row(evaluation: &EvaluationReport, dormancy: &DormantUnits) -> DormantUnitsRow {
     DormantUnitsRow {
         rollouts: evaluation.rollouts,
@@ -134,7 +134,7 @@ fn units_row(evaluation: &EvaluationReport, dormancy: &DormantUnits) -> DormantU
     }
 }
 
-/// Returns the row of one answer of the learner.
+/// Returns the row of `recognition.csv` for one answer of the learner.
 fn recognition_row(recognition: &Recognition) -> RecognitionRow {
     RecognitionRow {
         group: recognition.group.name().to_owned(),
@@ -145,8 +145,8 @@ fn recognition_row(recognition: &Recognition) -> RecognitionRow {
     }
 }
 
-/// Returns the names and cells of one rollout's row: the columns of every learner, then the metrics
-/// that this learner logs.
+/// Returns the names and cells of one rollout's row in `metrics.csv`: the columns of every learner,
+/// then the metrics that this learner logs.
 fn row(progress: &RolloutReport) -> Vec<(String, String)> {
     let iteration = &progress.iteration;
     let number = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());

@@ -64,11 +64,11 @@ fn replay_bytes(experiment: &Experiment) -> u64 {
     bytes.saturating_add(bytes / 4 * 3)
 }
 
-/// Upper bound on this process's memory.
+/// Upper bound on this process's memory that the operating system sets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Limit {
     name: String,
-    /// Bytes left below the limit.
+    /// Number of bytes that the process may still take below the limit.
     left: u64,
 }
 

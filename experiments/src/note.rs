@@ -13,8 +13,8 @@ use crate::checkpoints::rollouts_in_name;
 use crate::rows::TableSnapshots;
 use crate::run_stats::RunStats;
 
-/// Upper bound on decisions in a valid note. Learners discard some rollouts, so a run may take more
-/// decisions than its stream has, but never a thousand times as many.
+/// Upper bound on the decisions of a run in a valid checkpoint. Learners discard some rollouts, so
+/// a run may take more decisions than its stream has, but never a thousand times as many.
 const TOO_MANY: usize = 1000 * MAX_DECISIONS;
 
 /// Progress of a run: statistics, the next evaluation and the tables so far.
@@ -31,7 +31,7 @@ pub(crate) struct RunState {
     pub tables: TableSnapshots,
 }
 
-/// State of a run with the settings that it had.
+/// State of a run with the run's settings, as checkpoints hold both.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SavedRun {
@@ -41,7 +41,7 @@ pub(crate) struct SavedRun {
 }
 
 impl RunState {
-    /// Serialises the note of a checkpoint of a run with these settings.
+    /// Serialises the run's state and `experiment`, its settings, as the note of a checkpoint.
     pub fn into_note(self, experiment: &Experiment) -> Result<String, serde_json::Error> {
         serde_json::to_string(&SavedRun {
             // results do not depend on threads, so checkpoints must not either

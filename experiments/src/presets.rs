@@ -13,7 +13,7 @@ use learner::{CoversSettings, GroupingSettings, LearnerSettings, OffPolicySettin
 /// Number of environments of every method, so that a rollout of 500 decisions is one episode in
 /// each.
 const NUM_ENVS: usize = 10;
-/// Side of the paper's images (pixels).
+/// Width and height of the camera images in the paper (pixels).
 const PAPER_PICTURES: usize = 128;
 /// Rendered pixels along each side of one pixel of an observation.
 const OVERSAMPLING: usize = 3;
@@ -22,11 +22,11 @@ const OVERSAMPLING: usize = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// COVERS: D2-equivariant policies, assigned by distances.
+    /// COVERS: D2-equivariant policies; distances assign rollouts to them.
     Covers,
-    /// COVERS with ground truth: D2-equivariant policies, assigned by group labels.
+    /// COVERS with ground truth: group labels assign rollouts to D2-equivariant policies.
     CoversGt,
-    /// COVERS with ordinary networks of equal width, assigned by distances.
+    /// COVERS with ordinary networks of equal width; distances assign rollouts to policies.
     CoversCnn,
     /// COVERS with ordinary networks of half the width, with about as many parameters.
     CoversCnnSlim,
@@ -34,15 +34,15 @@ pub enum Method {
     CoversRandomised,
     /// One D2-equivariant policy for all groups.
     Equi,
-    /// One ordinary policy for all groups.
+    /// One policy with an ordinary convolutional network for all groups.
     Cnn,
-    /// COVERS with ordinary networks and a loss for broken symmetries.
+    /// COVERS with ordinary networks and a loss that penalises broken symmetries.
     CnnDrac,
     /// CLEAR: soft actor-critic with a replay buffer, one ordinary policy for all groups.
     Clear,
     /// CLEAR with behavioural cloning of the actions in its replay buffer.
     ClearBc,
-    /// CLEAR with a recurrent context.
+    /// 3RL: CLEAR with a recurrent context of the last few steps.
     #[value(name = "3rl")]
     #[serde(rename = "3rl")]
     ThreeRl,
@@ -132,7 +132,7 @@ impl Method {
         Self::ALL.into_iter().find(is)
     }
 
-    /// Returns `true` if observations have a close-up.
+    /// Returns `true` if the method's observations include a close-up of the table below the hand.
     fn shows_close_ups(self, budget: Budget) -> bool {
         // Close-ups cannot be randomised. A replay buffer stores still channels once per episode,
         // but would store close-ups with every step. The published runs of the table had none.
@@ -162,8 +162,9 @@ impl Method {
     }
 }
 
-/// Adds a loss of broken symmetries and halves the epochs. The loss evaluates every decision twice,
-/// so each still contributes to at most as many gradients as with other methods.
+/// Adds a loss that penalises broken symmetries to PPO and halves the epochs. The loss evaluates
+/// every decision twice, so each still contributes to at most as many gradients as with other
+/// methods.
 fn symmetrised(ppo: PpoSettings) -> PpoSettings {
     PpoSettings { epochs: ppo.epochs / 2, symmetry: Some(SymmetryLoss::default()), ..ppo }
 }
@@ -175,13 +176,13 @@ fn slim() -> NetworkSettings {
     NetworkSettings { group: Group::C1, ..NetworkSettings::strided(vec![2, 4, 8, 8], 16) }
 }
 
-/// Length of a run and of its evaluations.
+/// Size of a preset run: number of training decisions, and of episodes of the evaluations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Budget {
-    /// Seconds: a test that every part works, too short to train a policy.
+    /// Run of seconds: a test that every part works, too short to train a policy.
     Smoke,
-    /// Minutes: two visits of every group, enough to distinguish all four.
+    /// Run of minutes: two visits of every group, enough to distinguish all four.
     Short,
     /// Less than ten minutes of training: three visits of every group, longer ones for the two
     /// harder groups.
@@ -230,7 +231,8 @@ impl Budget {
     }
 
     /// Returns the preset of a method with the stream, evaluation, checkpoints, seed and threads of
-    /// `run`, and with the removed rule of assignment if `run` has that.
+    /// `run`. If `run` assigns policies by a rule that only earlier versions had, the preset takes
+    /// that rule, too.
     pub fn preset_with_run_settings(self, method: Method, run: &Experiment) -> Experiment {
         let mut preset = self.experiment(method).with_seed(run.learner.seed());
         preset.learner.take_removed_grouping(&run.learner);
@@ -242,7 +244,8 @@ impl Budget {
         }
     }
 
-    /// Returns the stream. Its shortest one has visits of whole rollouts, of `rollout` decisions.
+    /// Returns the schedule of task groups that a run trains on. The smoke budget's visits last
+    /// whole rollouts, of `rollout` decisions.
     fn schedule(self, rollout: usize) -> Schedule {
         // lengths of the visits of Goal Reach, Button Press, Drawer Close and Plate Slide, in
         // thousands of decisions; in rollouts for the smoke budget

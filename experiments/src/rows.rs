@@ -21,7 +21,7 @@ pub(crate) struct TableSnapshots {
     pub recognition: String,
 }
 
-/// Columns of `metrics.csv` about the assignment of a rollout.
+/// Columns of `metrics.csv` about the assignment of a rollout to a policy.
 #[derive(Deserialize)]
 struct AssignmentColumns {
     group: String,

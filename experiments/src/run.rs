@@ -47,11 +47,11 @@ pub struct Run {
     /// none.
     due: usize,
     last_scores: Vec<Score>,
-    /// Rollouts and `due` of the newest checkpoint.
+    /// Number of rollouts and value of `due` in the newest checkpoint.
     saved: Option<(usize, usize)>,
     /// Kinds of reward warnings that were given, each once.
     warned: Vec<Discriminant<RewardWarning>>,
-    /// `true` after an error, which may have left the learner in an inconsistent state.
+    /// `true` after an error in the run, which may have left the learner in an inconsistent state.
     broken: bool,
     stop: StopSignal,
     start_message: String,
@@ -203,7 +203,7 @@ impl Run {
         self.due == 0 && self.visit().is_none()
     }
 
-    /// Returns the index of the visit that the next rollout starts in; `None` after the last.
+    /// Returns the index of the visit that the next rollout starts in; `None` after the last visit.
     fn visit(&self) -> Option<usize> {
         self.stream.visit_index(self.stats.rollouts)
     }

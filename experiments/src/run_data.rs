@@ -19,10 +19,10 @@ use itertools::Itertools;
 use crate::run_stats::RunStats;
 use crate::schema::{DormantUnitsRow, RecognitionRow, RolloutRow, ScoreRow, TimingRow};
 
-/// Characters of an abbreviated commit hash.
+/// Number of characters of an abbreviated commit hash.
 const COMMIT_LENGTH: usize = 10;
-/// Exclusive upper bound of counts in tables. No run reaches it, and sums of smaller counts do not
-/// overflow.
+/// Exclusive upper bound of counts in a run's tables. No run reaches it, and sums of smaller counts
+/// do not overflow.
 const TOO_MANY: usize = 1 << 32;
 
 /// Settings and tables of one run, as read from its folder.
@@ -189,8 +189,9 @@ impl RunData {
         self.scores.iter().filter(move |row| Some(row.rollouts) == rollouts)
     }
 
-    /// Returns the decisions before the evaluation after `rollouts` rollouts, and the mean of a
-    /// figure over the episodes of a group in it; `None` if the group was not scored then.
+    /// Returns the decisions before the evaluation after `rollouts` rollouts, and the mean of
+    /// `figure`, one column of the scores, over the episodes of a group; `None` if the group was
+    /// not scored then.
     pub fn mean_group_score_after(
         &self,
         rollouts: usize,
@@ -301,7 +302,7 @@ fn check_own_policies(
     Ok(())
 }
 
-/// Returns the decisions of the first `first` rollouts; `None` if there are fewer.
+/// Returns the number of decisions in the first `first` rollouts; `None` if there are fewer.
 fn spent(rollouts: &[RolloutRow], first: usize) -> Option<usize> {
     match first.checked_sub(1) {
         None => Some(0),
@@ -327,8 +328,8 @@ fn check_units(path: &Path, units: &[DormantUnitsRow], rollouts: usize) -> Resul
     }
 }
 
-/// Rejects impossible answers. A learner is asked `looks` times about each scored variant with each
-/// number of episodes.
+/// Rejects rows of `recognition.csv` that no run can have. A learner is asked `looks` times about
+/// each scored variant with each number of episodes.
 fn check_recognition(
     path: &Path,
     answers: &[RecognitionRow],
@@ -378,7 +379,7 @@ fn check_recognition(
     Ok(())
 }
 
-/// Returns `true` for counts from 1 to an upper bound that no run reaches.
+/// Returns `true` if a count read from a table is at least 1 and below [`TOO_MANY`].
 fn counted(count: usize) -> bool {
     (1..TOO_MANY).contains(&count)
 }
@@ -394,7 +395,7 @@ fn name_of(path: &Path) -> Result<String, RunError> {
     Ok(escape_unprintable(&name.to_string_lossy()))
 }
 
-/// Reads all rows of a complete table.
+/// Reads all rows of a complete table (CSV) of a run.
 fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
     let text = std::fs::read(path).map_err(RunError::reading(path))?;
     // without a line end the last cell may be cut, and pass for another number

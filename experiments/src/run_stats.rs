@@ -1,5 +1,5 @@
-//! Statistics of assignments: the group of each policy, and the rollouts that went to the right
-//! one.
+//! Statistics of assignments: the group of each policy, and the rollouts that were assigned to the
+//! policy of their group.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -9,8 +9,8 @@ use serde::{Deserialize, Serialize};
 use crate::evaluation::OwnPolicies;
 use crate::schema::RolloutRow;
 
-/// Number of rollouts by group and by the policy that served it, without rollouts that span a task
-/// switch.
+/// Number of rollouts by task group and by the policy that they were assigned to, without rollouts
+/// that span a task switch.
 pub type RolloutCounts = BTreeMap<String, BTreeMap<usize, usize>>;
 
 /// Statistics of a run from the ground-truth groups, which the learner does not see.

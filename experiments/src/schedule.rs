@@ -23,7 +23,8 @@ pub struct Schedule {
     pub cycles: usize,
     /// Order in which the training stream visits the task groups.
     pub order: Order,
-    /// Clock that measures the length of the visits.
+    /// Clock that measures the length of the visits: decisions of the environments, or learner
+    /// iterations.
     pub clock: Clock,
 }
 
@@ -59,7 +60,7 @@ pub struct GroupPlan {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
-    /// Order of the list of groups in every cycle.
+    /// Same order in every cycle: that of the schedule's list of task groups.
     Fixed,
     /// New random order in every cycle; no group follows itself.
     Shuffled,
@@ -257,11 +258,11 @@ impl GroupPlan {
     }
 }
 
-/// Visits of a stream with their times.
+/// Visits of a training stream to task groups, with the decisions at which they end.
 #[derive(Clone, Debug)]
 pub(crate) struct Timetable {
     visits: Vec<Visit>,
-    /// Decisions from the start of the stream to the end of each visit.
+    /// Number of decisions from the start of the stream to the end of each visit.
     ends: Vec<usize>,
 }
 
@@ -275,7 +276,7 @@ impl Timetable {
         Self { ends: ends.collect(), visits }
     }
 
-    /// Returns the index of the visit with this decision, counted from 0; `None` after the last.
+    /// Returns the index of the visit to which a decision belongs, from 0; `None` after the last.
     pub fn visit_index_at(&self, decision: usize) -> Option<usize> {
         let index = self.ends.partition_point(|&end| end <= decision);
         (index < self.visits.len()).then_some(index)

@@ -174,7 +174,7 @@ pub struct TimingRow {
     /// Number of decisions of the rollout.
     #[serde(default)]
     pub decisions: usize,
-    /// Seconds of the whole iteration.
+    /// Wall-clock seconds of the whole training iteration.
     pub total: f64,
     /// Seconds of the environments' physics and rendering.
     pub environments: f64,
@@ -182,7 +182,7 @@ pub struct TimingRow {
     pub inference: f64,
     /// Seconds of the assignment of the rollout to a policy.
     pub assignment: f64,
-    /// Seconds of the policy update.
+    /// Wall-clock seconds of the policy update.
     pub update: f64,
 }
 

@@ -62,7 +62,8 @@ impl<'a> StoppableEvaluation<'a> {
         Ok(done.then_some(results))
     }
 
-    /// Calls `visit` for each variant on the pool's threads; returns `false` after a stop.
+    /// Calls `visit` for each task variant on the threads of the pool; returns `false` after a
+    /// stop.
     fn each(
         &mut self,
         mut visit: impl FnMut(&mut Evaluator, &mut dyn Learner, TaskVariant) -> Result<(), RunError>

@@ -48,9 +48,9 @@ impl Picture {
     }
 }
 
-/// Enlargement: sheet pixels along each side of an image pixel.
+/// Factor by which the contact sheet enlarges images along each side.
 const ENLARGE: usize = 4;
-/// White pixels around each variant.
+/// Width of the white border around each image of the contact sheet (pixels).
 const GAP: usize = 6;
 
 /// Colour of the mark at a goal that the learner observes as a vector, and that images do not show.

@@ -17,7 +17,7 @@ use crate::folder::RunFolder;
 use crate::lock::FolderLock;
 use crate::note::{RunState, SavedRun};
 
-/// Locked folder with the settings of its run.
+/// Locked folder of a run with the settings of that run.
 pub(crate) struct LockedRun {
     pub experiment: Experiment,
     pub tasks: TaskRegistry,
@@ -31,7 +31,7 @@ pub(crate) struct PreparedRun {
     pub learner: Box<dyn Learner>,
     pub labels: Labels,
     pub state: RunState,
-    /// Checkpoints that could not be read.
+    /// Paths of checkpoints that could not be read.
     pub unreadable_checkpoints: Vec<PathBuf>,
     /// Message about the start or the resumption.
     pub start_message: String,

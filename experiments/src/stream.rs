@@ -10,10 +10,11 @@ use crate::error::RunError;
 
 /// Return of a perfect episode on the paper's scale.
 const PERFECT_EPISODE: f64 = 500.0;
-/// Network inputs per metre, so that positions become numbers of order one.
+/// Factor from positions (metres) to network inputs, which makes them numbers of order one.
 const INPUTS_PER_METRE: f32 = 10.0;
-/// Height (metres) and aperture that become zero, about the middle of their ranges.
+/// Height of the hand (metres) that becomes the network input 0, about the middle of its range.
 const MIDDLE_HEIGHT: f32 = 0.2;
+/// Opening of the fingers, in `[0, 1]`, that becomes the network input 0, about its middle value.
 const MIDDLE_APERTURE: f32 = 0.6;
 
 /// Component of the network's vector input, scaled as `(value - offset) * factor`.

@@ -10,13 +10,13 @@ use serde::Serialize;
 use crate::error::RunError;
 use learner::disk::{Disk, write_atomically};
 
-/// CSV file with a copy of its contents.
+/// CSV table of a run as a file, with a copy of the file's contents in memory.
 #[derive(Debug)]
 pub(crate) struct CsvFile {
     path: PathBuf,
     disk: Arc<dyn Disk>,
     text: Vec<u8>,
-    /// Names of the columns; empty before the first row.
+    /// Names of the table's columns; empty before the first row.
     names: Vec<String>,
 }
 
@@ -30,7 +30,7 @@ impl CsvFile {
         Ok(table)
     }
 
-    /// Makes the file hold exactly the copy's contents.
+    /// Makes the file hold exactly the contents of the copy in memory.
     fn restore(&self) -> Result<(), RunError> {
         let file = fs::read(&self.path).ok();
         let found = file.as_deref().unwrap_or_default();
@@ -50,7 +50,7 @@ impl CsvFile {
         &self.text
     }
 
-    /// Returns the name of the file.
+    /// Returns the name of the table's file.
     pub fn name(&self) -> String {
         let name = self.path.file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()

@@ -5,7 +5,7 @@ use crate::schema::TimingRow;
 /// Sums of training times over the rollouts with known seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TimingSums {
-    /// Wall-clock seconds of training in these rollouts.
+    /// Wall-clock seconds of training, summed over the rollouts with known seconds.
     pub seconds: f64,
     decisions: f64,
 }

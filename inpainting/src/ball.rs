@@ -1,27 +1,29 @@
-//! Subpixel detection of a ball of a known colour.
+//! Subpixel detection of a ball of a known colour in a camera picture.
 
 use crate::error::{InpaintingError, check_picture_size, require_that};
 use crate::moments::ImageMoments;
 
-/// Minimum number of pixels of a ball: smaller spots are noise.
+/// Minimum number of pixels of a ball in a picture: smaller spots are noise.
 const MIN_PIXELS: usize = 20;
 /// Minimum distance of a ball's colour from grey (levels of 255).
 const MIN_CHROMA: f64 = 80.0;
-/// Minimum colour of a pixel in a spot, as a fraction of the ball's.
+/// Minimum distance of a pixel's colour from grey for a pixel of a spot, as a fraction of the
+/// ball's.
 const MIN_PIXEL_CHROMA: f64 = 0.35;
-/// Fractions of a spot's median colour at which a pixel has the weight 0 and from which it has the
-/// weight 1. Pixels between them are on the edge and partly show the table.
+/// Fractions of a spot's median colour at which a pixel gets the weight 0, and from which on it
+/// gets the weight 1, in the middle of the ball. Pixels between them are on the edge and partly
+/// show the table.
 const EDGE: [f64; 2] = [0.1, 0.7];
 /// Cosine of the largest angle between the hues of a pixel and of the ball.
 const MIN_HUE_COSINE: f64 = 0.8;
-/// Maximum elongation of a disc: a ball 40 degrees off the optical axis shows as an ellipse of that
-/// elongation.
+/// Maximum elongation (length over width) of a spot that counts as a disc: a ball 40 degrees off
+/// the optical axis shows as an ellipse of that elongation.
 const MAX_ELONGATION: f64 = 1.3;
-/// Maximum skewness of a disc. A disc of which a straight edge hides a sixteenth exceeds it, which
-/// moves its middle by 0.04 of its radius.
+/// Maximum skewness (standardised third moment) of a spot that counts as a disc. A disc of which a
+/// straight edge hides a sixteenth exceeds it, which moves its middle by 0.04 of its radius.
 const MAX_SKEWNESS: f64 = 0.06;
 
-/// Ball of one strong colour, which nothing else in the picture has.
+/// Ball for hand-eye calibration, of one strong colour, which nothing else in the picture has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrationBall {
     /// Colour of the ball, RGB.
@@ -29,7 +31,7 @@ pub struct CalibrationBall {
 }
 
 impl CalibrationBall {
-    /// Finds the column and row of the ball's middle in `picture` `[H, width, 3]` (pixels; the
+    /// Finds the column and row of the ball's middle in `picture` `[height, width, 3]` (pixels; the
     /// middle of the first pixel is at 0.5).
     ///
     /// It returns the middle of the ball's outline. For a ball of 40 mm at 1.3 m, that is at most
@@ -70,14 +72,15 @@ impl CalibrationBall {
 
 /// Hue as a direction away from grey in RGB.
 struct Hue {
-    /// Unit vector.
+    /// Unit vector in RGB from grey to the hue.
     direction: [f64; 3],
     /// Distance of the ball's colour from grey (levels).
     strength: f64,
 }
 
 impl Hue {
-    /// Returns the amount of this hue in each pixel (levels); 0 for pixels of another hue.
+    /// Returns the amount of the hue in each pixel, a distance from grey (levels); 0 for pixels of
+    /// another hue.
     fn amounts(&self, picture: &[u8]) -> Vec<f64> {
         let amount = |rgb: &[u8]| {
             let chroma = chroma([rgb[0], rgb[1], rgb[2]]);
@@ -88,7 +91,7 @@ impl Hue {
     }
 }
 
-/// Subtracts the grey part (the mean of the channels) from a colour.
+/// Returns a colour less its grey part, the mean of its channels.
 fn chroma(color: [u8; 3]) -> [f64; 3] {
     let levels = color.map(f64::from);
     let mean = levels.iter().sum::<f64>() / 3.0;
@@ -99,8 +102,8 @@ fn length(of: [f64; 3]) -> f64 {
     of.iter().map(|part| part * part).sum::<f64>().sqrt()
 }
 
-/// Returns the pixel indices of each connected spot with an amount of at least `least`. Spots of
-/// fewer than [`MIN_PIXELS`] are left out.
+/// Returns the pixel indices of each connected spot in which every pixel has at least `least` of
+/// the hue. Spots of fewer than [`MIN_PIXELS`] are left out.
 fn spots(amounts: &[f64], least: f64, [width, height]: [usize; 2]) -> Vec<Vec<usize>> {
     let mut open: Vec<bool> = amounts.iter().map(|amount| *amount >= least).collect();
     let mut found = Vec::new();
@@ -126,7 +129,8 @@ fn spots(amounts: &[f64], least: f64, [width, height]: [usize; 2]) -> Vec<Vec<us
     found
 }
 
-/// Returns the up to eight pixels around one.
+/// Returns the indices of the up to eight pixels around one, in a picture of the given width and
+/// height.
 fn neighbours(pixel: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = usize> {
     let (column, row) = (pixel % width, pixel / width);
     let rows = row.saturating_sub(1)..=(row + 1).min(height - 1);
@@ -137,14 +141,15 @@ fn neighbours(pixel: usize, [width, height]: [usize; 2]) -> impl Iterator<Item =
     around.filter(move |&other| other != pixel)
 }
 
-/// Returns the column and row of a spot's unweighted middle.
+/// Returns the column and row of a spot's middle, with equal weights for all its pixels.
 fn middle(spot: &[usize], width: usize) -> [f64; 2] {
     let columns: usize = spot.iter().map(|pixel| pixel % width).sum();
     let rows: usize = spot.iter().map(|pixel| pixel / width).sum();
     [columns, rows].map(|sum| sum as f64 / spot.len() as f64 + 0.5)
 }
 
-/// Returns the weighted middle of a spot and its edge, which must be a complete disc.
+/// Returns the column and row of the weighted middle of a spot with its edge, which must be a
+/// complete disc.
 fn outline(
     amounts: &[f64],
     spot: &[usize],

@@ -6,17 +6,20 @@ use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
 use crate::distortion::Distortion;
 use crate::error::{InpaintingError, require_that};
 
-/// Largest displacement by a lens, relative to the distance from the optical axis.
+/// Largest displacement of a point by the distortion of a lens, relative to the distance from the
+/// optical axis.
 const MAX_SHIFT: f64 = 0.5;
-/// Number of points between the optical axis and an edge of the picture at which a lens is checked.
+/// Number of points between the optical axis and an edge of the picture at which a lens distortion
+/// is checked.
 const PARTS: usize = 8;
-/// Largest distance (focal lengths) of two directions that count as equal, because of rounding.
+/// Largest distance (focal lengths) of two viewing directions that count as equal, because of
+/// rounding.
 const TOLERANCE: f64 = 1e-6;
 
-/// Calibrated camera with distortion.
+/// Calibrated camera with lens distortion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
-    /// Size, focal lengths and principal point.
+    /// Intrinsics of the camera: picture size, focal lengths and principal point.
     pub intrinsics: Intrinsics,
     /// Distortion of the lens.
     pub distortion: Distortion,
@@ -54,7 +57,7 @@ impl Calibration {
         require_that(is_slight, "distortion", &self.distortion, expected)
     }
 
-    /// Returns this camera without distortion.
+    /// Returns the pinhole camera that is left without the distortion.
     pub fn without_distortion(&self) -> PinholeCamera {
         PinholeCamera { intrinsics: self.intrinsics, extrinsics: self.extrinsics }
     }
@@ -81,15 +84,15 @@ impl Calibration {
         (seen.z > 0.0 && off < TOLERANCE).then_some(pixel)
     }
 
-    /// Returns the world's direction that a column and row show. `None` if the lens shows nothing
-    /// there.
+    /// Returns the direction in the world that the pixel at a column and row shows; `None` if the
+    /// lens shows nothing there.
     pub fn direction_of_pixel(&self, pixel: [f64; 2]) -> Option<DVec3> {
         let [x, y] = self.undistort_pixel(pixel)?;
         Some(self.extrinsics.rotation.transpose() * DVec3::new(x, y, 1.0))
     }
 
-    /// Returns the gradients of the column and of the row (pixels per metre) by a point in the
-    /// camera's frame.
+    /// Returns the gradients of the column and of the row (pixels per metre) with respect to a
+    /// point in the camera's frame.
     pub(crate) fn pixel_gradients(&self, seen: DVec3) -> [DVec3; 2] {
         let straight = [seen.x / seen.z, seen.y / seen.z];
         let (_, bent) = self.distortion.distort_with_jacobian(straight);

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 
 use crate::error::{InpaintingError, require_that};
 
-/// Largest coordinate of a point (metres). Squares of far larger ones overflow.
+/// Largest accepted coordinate of a point (metres). Squares of far larger ones overflow.
 const MAX_COORDINATE: f64 = 1e9;
 
 /// Intrinsic parameters of a pinhole camera.
@@ -84,7 +84,7 @@ impl Extrinsics {
     }
 }
 
-/// Condition of [`has_valid_coordinates`], for error messages.
+/// Condition of [`has_valid_coordinates`] in words, for error messages.
 pub(crate) const VALID_COORDINATES: &str = "three numbers of metres, each at most 1e9";
 
 /// Returns `true` if a point is finite and no coordinate exceeds [`MAX_COORDINATE`].
@@ -102,9 +102,9 @@ pub(crate) fn require_valid_coordinates(
 /// Calibrated camera without distortion, with the projection matrix `K [R | t]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PinholeCamera {
-    /// Intrinsics `K`.
+    /// Intrinsics `K`: picture size, focal lengths and principal point.
     pub intrinsics: Intrinsics,
-    /// Extrinsics `[R | t]`.
+    /// Extrinsics `[R | t]`: pose of the camera in the world.
     pub extrinsics: Extrinsics,
 }
 
@@ -155,7 +155,7 @@ impl PinholeCamera {
         DVec3::new(x, y, 1.0).normalize()
     }
 
-    /// Returns the number of pixels of a picture.
+    /// Returns the number of pixels of the camera's pictures.
     pub fn num_pixels(&self) -> usize {
         self.intrinsics.width * self.intrinsics.height
     }

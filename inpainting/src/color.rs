@@ -17,11 +17,12 @@ pub enum ColorCorrection {
     GreyWorld,
 }
 
-/// Largest differences (levels) of pixels that the successive fits include. Pixels that differ by
-/// more show something that moved.
+/// Largest differences (levels) between corrected pixels and the reference that the successive fits
+/// of a colour correction include. Pixels that differ by more show something that moved.
 const INLIER_LEVELS: [f64; 3] = [24.0, 6.0, 2.0];
 
-/// Affine map of each channel, in the colour space of a correction: `(value - from) * gain + to`.
+/// Affine map of each colour channel, in the colour space of a correction:
+/// `(value - from) * gain + to`.
 #[derive(Clone, Copy, Debug)]
 struct Map {
     correction: ColorCorrection,
@@ -31,11 +32,11 @@ struct Map {
 }
 
 impl ColorCorrection {
-    /// Corrects the picture `rgb` `[H, W, 3]` in place to the colours of `reference`, of the same
-    /// shape.
+    /// Corrects the picture `rgb` `[height, width, 3]` in place to the colours of `reference`, of
+    /// the same shape.
     ///
-    /// The fit leaves out the pixels that are `true` in `mask` `[H, W]`, and those that show
-    /// something that moved.
+    /// The fit leaves out the pixels that are `true` in `mask` `[height, width]`, and those that
+    /// show something that moved.
     pub(crate) fn apply(self, reference: &[u8], mask: &[bool], rgb: &mut [u8]) {
         if self == Self::None {
             return;
@@ -49,7 +50,8 @@ impl ColorCorrection {
         }
     }
 
-    /// Fits the map to the pixels that are not hidden and did not move. `None` if all are hidden.
+    /// Fits the colour map to the pixels that are not hidden and show nothing that moved; `None` if
+    /// all are hidden.
     fn fit(self, reference: &[u8], mask: &[bool], rgb: &[u8]) -> Option<Map> {
         let pixels = rgb.chunks_exact(3).zip(reference.chunks_exact(3)).zip(mask);
         let shown = pixels.filter(|(_, hidden)| !**hidden).map(|(pair, _)| pair);
@@ -66,7 +68,7 @@ impl ColorCorrection {
         Some(map)
     }
 
-    /// Converts levels of RGB to the correction's colour space.
+    /// Converts RGB levels to the colour space of the correction.
     fn space(self, rgb: DVec3) -> DVec3 {
         match self {
             Self::MeanAndDeviation => lab(rgb),
@@ -74,7 +76,7 @@ impl ColorCorrection {
         }
     }
 
-    /// Converts back from the correction's colour space to levels of RGB.
+    /// Converts a value in the colour space of the correction back to RGB levels.
     fn rgb(self, value: DVec3) -> DVec3 {
         match self {
             Self::MeanAndDeviation => from_lab(value),
@@ -84,7 +86,8 @@ impl ColorCorrection {
 }
 
 impl Map {
-    /// Fits the map from the pixels of a picture to those of the reference. `None` without pixels.
+    /// Fits the colour map from the pixels of a picture to those of the reference; `None` without
+    /// pixels.
     fn fit<'a>(
         correction: ColorCorrection,
         pairs: impl Iterator<Item = (&'a [u8], &'a [u8])>,
@@ -106,7 +109,8 @@ impl Map {
         Self { correction, from, gain, to }
     }
 
-    /// Drops the gains that come from standard deviations, which moving objects can dominate.
+    /// Returns the colour map without gains from standard deviations, which moving objects can
+    /// dominate.
     fn of_means(mut self) -> Self {
         if self.correction == ColorCorrection::MeanAndDeviation {
             self.gain = DVec3::ONE;
@@ -121,14 +125,14 @@ impl Map {
     }
 }
 
-/// Running moments of pixels, channel by channel.
+/// Running mean and variance of the colours of pixels, channel by channel.
 #[derive(Clone, Copy, Debug, Default)]
 struct Moments {
     count: f64,
     sum: DVec3,
     first: DVec3,
-    /// Squared offsets from the first pixel. Squares of the values themselves would lose all digits
-    /// to cancellation if the picture hardly varies.
+    /// Sums of the squared offsets from the first pixel. Squares of the values themselves would
+    /// lose all digits to cancellation if the picture hardly varies.
     squares: DVec3,
 }
 
@@ -154,13 +158,13 @@ impl Moments {
     }
 }
 
-/// Divides channel by channel; 1 if the divisor is not positive.
+/// Returns the quotient of two colours, channel by channel; 1 where the divisor is not positive.
 fn ratio(above: DVec3, below: DVec3) -> DVec3 {
     DVec3::select(below.cmpgt(DVec3::ZERO), above / below, DVec3::ONE)
 }
 
-/// Returns the ratio of the deviations in l, alpha, beta; 1 in a channel in which either picture
-/// varies by no more than the rounding of its levels.
+/// Returns the ratio of the standard deviations of two pictures in l, alpha, beta; 1 in a channel
+/// in which either picture varies by no more than the rounding of its levels.
 fn spread_ratio(above: &Moments, below: &Moments) -> DVec3 {
     let varies = |moments: &Moments| moments.deviation().cmpgt(rounding(moments.mean()));
     let ratio = above.deviation() / below.deviation();

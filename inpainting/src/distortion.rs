@@ -5,9 +5,9 @@ use std::ops::Add;
 
 use crate::error::{InpaintingError, require_that};
 
-/// Maximum number of steps of Newton's method for an inverse.
+/// Maximum number of steps of Newton's method for the inverse of a distortion.
 const STEPS: usize = 50;
-/// Largest error of an inverse (focal lengths).
+/// Largest error of the inverse of a distortion (focal lengths).
 const PRECISION: f64 = 1e-13;
 
 /// Radial and tangential distortion (Brown, "Close-Range Camera Calibration", Photogrammetric
@@ -24,16 +24,17 @@ pub struct Distortion {
 }
 
 impl Distortion {
-    /// No distortion: a pinhole.
+    /// Distortion of a pinhole camera: none.
     pub const NONE: Self = Self { radial: [0.0; 6], tangential: [0.0; 2] };
 
-    /// Returns a lens with the coefficients k1 and k2, p1 and p2.
+    /// Returns the distortion with the radial coefficients k1 and k2 and the tangential ones p1 and
+    /// p2.
     pub const fn brown_conrady([k1, k2]: [f64; 2], tangential: [f64; 2]) -> Self {
         Self { radial: [k1, k2, 0.0, 0.0, 0.0, 0.0], tangential }
     }
 
-    /// Returns a lens with coefficients in the order of OpenCV and ROS: k1, k2, p1, p2, k3, k4, k5,
-    /// k6, of which k3 to k6 may be left out.
+    /// Returns the distortion with coefficients in the order of OpenCV and ROS: k1, k2, p1, p2, k3,
+    /// k4, k5, k6, of which k3 to k6 may be left out.
     ///
     /// # Errors
     /// [`InpaintingError::InvalidValue`] for another number of coefficients, and for a thin prism
@@ -53,13 +54,13 @@ impl Distortion {
         require_that(finite, "distortion", self, "finite numbers")
     }
 
-    /// Distorts `point`: returns the point at which the lens shows what a pinhole shows there.
+    /// Distorts `point`: returns the point at which the lens shows what a pinhole shows at `point`.
     pub fn distort(&self, point: [f64; 2]) -> [f64; 2] {
         self.distort_with_jacobian(point).0
     }
 
-    /// Undistorts `point`: returns the point at which a pinhole shows what the lens shows there.
-    /// `None` if the lens shows nothing there, or beyond a fold of the formula.
+    /// Undistorts `point`: returns the point at which a pinhole shows what the lens shows at
+    /// `point`. `None` if the lens shows nothing there, or beyond a fold of the formula.
     pub fn undistort(&self, point: [f64; 2]) -> Option<[f64; 2]> {
         let [mut x, mut y] = point;
         for _ in 0..STEPS {
@@ -111,7 +112,7 @@ impl fmt::Display for Distortion {
 impl Add for Distortion {
     type Output = Self;
 
-    /// Adds the coefficients.
+    /// Adds the coefficients of two distortions.
     fn add(self, other: Self) -> Self {
         Self {
             radial: std::array::from_fn(|k| self.radial[k] + other.radial[k]),

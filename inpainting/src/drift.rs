@@ -1,16 +1,17 @@
-//! Random drift of exposure and white balance.
+//! Random drift of a camera's exposure and white balance.
 
 use rand_chacha::ChaCha8Rng;
 
 use crate::imperfections::CameraImperfections;
 use crate::sensor::standard_normal;
 
-/// Logarithms of gains, as Ornstein-Uhlenbeck processes about zero that each picture samples.
+/// Drift of a camera's gains, whose logarithms are Ornstein-Uhlenbeck processes about zero that
+/// each picture samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct GainDrift {
     /// Logarithms of the gains of all light, of red and of blue, in standard deviations.
     logarithms: [f64; 3],
-    /// Time of the last sample (seconds); `None` before the first.
+    /// Time of the last sample of the gains (seconds); `None` before the first.
     drawn: Option<f64>,
 }
 

@@ -1,4 +1,4 @@
-//! Errors of this crate.
+//! Errors of camera calibration, in-painting and perception.
 
 use glam::DVec3;
 
@@ -6,72 +6,74 @@ use glam::DVec3;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum InpaintingError {
-    /// A setting, or a position, outside its range.
+    /// Setting or position outside its range.
     #[error("`{name}` is {value}, expected {expected}")]
     InvalidValue {
         /// Name of the setting or input.
         name: &'static str,
-        /// Value found.
+        /// Rejected value of the setting or input.
         value: String,
-        /// Accepted values.
+        /// Accepted values of the setting or input, in words.
         expected: &'static str,
     },
-    /// A slice of the wrong length.
+    /// Slice, such as a picture, of the wrong length.
     #[error("`{what}` has {got} elements, expected {expected}")]
     WrongLength {
-        /// Content of the slice.
+        /// Name of the contents of the slice.
         what: &'static str,
         /// Length of the slice.
         got: usize,
-        /// Length required by the camera.
+        /// Length that the camera's picture size requires.
         expected: usize,
     },
-    /// A camera whose picture does not show all of the required area.
+    /// Camera whose picture does not show all of the required area of the table.
     #[error(
         "the camera's picture of {width} x {height} pixels does not show all of the table that is \
          needed: {}. Check the camera's position, direction and lens in its calibration, move it \
          higher or nearer to the middle, or request less of the table", shown_at(.place)
     )]
     OutOfSight {
-        /// Column and row that are needed; `None` if the lens shows nothing there.
+        /// Column and row outside of the picture that are needed; `None` if the lens shows the
+        /// place nowhere.
         place: Option<[f64; 2]>,
         /// Width of the picture (pixels).
         width: usize,
         /// Height of the picture (pixels).
         height: usize,
     },
-    /// Too few poses for a hand-eye calibration.
+    /// Too few poses of the arm for a hand-eye calibration.
     #[error("the ball was seen in {got} poses, expected at least {needed}")]
     TooFewPoses {
-        /// Number of poses in which the ball was seen.
+        /// Number of arm poses in which the ball was seen.
         got: usize,
-        /// Number of poses that are needed.
+        /// Number of arm poses that are needed.
         needed: usize,
     },
-    /// A start of the search from which the camera would not see a hand.
+    /// Start of the search for the camera's pose from which the camera would not see the hand in
+    /// some pose of the arm.
     #[error(
         "the camera that the search starts from does not see the hand of pose {pose} at all: \
          correct its position and orientation"
     )]
     HandUnseenFromStart {
-        /// Number of the pose.
+        /// Number of the arm pose whose hand is not seen.
         pose: usize,
     },
-    /// One pose that is inconsistent with the others.
+    /// Arm pose that is inconsistent with the others in a hand-eye calibration.
     #[error(
         "the ball of pose {pose} is seen {pixels:.1} pixels from where the other poses predict it, \
          expected at most {limit:.1} pixels: check that it did not move in the hand, and that no \
          other object was taken for it; with more than ten poses such a one is left out"
     )]
     OutlierPose {
-        /// Number of the pose.
+        /// Number of the inconsistent arm pose.
         pose: usize,
-        /// Residual of that pose (pixels).
+        /// Distance in the picture between the ball and where the other poses predict it (pixels).
         pixels: f64,
-        /// Largest residual allowed (pixels).
+        /// Largest distance that counts as noise (pixels).
         limit: f64,
     },
-    /// Poses that are inconsistent, whichever one is left out.
+    /// Arm poses that are inconsistent in a hand-eye calibration, whichever one is left out.
     #[error(
         "the poses contradict each other, whichever one is left out: the ball of pose {pose} is \
          {pixels:.1} pixels off, expected at most {limit:.1} for an arm that is accurate to {:.1} \
@@ -81,18 +83,20 @@ pub enum InpaintingError {
          picture size", 1e3 * accuracy, fits(.fitted)
     )]
     InconsistentPoses {
-        /// Number of the worst pose.
+        /// Number of the arm pose with the largest residual.
         pose: usize,
-        /// Residual of that pose (pixels).
+        /// Distance in the picture between the ball of the worst pose and where the others predict
+        /// it (pixels).
         pixels: f64,
-        /// Largest residual allowed (pixels).
+        /// Largest residual that counts as noise (pixels).
         limit: f64,
         /// Standard deviation of the ball's position by the arm's joints (metres).
         accuracy: f64,
-        /// Offset of the ball (metres) with which the poses fit, if the given one is wrong.
+        /// Offset of the ball in the hand (metres) with which the poses fit, if the given one is
+        /// wrong.
         fitted: Option<DVec3>,
     },
-    /// A focal length that the poses contradict.
+    /// Given focal length that the arm poses of a hand-eye calibration contradict.
     #[error(
         "the focal lengths are given as {:.1} and {:.1} pixels, but the poses fit {:.1} and {:.1}, \
          with a standard deviation of {sigma:.1}: correct the intrinsics of the rig (those of this \
@@ -104,16 +108,16 @@ pub enum InpaintingError {
         given: [f64; 2],
         /// Focal lengths that fit the poses best (pixels).
         fitted: [f64; 2],
-        /// Standard deviation of the horizontal fitted one (pixels).
+        /// Standard deviation of the fitted horizontal focal length (pixels).
         sigma: f64,
     },
-    /// Poses that do not determine the camera.
+    /// Arm poses that do not determine the pose of the camera.
     #[error("the poses do not determine where the camera is: {advice}")]
     CameraPoseUndetermined {
-        /// Advice for better poses.
+        /// Advice for better arm poses.
         advice: &'static str,
     },
-    /// A picture without the ball.
+    /// Picture in which the calibration ball is not seen.
     #[error(
         "no ball of the colour {color:?} is seen: it is hidden, smaller than {least} pixels, or \
          of another colour in this light"
@@ -124,7 +128,7 @@ pub enum InpaintingError {
         /// Minimum number of pixels of a ball.
         least: usize,
     },
-    /// More than one ball.
+    /// Picture with several spots of the calibration ball's colour.
     #[error(
         "{} things of the colour {color:?} are seen, at columns and rows {places:.0?}: remove all \
          but the ball", places.len()
@@ -132,16 +136,16 @@ pub enum InpaintingError {
     SeveralBalls {
         /// Colour of the ball, RGB.
         color: [u8; 3],
-        /// Columns and rows of their middles (pixels).
+        /// Columns and rows of the middles of the spots (pixels).
         places: Vec<[f64; 2]>,
     },
-    /// A ball that is not fully visible.
+    /// Calibration ball that is not fully visible.
     #[error(
         "the visible part of the ball at column and row {place:.0?} is no disc: the ball is partly \
          hidden, or at the picture's edge"
     )]
     BallPartlyHidden {
-        /// Column and row of its visible part (pixels).
+        /// Column and row of the visible part of the ball (pixels).
         place: [f64; 2],
     },
 }
@@ -159,7 +163,7 @@ fn fits(offset: &Option<DVec3>) -> String {
     })
 }
 
-/// Rejects a picture `[H, W, 3]` with another number of pixels.
+/// Rejects a picture `[height, width, 3]` with another number of pixels than `pixels`.
 pub(crate) fn check_picture_size(
     what: &'static str,
     picture: &[u8],
@@ -171,7 +175,7 @@ pub(crate) fn check_picture_size(
     Err(InpaintingError::WrongLength { what, got: picture.len(), expected: 3 * pixels })
 }
 
-/// Returns [`InpaintingError::InvalidValue`] unless a condition holds.
+/// Returns [`InpaintingError::InvalidValue`] unless the condition `holds`.
 pub(crate) fn require_that(
     holds: bool,
     name: &'static str,

@@ -13,25 +13,28 @@ use model::{Fit, LIMIT_SIGMAS, OUTLINE_SD, rotated};
 
 pub use model::{BallOffset, BallSighting, HandEyeSettings, Residual};
 
-/// Minimum number of poses of a hand-eye calibration.
+/// Minimum number of arm poses of a hand-eye calibration.
 pub const MIN_CALIBRATION_POSES: usize = 10;
-/// Maximum standard deviations that one pixel of noise may cause: of positions (metres) and of
-/// angles (radians).
+/// Maximum standard deviations of positions (metres) and angles (radians) that one pixel of noise
+/// may cause in a hand-eye calibration.
 const MAX_DILUTION: [f64; 2] = [0.1, 5.0 * std::f64::consts::PI / 180.0];
 /// Maximum number of steps of the Levenberg-Marquardt method.
 const STEPS: usize = 200;
-/// Damping of the Levenberg-Marquardt method: first, largest, and factor between successive ones.
+/// Damping of the Levenberg-Marquardt method: first and largest value, and factor between
+/// successive ones.
 const DAMPING: [f64; 3] = [1e-3, 1e12, 10.0];
-/// Deviation from which a focal length is rejected: in standard deviations, and relative to the
-/// given one. Both must be exceeded, because small errors of the distortion cause smaller ones.
+/// Deviation of the estimated focal length from which the given one is rejected: in standard
+/// deviations, and relative to the given one. Both must be exceeded, because small errors of the
+/// distortion cause smaller ones.
 const WRONG_FOCAL: [f64; 2] = [3.5, 0.01];
-/// Probability, over all poses, with which noise makes the others fit as much better without one as
-/// without an outlier.
+/// Significance level of the test for an outlier: the probability, over all arm poses, that noise
+/// alone makes the others fit so much better without one pose.
 const OUTLIER: f64 = 1e-4;
-/// Relative decrease of the sum of squares below which a step is the last one.
+/// Relative decrease of the sum of squares below which a step of the Levenberg-Marquardt method is
+/// the last one.
 const CONVERGED: f64 = 1e-12;
 
-/// Standard deviations of a hand-eye calibration.
+/// Standard deviations of the results of a hand-eye calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Uncertainty {
     /// Standard deviation of the camera's position (metres, world).
@@ -43,7 +46,7 @@ pub struct Uncertainty {
     pub ball_offset_sd: DVec3,
 }
 
-/// Estimate of the focal length from the poses.
+/// Estimate of the camera's focal length from the arm poses of a hand-eye calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FocalLengthEstimate {
     /// Ratio of the estimated focal length to the given one.
@@ -60,17 +63,18 @@ pub struct HandEyeCalibration {
     pub calibration: Calibration,
     /// Position of the ball in the hand's frame (metres).
     pub ball_offset: DVec3,
-    /// Residuals of the poses, in the order given.
+    /// Residuals of the arm poses, in the order given.
     pub residuals: Vec<Residual>,
-    /// Poses that were left out because the others contradict them, the worst first, with their
-    /// residuals: distances from where the others predict the ball.
+    /// Residuals of the arm poses that were left out because the others contradict them, the worst
+    /// first: distances from where the others predict the ball.
     pub outliers: Vec<Residual>,
-    /// Uncertainty estimated from the residuals, for the given focal lengths unless these are
-    /// estimated.
+    /// Uncertainty of the results, estimated from the residuals, for the given focal lengths unless
+    /// these are estimated.
     pub uncertainty: Uncertainty,
-    /// Focal lengths by the poses; `None` if the poses do not determine them.
+    /// Focal lengths estimated from the arm poses; `None` if the poses do not determine them.
     pub focal_length: Option<FocalLengthEstimate>,
-    /// Uncertainty that one pixel of noise would cause, which shows how well the poses are spread.
+    /// Uncertainty that one pixel of noise would cause, which shows how well the arm poses are
+    /// spread.
     pub uncertainty_per_pixel: Uncertainty,
 }
 
@@ -112,7 +116,7 @@ impl HandEyeCalibration {
         }
     }
 
-    /// Returns the result of a fit without outliers, unless the poses do not determine it.
+    /// Returns the calibration of a fit without outliers, unless the arm poses do not determine it.
     fn of(
         best: &Fit<'_>,
         start: &Calibration,
@@ -160,7 +164,7 @@ impl HandEyeCalibration {
         root_mean_square(self.residuals.iter().filter_map(|of| of.table_distance_m))
     }
 
-    /// Returns the largest residual. `None` without poses.
+    /// Returns the residual of the arm pose that fits worst; `None` without poses.
     pub fn largest_residual(&self) -> Option<&Residual> {
         let residuals = self.residuals.iter();
         residuals.max_by(|a, b| a.distance_px.total_cmp(&b.distance_px))
@@ -174,7 +178,7 @@ fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
     (!squares.is_empty()).then(|| mean.sqrt())
 }
 
-/// Rejects an invalid start, too few poses, and numbers out of range.
+/// Rejects an invalid start of the search, too few arm poses, and numbers out of range.
 fn check(
     start: &Calibration,
     settings: &HandEyeSettings,
@@ -213,7 +217,7 @@ fn check(
     Ok(())
 }
 
-/// Returns the best fit of all poses.
+/// Returns the best fit to all arm poses, from several starts.
 ///
 /// # Errors
 /// [`InpaintingError::HandUnseenFromStart`].
@@ -231,22 +235,22 @@ fn best<'a>(
     Ok(if settings.estimate_focal_length { minimised(best.with_free_focal(true)) } else { best })
 }
 
-/// Pose without which the others fit best.
+/// Arm pose without which the others fit best: the candidate for an outlier.
 struct Worst {
-    /// Index of its sighting.
+    /// Index of the pose's sighting of the ball.
     index: usize,
-    /// Distance of its ball from where the others predict it.
+    /// Distance of the pose's ball from where the other poses predict it.
     residual: Residual,
-    /// Largest distance that counts as noise (pixels).
+    /// Largest distance of that ball that counts as noise (pixels).
     limit: f64,
-    /// Sum of the squared residuals of the others (square pixels).
+    /// Sum of the squared residuals of the other poses (square pixels).
     cost: f64,
-    /// `true` if the others fit each other.
+    /// `true` if the other poses fit each other.
     others_fit: bool,
 }
 
 impl Worst {
-    /// Finds it among the sightings of a fit. `None` if the ball would be out of sight.
+    /// Finds the worst pose among the sightings of a fit; `None` if the ball would be out of sight.
     fn of(best: &Fit<'_>) -> Option<Self> {
         let sightings = best.sightings();
         let without = (0..sightings.len()).filter_map(|index| {
@@ -278,7 +282,7 @@ fn outlier(best: &Fit<'_>) -> Option<Worst> {
     (count * chance < OUTLIER || !best.is_within_limits()).then_some(worst)
 }
 
-/// Returns the error of poses that do not fit: of one pose if the others fit each other.
+/// Returns the error of arm poses that do not fit: of one pose if the others fit each other.
 fn misfit(best: &Fit<'_>, start: &Calibration, worst: &Worst) -> InpaintingError {
     let Residual { pose_number: pose, distance_px: pixels, .. } = worst.residual;
     let limit = worst.limit;
@@ -299,7 +303,7 @@ fn misfit(best: &Fit<'_>, start: &Calibration, worst: &Worst) -> InpaintingError
     }
 }
 
-/// Minimises the cost by the Levenberg-Marquardt method.
+/// Returns the fit that minimises the sum of squared residuals, by the Levenberg-Marquardt method.
 fn minimised(mut fit: Fit<'_>) -> Fit<'_> {
     let [mut damping, largest, factor] = DAMPING;
     for _ in 0..STEPS {
@@ -327,8 +331,8 @@ fn minimised(mut fit: Fit<'_>) -> Fit<'_> {
     fit
 }
 
-/// Estimates the focal length, by solving again with it among the unknowns. `None` if the poses do
-/// not determine it.
+/// Estimates the focal length, by solving again with it among the unknowns; `None` if the arm poses
+/// do not determine it.
 fn focal(best: &Fit<'_>, start: &Calibration) -> Option<FocalLengthEstimate> {
     let fit = minimised(best.with_free_focal(true));
     let variance = fit.normal_equations().variances()?[fit.focal_index()];
@@ -353,8 +357,8 @@ fn check_focal(focal: FocalLengthEstimate, start: &Calibration) -> Result<(), In
     })
 }
 
-/// Returns the standard deviations that a pixel of noise causes. `None` if the poses do not
-/// determine all unknowns.
+/// Returns the standard deviations of the unknowns that a pixel of noise causes; `None` if the arm
+/// poses do not determine all unknowns.
 fn dilution_of(fit: &Fit<'_>) -> Option<Uncertainty> {
     let mut variances = fit.normal_equations().variances()?;
     // where the offset is known, the focal length is in its place
@@ -363,14 +367,15 @@ fn dilution_of(fit: &Fit<'_>) -> Option<Uncertainty> {
     Some(Uncertainty { angle_sd: of(0), position_sd: of(3), ball_offset_sd: of(6) })
 }
 
-/// Returns `true` if a dilution is within [`MAX_DILUTION`].
+/// Returns `true` if the standard deviations that a pixel of noise causes are within
+/// [`MAX_DILUTION`].
 fn is_tolerable(dilution: &Uncertainty) -> bool {
     let [distance, angle] = MAX_DILUTION;
     let lengths = [dilution.position_sd.length(), dilution.ball_offset_sd.length()];
     lengths.iter().all(|length| *length <= distance) && dilution.angle_sd.length() <= angle
 }
 
-/// Returns the error of poses that do not determine the camera's pose, with advice.
+/// Returns the error of arm poses that do not determine the camera's pose, with advice.
 fn undetermined(fit: &Fit<'_>) -> InpaintingError {
     let would_suffice = |other: &Fit<'_>| dilution_of(other).is_some_and(|of| is_tolerable(&of));
     InpaintingError::CameraPoseUndetermined {
@@ -390,7 +395,8 @@ fn undetermined(fit: &Fit<'_>) -> InpaintingError {
     }
 }
 
-/// Returns the error of a start that does not see a hand, with the number of the first such pose.
+/// Returns the error of a start from which the camera does not see a hand, with the number of the
+/// first such arm pose.
 fn unseen(
     start: &Calibration,
     settings: HandEyeSettings,

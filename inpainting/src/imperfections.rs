@@ -1,4 +1,4 @@
-//! Parameters of the imperfections of a real camera.
+//! Parameters of the imperfections of a simulated camera.
 
 use crate::distortion::Distortion;
 use crate::error::{InpaintingError, require_positive, require_that};
@@ -8,30 +8,31 @@ use crate::error::{InpaintingError, require_positive, require_that};
 /// Lengths are in metres, times in seconds, angles in radians. Light is linear, with 1 for white.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraImperfections {
-    /// Distortion that is missing in the calibration.
+    /// Lens distortion that is missing in the calibration.
     pub distortion: Distortion,
-    /// Distance between the true and the calibrated position, in a random direction.
+    /// Distance between the camera's true and calibrated positions, in a random direction (metres).
     pub position_error: f64,
-    /// Angle between the true and the calibrated orientation, about a random axis.
+    /// Angle between the camera's true and calibrated orientations, about a random axis (radians).
     pub angle_error: f64,
     /// Standard deviation of the logarithm of the exposure, which drifts.
     pub exposure_drift_sd: f64,
     /// Standard deviation of the logarithms of the gains of red and of blue, which drift.
     pub white_balance_drift_sd: f64,
-    /// Correlation time of the drift: after it, the correlation has fallen to 1 / e.
+    /// Correlation time of the drift of gains (seconds): after it, the correlation has fallen to 1
+    /// / e.
     pub drift_correlation_time: f64,
     /// Variance of a pixel's light divided by the light, from the quanta of the light.
     pub shot_noise_variance: f64,
     /// Standard deviation of a pixel's light in the dark.
     pub read_noise_sd: f64,
-    /// Time over which light is collected, which causes motion blur.
+    /// Time over which light is collected (seconds), which causes motion blur.
     pub exposure_time: f64,
-    /// Delay from the end of the exposure until the picture can be read.
+    /// Delay from the end of the exposure until the picture can be read (seconds).
     pub latency: f64,
 }
 
 impl CameraImperfections {
-    /// No imperfections: the calibration is exact, and pictures have no delay.
+    /// Imperfections of a perfect camera: the calibration is exact, and pictures have no delay.
     pub const NONE: Self = Self {
         distortion: Distortion::NONE,
         position_error: 0.0,
@@ -63,7 +64,7 @@ impl CameraImperfections {
         latency: 0.06,
     };
 
-    /// Rejects imperfections out of range.
+    /// Rejects camera imperfections that are out of range.
     ///
     /// # Errors
     /// [`InpaintingError::InvalidValue`].

@@ -1,4 +1,5 @@
-//! In-painting pipeline: mask the arm, correct colours, update the background, draw the mark.
+//! In-painting pipeline: mask the arm, correct colours, update the background, draw the gripper's
+//! mark.
 
 use glam::DVec3;
 
@@ -27,19 +28,19 @@ pub struct InpainterSettings {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inpainter {
     settings: InpainterSettings,
-    /// Picture of the table without the arm, `[H, W, 3]`.
+    /// Picture of the table without the arm, `[height, width, 3]`.
     reference: Vec<u8>,
-    /// Each pixel of the table as last seen, `[H, W, 3]`.
+    /// Each pixel of the table as last seen, `[height, width, 3]`.
     background: Vec<u8>,
-    /// Last frame in corrected colours, `[H, W, 3]`.
+    /// Last camera frame in corrected colours, `[height, width, 3]`.
     corrected: Vec<u8>,
-    /// Pixels that the arm hides in the last frame, `[H, W]`.
+    /// Pixels that the arm hides in the last camera frame, `[height, width]`.
     mask: Vec<bool>,
 }
 
 impl Inpainter {
-    /// Creates an in-painter from `background` `[H, W, 3]`, the camera's picture of the table
-    /// without the arm.
+    /// Creates an in-painter from `background` `[height, width, 3]`, the camera's picture of the
+    /// table without the arm.
     ///
     /// # Errors
     /// [`InpaintingError::InvalidValue`], [`InpaintingError::WrongLength`].
@@ -56,8 +57,8 @@ impl Inpainter {
         })
     }
 
-    /// Writes `image` `[H, W, 3]` without the arm into `out` of the same shape, given the positions
-    /// of the arm's joints and of the gripper (metres, world frame).
+    /// Writes `image` `[height, width, 3]` without the arm into `out` of the same shape, given the
+    /// positions of the arm's joints and of the gripper (metres, world frame).
     ///
     /// # Errors
     /// [`InpaintingError::WrongLength`]; [`InpaintingError::InvalidValue`] for a link without its
@@ -85,13 +86,14 @@ impl Inpainter {
         &self.settings
     }
 
-    /// Returns the mask of the last frame, `[H, W]`: `true` for pixels that the arm hides.
+    /// Returns the mask of the last camera frame, `[height, width]`: `true` for pixels that the arm
+    /// hides.
     pub fn arm_mask(&self) -> &[bool] {
         &self.mask
     }
 
-    /// Returns the largest difference of a channel (levels) between the last frame, in corrected
-    /// colours, and the first background, for each pixel `[H * W]`.
+    /// Returns for each pixel the largest difference of a channel (levels) between the last frame,
+    /// in corrected colours, and the first background.
     pub fn difference_from_background(&self) -> impl Iterator<Item = u8> {
         let pixels = self.corrected.chunks_exact(3);
         let pairs = pixels.zip(self.reference.chunks_exact(3));
@@ -114,7 +116,7 @@ impl Inpainter {
         require_that(known, "joint of a link", &last, expected)
     }
 
-    /// Computes the mask from the positions of the joints.
+    /// Computes the mask of the arm from the positions of its joints.
     fn mask_arm(&mut self, joints: &[DVec3]) {
         self.mask.fill(false);
         let camera = &self.settings.camera;
@@ -127,7 +129,8 @@ impl Inpainter {
         }
     }
 
-    /// Copies the visible pixels of `image`, in corrected colours, into the background.
+    /// Copies the pixels of `image` that the arm does not hide, in corrected colours, into the
+    /// background.
     fn refresh(&mut self, image: &[u8]) {
         self.corrected.copy_from_slice(image);
         let correction = self.settings.colour_correction;

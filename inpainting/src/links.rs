@@ -9,13 +9,13 @@ use crate::camera::PinholeCamera;
 /// Link of an arm: all points within `radius` of the segment between two joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ArmLink {
-    /// Indices of the joints at the ends.
+    /// Indices of the joints at both ends of the link.
     pub end_joints: [usize; 2],
-    /// Radius of the capsule (metres).
+    /// Radius of the link's capsule (metres).
     pub radius: f64,
 }
 
-/// Link in the camera's frame (metres).
+/// Link of an arm in the camera's frame (metres).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Capsule {
     pub ends: [DVec3; 2],
@@ -23,7 +23,7 @@ pub(crate) struct Capsule {
 }
 
 impl Capsule {
-    /// Marks the pixels of `mask` `[H, W]` whose ray meets the capsule.
+    /// Marks the pixels of `mask` `[height, width]` whose viewing ray meets the capsule.
     pub(crate) fn add_to_mask(&self, camera: &PinholeCamera, mask: &mut [bool]) {
         let [rows, columns] = self.window(camera);
         for row in rows {
@@ -53,7 +53,8 @@ impl Capsule {
         depth > 0.0 && nearest.distance_squared(depth * ray) <= self.radius * self.radius
     }
 
-    /// Returns rows and columns outside of which no ray meets the capsule.
+    /// Returns the range of rows and that of columns outside of which no viewing ray meets the
+    /// capsule.
     fn window(&self, camera: &PinholeCamera) -> [Range<usize>; 2] {
         let intrinsics = &camera.intrinsics;
         let whole = [0..intrinsics.height, 0..intrinsics.width];

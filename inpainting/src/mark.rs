@@ -11,13 +11,13 @@ use crate::error::{InpaintingError, require_positive, require_that};
 /// `reference_depth`, at any height of the gripper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripperMark {
-    /// Outer radius (metres); zero draws nothing.
+    /// Outer radius of the mark (metres); 0 draws nothing.
     pub outer_radius: f64,
-    /// Radius of the hole (metres); zero is a filled disc, more a ring.
+    /// Radius of the hole in the mark (metres): 0 for a filled disc, more for a ring.
     pub hole_radius: f64,
     /// RGB colour of the mark.
     pub color: [u8; 3],
-    /// Distance from the camera (metres) at which the mark has the sizes above: the table's.
+    /// Distance from the camera (metres) at which the radii of the mark hold: that of the table.
     pub reference_depth: f64,
 }
 
@@ -37,8 +37,8 @@ impl GripperMark {
         require_positive("mark depth", self.reference_depth, "a positive length in metres")
     }
 
-    /// Draws the mark over `rgb` `[H, W, 3]` at the projection of `point` (metres, world frame), or
-    /// nothing if the point is behind the camera.
+    /// Draws the mark over `rgb` `[height, width, 3]` at the projection of `point` (metres, world
+    /// frame), or nothing if the point is behind the camera.
     pub(crate) fn draw(&self, camera: &PinholeCamera, point: DVec3, rgb: &mut [u8]) {
         let Some(offset) = camera.project(point) else {
             return;
@@ -63,12 +63,12 @@ impl GripperMark {
 
 /// Ring in a picture, in pixels, columns to the right and rows down.
 struct Ring {
-    /// Principal point.
+    /// Principal point of the camera.
     centre: [f64; 2],
     /// Offset of the ring's middle from the principal point. If the latter is the picture's middle,
     /// mirroring the offset mirrors the ring exactly.
     offset: [f64; 2],
-    /// Outer and inner radius along rows.
+    /// Outer and inner radius of the ring along rows.
     radii: [f64; 2],
     /// Ratio of the radius along rows to that along each axis: a disc shows as an ellipse if the
     /// two focal lengths differ.
@@ -84,7 +84,8 @@ impl Ring {
         pixel(middle - reach)..pixel(middle + reach)
     }
 
-    /// Returns `true` if the pixel's middle lies between the inner and the outer radius.
+    /// Returns `true` if the middle of a pixel lies between the inner and the outer radius of the
+    /// ring.
     fn covers(&self, column: usize, row: usize) -> bool {
         let from_middle = |axis: usize, pixel: usize| {
             // in this order, or rounding would break the exact mirror symmetry

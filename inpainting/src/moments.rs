@@ -2,20 +2,21 @@
 
 use std::f64::consts::PI;
 
-/// Number of directions, over half a turn, in which the skewness is evaluated.
+/// Number of directions, over half a turn, in which the skewness of a spot is evaluated.
 const DIRECTIONS: usize = 36;
 
-/// Weighted middle of a spot, and its central moments of second and third order.
+/// Weighted middle of a spot of pixels, and its central moments of second and third order.
 pub(crate) struct ImageMoments {
     middle: [f64; 2],
-    /// Means of column squared, column times row, row squared.
+    /// Central moments of second order: means of column squared, column times row, row squared.
     second: [f64; 3],
-    /// Means of column cubed, column squared times row, column times row squared, row cubed.
+    /// Central moments of third order: means of column cubed, column squared times row, column
+    /// times row squared, row cubed.
     third: [f64; 4],
 }
 
 impl ImageMoments {
-    /// Computes the moments of pixels with weights, which must not add up to zero.
+    /// Computes the image moments of pixels with weights, which must not add up to zero.
     pub fn of_weighted_pixels(weighed: &[(f64, [f64; 2])]) -> Self {
         let [_, x, y] = sums(weighed, |[x, y]| [1.0, x, y]);
         let all: f64 = weighed.iter().map(|(weight, _)| weight).sum();
@@ -32,7 +33,7 @@ impl ImageMoments {
         Self { middle, second: second.map(|sum| sum / all), third: third.map(|sum| sum / all) }
     }
 
-    /// Returns the column and row of the middle.
+    /// Returns the column and row of the weighted middle of the spot.
     pub fn centroid(&self) -> [f64; 2] {
         self.middle
     }
@@ -65,7 +66,7 @@ impl ImageMoments {
     }
 }
 
-/// Sums `parts` of all places, weighted.
+/// Returns the weighted sum of `parts` over all pixels.
 fn sums<const N: usize>(
     weighed: &[(f64, [f64; 2])],
     parts: impl Fn([f64; 2]) -> [f64; N],

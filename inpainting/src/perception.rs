@@ -23,7 +23,8 @@ pub use settings::PerceptionSettings;
 pub struct Perception {
     settings: PerceptionSettings,
     rectification: Warp,
-    /// Empty table in the colours of the training, in the pixels of the in-painting.
+    /// Picture of the empty table in the colours of the training, upsampled to the pixels of the
+    /// in-painting.
     table: Vec<u8>,
     inpainter: Inpainter,
     rectified: Vec<u8>,
@@ -31,8 +32,8 @@ pub struct Perception {
 }
 
 impl Perception {
-    /// Creates a perception. `table` `[H, W, 3]` is the policy's picture of the empty table, and
-    /// every picture is corrected to its colours.
+    /// Creates a perception from `table` `[height, width, 3]`, the policy's picture of the empty
+    /// table, to whose colours every picture is corrected.
     ///
     /// # Errors
     /// [`InpaintingError::InvalidValue`], [`InpaintingError::WrongLength`];
@@ -54,7 +55,7 @@ impl Perception {
         })
     }
 
-    /// Begins an episode with a picture of the table and its objects.
+    /// Begins an episode with `frame`, a picture of the table and its objects.
     ///
     /// The arm is parked with its joints at `joints` and should hide no object: the area that it
     /// hides is filled with the empty table.
@@ -70,7 +71,8 @@ impl Perception {
         Ok(())
     }
 
-    /// Writes the policy's observation of `frame`, the camera's picture, into `out` `[H, W, 3]`.
+    /// Writes the policy's observation of `frame`, the camera's picture, into `out`
+    /// `[height, width, 3]`.
     ///
     /// `frame` was taken with the arm's joints at `joints` (metres, world frame). The mark is drawn
     /// at `gripper`, which may be a later position.
@@ -97,12 +99,13 @@ impl Perception {
         &self.settings
     }
 
-    /// Returns the arm's mask in the last picture `[k H, k W]`, with k the oversampling.
+    /// Returns the arm's mask in the last rectified picture, `[k height, k width]` for the height
+    /// and width of the policy's pictures and the oversampling k.
     pub fn arm_mask(&self) -> &[bool] {
         self.inpainter.arm_mask()
     }
 
-    /// Returns the last frame, rectified, `[k H, k W, 3]`.
+    /// Returns the last camera frame, rectified, `[k height, k width, 3]` with the oversampling k.
     pub fn rectified_frame(&self) -> &[u8] {
         &self.rectified
     }

@@ -6,20 +6,21 @@ use glam::DVec3;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// Number of steps of linear light in the table of levels. Fewer would lose dark levels, where sRGB
-/// is steepest.
+/// Number of steps of linear light in the look-up table of sRGB levels. Fewer would lose dark
+/// levels, where sRGB is steepest.
 const STEPS: usize = 1 << 16;
 
-/// Sensor: sRGB's transfer function (IEC 61966-2-1) in both directions, and the collected light.
+/// Image sensor: sRGB's transfer function (IEC 61966-2-1) in both directions, and the collected
+/// light.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Sensor {
-    /// Linear light of each level, in `[0, 1]`.
+    /// Linear light of each of the 256 sRGB levels, in `[0, 1]`.
     light: Vec<f32>,
-    /// Level of each step of linear light.
+    /// The sRGB level of each step of linear light.
     levels: Vec<u8>,
-    /// Sums of the collected light, `[H, W, 3]`.
+    /// Sums of the collected light, `[height, width, 3]`.
     collected: Vec<f32>,
-    /// Number of pictures in the sums.
+    /// Number of pictures in the sums of light.
     count: f32,
 }
 
@@ -35,7 +36,7 @@ impl Sensor {
         }
     }
 
-    /// Adds the light of a picture `[H, W, 3]`; all pictures have equal weights.
+    /// Adds the light of a picture `[height, width, 3]`; all pictures have equal weights.
     pub(crate) fn collect_light(&mut self, rgb: &[u8]) {
         for (sum, &level) in self.collected.iter_mut().zip(rgb) {
             *sum += self.light[usize::from(level)];
@@ -43,7 +44,8 @@ impl Sensor {
         self.count += 1.0;
     }
 
-    /// Writes the mean of the collected light to `rgb` as levels `[H, W, 3]`, and resets the sums.
+    /// Writes the mean of the collected light to `rgb` as levels `[height, width, 3]`, and resets
+    /// the sums.
     ///
     /// Light is multiplied by the gains of the channels, and gets noise of variance
     /// `shot * light + read^2`.
@@ -82,8 +84,8 @@ fn level(light: f64) -> f64 {
     if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// Draws an approximately normal number of mean 0 and variance 1: the sum of four uniform numbers,
-/// with tails that end at 3.5.
+/// Returns an approximately normal random number of mean 0 and variance 1: the sum of four uniform
+/// numbers, with tails that end at 3.5.
 pub(crate) fn standard_normal(rng: &mut ChaCha8Rng) -> f32 {
     /// Variance of the sum of four numbers that are uniform in 0..65536.
     const VARIANCE: f32 = 4.0 * (65536.0 * 65536.0 - 1.0) / 12.0;
@@ -94,7 +96,7 @@ pub(crate) fn standard_normal(rng: &mut ChaCha8Rng) -> f32 {
     (sum as f32 - 2.0 * 65535.0) / VARIANCE.sqrt()
 }
 
-/// Draws a unit vector, uniform over all directions.
+/// Returns a random unit vector, uniform over all directions.
 pub(crate) fn random_direction(rng: &mut ChaCha8Rng) -> DVec3 {
     // the height of a uniform point on a sphere is uniform (Archimedes)
     let z: f64 = rng.random_range(-1.0..1.0);

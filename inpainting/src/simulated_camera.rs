@@ -30,14 +30,14 @@ pub struct SimulatedCamera {
     lens: Warp,
     sensor: Sensor,
     drift: GainDrift,
-    /// Buffer of a distorted picture, `[H, W, 3]`.
+    /// Buffer of a distorted picture, `[height, width, 3]`.
     distorted: Vec<u8>,
     rng: ChaCha8Rng,
 }
 
 impl SimulatedCamera {
-    /// Creates a camera at the pose of `truth`. [`CameraImperfections::distortion`] is added to the
-    /// distortion of `truth`. All random numbers are drawn from `rng`.
+    /// Creates a simulated camera at the pose of `truth`. [`CameraImperfections::distortion`] is
+    /// added to the distortion of `truth`. All random numbers are drawn from `rng`.
     ///
     /// # Errors
     /// [`InpaintingError::InvalidValue`], also for a distortion without inverse in the picture.
@@ -74,8 +74,8 @@ impl SimulatedCamera {
         &self.calibration
     }
 
-    /// Returns the perfect camera whose pictures it takes: square, with the optical axis in the
-    /// middle.
+    /// Returns the perfect camera whose pictures the simulated camera takes as input: square, with
+    /// the optical axis in the middle.
     pub fn ideal_camera(&self) -> &PinholeCamera {
         &self.ideal
     }
@@ -85,7 +85,8 @@ impl SimulatedCamera {
         &self.imperfections
     }
 
-    /// Takes a picture `[H, W, 3]` at the time `now` (seconds), which never decreases, into `out`.
+    /// Takes a picture `[height, width, 3]` at the time `now` (seconds), which never decreases,
+    /// into `out`.
     ///
     /// `ideal` are the pictures of [`SimulatedCamera::ideal_camera`] during the exposure.
     ///
@@ -140,7 +141,7 @@ fn places(camera: &Calibration) -> Result<Vec<[f64; 2]>, InpaintingError> {
     })
 }
 
-/// Returns the pinhole camera with a square picture that contains all these points.
+/// Returns the pinhole camera with a square picture that contains all points of `places`.
 fn pinhole(camera: &Calibration, places: &[[f64; 2]]) -> PinholeCamera {
     let focal = camera.intrinsics.focal_lengths[0];
     let coordinates = places.iter().flatten();
@@ -158,7 +159,8 @@ fn pinhole(camera: &Calibration, places: &[[f64; 2]]) -> PinholeCamera {
     }
 }
 
-/// Returns the true pose with errors of calibration, of the given sizes in random directions.
+/// Returns the true pose of the camera with errors of calibration, of the given sizes in random
+/// directions.
 fn perturbed(
     truth: &Extrinsics,
     imperfections: &CameraImperfections,

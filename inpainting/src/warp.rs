@@ -2,10 +2,10 @@
 
 use crate::error::{InpaintingError, check_picture_size};
 
-/// Number of steps between two pixels in the interpolation: two weights of 8 bits and a level fit
-/// into 32 bits.
+/// Number of steps between two pixels in the bilinear interpolation: two weights of 8 bits and a
+/// level fit into 32 bits.
 const PARTS: f64 = 256.0;
-/// Largest distance (pixels) of a point beyond the outermost middles, because of rounding.
+/// Largest distance (pixels) of a point beyond the outermost pixel middles that counts as rounding.
 const ROUNDING: f64 = 1e-6;
 
 /// Map from one picture to another: each pixel is interpolated between four pixels of the source.
@@ -16,8 +16,8 @@ pub(crate) struct Warp {
     height: usize,
 }
 
-/// Source of a pixel: the upper left of four pixels, and the weights of the right column and of the
-/// lower row, in parts of [`PARTS`].
+/// Source of a pixel of the warped picture: the upper left of four pixels, and the weights of the
+/// right column and of the lower row, in parts of [`PARTS`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Tap {
     pixel: u32,
@@ -26,8 +26,8 @@ struct Tap {
 }
 
 impl Warp {
-    /// Prepares a warp from a picture of `width` x `height`, at least 2 x 2. `places` are column
-    /// and row (pixels; the middle of the first one is at 0.5) for each pixel of the result.
+    /// Creates a warp from a picture of `width` x `height` pixels, at least 2 x 2. `places` are
+    /// column and row (pixels; the middle of the first one is at 0.5) for each pixel of the result.
     ///
     /// # Errors
     /// [`InpaintingError::OutOfSight`] for a place outside of the picture.
@@ -47,7 +47,7 @@ impl Warp {
         Ok(Self { taps, width, height })
     }
 
-    /// Fills `to`, which has one pixel for each place.
+    /// Warps the picture `from` into `to`, which has one pixel for each place of the map.
     ///
     /// # Errors
     /// [`InpaintingError::WrongLength`].
@@ -70,8 +70,8 @@ impl Warp {
     }
 }
 
-/// Splits a place along one side into the pixel before it and the weight of the next one. `None` if
-/// it is outside of the picture.
+/// Splits a coordinate along one side of the picture into the index of the pixel before it and the
+/// weight of the next one; `None` if it is outside of the picture.
 fn split(place: f64, count: usize) -> Option<(usize, u16)> {
     let from_first = place - 0.5;
     let last = count as f64 - 1.0;

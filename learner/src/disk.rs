@@ -94,10 +94,11 @@ impl Disk for LocalDisk {
     }
 }
 
-/// Extension of the names of files that are still being written.
+/// Extension of the names of temporary files, which are renamed once they are written in full.
 pub const PARTIAL_EXTENSION: &str = "partial";
 
-/// Replaces the file at `path` atomically: it appears whole or not at all, also after a power cut.
+/// Replaces the file at `path` atomically: the new file appears whole or not at all, also after a
+/// power cut.
 ///
 /// # Errors
 /// [`LearnerError::Write`]; the old file is then still there.
@@ -116,8 +117,9 @@ pub fn write_atomically(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<()
     written.map_err(|error| LearnerError::cannot_write(path, error))
 }
 
-/// Returns the temporary name of a file that becomes `path`. Each process has its own names, since
-/// two machines may hold one folder's lock if a file server does not share locks.
+/// Returns the temporary name of a file that is renamed to `path` once it is written. Each process
+/// has its own names, since two machines may hold one folder's lock if a file server does not share
+/// locks.
 fn partial_name(path: &Path) -> PathBuf {
     static PROCESS: LazyLock<u64> = LazyLock::new(random_number);
     path.with_added_extension(format!("{:016x}.{PARTIAL_EXTENSION}", *PROCESS))

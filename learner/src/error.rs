@@ -24,26 +24,26 @@ pub enum LearnerError {
          use more environments, longer rollouts, or fewer first frames"
     )]
     TooFewEpisodes {
-        /// Number of the rollout's episodes that show all of their first frames.
+        /// Number of the rollout's episodes that have at least `first_frames` frames.
         got: usize,
-        /// Number of episodes that the grouping needs.
+        /// Number of episodes that the grouping needs to assign the rollout to a policy.
         needed: usize,
         /// Number of first frames that each episode must show.
         first_frames: usize,
     },
-    /// Error of a policy or its update.
+    /// Error of a policy or of its training.
     #[error(transparent)]
     Rl(#[from] rl::RlError),
-    /// Error of a distance or of the assignment to a policy.
+    /// Error of a Wasserstein distance, or of the assignment of a rollout to a policy.
     #[error(transparent)]
     Cluster(#[from] cluster::ClusterError),
-    /// Error of the evidence of task groups.
+    /// Error of the comparison of episodes by images, motion and returns.
     #[error(transparent)]
     Evidence(#[from] evidence::EvidenceError),
-    /// File that is missing, damaged or of another kind.
+    /// Settings file or checkpoint that is missing, damaged or of another kind.
     #[error("cannot read {}: {source}", path.display())]
     Read {
-        /// Path of the file.
+        /// Path of the file that cannot be read.
         path: PathBuf,
         /// Reason why the file cannot be read.
         source: BoxedEnvError,
@@ -66,12 +66,12 @@ pub enum LearnerError {
     NewerFormat {
         /// Path of the checkpoint.
         path: PathBuf,
-        /// Format number of the checkpoint.
+        /// Number of the checkpoint's file format.
         format: u32,
-        /// Newest format number that this version reads.
+        /// Newest number of a file format that this version reads.
         known: u32,
     },
-    /// Number of the learner that is infinite or NaN, found while a checkpoint is written.
+    /// Infinite or NaN parameter or other number of a learner, found while a checkpoint is written.
     #[error(
         "`{tensor}`[{index}] is {value}: nothing was written to {}, and the last checkpoint stands. \
          Begin a new run with a smaller learning rate (`--set covers.ppo.head_learning_rate=...` \
@@ -93,7 +93,7 @@ pub enum LearnerError {
     UnknownSetting {
         /// Path of the setting, as given.
         name: String,
-        /// Existing setting with the most similar name.
+        /// Path of the existing setting with the most similar name.
         nearest: Option<String>,
     },
     /// Text of settings that is no valid JSON.
@@ -124,7 +124,7 @@ pub enum LearnerError {
     CheckpointSettingsDiffer {
         /// Path of the checkpoint.
         path: PathBuf,
-        /// Differences: the value asked for and the checkpoint's.
+        /// Settings that differ, as text: path, value asked for and value in the checkpoint.
         differences: String,
     },
     /// Request to export a policy of a learner that has none for other programs.
@@ -158,7 +158,7 @@ impl LearnerError {
         Self::Write { path, source }
     }
 
-    /// Names `path` in an error of a file's contents; other errors stay as they are.
+    /// Adds the path of a file to an error of its contents; other errors stay as they are.
     pub(crate) fn with_path(self, path: &Path) -> Self {
         match self {
             Self::Rl(_) | Self::Cluster(_) | Self::InvalidSetting { .. } => {
@@ -176,7 +176,7 @@ fn hint(nearest: &Option<String>) -> String {
     }
 }
 
-/// Problem of a file that could be read.
+/// Inconsistency of a file that could be read.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
 struct Damaged(String);

@@ -9,9 +9,11 @@ use serde_json::Value;
 
 use crate::error::LearnerError;
 
-/// Field in which a path is looked up if the experiment itself does not have it.
+/// Field of the experiment in which the path of a setting is looked up if the experiment itself
+/// does not have it.
 const LEARNER: &str = "learner";
-/// Length of the longest name, in characters, for which a known one is proposed.
+/// Length in characters of the longest unknown name for which a similar setting is proposed; limits
+/// the time of the search.
 const LONGEST: usize = 100;
 
 /// Path of a setting and its new value, as given by `--set PATH=VALUE`.
@@ -64,7 +66,7 @@ pub fn apply<T: Serialize + DeserializeOwned>(
     from_json_value(tree)
 }
 
-/// Returns the full path of a setting in the tree.
+/// Returns the full path of a setting in the JSON tree of all settings.
 fn find(tree: &Value, path: &str) -> Result<String, LearnerError> {
     let ways = [path.to_owned(), format!("{LEARNER}.{path}")];
     let found = ways.into_iter().find(|way| lookup(tree, way).is_some());
@@ -90,7 +92,7 @@ pub fn check_same_settings<T: Serialize>(
     Err(LearnerError::CheckpointSettingsDiffer { path: path.to_owned(), differences })
 }
 
-/// Returns the fields in which two values differ, with both values of each, as text.
+/// Returns the fields in which two sets of settings differ, with both values of each, as text.
 pub fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, LearnerError> {
     let mut differing = Vec::new();
     compare(&tree(one)?, &tree(other)?, "", &mut differing);
@@ -173,8 +175,8 @@ fn pointer(path: &str) -> String {
     format!("/{}", escaped.replace('.', "/"))
 }
 
-/// Returns the path in the tree that is most like `wanted`: one that ends with it, or else the
-/// nearest by edit distance among those with as many dots.
+/// Returns the path of a setting that is most like `wanted`: one that ends with `wanted`, or else
+/// the nearest by edit distance among those with as many dots.
 fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let mut all = Vec::new();
     paths(tree, "", &mut all);

@@ -1,11 +1,11 @@
-//! Errors, one enum per stage: loading, simulating, drawing.
+//! Errors of MuJoCo models, simulations and renderers, one enum for each.
 
 use std::fmt;
 
 use crate::backend::Backend;
 use crate::ids::RendererId;
 
-/// Any error of this crate.
+/// Any error of this crate: of a model, a simulation or a renderer.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum MujocoError {
@@ -43,7 +43,7 @@ pub enum ModelError {
         /// MuJoCo's message, with file and line where available.
         message: String,
     },
-    /// File name that this crate does not accept.
+    /// File name in memory that this crate does not accept.
     #[error("file name `{name}` cannot be used: {reason}")]
     InvalidFileName {
         /// File name as given.
@@ -62,19 +62,19 @@ pub enum ModelError {
     /// Main file that is not among the files.
     #[error("main file `{main}` is not among the files given: {}", list(.files))]
     NoMainFile {
-        /// Name requested as the main file.
+        /// Name that was requested as the main file.
         main: String,
         /// Names of the files given.
         files: Vec<String>,
     },
-    /// Name that no object of this kind has.
+    /// Name that no object of the requested kind has.
     #[error("the model has no {kind} named `{name}`; known: {}", list(.known))]
     UnknownName {
         /// Kind of object, for instance `body`.
         kind: &'static str,
         /// Name that no object has.
         name: String,
-        /// Every name of this kind of object in the model.
+        /// Names of all objects of this kind in the model.
         known: Vec<String>,
     },
     /// Body that is requested as a mocap body but is none.
@@ -107,7 +107,7 @@ pub enum SimError {
     Diverged {
         /// Quantity that became NaN, infinite or huge.
         what: Quantity,
-        /// Index of the element of that quantity, as MuJoCo reports it.
+        /// Index of the diverged element of the quantity, as MuJoCo reports it.
         index: usize,
         /// Simulation time before the failing step, in seconds.
         time: f64,
@@ -137,7 +137,7 @@ pub enum SimError {
         /// Value that was rejected.
         value: f64,
     },
-    /// Slice of values of the wrong length.
+    /// Slice of values for the simulation of the wrong length.
     #[error("{what} has {got} elements, expected {expected}")]
     WrongLength {
         /// Quantity that the slice is for.
@@ -167,7 +167,7 @@ pub enum Quantity {
     Qacc,
     /// Controls `ctrl` of the actuators.
     Ctrl,
-    /// Inertia matrix (nearly singular).
+    /// Joint-space inertia matrix, which is nearly singular.
     Inertia,
     /// Position or orientation of a mocap body.
     MocapPose,
@@ -203,11 +203,12 @@ pub(crate) fn check_finite(what: Quantity, values: &[f64]) -> Result<(), SimErro
     }
 }
 
-/// Error of making a renderer or drawing an image. The output slice is then undefined.
+/// Error of making a renderer or drawing an image; the contents of the output slice are then
+/// undefined.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {
-    /// Failure of every backend to make an OpenGL context.
+    /// Failure of every OpenGL backend to make a context.
     #[error(
         "no OpenGL context can be made. Tried:{}\n\
          On Debian install libegl1 and libegl-mesa0 (EGL), or libosmesa6 (OSMesa); \
@@ -215,13 +216,13 @@ pub enum RenderError {
         attempts(.tried)
     )]
     NoContext {
-        /// Each backend tried, with its error.
+        /// OpenGL backends that were tried, each with its error.
         tried: Vec<(Backend, ContextError)>,
     },
     /// Unknown backend in the environment variable `COVERS_GL`.
     #[error("COVERS_GL is `{got}`; it must be `egl` or `osmesa`, or unset")]
     UnknownBackend {
-        /// Value of the variable.
+        /// Value of the environment variable `COVERS_GL`.
         got: String,
     },
     /// Image size out of range.
@@ -259,15 +260,15 @@ pub enum RenderError {
         /// Number of geoms that the renderer has room for.
         limit: usize,
     },
-    /// Backdrop without a picture: it was never drawn, or drawing it failed.
+    /// Backdrop (picture of the static geoms) that was never drawn, or whose drawing failed.
     #[error("nothing was drawn into this backdrop; call `draw_backdrop` first")]
     NoBackdrop,
-    /// Backdrop that another renderer drew.
+    /// Backdrop (picture of the static geoms) that another renderer drew.
     #[error("the backdrop was drawn by {drawn_by}, not by {used_by}; draw it with the latter")]
     OtherRenderer {
         /// Renderer that drew the backdrop.
         drawn_by: RendererId,
-        /// Renderer that was called with it.
+        /// Renderer that was called with the backdrop.
         used_by: RendererId,
     },
     /// Object that is not mirror-symmetric, such as a mesh, in a view with a mirror.
@@ -300,7 +301,7 @@ pub enum RenderError {
     MakeCurrentFailed {
         /// Backend of the renderer.
         backend: Backend,
-        /// Error of the backend.
+        /// Error of the backend in making the context current.
         reason: ContextError,
     },
     /// Context of the embedding program that cannot be made current again; the picture itself may
@@ -309,7 +310,7 @@ pub enum RenderError {
     RestoreContextFailed {
         /// Backend of the renderer.
         backend: Backend,
-        /// Error of the backend.
+        /// Error of the backend in making the earlier context current again.
         reason: ContextError,
     },
 }
@@ -318,18 +319,18 @@ pub enum RenderError {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ContextError {
-    /// OpenGL library that cannot be loaded, or lacks a function.
+    /// Shared library of OpenGL that cannot be loaded, or lacks a function.
     #[error("{library} cannot be used: {reason}")]
     LibraryUnusable {
-        /// File name of the library.
+        /// File name of the shared library.
         library: String,
         /// Message of the dynamic loader.
         reason: String,
     },
-    /// Use of a second library in a process that already draws through another one.
+    /// Use of a second OpenGL library in a process that already draws through another one.
     #[error("this process draws through {in_use} already, and MuJoCo loads OpenGL once")]
     LibraryInUse {
-        /// File name of the library in use.
+        /// File name of the OpenGL library that the process uses.
         in_use: String,
     },
     /// EGL symbols visible to the whole process, which MuJoCo would prefer to OSMesa's.

@@ -8,14 +8,14 @@ use std::slice;
 
 use crate::raw;
 
-/// Array `[count, N]` of the struct `S`.
+/// Array `[count, N]` of elements `T` in the C struct `S`, where the model determines `count`.
 pub(crate) struct ArrayField<S, T, const N: usize> {
     start: fn(&S) -> *mut T,
     count: fn(&raw::mjModel) -> c_int,
 }
 
 impl<S, T, const N: usize> ArrayField<S, T, N> {
-    /// Creates a field.
+    /// Describes an array by its start in `S` and its number of rows in a model.
     ///
     /// # Safety
     /// In every `S` that MuJoCo makes for a model, `start` must be the address of an array of
@@ -28,7 +28,7 @@ impl<S, T, const N: usize> ArrayField<S, T, N> {
         (self.count)(model) as usize
     }
 
-    /// Returns the rows of the array.
+    /// Returns the rows of the array of `owner`.
     ///
     /// # Safety
     /// MuJoCo must have made `owner` for `model`, and nobody may write to the array while the
@@ -42,7 +42,7 @@ impl<S, T, const N: usize> ArrayField<S, T, N> {
         }
     }
 
-    /// Returns the rows of the array for writing.
+    /// Returns the rows of the array of `owner` for writing.
     ///
     /// # Safety
     /// MuJoCo must have made `owner` for `model`, and nobody may read or write the array while the
@@ -60,7 +60,7 @@ impl<S, T, const N: usize> ArrayField<S, T, N> {
     }
 }
 
-/// Declares constants of type [`ArrayField`], and a table of them for the test.
+/// Declares constants of type [`ArrayField`], and a table of them for a test of their lengths.
 macro_rules! fields {
     (
         $owner:ident, $table:literal:

@@ -56,7 +56,7 @@ pub(crate) struct GlContext {
 }
 
 impl GlContext {
-    /// Makes a context with the first backend that works, and makes it current.
+    /// Creates an OpenGL context with the first backend that works, and makes it current.
     pub(crate) fn new(backends: &[Backend]) -> Result<(Self, PreviousContext), RenderError> {
         Self::first_of(backends.iter().map(|&backend| (backend, backend.library())))
     }
@@ -106,25 +106,25 @@ impl GlContext {
         }
     }
 
-    /// Returns the backend of the context.
+    /// Returns the backend that provides the OpenGL context.
     pub(crate) fn backend(&self) -> Backend {
         self.backend
     }
 
-    /// Makes this context the thread's current one, unless it is already.
+    /// Makes this OpenGL context the thread's current one, unless it is already.
     pub(crate) fn make_current(&self) -> Result<PreviousContext, RenderError> {
         self.context
             .make_current()
             .map_err(|reason| RenderError::MakeCurrentFailed { backend: self.backend, reason })
     }
 
-    /// Returns the backend, and OpenGL's own description of its renderer and version.
+    /// Returns the name of the backend, and OpenGL's own description of its renderer and version.
     fn description(&self) -> String {
         let names = [GL_RENDERER, GL_VERSION].map(|name| self.string(name).unwrap_or_default());
         format!("{}: {}, OpenGL {}", self.backend, names[0], names[1])
     }
 
-    /// Checks the extensions without which MuJoCo would end the process.
+    /// Checks the OpenGL extensions without which MuJoCo would end the process.
     fn require_features(&self) -> Result<(), ContextError> {
         let extensions = self.string(GL_EXTENSIONS).unwrap_or_default();
         let has = |name: &&str| extensions.split(' ').any(|extension| extension == *name);
@@ -159,7 +159,7 @@ const GL_RENDERER: u32 = 0x1F01;
 const GL_VERSION: u32 = 0x1F02;
 const GL_EXTENSIONS: u32 = 0x1F03;
 
-/// Description of the process's first context.
+/// Description of the first OpenGL context of the process.
 static DESCRIPTION: OnceLock<String> = OnceLock::new();
 
 /// Returns OpenGL's description in this process (backend, renderer, version); `None` before the
@@ -168,9 +168,9 @@ pub fn opengl_description() -> Option<&'static str> {
     DESCRIPTION.get().map(String::as_str)
 }
 
-/// Locks and returns the library that MuJoCo got OpenGL from. The lock is held while a context is
-/// made, so that two threads cannot choose two libraries. MuJoCo fills its global table of OpenGL
-/// functions later, under a guard of its own, and only once.
+/// Locks and returns the name of the library that MuJoCo got OpenGL from. The lock is held while a
+/// context is made, so that two threads cannot choose two libraries. MuJoCo fills its global table
+/// of OpenGL functions later, under a guard of its own, and only once.
 fn library_in_use() -> MutexGuard<'static, Option<&'static str>> {
     static IN_USE: Mutex<Option<&'static str>> = Mutex::new(None);
     IN_USE.lock().unwrap_or_else(PoisonError::into_inner)

@@ -1,4 +1,4 @@
-//! Typed indices: a name is looked up once, when a model is loaded.
+//! Typed indices of a model's objects: a name is looked up once, when a model is loaded.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -27,7 +27,7 @@ pub type SiteId = Id<Site>;
 pub type CameraId = Id<Camera>;
 /// Index of an actuator, and of its control, in its model.
 pub type ActuatorId = Id<Actuator>;
-/// Index of a mocap body among the mocap bodies.
+/// Index of a mocap body among the mocap bodies of its model.
 pub type MocapId = Id<Mocap>;
 
 impl<K> Id<K> {
@@ -35,7 +35,7 @@ impl<K> Id<K> {
         Self { index, kind: PhantomData }
     }
 
-    /// Returns the index in MuJoCo's arrays, from 0.
+    /// Returns the index of the object in MuJoCo's arrays, from 0.
     pub fn index(self) -> usize {
         self.index
     }
@@ -49,7 +49,7 @@ impl<K: ObjectKind> fmt::Debug for Id<K> {
 
 /// Kind of MuJoCo object that has ids. Only the marker types of this module implement it.
 pub trait ObjectKind: sealed::Sealed {
-    /// Name of the kind in MJCF.
+    /// Name of the kind of object in MJCF, such as `body`.
     const MJCF_NAME: &'static str;
 }
 
@@ -69,25 +69,25 @@ mod sealed {
 
 pub(crate) use sealed::Lookup;
 
-/// Marker of body ids.
+/// Marker type of the ids of bodies.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Body {}
-/// Marker of joint ids.
+/// Marker type of the ids of joints.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Joint {}
-/// Marker of geom ids.
+/// Marker type of the ids of geoms.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Geom {}
-/// Marker of site ids.
+/// Marker type of the ids of sites.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Site {}
-/// Marker of camera ids.
+/// Marker type of the ids of cameras.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Camera {}
-/// Marker of actuator ids.
+/// Marker type of the ids of actuators.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Actuator {}
-/// Marker of mocap body ids.
+/// Marker type of the ids of mocap bodies.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Mocap {}
 

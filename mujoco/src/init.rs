@@ -17,7 +17,7 @@ pub fn version() -> String {
     format!("{}.{}.{}", version / 100, version / 10 % 10, version % 10)
 }
 
-/// Installs the error handlers and compares versions, once per process.
+/// Installs MuJoCo's error handlers and compares library and header versions, once per process.
 pub(crate) fn initialise() -> Result<(), ModelError> {
     static READY: OnceLock<Result<(), ModelError>> = OnceLock::new();
     READY
@@ -67,8 +67,9 @@ extern "C" fn on_error(message: *const c_char) {
     process::abort();
 }
 
-/// Ignores a warning, which MuJoCo would append to MUJOCO_LOG.TXT in the working folder. Warnings
-/// about a simulation also count in `mjData.warning`, and `Data` turns those counters into errors.
+/// Ignores a warning of MuJoCo, which would append it to MUJOCO_LOG.TXT in the working folder.
+/// Warnings about a simulation also count in `mjData.warning`, and `Data` turns those counters into
+/// errors.
 extern "C" fn on_warning(_message: *const c_char) {}
 
 fn check_version(header: i32, library: i32) -> Result<(), ModelError> {

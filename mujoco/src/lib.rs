@@ -45,7 +45,7 @@
 //! [`Model::as_raw`], [`Data::as_raw`], [`Data::as_mut_ptr`] and the functions of [`raw`] give
 //! access to everything that the wrapper has no method for.
 
-/// Raw declarations of the C library, for [`Model::as_raw`] and [`Data::as_mut_ptr`].
+/// Raw declarations of MuJoCo's C library, for [`Model::as_raw`] and [`Data::as_mut_ptr`].
 pub use mujoco_sys as raw;
 
 mod backend;

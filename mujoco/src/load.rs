@@ -24,7 +24,7 @@ pub(crate) fn check_file_references(
     Ok(c_main)
 }
 
-/// Compiles `main`, one of `files`. Also returns MuJoCo's warning, if any.
+/// Compiles the model file `main`, one of `files`; also returns MuJoCo's warning, if any.
 pub(crate) fn load(
     main: &str,
     files: &[(&str, &[u8])],

@@ -17,7 +17,7 @@ use crate::ids::{
 use crate::load::{check_file_references, load};
 use crate::raw;
 
-/// Declares methods that return sizes of the C struct.
+/// Declares methods that return sizes of the C struct `mjModel`.
 macro_rules! sizes {
     ($($(#[$doc:meta])* $size:ident,)+) => {
         $(
@@ -29,7 +29,7 @@ macro_rules! sizes {
     };
 }
 
-/// Declares methods that find objects of a kind by name.
+/// Declares methods that find MuJoCo objects of a kind by name.
 macro_rules! finders {
     ($($(#[$doc:meta])* $find:ident: $kind:ident,)+) => {
         $(
@@ -86,8 +86,8 @@ impl Model {
         Ok(Self { raw, warning })
     }
 
-    /// Checks the name of `main` and the paths inside the XML without compiling, which is the part
-    /// of [`Model::from_files`] that reads XML itself.
+    /// Checks the name of the model file `main` and the paths inside the XML, as
+    /// [`Model::from_files`] does, without compiling.
     ///
     /// # Errors
     /// [`ModelError::NoMainFile`], and [`ModelError::InvalidFileName`] for `main` and for a path
@@ -116,7 +116,7 @@ impl Model {
         ngeom,
     }
 
-    /// Returns the duration of a physics step, in seconds.
+    /// Returns the simulated duration of a physics step, in seconds.
     pub fn timestep(&self) -> f64 {
         self.as_raw().opt.timestep
     }
@@ -198,8 +198,8 @@ impl Model {
         limited.then(|| self.rows(&ACTUATOR_CTRLRANGE)[actuator.index()])
     }
 
-    /// Returns the inverse weight of a body at the initial pose: translation in 1/kg, rotation in
-    /// 1/(kg m^2).
+    /// Returns MuJoCo's inverse weight of a body (mean inverse inertia) in the model's initial
+    /// configuration: translation in 1/kg, rotation in 1/(kg m^2).
     pub fn body_invweight0(&self, body: BodyId) -> [f64; 2] {
         self.rows(&BODY_INVWEIGHT0)[body.index()]
     }
@@ -354,7 +354,7 @@ pub enum Shape {
     },
     /// Box with sides along the axes of the geom's frame.
     Box {
-        /// Half the extent along x, y and z (metres).
+        /// Half the extent of the box along x, y and z (metres).
         half: [f64; 3],
     },
 }

@@ -1,4 +1,4 @@
-//! File names inside XML files.
+//! Checks of the file names inside a model's XML files.
 //!
 //! MuJoCo reads files from the disk if it does not find them among the files in memory. Relative
 //! names lead nowhere (see `vfs`). An absolute path, or a relative one in an absolute folder, would
@@ -49,7 +49,7 @@ const ABSOLUTE: &str =
 const OUTSIDE: &str =
     "it is not among the files given, and would be looked up in an absolute path; give the file";
 
-/// File references of a model.
+/// File names that the XML of a model refers to.
 #[derive(Default)]
 struct References {
     folders: Vec<String>,
@@ -57,7 +57,8 @@ struct References {
 }
 
 impl References {
-    /// Collects the references of `main` and of every given file that is included, at any depth.
+    /// Collects the file references of `main` and of every given file that it includes, at any
+    /// depth.
     ///
     /// A syntax error or a document type is rejected, because MuJoCo's own reader may read elements
     /// there.
@@ -78,7 +79,8 @@ impl References {
         Ok(found)
     }
 
-    /// Adds the references of a file; returns the files that it includes.
+    /// Adds the file references in the XML `content`; returns the names of the files that it
+    /// includes.
     fn add(&mut self, content: &[u8]) -> Result<Vec<String>, String> {
         // MuJoCo's reader treats some of them as white space, ours as parts of names
         let is_control = |byte: &u8| *byte < b' ' && !b"\t\n\r".contains(byte);
@@ -111,7 +113,7 @@ impl References {
         }
     }
 
-    /// Adds the references of an element; returns the file that it includes.
+    /// Adds the file references of an XML element; returns the name of the file that it includes.
     fn take(&mut self, element: &BytesStart) -> quick_xml::Result<Option<String>> {
         let includes = element.name().as_ref().eq_ignore_ascii_case(b"include");
         let mut included = None;
@@ -132,7 +134,7 @@ impl References {
     }
 }
 
-/// Returns `true` if MuJoCo finds the file `given` for an attribute's value `value`.
+/// Returns `true` if MuJoCo finds the file `given` for the value `value` of an XML attribute.
 fn is_named(given: &str, value: &str) -> bool {
     given.eq_ignore_ascii_case(plain(value))
 }
@@ -141,7 +143,7 @@ fn plain(path: &str) -> &str {
     path.rsplit(['/', '\\']).next().unwrap_or(path)
 }
 
-/// Returns `true` for a path from the root or from a drive.
+/// Returns `true` for an absolute path: from the root or from a drive.
 fn is_absolute(value: &str) -> bool {
     value.starts_with(['/', '\\']) || value.as_bytes().get(1) == Some(&b':')
 }

@@ -20,7 +20,7 @@ pub use mirror::{CameraView, Mirror};
 
 use setup::{fixed_camera, make_drawing, make_scene, visible};
 
-/// Largest side of an image, in pixels.
+/// Largest width or height of a renderer's image, in pixels.
 const MAX_SIDE: usize = 4096;
 
 /// Options of a renderer: groups of geoms and sites that are drawn, and shadows. Reflections, sky,
@@ -71,7 +71,8 @@ pub struct Renderer {
     scene: Box<raw::mjvScene>,
     drawing: Box<raw::mjrContext>,
     shadows: bool,
-    /// Depth of the geoms drawn over a backdrop, bottom row first.
+    /// Depth buffer of the geoms drawn over a backdrop (picture of the static geoms), bottom row
+    /// first.
     depth: Vec<f32>,
     // last, so that it outlives what `drop` frees in it
     gl: GlContext,
@@ -95,7 +96,7 @@ impl Renderer {
         Self::with_backends(model, width, height, options, Backend::allowed_by_env()?)
     }
 
-    /// Creates a renderer with the first of `backends` that works.
+    /// Creates a renderer with the first of the OpenGL backends `backends` that works.
     ///
     /// # Errors
     /// Errors of [`Renderer::new`].
@@ -117,7 +118,7 @@ impl Renderer {
         made.and_then(|renderer| restored.map(|()| renderer))
     }
 
-    /// Creates a renderer in the current context.
+    /// Creates a renderer in the OpenGL context `gl`, which is current.
     fn in_context(
         gl: GlContext,
         model: Arc<Model>,
@@ -141,7 +142,7 @@ impl Renderer {
         Ok(renderer)
     }
 
-    /// Returns the backend of the OpenGL context.
+    /// Returns the backend of the renderer's OpenGL context.
     pub fn backend(&self) -> Backend {
         self.gl.backend()
     }
@@ -161,7 +162,7 @@ impl Renderer {
         self.height
     }
 
-    /// Returns the number of bytes of an image: height x width x 3.
+    /// Returns the number of bytes of the renderer's images: height x width x 3.
     pub fn image_len(&self) -> usize {
         self.width * self.height * 3
     }
@@ -232,7 +233,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Updates the scene with the geoms of some categories, moving or not, in the view's mirror.
+    /// Updates MuJoCo's scene with the geoms of some categories (moving, static or both), reflected
+    /// in the mirror of `view`.
     fn update_scene(
         &mut self,
         data: &mut Data,
@@ -259,7 +261,7 @@ impl Renderer {
         }
     }
 
-    /// Draws the scene and reads it back, bottom row first.
+    /// Draws MuJoCo's scene and reads the image back, bottom row first.
     fn draw(&mut self, out: &mut [u8], depth: Option<&mut [f32]>) {
         let (width, height) = (self.width as i32, self.height as i32);
         let viewport = raw::mjrRect { left: 0, bottom: 0, width, height };

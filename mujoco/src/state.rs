@@ -1,4 +1,4 @@
-//! Saving and restoring of a simulation, which MuJoCo 2.2 has no function for.
+//! Saving and restoring of a simulation's state, which MuJoCo 2.2 has no function for.
 
 use crate::data::Data;
 use crate::error::{Quantity, SimError, check_finite, check_length};
@@ -7,7 +7,7 @@ use crate::fields::data::{
     XFRC_APPLIED,
 };
 
-/// Everything that determines the future of a simulation.
+/// State of a simulation: everything that determines its future.
 ///
 /// One flat array: time, qpos `[nq]`, qvel `[nv]`, act `[na]`, mocap_pos `[nmocap, 3]`, mocap_quat
 /// `[nmocap, 4]`, userdata `[nuserdata]`, qacc_warmstart `[nv]`, ctrl `[nu]`. It can be stored: a

@@ -6,12 +6,12 @@ use std::ptr;
 use crate::error::ModelError;
 use crate::raw;
 
-/// Pretended folder of the main file and of every file that it names. MuJoCo strips it from names
-/// that it looks for in memory, and no such file can exist on the disk, because `/dev/null` is not
-/// a folder.
+/// Path of a folder that does not exist, which stands for that of all model files in memory. MuJoCo
+/// strips it from names that it looks for in memory, and no such file can exist on the disk,
+/// because `/dev/null` is not a folder.
 pub(crate) const NONEXISTENT_FOLDER: &str = "/dev/null/";
 
-/// Owned `mjVFS`.
+/// Owner of MuJoCo's `mjVFS`, a set of files in memory.
 pub(crate) struct VirtualFileSystem {
     // two megabytes of fixed arrays, therefore on the heap and never moved
     raw: Box<raw::mjVFS>,
@@ -26,7 +26,7 @@ impl VirtualFileSystem {
         Self { raw }
     }
 
-    /// Adds a copy of `content` under `name`.
+    /// Adds a file with a copy of `content` under `name`.
     pub(crate) fn add_file(&mut self, name: &str, content: &[u8]) -> Result<(), ModelError> {
         check_name(name)?;
         let c_name = c_string(name, name.into())?;

@@ -17,7 +17,7 @@ pub enum RenderError {
     UnsupportedExtension {
         /// Requested path of the film.
         path: PathBuf,
-        /// Supported extensions.
+        /// List of the supported file extensions.
         expected: &'static str,
     },
     /// Film in a format that needs `ffmpeg`, which was not found.

@@ -3,8 +3,8 @@
 /// Width and height (pixels) of a character with the gap after it, before enlargement.
 pub(super) const LETTER_SIZE: [usize; 2] = [6, 8];
 
-/// Returns the columns of a character from left to right; bit 0 is the top row. A character without
-/// a glyph is drawn as a box.
+/// Returns the columns of a character's glyph from left to right, one bit for each pixel; bit 0 is
+/// the top row. A character without a glyph is drawn as a box.
 fn columns(letter: char) -> [u8; 5] {
     match letter {
         ' ' => [0, 0, 0, 0, 0],

@@ -4,7 +4,7 @@ use ::gif::{DisposalMethod, Encoder, EncodingError, Frame, Repeat};
 
 use super::palette::Palette;
 
-/// Palette index of pixels that did not change since the last picture.
+/// Palette index of pixels that did not change since the film's last picture.
 const UNCHANGED: u8 = Palette::MAX_COLOURS as u8;
 
 /// Encodes a film as a GIF file that repeats for ever.
@@ -34,7 +34,7 @@ pub fn encode_gif(film: &Film) -> Result<Vec<u8>, EncodingError> {
     Ok(bytes)
 }
 
-/// Returns the smallest rectangle that holds all pixels that changed since the picture `before`.
+/// Returns a GIF frame of the smallest rectangle that holds all pixels that changed since `before`.
 fn difference(before: &[u8], now: &[u8], width: usize) -> Frame<'static> {
     let changed = |pixel: &usize| before.get(*pixel) != now.get(*pixel);
     let changes = || (0..now.len()).filter(changed);
@@ -65,9 +65,9 @@ pub(super) const HOLD_DELAYS: u16 = 12;
 /// Sequence of pictures of one size, one for each decision.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Film {
-    /// Width of the pictures (pixels).
+    /// Width of the film's pictures (pixels).
     pub width: usize,
-    /// Height of the pictures (pixels).
+    /// Height of the film's pictures (pixels).
     pub height: usize,
     /// Pictures of the film in order, each RGB bytes `[height, width, 3]` with row 0 on top.
     pub frames: Vec<Vec<u8>>,

@@ -3,17 +3,17 @@
 use super::font::{LETTER_SIZE, pixels};
 use super::gif::Film;
 
-/// Approximate height of a cell (pixels): pictures are enlarged to it by a whole number.
+/// Approximate height of a cell of the grid (pixels); pictures are enlarged by a whole number.
 const HEIGHT: usize = 144;
-/// Width of a cell's border (pixels).
+/// Width of the border of a cell of the grid (pixels).
 const BORDER: usize = 3;
-/// Distance between cells, and from the edge of the film (pixels).
+/// Distance between cells of the grid, and from the edge of the film (pixels).
 const GAP: usize = 6;
 /// Height of a line of text with the gap below it (pixels).
 const LINE: usize = 2 * LETTER_SIZE[1] + 4;
-/// Level of all channels of the background.
+/// Level (0 to 255) of all channels of the film's background.
 const WHITE: u8 = 255;
-/// Colour of the columns' names (RGB).
+/// Colour of the names above the grid's columns (RGB).
 const INK: [u8; 3] = [0x1b, 0x1f, 0x24];
 
 /// Film in a cell of a grid. Its last picture stays until the longest film ends.
@@ -28,12 +28,12 @@ pub struct GridCell {
 }
 
 impl GridCell {
-    /// Returns the whole number by which pictures are enlarged.
+    /// Returns the whole number by which the cell's pictures are enlarged.
     fn enlarge(&self) -> usize {
         ((HEIGHT + self.height / 2) / self.height).max(1)
     }
 
-    /// Returns width and height (pixels) in the grid with the border.
+    /// Returns width and height of the cell in the grid with its border (pixels).
     fn size(&self) -> [usize; 2] {
         [self.width, self.height].map(|side| side * self.enlarge() + 2 * BORDER)
     }
@@ -41,11 +41,11 @@ impl GridCell {
 
 /// Row of films in a grid, with a title.
 pub struct GridRow {
-    /// Title above the row.
+    /// Title above the row of films.
     pub title: String,
     /// Colour of the title (RGB).
     pub colour: [u8; 3],
-    /// Films of the row, from left to right.
+    /// Films of the grid's row, from left to right.
     pub cells: Vec<GridCell>,
 }
 
@@ -65,11 +65,11 @@ pub fn compose_grid(columns: &[&str], rows: &[GridRow]) -> Film {
     Film { width: empty.width, height: empty.height, frames: (0..length).map(frame).collect() }
 }
 
-/// Distances (pixels) between the cells of a grid.
+/// Distances (pixels) between the cells of a grid of films.
 struct GridLayout {
-    /// Distance from one column to the next.
+    /// Distance from one column of the grid to the next.
     across: usize,
-    /// Distance from one row to the next.
+    /// Distance from one row of the grid to the next.
     down: usize,
 }
 
@@ -80,7 +80,7 @@ impl GridLayout {
         Self { across: width + GAP, down: height + GAP + LINE }
     }
 
-    /// Iterates over the cells with their top left corners `[x, y]`.
+    /// Iterates over the cells of a grid with their top left corners `[x, y]` (pixels).
     fn cells<'a>(&self, rows: &'a [GridRow]) -> impl Iterator<Item = (&'a GridCell, [usize; 2])> {
         let (across, down) = (self.across, self.down);
         rows.iter().enumerate().flat_map(move |(number, row)| {
@@ -90,7 +90,7 @@ impl GridLayout {
         })
     }
 
-    /// Draws names, titles and borders, which are the same in every picture.
+    /// Draws names, titles and borders of the grid, which are the same in all pictures of the film.
     fn canvas(&self, columns: &[&str], rows: &[GridRow]) -> Canvas {
         let (across, down) = (self.across, self.down);
         let mut canvas = Canvas::of(GAP + columns.len() * across, GAP + LINE + rows.len() * down);
@@ -109,7 +109,7 @@ impl GridLayout {
     }
 }
 
-/// Picture that names, titles and cells are drawn on.
+/// Picture of a film on which names, titles and cells are drawn.
 #[derive(Clone)]
 struct Canvas {
     width: usize,

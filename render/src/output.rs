@@ -17,7 +17,7 @@ pub(super) struct OutputFile {
 }
 
 impl OutputFile {
-    /// Checks the path without writing anything.
+    /// Checks the path of the film without writing anything.
     ///
     /// # Errors
     /// [`RenderError::UnsupportedExtension`], [`RunError::FileExists`], [`RenderError::NoFfmpeg`].

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-/// Levels of red, green and blue.
+/// Colour of a pixel: levels of red, green and blue.
 type Rgb = [u8; 3];
 
 /// Palette of at most 255 colours, with the index of the colour that stands for each of a film's.
@@ -17,7 +17,7 @@ pub(super) struct Palette {
 }
 
 impl Palette {
-    /// Maximum number of colours; the index after them marks unchanged pixels.
+    /// Maximum number of colours of the palette; the index after them marks unchanged pixels.
     pub const MAX_COLOURS: usize = 255;
 
     /// Chooses the palette of `pictures`, each `[.., 3]`.
@@ -62,12 +62,12 @@ impl Palette {
     }
 }
 
-/// Set of colours that share a colour of the palette.
+/// Set of the film's colours that share one colour of the palette.
 struct Set {
-    /// Colours with the number of their pixels.
+    /// Colours of the set with the number of their pixels.
     pixels: Vec<(Rgb, u32)>,
     mean: [f64; 3],
-    /// Sum of squared distances from the mean along each axis.
+    /// Sum of squared distances of the colours from their mean, for red, green and blue.
     spread: [f64; 3],
 }
 
@@ -113,7 +113,7 @@ impl Set {
     }
 }
 
-/// Returns the index of the set to cut next, or `None` if every set has one colour.
+/// Returns the index of the set of colours to cut next, or `None` if every set has one colour.
 fn widest(sets: &[Set]) -> Option<usize> {
     let several = (0..sets.len()).filter(|&set| sets[set].pixels.len() > 1);
     let spread = |set: &usize| sets[*set].spread.iter().sum::<f64>();

@@ -28,12 +28,12 @@ pub(super) struct FilmSettings<'a> {
     pub seed: u64,
 }
 
-/// Filmed episode of a variant.
+/// Filmed episode of a task variant.
 pub(super) struct FilmedEpisode {
     pub variant: TaskVariant,
     pub policy: usize,
     pub success: bool,
-    /// One film for each view.
+    /// Films of the episode, one for each view.
     cells: Vec<GridCell>,
 }
 

@@ -28,7 +28,7 @@ pub enum View {
     PolicyInput,
 }
 
-/// Minimum side of a camera's pictures (pixels).
+/// Minimum width and height of a camera's pictures in a film (pixels).
 const SIDE: usize = 144;
 
 /// Vectorised environment of one task variant that films its only episode. Observations are those
@@ -41,13 +41,13 @@ pub struct EpisodeRecorder {
     renderer: SceneRenderer,
     /// Second simulation for the views other than [`View::PolicyInput`]; `None` if there are none.
     large: Option<LargeView>,
-    /// First picture of the episode `[size, size, 3]`; empty before it.
+    /// First picture of the episode `[size, size, 3]`; empty before the reset.
     first: Vec<u8>,
     /// Pictures that the policy saw, with a mark at a goal that no picture shows.
     seen: Vec<Vec<u8>>,
 }
 
-/// Copy of the simulation that takes the same actions, filmed at a higher resolution.
+/// Copy of the episode's simulation that takes the same actions, rendered at a higher resolution.
 struct LargeView {
     table: TableTop,
     with_arm: SceneRenderer,
@@ -219,7 +219,7 @@ impl VectorEnv for EpisodeRecorder {
     }
 }
 
-/// Creates the table of a variant's group under a camera, with its scene.
+/// Creates the simulated table of a variant's task group under a camera, with its scene.
 fn table(
     settings: &VecEnvSettings,
     variant: TaskVariant,

@@ -7,24 +7,25 @@ use experiments::evaluation::mean;
 /// the difference (docs/results/protocol.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HypothesisOutcome {
-    /// Interval above zero.
+    /// Confidence interval of the difference between the methods that lies above zero.
     Confirmed,
-    /// Interval below zero.
+    /// Confidence interval of the difference between the methods that lies below zero.
     Refuted,
-    /// Interval that contains zero.
+    /// Confidence interval of the difference between the methods that contains zero.
     Undecided,
-    /// No interval, since a method has fewer than two seeds.
+    /// No confidence interval, since a method has fewer than two seeds.
     TooFewSeeds,
 }
 
-/// Differences between two methods over the same groups.
+/// Comparison of the scores of two methods on the same task groups.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
     /// Mean score of the first method less that of the second.
     pub mean_difference: f64,
-    /// 95 % interval of the difference; `None` for fewer than two seeds.
+    /// 95 % confidence interval of `mean_difference`; `None` for fewer than two seeds.
     pub difference_interval: Option<BootstrapInterval>,
-    /// Probability that a run of the first scores above one of the second, and its 95 % interval.
+    /// Probability that a run of the first method scores above one of the second, with 95 %
+    /// interval.
     pub probability_of_improvement: (f64, Option<BootstrapInterval>),
 }
 
@@ -38,7 +39,7 @@ impl Comparison {
         }
     }
 
-    /// Returns the outcome that the interval of the difference implies.
+    /// Returns the outcome of the hypothesis that the interval of the difference implies.
     pub fn outcome(&self) -> HypothesisOutcome {
         match self.difference_interval {
             None => HypothesisOutcome::TooFewSeeds,
@@ -50,7 +51,7 @@ impl Comparison {
 }
 
 impl HypothesisOutcome {
-    /// Returns the text of the outcome in a table.
+    /// Returns the text that stands for the outcome in a table.
     pub fn label(self) -> &'static str {
         match self {
             Self::Confirmed => "above",

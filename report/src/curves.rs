@@ -8,13 +8,14 @@ use super::svg::{DOT_RADIUS, SMALL_DOT_RADIUS, SvgPlot, TEXT_COLOUR};
 use experiments::evaluation::mean;
 use experiments::{RolloutRow, RunData, ScoreRow};
 
-/// Label of the x axis.
+/// Label of the x axis, which counts training decisions.
 const DECISIONS: &str = "decisions";
 /// Ticks of the success axis.
 const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
 /// Ticks of the reward axis, on the paper's scale of `[0, 500]`.
 const REWARD_TICKS: [f64; 3] = [0.0, 250.0, 500.0];
-/// Upper end of the axis of distance ratios. Larger ratios are drawn at this value.
+/// Upper end of the axis of distances over the largest one under permutation. Larger ratios are
+/// drawn at this value.
 const MAX_RATIO: f64 = 4.0;
 /// Height of a panel with a curve to read values from (pixels).
 const TALL_PANEL: f64 = 170.0;
@@ -77,7 +78,7 @@ fn distances(drawing: &mut SvgPlot, run: &RunData) {
     drawing.add_line(&[(0.0, 1.0), (end, 1.0)], &Stroke::solid(TEXT_COLOUR));
 }
 
-/// Returns the colour of each policy: that of the group that it belongs to, if there is one.
+/// Returns the colour of each policy: that of the task group that it belongs to, if there is one.
 fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
     let policies = run.rollouts.iter().map(|row| row.policy + 1).max();
     let mut colours = vec![TEXT_COLOUR; policies.unwrap_or(0)];
@@ -126,7 +127,7 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
     drawing.into_svg(&format!("Success of all methods, seed {seed}"))
 }
 
-/// Returns decisions and mean success over all variants, for each evaluation.
+/// Returns decisions and mean success over all task variants, for each evaluation of a run.
 fn averages(run: &RunData) -> Vec<(f64, f64)> {
     run.evaluation_rollouts()
         .map(|rollouts| {
@@ -141,14 +142,14 @@ fn end(run: &RunData) -> f64 {
     run.rollouts.last().map_or(0.0, |row| row.decisions as f64)
 }
 
-/// Returns the numbers of decisions at the beginning and at the end of each rollout.
+/// Returns the numbers of training decisions at the beginning and at the end of each rollout.
 fn spans(run: &RunData) -> impl Iterator<Item = [f64; 2]> {
     let ends = run.rollouts.iter().map(|row| row.decisions as f64);
     let begins = std::iter::once(0.0).chain(ends.clone());
     begins.zip(ends).map(|(from, to)| [from, to])
 }
 
-/// Returns the visits of a run: the group, the decisions from and to, and its successive rollouts.
+/// Returns the visits of a run to task groups: the group, the decisions from and to, the rollouts.
 fn visits_of(run: &RunData) -> Vec<(&str, [f64; 2], Vec<&RolloutRow>)> {
     let mut visits: Vec<(&str, [f64; 2], Vec<&RolloutRow>)> = Vec::new();
     for (row, [from, to]) in run.rollouts.iter().zip(spans(run)) {
@@ -189,7 +190,7 @@ fn evaluations(drawing: &mut SvgPlot, run: &RunData, value: fn(&ScoreRow) -> f64
     }
 }
 
-/// Returns the stroke of a group, which is equal in all drawings of a run.
+/// Returns the line style of a task group, which is equal in all drawings of a run.
 fn stroke_of(run: &RunData, group: &str) -> Stroke {
     let number = run.scored_groups().iter().position(|own| *own == group);
     number.map_or(Stroke::solid(TEXT_COLOUR), line_stroke)

@@ -9,7 +9,7 @@ use super::table::Table;
 use experiments::RunData;
 use experiments::evaluation::mean;
 
-/// Least success, in `[0, 1]`, at which a task group counts as solved.
+/// Minimum success rate, in `[0, 1]`, at which a task group counts as solved.
 pub const SOLVED_SUCCESS: f64 = 0.9;
 
 /// Sample efficiency of one run in one task group.
@@ -60,7 +60,7 @@ pub(super) fn success_curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
     run.evaluation_rollouts().filter_map(point).collect()
 }
 
-/// Returns the decisions of those among the first `rollouts` rollouts that began in the group.
+/// Returns the decisions spent in a group: those of the first `rollouts` rollouts that began in it.
 fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
     let rows = &run.rollouts[..rollouts];
     let before = std::iter::once(0).chain(rows.iter().map(|row| row.decisions));
@@ -68,8 +68,8 @@ fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
     own.map(|(row, start)| row.decisions - start).sum()
 }
 
-/// Returns the table of methods for each group, the largest area first; `None` if no run was scored
-/// during training.
+/// Returns the table of sample efficiency: for each group the methods, the largest area under the
+/// learning curve first; `None` if no run was scored during training.
 pub fn efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let caption = "How fast methods learn: the area under mean-action success over the decisions \
         spent in a group, decisions until it is at least 0.9 in an evaluation, and until it is so in \
@@ -108,8 +108,8 @@ pub fn efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Tab
     (!table.rows.is_empty()).then_some(table)
 }
 
-/// Returns areas, decisions and lasting decisions of the runs of a method, each as scores of one
-/// group.
+/// Returns area, decisions to solve and decisions to stay solved of the runs of a method, each as
+/// scores of one group.
 fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
     let runs = method.runs.iter();
     let known: Vec<SampleEfficiency> =
@@ -122,8 +122,8 @@ fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
     ]
 }
 
-/// Returns the cells of areas: the mean, its difference from the first method's, and the outcome of
-/// the comparison.
+/// Returns the table cells of areas under learning curves: the mean, its difference from the first
+/// method's, and the outcome of the comparison.
 fn shares(area: &Scores, compared: Comparison) -> [String; 3] {
     let (mean, interval) = (area.pooled(mean), area.bootstrap_interval(mean));
     let (difference, difference_interval) =
@@ -135,7 +135,8 @@ fn shares(area: &Scores, compared: Comparison) -> [String; 3] {
     ]
 }
 
-/// Returns the cells of decisions: median, 90th percentile, and the number of seeds that got there.
+/// Returns the cells of decisions to solve a group: median, 90th percentile, number of seeds that
+/// did.
 fn reached(decisions: &Scores) -> [String; 3] {
     // quantiles, not means: a seed that never gets there counts as infinite
     let all = decisions.0.concat();

@@ -11,7 +11,7 @@ pub enum ReportError {
     /// Error of a run's files or settings.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// Runs that cannot stand in one table.
+    /// Runs that cannot be compared in one table.
     #[error(
         "run {run} does not belong to the others ({differences}): report runs of one stream and \
          evaluation, give runs of other settings other names, and each seed once"
@@ -22,7 +22,7 @@ pub enum ReportError {
         /// Differences of that run from the runs before it.
         differences: String,
     },
-    /// Runs whose events would go to one folder.
+    /// Runs of one name, whose TensorBoard events would go to one folder.
     #[error(
         "{} and {} have one name, and their events would go to one folder: give one of the runs \
          another name, or call the command for each with a folder of its own",

@@ -30,7 +30,7 @@ pub(super) fn mean_cell(table: &mut Table, metrics: &[Result<f64, UndefinedReaso
     }
 }
 
-/// Returns an interval in brackets, to stand behind its estimate; empty if there is none.
+/// Formats a confidence interval in brackets, to stand behind its estimate; empty if there is none.
 pub(super) fn bracketed_interval(interval: Option<BootstrapInterval>, digits: usize) -> String {
     interval.map_or_else(String::new, |BootstrapInterval { low, high }| {
         format!(" [{low:.digits$}, {high:.digits$}]")

@@ -10,16 +10,16 @@ use experiments::evaluation::mean;
 
 /// Ticks of the success axis.
 const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
-/// Height of the panel (pixels).
+/// Height of the panel with the learning curves (pixels).
 const HEIGHT: f64 = 190.0;
 /// Radius of the dots on the first method's line (pixels): dots of other methods, which are drawn
 /// with [`DOT_RADIUS`], show around them.
 const FIRST_DOT: f64 = 2.2;
 
-/// Success over the seeds of one method after a number of decisions.
+/// Point of a learning curve: success over the seeds of one method after a number of decisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct CurvePoint {
-    /// Decisions spent in the group.
+    /// Number of training decisions spent in the task group.
     spent: f64,
     mean: f64,
     low: f64,
@@ -67,7 +67,7 @@ pub fn group_curves_svg(methods: &[MethodRuns], group: &str) -> Option<String> {
     Some(drawing.into_svg(&format!("Success in {group}")))
 }
 
-/// Curve of one method.
+/// Learning curve of one method in one task group.
 struct Line<'a> {
     method: &'a MethodRuns,
     is_first: bool,
@@ -76,7 +76,7 @@ struct Line<'a> {
 }
 
 impl Line<'_> {
-    /// Returns decisions and one statistic of the success, for each point.
+    /// Returns decisions and one statistic of the success for each point of the curve.
     fn coordinates(&self, statistic: fn(&CurvePoint) -> f64) -> Vec<(f64, f64)> {
         self.points.iter().map(|point| (point.spent, statistic(point))).collect()
     }
@@ -107,8 +107,9 @@ impl Line<'_> {
     }
 }
 
-/// Returns a point for every number of decisions at which any seed was scored, as far as all seeds
-/// have a curve. Seeds are interpolated linearly between their evaluations.
+/// Returns the mean learning curve over seeds: a point for every number of decisions at which any
+/// seed was scored, as far as all seeds have a curve. Seeds are interpolated linearly between their
+/// evaluations.
 fn mean_curve(curves: &[Vec<(f64, f64)>]) -> Vec<CurvePoint> {
     let ends = curves.iter().map(|curve| curve.last().map_or(0.0, |p| p.0));
     let end = ends.fold(f64::INFINITY, f64::min);
@@ -129,8 +130,8 @@ fn mean_curve(curves: &[Vec<(f64, f64)>]) -> Vec<CurvePoint> {
     spent.into_iter().filter_map(point).collect()
 }
 
-/// Returns the interpolated success of a curve at `spent`; `None` before it begins and after it
-/// ends.
+/// Returns the success of a learning curve at `spent` decisions, interpolated; `None` before the
+/// curve begins and after it ends.
 fn success_at(curve: &[(f64, f64)], spent: f64) -> Option<f64> {
     let next = curve.iter().position(|point| point.0 >= spent)?;
     let (to, right) = curve[next];

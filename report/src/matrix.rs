@@ -4,14 +4,14 @@ use super::matching::policy_after_merges;
 use super::svg::escape_xml;
 use experiments::RunData;
 
-/// Counts `[groups][policies]`, with a caption.
+/// Confusion matrix with counts `[groups][policies]` and a caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PolicyCountMatrix {
-    /// Sentence that says what is counted.
+    /// Sentence that says what the matrix counts.
     pub caption: String,
-    /// Names of the columns: the policies.
+    /// Names of the matrix's columns: the policies.
     pub columns: Vec<String>,
-    /// Name of each group, and its counts.
+    /// Name of each task group, and its counts by policy.
     pub rows: Vec<(String, Vec<usize>)>,
 }
 
@@ -55,7 +55,7 @@ impl PolicyCountMatrix {
         }
     }
 
-    /// Adds to a cell. Groups that are not scored and policies that took no rollout have no cell.
+    /// Adds to one count. Groups that are not scored and policies that took no rollout have none.
     fn count(&mut self, group: &str, column: usize, times: usize) {
         let row = self.rows.iter_mut().find(|row| row.0 == group);
         if let Some(cell) = row.and_then(|row| row.1.get_mut(column)) {

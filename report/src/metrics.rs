@@ -30,12 +30,13 @@ pub struct RunMetrics {
     /// Share of rollouts without a task switch that went to the policy of their group, in `[0, 1]`
     /// ([`RunStats::correct_assignments`](experiments::RunStats::correct_assignments)).
     pub assignment_accuracy: Result<f64, UndefinedReason>,
-    /// Accuracy among rollouts of groups that came back, in `[0, 1]`
+    /// Share of rollouts that went to the policy of their group, in `[0, 1]`, among rollouts of
+    /// groups that were visited before
     /// ([`RunStats::correct_revisits`](experiments::RunStats::correct_revisits)).
     pub revisit_accuracy: Result<f64, UndefinedReason>,
     /// Share of dormant units after the stream over all scored policies together, in `[0, 1]`.
     pub dormant_share: Result<f64, UndefinedReason>,
-    /// Number of policies that the learner opened.
+    /// Number of policies that the learner created.
     pub policy_count: usize,
     /// Number of rollouts of the run, and number of those within which the task group changed.
     pub rollout_and_switch_counts: [usize; 2],
@@ -48,22 +49,23 @@ pub struct RunMetrics {
 pub struct GroupMetrics {
     /// Name of the task group.
     pub group: String,
-    /// Success after the stream, the mean over variants, in `[0, 1]`.
+    /// Success rate after the stream of tasks, the mean over the group's variants, in `[0, 1]`.
     pub success: f64,
-    /// Success at the last step of an episode after the stream, the mean over variants, in `[0,
-    /// 1]`.
+    /// Success rate at the last step of episodes after the stream of tasks, the mean over the
+    /// group's variants, in `[0, 1]`.
     pub success_at_end: f64,
-    /// Reward after the stream, the mean over variants, in `[0, 500]`.
+    /// Mean return of episodes after the stream of tasks, over the group's variants, in `[0, 500]`.
     pub reward: f64,
     /// Number of variants for which the learner chose another policy than the group's own after the
     /// stream, and number of all variants
     /// ([`RunStats::own_policies`](experiments::RunStats::own_policies)).
     pub mismatch_and_variant_counts: Result<[usize; 2], UndefinedReason>,
-    /// Success of the group's own policy after the stream, the mean over episodes, in `[0, 1]`.
+    /// Success rate of the group's own policy after the stream, the mean over episodes, in
+    /// `[0, 1]`.
     pub own_success: Result<f64, UndefinedReason>,
-    /// Reward of the group's own policy after the stream, the mean over episodes, in `[0, 500]`.
+    /// Mean return of the group's own policy after the stream, over episodes, in `[0, 500]`.
     pub own_reward: Result<f64, UndefinedReason>,
-    /// Success after the group's last visit less success after the stream, in `[-1, 1]`.
+    /// Success rate after the group's last visit less success rate after the stream, in `[-1, 1]`.
     pub forgetting: Result<f64, UndefinedReason>,
     /// Forward transfer: success in the last evaluation before anything of the group was seen less
     /// success of the untrained learner, in `[-1, 1]` (Lopez-Paz and Ranzato, "Gradient Episodic
@@ -182,7 +184,7 @@ fn of_own(
     Ok(sum / episodes as f64)
 }
 
-/// Returns the share of dormant units in the last evaluation.
+/// Returns the share of dormant network units in the last evaluation.
 fn dormant(run: &RunData) -> Result<f64, UndefinedReason> {
     let last = run.dormant_units.last().ok_or(UNSEEN)?.rollouts;
     let rows = run.dormant_units.iter().filter(|row| row.rollouts == last);
@@ -192,7 +194,7 @@ fn dormant(run: &RunData) -> Result<f64, UndefinedReason> {
     Ok(dormant as f64 / units as f64)
 }
 
-/// Returns the number of rollouts until the group's last visit was over.
+/// Returns the number of rollouts until a task group's last visit was over.
 fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, UndefinedReason> {
     match visits::visit_ends(&run.rollouts, group).last() {
         None => Err(NOT_MET),
@@ -201,7 +203,7 @@ fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, UndefinedReaso
     }
 }
 
-/// Returns the number of rollouts until the last evaluation before anything of the group was seen.
+/// Returns the number of rollouts until the last evaluation before any task of the group was seen.
 fn before_first_visit(run: &RunData, group: &str) -> Result<usize, UndefinedReason> {
     let mut rows = run.rollouts.iter();
     let first = rows.position(|row| row.group == group || row.last_group == group);

@@ -18,7 +18,7 @@ const STYLE: &str = include_str!("page.css");
 /// Script that shows titles of dots and cells as tooltips at once, and on a touch.
 const SCRIPT: &str = include_str!("page.js");
 
-/// Returns the page of these methods, scored on these groups, with these tables.
+/// Returns the HTML page of a report on these methods, scored on these groups, with these tables.
 pub fn html_page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
     let mut text = String::new();
     text.push_str(&section("Results", &tables_named(tables, &["results", "comparisons"])));
@@ -115,7 +115,8 @@ fn of_run(run: &RunData, open: &str) -> String {
     )
 }
 
-/// Returns a bar of the shares of time that the parts of learning took, without evaluations.
+/// Returns an HTML bar with the shares of time that the parts of learning took, without
+/// evaluations.
 fn time(timings: &[TimingRow]) -> String {
     let sum = |part: fn(&TimingRow) -> f64| timings.iter().map(part).sum::<f64>();
     let total = sum(|row| row.total);
@@ -144,7 +145,7 @@ fn time(timings: &[TimingRow]) -> String {
     )
 }
 
-/// Returns the films of a run, one below the other; empty if there are none.
+/// Returns the HTML of a run's films, one below the other; empty if there are none.
 fn films(run: &RunData) -> String {
     if run.films.is_empty() {
         return String::new();
@@ -163,7 +164,7 @@ fn film(film: &GroupFilm) -> String {
     )
 }
 
-/// Returns the size in thousands of bytes, rounded up.
+/// Returns the size of a GIF file in thousands of bytes, rounded up.
 fn kilobytes(gif: &[u8]) -> usize {
     gif.len().div_ceil(1000)
 }

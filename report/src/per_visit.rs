@@ -1,4 +1,4 @@
-//! Success in each group after each of its visits: methods that forget fall behind.
+//! Table of success in each group after each of its visits: methods that forget fall behind.
 
 use super::format::{empty_cell, method_cell};
 use super::method::MethodRuns;
@@ -40,8 +40,8 @@ fn scored_within(run: &RunData, group: &str) -> bool {
         .any(|end| end < run.rollouts.len() && success(run, group, end).is_some())
 }
 
-/// Returns the success in a group after each visit to it; `None` for visits that no evaluation
-/// followed.
+/// Returns the success in a group after each visit of the stream to it; `None` for visits that no
+/// evaluation followed.
 fn success_per_visit(run: &RunData, group: &str) -> Vec<Option<f64>> {
     let ends = visits::visit_ends(&run.rollouts, group).into_iter();
     ends.map(|end| success(run, group, end)).collect()
@@ -51,7 +51,7 @@ fn success(run: &RunData, group: &str, rollouts: usize) -> Option<f64> {
     run.mean_group_score_after(rollouts, group, |row| row.success).map(|(_, success)| success)
 }
 
-/// Returns the mean over runs of the success after each visit; `None` if a run lacks it.
+/// Returns the mean success over runs after each visit to a group; `None` if a run lacks it.
 fn mean_over_runs(runs: &[Vec<Option<f64>>]) -> Vec<Option<f64>> {
     let visits = runs.iter().map(Vec::len).max().unwrap_or(0);
     let mean_of = |visit: usize| {

@@ -11,8 +11,8 @@ use experiments::RunData;
 
 const UNASKED: UndefinedReason = "the run did not ask (`evaluation.looks` makes it)";
 
-/// Returns the table of the shares of right answers for each number of episodes shown; `None` if no
-/// run has answers.
+/// Returns the table of recognition tests: the share of right answers for each number of episodes
+/// shown; `None` if no run has answers.
 pub fn recognition_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let mut runs = methods.iter().flat_map(|method| &method.runs);
     if runs.all(|run| run.recognitions.is_empty()) {
@@ -46,7 +46,7 @@ pub fn recognition_table(methods: &[MethodRuns], groups: &[String]) -> Option<Ta
     Some(table)
 }
 
-/// Returns a metric of each run of a method.
+/// Returns a metric of recognition for each run of a method.
 fn per_run(
     method: &MethodRuns,
     metric: impl Fn(&RunData) -> Result<f64, UndefinedReason>,
@@ -54,20 +54,20 @@ fn per_run(
     method.runs.iter().map(metric).collect()
 }
 
-/// Returns the share of right answers, the mean over groups.
+/// Returns the share of right answers in the recognition test, the mean over groups.
 fn accuracy(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, UndefinedReason> {
     // "none" is no right answer, even for a group that no policy belongs to
     let is_right = |named: Option<usize>, own| named.is_some() && named == own;
     share(run, groups, episodes, is_right)
 }
 
-/// Returns the share of answers that named no policy, the mean over groups.
+/// Returns the share of answers in the recognition test that named no policy, the mean over groups.
 fn unnamed(run: &RunData, groups: &[String], episodes: usize) -> Result<f64, UndefinedReason> {
     share(run, groups, episodes, |named, _| named.is_none())
 }
 
-/// Returns the share of answers for which `counts` is `true`, the mean over groups. Its arguments
-/// are the policy that was named and the one that belongs to the group.
+/// Returns the share of recognition answers for which `counts` is `true`, the mean over groups. The
+/// arguments of `counts` are the policy that was named and the one that belongs to the group.
 fn share(
     run: &RunData,
     groups: &[String],

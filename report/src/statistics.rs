@@ -5,16 +5,16 @@ use experiments::evaluation::mean;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Bootstrap samples of an interval; rliable's default.
+/// Number of bootstrap samples for a confidence interval; rliable's default.
 const DRAWS: usize = 50_000;
-/// Quantiles that bound an interval of 95 %.
+/// Quantiles of the bootstrap samples that bound a 95 % confidence interval.
 const BOUNDS: [f64; 2] = [0.025, 0.975];
 
-/// Scores of one method `[groups][seeds]`.
+/// Scores of one method `[groups][seeds]`, one for each task group and seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scores(pub Vec<Vec<f64>>);
 
-/// Bounds of a 95 % bootstrap interval.
+/// Bounds of a 95 % confidence interval by bootstrap.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BootstrapInterval {
     /// Lower bound: the 2.5th percentile of the bootstrap samples.
@@ -97,7 +97,7 @@ impl Scores {
         enough.then(|| percentiles((0..DRAWS).map(|_| statistic(&self.draw(rng))).collect()))
     }
 
-    /// Draws one bootstrap sample: as many scores of each group, with replacement.
+    /// Returns one bootstrap sample: as many scores of each group, drawn with replacement.
     fn draw(&self, rng: &mut ChaCha8Rng) -> Self {
         let draw = |scores: &Vec<f64>| -> Vec<f64> {
             scores.iter().map(|_| scores[rng.random_range(0..scores.len())]).collect()
@@ -105,7 +105,7 @@ impl Scores {
         Self(self.0.iter().map(draw).collect())
     }
 
-    /// Draws one bootstrap sample of whole runs, each with its scores of all groups.
+    /// Returns one bootstrap sample of whole runs, each drawn with its scores of all groups.
     fn draw_runs(&self, rng: &mut ChaCha8Rng) -> Self {
         let seeds = self.min_seed_count();
         let drawn: Vec<usize> = (0..seeds).map(|_| rng.random_range(0..seeds)).collect();
@@ -136,7 +136,7 @@ fn probability(one: &Scores, other: &Scores) -> f64 {
     mean(&above.collect::<Vec<_>>())
 }
 
-/// Returns the percentiles of [`BOUNDS`], interpolated between neighbours.
+/// Returns the quantiles [`BOUNDS`] of bootstrap samples, interpolated between neighbours.
 fn percentiles(mut values: Vec<f64>) -> BootstrapInterval {
     values.sort_by(f64::total_cmp);
     let [low, high] = BOUNDS.map(|share| quantile_of_sorted(&values, share));

@@ -10,28 +10,28 @@ pub const TEXT_COLOUR: &str = "currentColor";
 
 // All lengths are pixels of the view box.
 
-/// Margin left of the panels, with the names and ticks of the y axes.
+/// Margin left of the panels (pixels), with the names and ticks of the y axes.
 const LEFT: f64 = 64.0;
-/// Margin right of the panels.
+/// Margin right of the panels (pixels).
 const RIGHT: f64 = 26.0;
-/// Margins above the panels, for the legend, and below them, for the x axis.
+/// Margins above the panels, for the legend, and below them, for the x axis (pixels).
 const OUTSIDE: [f64; 2] = [34.0, 40.0];
-/// Gap between two panels.
+/// Gap between two panels (pixels).
 const GAP: f64 = 14.0;
-/// Height of a line of the legend.
+/// Height of one row of the legend (pixels).
 const LINE: f64 = 18.0;
-/// Length of the stroke before a name of the legend.
+/// Length of the sample line before a name in the legend (pixels).
 const KEY: f64 = 28.0;
-/// Space between a stroke of the legend and its name, and after the name.
+/// Space between a sample line of the legend and its name, and after the name (pixels).
 const SPACE: f64 = 6.0;
 /// Radius of a dot (pixels).
 pub const DOT_RADIUS: f64 = 3.5;
-/// Radius of a dot among many (pixels).
+/// Radius of a dot where a panel has many (pixels).
 pub const SMALL_DOT_RADIUS: f64 = 1.6;
 
 /// Drawing of panels one below the other over a common x axis.
 pub struct SvgPlot {
-    /// Elements so far.
+    /// SVG elements drawn so far.
     text: String,
     /// Largest value on the x axis, above 0.
     end: f64,
@@ -66,7 +66,8 @@ impl SvgPlot {
         Self { length: 440.0, ..Self::new(end, axis) }
     }
 
-    /// Begins a panel of this height (pixels), whose y axis spans `bounds`, with a name and ticks.
+    /// Begins a panel of `height` pixels below the last one, whose y axis spans `bounds`, with a
+    /// name and ticks.
     pub fn begin_panel(&mut self, name: &str, height: f64, bounds: [f64; 2], ticks: &[f64]) {
         self.panel = [self.panel[0] + self.panel[1] + GAP, height];
         self.bounds = bounds;
@@ -112,7 +113,7 @@ impl SvgPlot {
         self.add(format_args!("<polyline points=\"{path}\" {stroke} class=\"{class}\"/>"));
     }
 
-    /// Fills the area between two lines.
+    /// Fills the area of the panel between two lines.
     pub fn add_band(&mut self, low: &[(f64, f64)], high: &[(f64, f64)], colour: &str) {
         // around the area: along the lower line, and back along the upper one
         let path = self.path(low.iter().chain(high.iter().rev()));

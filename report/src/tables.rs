@@ -11,7 +11,7 @@ use super::table::Table;
 use super::{efficiency, paper, per_visit, recognition};
 use experiments::RunData;
 
-/// Footnote of the paper's numbers.
+/// Footnote of table rows with the paper's numbers.
 const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-World's and ours were \
     built for exact symmetry, so success rates do not compare one to one";
 
@@ -121,7 +121,7 @@ fn own_policies(table: &mut Table, method: &MethodRuns, groups: &[String]) -> [S
     [cell(score), cell(count)]
 }
 
-/// Columns of the table `seeds`.
+/// Names of the columns of the table of statistics over seeds.
 const OVER_SEEDS: [&str; 14] = [
     "method",
     "seeds",
@@ -260,7 +260,7 @@ fn variant(runs: &[RunData], group: &str, element: &str) -> String {
     }
 }
 
-/// Returns the table with one row for each run.
+/// Returns the table of single runs, with one row for each.
 fn runs(methods: &[MethodRuns]) -> Table {
     let header = ["run", "success", "reward", "policies", "decisions", "seconds", "commit"];
     let mut table = Table::new("Each run.", &header);
@@ -284,12 +284,12 @@ fn runs(methods: &[MethodRuns]) -> Table {
     table
 }
 
-/// Returns a number without decimals, or a dash.
+/// Formats a number without decimals, or a dash for `None`.
 fn whole(number: Option<f64>) -> String {
     number.map_or_else(empty_cell, |number| format!("{number:.0}"))
 }
 
-/// Returns the smallest and the largest of some counts as "2 to 4", or the count if they agree.
+/// Formats the smallest and the largest of some counts as "2 to 4", or the count if they agree.
 fn range(counts: impl Iterator<Item = usize> + Clone) -> String {
     match (counts.clone().min(), counts.max()) {
         (Some(least), Some(most)) if least == most => least.to_string(),

@@ -12,7 +12,7 @@ use crate::policy::Actor;
 /// as the state of a GRU, do not count as units.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UnitActivity {
-    /// Sum of each unit's outputs, one list for each ReLU.
+    /// Sum of each ReLU unit's outputs over the samples, one list for each ReLU.
     layers: Vec<Vec<f64>>,
 }
 
@@ -32,7 +32,7 @@ pub trait MeasureActivity: Actor {
 }
 
 impl UnitActivity {
-    /// Wraps the summed outputs of each layer's units, all over equally many samples.
+    /// Wraps the summed outputs of the units of each ReLU, all over equally many samples.
     pub(crate) fn from_layer_sums(layers: Vec<Vec<f64>>) -> Self {
         Self { layers }
     }

@@ -1,4 +1,4 @@
-//! Adam on one flat parameter vector, with a learning rate per range.
+//! The Adam optimiser on one flat parameter vector, with a learning rate for each range of it.
 
 use std::ops::Range;
 
@@ -20,7 +20,7 @@ pub struct ParamGroup {
 }
 
 impl ParamGroup {
-    /// Creates the group of all `len` parameters.
+    /// Creates the group of all `len` parameters of a network.
     pub(crate) fn of_all_params(len: usize, learning_rate: f32) -> Self {
         Self { range: 0..len, learning_rate }
     }
@@ -51,7 +51,8 @@ pub struct Adam {
 }
 
 impl Adam {
-    /// Creates zero moments for `num_params` parameters, with decays of 0.9 and 0.999.
+    /// Creates an optimiser with zero moments for `num_params` parameters, and decay rates of 0.9
+    /// and 0.999.
     pub fn new(num_params: usize, epsilon: f32) -> Self {
         Self {
             betas: [0.9, 0.999],
@@ -80,7 +81,7 @@ impl Adam {
         }
     }
 
-    /// Returns both moments and the number of steps, for a checkpoint.
+    /// Returns Adam's first and second moments and its number of steps, for a checkpoint.
     pub(crate) fn save(&self) -> AlgorithmState<'_> {
         AlgorithmState {
             tensors: vec![
@@ -91,7 +92,8 @@ impl Adam {
         }
     }
 
-    /// Restores from a state whose first entries are those of [`Adam::save`].
+    /// Restores moments and number of steps from a state whose first entries are those of
+    /// [`Adam::save`].
     pub(crate) fn restore(&mut self, state: &AlgorithmState<'_>) {
         self.first_moment.copy_from_slice(state.tensors[0].1);
         self.second_moment.copy_from_slice(state.tensors[1].1);
@@ -117,7 +119,8 @@ impl Adam {
     }
 }
 
-/// Returns 1 - beta^t, in f64, since the subtraction cancels digits for a beta near 1.
+/// Returns Adam's bias correction 1 - beta^t after t = `steps` steps, computed in f64, since the
+/// subtraction cancels digits for a beta near 1.
 pub(crate) fn bias_correction(beta: f32, steps: u64) -> f32 {
     (1.0 - f64::from(beta).powf(steps as f64)) as f32
 }
@@ -136,12 +139,13 @@ pub fn clip_global_norm(gradient: &mut [f32], max_norm: f32) -> f64 {
     norm
 }
 
-/// Returns the Euclidean norm, summed in order in f64.
+/// Returns the Euclidean norm of `gradient`, whose squares are summed in order in f64.
 pub(crate) fn norm(gradient: &[f32]) -> f64 {
     gradient.iter().map(|&g| f64::from(g).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Clips every component to [-`limit`, `limit`]; returns the number of clipped components.
+/// Clips every component of `gradient` to [-`limit`, `limit`]; returns the number of clipped
+/// components.
 pub(crate) fn clip_values(gradient: &mut [f32], limit: f32) -> usize {
     let mut outside = 0;
     for g in gradient.iter_mut().filter(|g| g.abs() > limit) {

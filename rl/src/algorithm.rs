@@ -4,7 +4,8 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::error::{RlError, require_saved};
 
-/// Largest counter of a saved state: f64 represents every integer up to 2^53 exactly.
+/// Largest value allowed for a counter in an algorithm's saved state: f64 represents every integer
+/// up to 2^53 exactly.
 const MAX_COUNTER: u64 = 1 << 53;
 
 /// A training algorithm: improves a policy from experience and owns the state of its optimisers.
@@ -14,13 +15,14 @@ const MAX_COUNTER: u64 = 1 << 53;
 pub trait Algorithm {
     /// Type of the policy that the algorithm trains.
     type Policy;
-    /// Type of the experience that an update reads: a [`RolloutBuffer`](crate::RolloutBuffer) for
-    /// on-policy algorithms, a replay buffer for others.
+    /// Type of the experience that a training update reads: a
+    /// [`RolloutBuffer`](crate::RolloutBuffer) for on-policy algorithms, a replay buffer for
+    /// others.
     type Experience;
-    /// Type of the statistics that an update returns.
+    /// Type of the statistics that a training update returns.
     type Stats: Metrics;
 
-    /// Trains `policy` by one update; random draws come from `rng`.
+    /// Trains `policy` on `experience` by one update; random numbers come from `rng`.
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] or [`RlError::ParameterCountMismatch`] for experience or a policy
@@ -65,8 +67,8 @@ pub struct AlgorithmState<'a> {
 }
 
 impl AlgorithmState<'_> {
-    /// Checks that a state read from a file has the names and lengths of `own` in the same order,
-    /// only finite numbers, and no counter above 2^53.
+    /// Checks that a state read from a file has arrays and counters with the names and lengths of
+    /// those in `own`, in the same order, only finite numbers, and no counter above 2^53.
     ///
     /// # Errors
     /// [`RlError::StateMismatch`] or [`RlError::InvalidStateNumber`].
@@ -96,7 +98,7 @@ impl AlgorithmState<'_> {
         Ok(())
     }
 
-    /// Returns names and lengths of the arrays, and names of the counters.
+    /// Returns names and lengths of the arrays in the state, and names of its counters.
     fn layout(&self) -> (Vec<(&str, usize)>, Vec<&str>) {
         let tensors = self.tensors.iter();
         let counters = self.counters.iter();
@@ -106,7 +108,8 @@ impl AlgorithmState<'_> {
         )
     }
 
-    /// Formats the layout for an error message.
+    /// Formats names and lengths of the state's arrays and names of its counters for an error
+    /// message.
     fn describe(&self) -> String {
         let (tensors, counters) = self.layout();
         let tensors = tensors.iter().map(|(name, len)| format!("{name:?} [{len}]"));
@@ -115,13 +118,14 @@ impl AlgorithmState<'_> {
     }
 }
 
-/// Rejects negative numbers in the named arrays. They are second moments: the root of a negative
-/// one would be NaN at the next step.
+/// Rejects a saved state with negative numbers in the arrays called `names`. These hold second
+/// moments of Adam: the root of a negative one would be NaN at the next step.
 pub(crate) fn check_not_negative(state: &AlgorithmState, names: &[&str]) -> Result<(), RlError> {
     state.require_all("no negative number", |name, value| !names.contains(&name) || value >= 0.0)
 }
 
-/// Declares a struct of `f64` sums with a method that adds another one field by field.
+/// Declares a struct of `f64` sums with a method `add` that adds another such struct field by
+/// field.
 macro_rules! sums {
     ($(#[$doc:meta])* $name:ident: $($sum:ident),+) => {
         $(#[$doc])*
@@ -131,7 +135,7 @@ macro_rules! sums {
         }
 
         impl $name {
-            /// Adds the sums of other samples.
+            /// Adds `other`, the same sums over other samples, field by field.
             pub fn add(&mut self, other: &Self) {
                 $(self.$sum += other.$sum;)+
             }
@@ -139,7 +143,8 @@ macro_rules! sums {
     };
 }
 
-/// Lists the given fields as pairs of name and value, as [`Metrics`] returns them.
+/// Lists the given fields of a statistics struct as pairs of name and value, as [`Metrics`] returns
+/// them.
 macro_rules! named {
     ($stats:ident: $($field:ident),+) => {
         vec![$((stringify!($field).to_owned(), $stats.$field as f64)),+]

@@ -16,9 +16,10 @@ use crate::rollout::Experience;
 #[derive(Clone)]
 pub struct RolloutBuffer {
     spec: EnvSpec,
-    /// Number of steps that fit.
+    /// Number of steps of every environment that fit into the buffer.
     capacity: usize,
-    /// T: the capacity, or less after [`RolloutBuffer::truncate`].
+    /// Number T of steps in a full rollout: the capacity, or less after
+    /// [`RolloutBuffer::truncate`].
     steps: usize,
     pushed: usize,
     finished: bool,
@@ -28,16 +29,18 @@ pub struct RolloutBuffer {
     outcomes: Vec<StepOutcome>,
     final_values: Vec<f32>,
     last_values: Vec<f32>,
-    /// Final observations of the truncated samples.
+    /// Final observations of the episodes that were truncated by a time limit, in the order of
+    /// `truncated`.
     finals: Observations,
-    /// Indices of the truncated samples, ascending.
+    /// Indices t * N + n, ascending, of the steps in which a time limit truncated the episode of
+    /// environment n.
     truncated: Vec<usize>,
     last: Observations,
     /// Exploration noise of the actions.
     noise: ActionNoise,
     /// Decisions of the step that is being collected, `[N]`.
     step_decisions: Decisions,
-    /// Values of the final observations of the step that is being collected, `[N]`.
+    /// State values of the final observations of the step that is being collected, `[N]`.
     step_final_values: Vec<f32>,
 }
 
@@ -88,8 +91,8 @@ impl RolloutBuffer {
         Ok(self)
     }
 
-    /// Appends one step: the observations acted on, the decisions, the transition, and the values
-    /// of the final observations `[N]` (read only for truncated outcomes).
+    /// Appends one step: the observations acted on, the decisions, the transition, and the state
+    /// values of the final observations `[N]` (read only for truncated outcomes).
     ///
     /// # Errors
     /// [`RlError::BufferFull`] past T steps, [`RlError::ShapeMismatch`] when an array does not fit,
@@ -126,8 +129,8 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Stores the final observations of the step that is being pushed, which
-    /// [`RolloutBuffer::reevaluate`] needs.
+    /// Stores the final observations of episodes that were truncated in the step that is being
+    /// pushed, which [`RolloutBuffer::reevaluate`] needs.
     fn keep_finals(&mut self, transition: &Transition) {
         for (n, &outcome) in transition.outcomes.iter().enumerate() {
             if outcome == StepOutcome::Truncated {
@@ -139,7 +142,8 @@ impl RolloutBuffer {
         }
     }
 
-    /// Completes a full buffer with the observations after its last step and their values `[N]`.
+    /// Completes a full buffer with the observations after its last step and their state values
+    /// `[N]`.
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before T steps were pushed, [`RlError::ShapeMismatch`] for a
@@ -158,10 +162,10 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Recomputes log-probabilities and values, bootstrapped ones included, under `policy`, so that
-    /// it can be trained on actions of another policy: probability ratios start at 1, and
-    /// advantages refer to its own values. The shift of the state distribution is not corrected.
-    /// After an error, nothing has changed.
+    /// Recomputes the rollout's log-probabilities and state values, bootstrapped ones included,
+    /// under `policy`, so that `policy` can be trained on actions of another policy: probability
+    /// ratios start at 1, and advantages refer to its own values. The shift of the state
+    /// distribution is not corrected. After an error, nothing has changed.
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::ShapeMismatch`] for a policy of
@@ -236,7 +240,7 @@ impl RolloutBuffer {
         Err(RlError::ShortRollout { steps: self.steps, horizon })
     }
 
-    /// Rejects a buffer that is not full and finished.
+    /// Rejects a rollout buffer that is not full or not completed by [`RolloutBuffer::finish`].
     pub(crate) fn check_finished(&self) -> Result<(), RlError> {
         if self.finished {
             Ok(())
@@ -294,7 +298,8 @@ impl fmt::Debug for RolloutBuffer {
     }
 }
 
-/// Returns the values `[N]` of N observations, and rejects infinities and NaN.
+/// Returns the state values of `samples` observations under `policy`, and rejects infinities and
+/// NaN.
 fn finite_values<P: ValueFunction>(
     policy: &mut P,
     observations: &Observations,
@@ -306,7 +311,8 @@ fn finite_values<P: ValueFunction>(
     Ok(values)
 }
 
-/// Checks the values `[N]` of final observations; bootstrapped ones must be finite.
+/// Checks the state values `[N]` of final observations; those of truncated episodes, from which
+/// returns bootstrap, must be finite.
 fn check_final_values(outcomes: &[StepOutcome], values: &[f32]) -> Result<(), RlError> {
     check_len("final_values", "[N]", values.len(), outcomes.len())?;
     let bootstrapped = outcomes.iter().zip(values);
@@ -315,13 +321,15 @@ fn check_final_values(outcomes: &[StepOutcome], values: &[f32]) -> Result<(), Rl
         .try_for_each(|(_, &value)| check_finite("the value of a final observation", value.into()))
 }
 
-/// Copies `row` to row `t` of an array of such rows.
+/// Copies `row`, the values of one step, to step `t` of `array`, which holds such a row for each
+/// step.
 fn copy_row<T: Copy>(array: &mut [T], t: usize, row: &[T]) {
     array[t * row.len()..(t + 1) * row.len()].copy_from_slice(row);
 }
 
 impl<P: OnPolicyActor> Experience<P> for RolloutBuffer {
-    /// Returns the full capacity, also after a truncated rollout.
+    /// Returns the number of steps for which the buffer was allocated, also after
+    /// [`RolloutBuffer::truncate`].
     #[allow(clippy::misnamed_getters, reason = "`steps` are those of the last rollout")]
     fn steps_per_env(&self) -> usize {
         self.capacity
@@ -339,7 +347,8 @@ impl<P: OnPolicyActor> Experience<P> for RolloutBuffer {
         (&mut self.step_decisions.actions, false)
     }
 
-    /// Stores log-probabilities and values with the actions.
+    /// Samples actions from `policy` with the exploration noise, and stores them with
+    /// log-probabilities and state values.
     fn decide(
         &mut self,
         policy: &mut P,
@@ -379,7 +388,8 @@ impl<P: OnPolicyActor> Experience<P> for RolloutBuffer {
     }
 }
 
-/// Computes the values of the final observations if any truncated episode bootstraps from one.
+/// Computes the state values of the final observations if a time limit truncated any episode, which
+/// then bootstraps from one.
 fn value_truncated<P: ValueFunction>(
     policy: &mut P,
     transition: &Transition,
@@ -420,7 +430,8 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Resizes all arrays to `steps` steps and keeps the first ones.
+    /// Resizes all arrays of the buffer to `steps` steps of every environment and keeps the first
+    /// steps.
     pub(super) fn resize(&mut self, steps: usize) {
         let (spec, samples) = (&self.spec, steps * self.spec.num_envs);
         self.observations.images.resize(samples * spec.image_len(), 0);

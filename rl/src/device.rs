@@ -1,4 +1,4 @@
-//! Actor-critic networks as part of a GPU plan, and a policy that runs its network on a GPU.
+//! Actor-critic networks as kernels on a GPU, and a policy that runs its network on a GPU.
 
 use std::fmt;
 use std::ops::Range;
@@ -17,34 +17,38 @@ use crate::network_policy::ActorCriticPolicy;
 use crate::network_settings::CriticSettings;
 use crate::policy::{Actor, Decisions, OnPolicyActor, ValueFunction};
 
-/// WGSL source of the struct for a row of [`DeviceObservations::draws`].
+/// WGSL source of the struct of an entry of [`DeviceObservations::draws`]: a decision's index and
+/// advantage.
 pub(crate) const DRAW_STRUCT_WGSL: &str = include_str!("device/wgsl/draw.wgsl");
 
-/// Buffers of observations on the device, and of the draws from them that form batches.
+/// GPU buffers of observations, and of the samples of batches, which refer to observations by
+/// index.
 #[derive(Clone, Copy)]
 pub(crate) struct DeviceObservations {
-    /// Bytes of all images, four in a word.
+    /// Buffer of the bytes of all images, four in a 32-bit word.
     images: BufferSlot,
-    /// All vectors, irrep-major.
+    /// Buffer of all observation vectors, components in irrep-major order (sorted by irrep).
     vectors: BufferSlot,
-    /// Buffer of the index of the observation and the advantage of each draw.
+    /// Buffer of the samples of batches: for each, the index of its observation and the advantage
+    /// of its decision.
     pub draws: BufferSlot,
 }
 
-/// Outputs of the network, and the start of two parameter ranges.
+/// Output tensors of an actor-critic network on a GPU, and the start of two of its parameter
+/// ranges.
 pub(crate) struct NetworkOutputs {
     /// Mean actions of the policy, components in irrep-major order.
     pub mean: Tensor,
     pub value: Tensor,
-    /// Index of the first parameter after those of the image encoder.
+    /// Index in the GPU's parameter buffer of the first parameter after those of the image encoder.
     pub heads: usize,
-    /// Index of the first log_std among the parameters.
+    /// Index in the GPU's parameter buffer of the first log_std.
     pub log_std: usize,
 }
 
 impl DeviceObservations {
-    /// Reserves GPU buffers for `observations` observations and `draws` draws from them; without
-    /// images if the network has no image encoder.
+    /// Reserves GPU buffers for `observations` observations and for batches of `draws` samples in
+    /// all; without images if the network has no image encoder.
     pub fn new(
         plan: &mut Plan,
         network: &ActorCritic<f32>,
@@ -83,7 +87,8 @@ impl DeviceObservations {
     }
 }
 
-/// Adds the forward and backward pass of the network on a batch's observations to a plan.
+/// Adds the forward and backward pass of the network, on the observations of a batch, to the
+/// kernels in `plan`.
 pub(crate) fn add_network(
     plan: &mut Plan,
     network: &ActorCritic<f32>,
@@ -121,7 +126,7 @@ pub(crate) fn add_network(
     Ok(NetworkOutputs { mean, value, heads, log_std: plan.reserve_params(action, 0..action) })
 }
 
-/// Creates the kernel that copies a batch's observations to the network's inputs; a network may
+/// Creates the GPU kernel that copies a batch's observations to the network's inputs; a network may
 /// have no image or no vector.
 fn gather(
     plan: &mut Plan,
@@ -143,28 +148,28 @@ fn gather(
         .add_wgsl(include_str!("device/wgsl/gather.wgsl"))
 }
 
-/// An [`ActorCriticPolicy`] whose means and values a GPU computes, for batches that are large
-/// enough to keep it busy. The policy itself computes actions and log-probabilities from them, so
-/// its decisions equal the policy's up to rounding.
+/// An [`ActorCriticPolicy`] whose mean actions and state values a GPU computes, for batches that
+/// are large enough to keep the GPU busy. The policy itself computes actions and log-probabilities
+/// from them, so its decisions equal the policy's up to rounding.
 ///
-/// A call is one round trip, or several if the batch exceeds the allocated samples. For few images
-/// it may take longer than on the CPU.
+/// A call is one round trip to the GPU, or several if the batch exceeds the allocated samples. For
+/// few images it may take longer than on the CPU.
 pub struct DevicePolicy {
     policy: ActorCriticPolicy,
-    /// Network that the plan was compiled for.
+    /// Network whose passes were compiled for the GPU.
     network: Arc<ActorCritic<f32>>,
     plan: Plan,
     program: Program,
     observed: DeviceObservations,
-    /// Mean actions `[N, A]`, irrep-major, and values `[N]`.
+    /// GPU buffers of the mean actions `[N, A]`, components in irrep-major order, and of the state
+    /// values `[N]`.
     outputs: [BufferSlot; 2],
-    /// `true` if the device has the policy's parameters.
+    /// `true` if the GPU holds the policy's current parameters.
     current: bool,
 }
 
 impl DevicePolicy {
-    /// Compiles the policy's network for a device, with buffers for `samples` observations at a
-    /// time.
+    /// Compiles the policy's network for a GPU, with buffers for `samples` observations at a time.
     ///
     /// # Errors
     /// [`RlError::InvalidSetting`] for 0 samples; [`RlError::Gpu`] if a buffer would exceed the
@@ -195,7 +200,7 @@ impl DevicePolicy {
         })
     }
 
-    /// Returns the policy whose means and values the GPU computes.
+    /// Returns the policy whose mean actions and state values the GPU computes.
     pub fn policy(&self) -> &ActorCriticPolicy {
         &self.policy
     }
@@ -208,7 +213,8 @@ impl DevicePolicy {
         &mut self.policy
     }
 
-    /// Fills the policy's outputs with those of the device; returns N.
+    /// Computes the network's outputs for N observations on the GPU and copies them to the policy;
+    /// returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
         if !Arc::ptr_eq(&self.network, self.policy.network()) {
             return Err(RlError::NetworkMismatch);

@@ -12,7 +12,8 @@ use crate::error::{RlError, require};
 
 /// Fills `out` with independent standard normal numbers: Box and Muller, "A note on the generation
 /// of random normal deviates" (Ann. Math. Statist. 29, 1958). Unlike rejection methods, it draws
-/// two uniform numbers for each pair, so the generator's position depends on the length alone.
+/// two uniform numbers for each pair, so the generator's position depends on the length of `out`
+/// alone.
 pub(crate) fn standard_normals(rng: &mut impl Rng, out: &mut [f32]) {
     for pair in out.chunks_mut(2) {
         let (u, v) = (rng.random::<f64>(), rng.random::<f64>());
@@ -24,7 +25,8 @@ pub(crate) fn standard_normals(rng: &mut impl Rng, out: &mut [f32]) {
     }
 }
 
-/// Returns ln N(action; mean, exp(log_std)^2), summed over components.
+/// Returns the log-density of `action` under a diagonal Gaussian, ln N(action; mean,
+/// exp(log_std)^2), summed over components.
 pub(crate) fn log_prob(mean: &[f64], log_std: &[f64], action: &[f64]) -> f64 {
     let mut sum = 0.0;
     for ((m, s), a) in mean.iter().zip(log_std).zip(action) {
@@ -33,17 +35,18 @@ pub(crate) fn log_prob(mean: &[f64], log_std: &[f64], action: &[f64]) -> f64 {
     sum
 }
 
-/// Returns the differential entropy in nats: the sum of log_std + ln(2 pi e) / 2.
+/// Returns the differential entropy of a diagonal Gaussian in nats: log_std + ln(2 pi e) / 2,
+/// summed over components.
 pub(crate) fn entropy(log_std: &[f64]) -> f64 {
     log_std.iter().map(|s| s + 0.5 * ((2.0 * PI).ln() + 1.0)).sum()
 }
 
-/// Bounds of a tanh-Gaussian's log_std: `LOG_STD_MIN` and `LOG_STD_MAX` of CleanRL's
-/// `sac_continuous_action.py`.
+/// Bounds of log_std, the logarithm of the standard deviation of a tanh-Gaussian before the tanh:
+/// `LOG_STD_MIN` and `LOG_STD_MAX` of CleanRL's `sac_continuous_action.py`.
 pub(crate) const TANH_LOG_STD_BOUNDS: [f64; 2] = [-5.0, 2.0];
 
-/// Maps the network's raw output to a log_std within [`TANH_LOG_STD_BOUNDS`]; returns it and its
-/// derivative.
+/// Maps the network's output `raw` to a log_std within [`TANH_LOG_STD_BOUNDS`]; returns log_std and
+/// its derivative with respect to `raw`.
 pub(crate) fn squash_log_std(raw: f64) -> (f64, f64) {
     let half = (TANH_LOG_STD_BOUNDS[1] - TANH_LOG_STD_BOUNDS[0]) / 2.0;
     let squashed = raw.tanh();
@@ -51,17 +54,19 @@ pub(crate) fn squash_log_std(raw: f64) -> (f64, f64) {
     (log_std, half * (1.0 - squashed * squashed))
 }
 
-/// Inverts [`squash_log_std`]; `None` if `log_std` is outside the open interval of the bounds.
+/// Returns the network output that [`squash_log_std`] maps to `log_std`; `None` if `log_std` is not
+/// strictly between its bounds.
 pub(crate) fn unsquash_log_std(log_std: f64) -> Option<f64> {
     let share =
         (log_std - TANH_LOG_STD_BOUNDS[0]) / (TANH_LOG_STD_BOUNDS[1] - TANH_LOG_STD_BOUNDS[0]);
     (share > 0.0 && share < 1.0).then(|| (2.0 * share - 1.0).atanh())
 }
 
-/// Writes the action for the `output` `[2 A]` of the network and standard normal `noise` `[A]`;
-/// returns its log-probability density in nats: Haarnoja et al., "Soft actor-critic" (arXiv
-/// 1801.01290, appendix C, "Enforcing action bounds", equation 21). u is Gaussian and a = tanh(u),
-/// component by component; `output` holds the means of u, then the inputs of [`squash_log_std`].
+/// Writes the tanh-Gaussian action `[A]` for the `output` `[2 A]` of the network and standard
+/// normal `noise` `[A]`; returns the action's log-probability density in nats: Haarnoja et al.,
+/// "Soft actor-critic" (arXiv 1801.01290, appendix C, "Enforcing action bounds", equation 21). u is
+/// Gaussian and a = tanh(u), component by component; `output` holds the means of u, then the inputs
+/// of [`squash_log_std`].
 pub(crate) fn sample_tanh_gaussian(output: &[f64], noise: &[f32], action: &mut [f64]) -> f64 {
     let (means, raws) = output.split_at(action.len());
     let mut log_prob = 0.0;
@@ -82,8 +87,9 @@ fn log_slope(u: f64) -> f64 {
     2.0 * LN_2 + negative - 2.0 * negative.exp().ln_1p()
 }
 
-/// Writes the gradient of a loss with respect to `output` `[2 A]` from those with respect to the
-/// action, `d_action` `[A]`, and to its log-probability (arXiv 1801.01290, equation 13).
+/// Writes the gradient of a loss with respect to the `output` `[2 A]` of the network from the
+/// gradients with respect to the tanh-Gaussian action, `d_action` `[A]`, and to its log-probability
+/// (arXiv 1801.01290, equation 13).
 pub(crate) fn tanh_gaussian_gradient(
     output: &[f64],
     noise: &[f32],
@@ -113,18 +119,18 @@ pub(crate) fn tanh_gaussian_gradient(
 /// continuous control deep reinforcement learning", IJCAI 2019, p = 1).
 #[derive(Clone, Debug)]
 pub(crate) struct ActionNoise {
-    /// c, in [0, 1).
+    /// Correlation c of the noise of consecutive steps, in [0, 1).
     correlation: f32,
     width: usize,
     values: Vec<f32>,
     fresh: Vec<f32>,
-    /// `true` once the episode of an environment has had noise, `[N]`.
+    /// `true` for each environment whose running episode has already been given noise, `[N]`.
     begun: Vec<bool>,
 }
 
 impl ActionNoise {
-    /// Creates noise for actions of `width` components (A, at least 1), independent from step to
-    /// step.
+    /// Creates noise for the actions of `envs` environments (N), of `width` components each (A, at
+    /// least 1), independent from step to step.
     pub fn independent(envs: usize, width: usize) -> Self {
         Self {
             correlation: 0.0,
@@ -157,7 +163,7 @@ impl ActionNoise {
         self.begun[env] = false;
     }
 
-    /// Draws the noise `[N, A]` of the next step.
+    /// Samples the noise `[N, A]` of the next step of all environments.
     pub fn draw(&mut self, rng: &mut ChaCha8Rng) -> &[f32] {
         standard_normals(rng, &mut self.fresh);
         // weights whose squares add up to 1 keep the variance at 1

@@ -11,21 +11,25 @@ use symmetry::Group;
 
 use crate::error::RlError;
 
-/// Kernel that halves an image: 4 x 4, stride 2, padding 1. On even sizes its windows lie
-/// symmetrically, since (size + 2 - 4) mod 2 = 0, so the layer is exactly equivariant.
+/// Kernel size, stride and padding of a convolution that halves an image: 4 x 4, 2 and 1 pixels. On
+/// images with even sides its windows lie symmetrically, since (size + 2 - 4) mod 2 = 0, so the
+/// layer is exactly equivariant.
 const HALVING: SlidingWindow = SlidingWindow::new(4, 2, 1);
-/// Kernel that keeps the size of an image: 3 x 3, padding 1.
+/// Kernel size, stride and padding of a convolution that keeps an image's size: 3 x 3, 1 and 1
+/// pixels.
 const SAME: SlidingWindow = SlidingWindow::new(3, 1, 1);
-/// Kernel that removes one pixel on every side: 3 x 3 without padding.
+/// Kernel size, stride and padding of a convolution that removes one pixel on every side of an
+/// image: 3 x 3, 1 and 0 pixels.
 const VALID: SlidingWindow = SlidingWindow::new(3, 1, 0);
-/// Window of 2 x 2 max-pooling.
+/// Window size, stride and padding of max-pooling: 2 x 2, 2 and 0 pixels.
 pub(crate) const POOL_WINDOW: SlidingWindow = SlidingWindow::new(2, 2, 0);
-/// Side in pixels of the maps after the pooled encoder's halvings.
+/// Side in pixels of the feature maps after all halvings of [`EncoderSettings::Pooled`].
 const POOLED_SIDE: usize = 8;
-/// Temperature of the spatial soft-argmax.
+/// Temperature of the softmax over pixels in the spatial soft-argmax of
+/// [`EncoderSettings::Keypoints`].
 const TEMPERATURE: f64 = 1.0;
 
-/// Image encoder, from images to the top regular fields
+/// Image encoder, from images to one vector of regular fields
 /// ([`NetworkSettings::top_fields`](crate::NetworkSettings::top_fields)). All kinds are exactly
 /// equivariant. Widths are in regular fields of D2, see
 /// [`NetworkSettings::group`](crate::NetworkSettings::group).
@@ -36,41 +40,42 @@ const TEMPERATURE: f64 = 1.0;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum EncoderSettings {
-    /// 4 x 4 convolutions of stride 2, then one whose window is the whole remaining map; a ReLU
-    /// after each.
+    /// Encoder of 4 x 4 convolutions of stride 2, then one whose window is the whole remaining
+    /// feature map; a ReLU after each.
     ///
     /// Sides of images are multiples of 2 to the power of the number of halvings.
     Strided {
-        /// Regular fields after each halving of the image, at least 1 each and at least one
-        /// halving.
+        /// Number of regular fields after each halving of the image, at least 1 each and at least
+        /// one halving.
         fields: Vec<usize>,
     },
-    /// 3 x 3 convolutions with 2 x 2 max-pools, a ReLU after each convolution. From D. Wang et al.,
-    /// "SO(2)-equivariant reinforcement learning" (ICLR 2022, appendix on network architecture),
-    /// whose caption COVERS repeats.
+    /// Encoder of 3 x 3 convolutions with 2 x 2 max-pools, a ReLU after each convolution. From D.
+    /// Wang et al., "SO(2)-equivariant reinforcement learning" (ICLR 2022, appendix on network
+    /// architecture), whose caption COVERS repeats.
     ///
     /// After the halvings the maps have 8 x 8 pixels; two convolutions and a pool leave 3 x 3, and
     /// the last convolution 1 x 1. So sides of images are exactly 8 times 2 to the power of the
     /// number of halvings.
     Pooled {
-        /// Regular fields after each halving of the image, at least 1 each; empty for images of 8 x
-        /// 8 pixels.
+        /// Number of regular fields after each halving of the image, at least 1 each; empty for
+        /// images of 8 x 8 pixels.
         fields: Vec<usize>,
-        /// Regular fields of the two convolutions at 8 x 8 pixels, at least 1 each; the second is
-        /// not padded.
+        /// Number of regular fields of each of the two convolutions at 8 x 8 pixels, at least 1;
+        /// the second is not padded.
         inner: [usize; 2],
     },
-    /// 4 x 4 convolutions of stride 2 with ReLUs, a 3 x 3 convolution to maps, the expected
-    /// position of each map (spatial soft-argmax, temperature 1) and a linear layer. From Levine et
-    /// al., "End-to-end training of deep visuomotor policies" (JMLR 2016, section 5.1), made
-    /// equivariant by [`SpatialSoftArgmax`].
+    /// Encoder of 4 x 4 convolutions of stride 2 with ReLUs, a 3 x 3 convolution to feature maps,
+    /// the expected position in each map (spatial soft-argmax, temperature 1) and a linear layer.
+    /// From Levine et al., "End-to-end training of deep visuomotor policies" (JMLR 2016, section
+    /// 5.1), made equivariant by [`SpatialSoftArgmax`].
     ///
     /// Sides of images are multiples of 2 to the power of the number of halvings.
     Keypoints {
-        /// Regular fields after each halving of the image, at least 1 each and at least one
-        /// halving.
+        /// Number of regular fields after each halving of the image, at least 1 each and at least
+        /// one halving.
         fields: Vec<usize>,
-        /// Regular fields of the maps whose expected positions are the keypoints, at least 1.
+        /// Number of regular fields of the feature maps whose expected positions are the keypoints,
+        /// at least 1.
         maps: usize,
     },
     /// No encoder: the network reads the observation's vector only.
@@ -78,8 +83,8 @@ pub enum EncoderSettings {
 }
 
 impl EncoderSettings {
-    /// Returns every width with the name of its setting. An empty list of required halvings counts
-    /// as a width of zero, which the check of widths rejects.
+    /// Returns every layer width of the encoder with the name of its setting. An empty list of
+    /// required halvings counts as a width of zero, which the check of widths rejects.
     pub(crate) fn named_widths(&self) -> Vec<(&'static str, usize)> {
         let halving = |fields: &[usize]| {
             if fields.is_empty() { vec![0] } else { fields.to_vec() }
@@ -100,7 +105,8 @@ impl EncoderSettings {
         fields.chain(others).collect()
     }
 
-    /// Returns height, width and channels of the canvas on which images of this size are centred.
+    /// Returns height, width and channels of the encoder's input, a canvas on which images of shape
+    /// `image` `[height, width, channels]` are centred.
     ///
     /// # Errors
     /// [`RlError::UnsupportedImageSize`] if the image cannot be centred in a square.
@@ -127,8 +133,8 @@ impl EncoderSettings {
         Ok([side, side, channels])
     }
 
-    /// Builds the layers from a canvas `[height, width, channels]` to the top fields; `None` for
-    /// [`EncoderSettings::Blind`] and if there are no images.
+    /// Builds the encoder's layers, from an input `[height, width, channels]` to `top_fields`
+    /// regular fields; `None` for [`EncoderSettings::Blind`] and if there are no images.
     pub(crate) fn layers<T: Scalar>(
         &self,
         group: Group,
@@ -152,7 +158,8 @@ impl EncoderSettings {
         Ok(Some(Sequential::new(layers)?))
     }
 
-    /// Returns the gain of the last layer's weights: sqrt(2) before a ReLU, otherwise 1.
+    /// Returns the gain of the initial weights of the encoder's last layer: sqrt(2) before a ReLU,
+    /// otherwise 1.
     pub(crate) fn last_layer_gain(&self) -> f64 {
         match self {
             Self::Strided { .. } | Self::Pooled { .. } => SQRT_2,
@@ -161,14 +168,15 @@ impl EncoderSettings {
     }
 }
 
-/// Returns the number of regular fields of a group that have as many channels as `fields` of D2.
+/// Returns the number of regular fields of `group` that have as many channels as `fields` regular
+/// fields of D2.
 pub(crate) fn num_group_fields(group: Group, fields: usize) -> usize {
     fields * (Group::D2.order() / group.order())
 }
 
 type Layers<T> = Vec<Box<dyn Layer<T>>>;
 
-/// Returns the side in pixels that `halvings` reduce to one pixel.
+/// Returns the side in pixels of an image that `halvings` halvings reduce to one pixel.
 fn halved(halvings: usize) -> usize {
     // the cap only avoids an overflow: no image is 2^31 pixels wide
     1 << halvings.min(31)
@@ -232,8 +240,8 @@ impl<T: Scalar> Stack<T> {
         self.check(encoder, halvings, fits, expected)
     }
 
-    /// Rejects sides that the layers cannot halve exactly. The group does not matter, so that
-    /// networks of all groups take the same images.
+    /// Rejects the image's size unless it `fits`: the encoder's layers must halve both sides
+    /// exactly. The group does not matter, so that networks of all groups take the same images.
     fn check(
         &self,
         encoder: &'static str,

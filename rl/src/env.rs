@@ -8,11 +8,11 @@ use crate::error::{
     BoxedEnvError, RlError, ValueLocation, check_finite_at, check_len, require, require_memory,
 };
 
-/// Largest magnitude accepted in an observation vector, whose components should be of order 1. It
-/// leaves a margin below 1.8e19, from which on squares overflow f32.
+/// Largest magnitude accepted for a component of an observation vector; components should be of
+/// order 1. The value leaves a margin below 1.8e19, from which on squares overflow f32.
 pub const MAX_ABS_OBSERVATION: f32 = 1e12;
 
-/// Sizes and symmetry types of a [`VectorEnv`].
+/// Sizes and symmetry types of the observations and actions of a [`VectorEnv`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EnvSpec {
     /// Number N of environments that step together, at least 1.
@@ -70,7 +70,8 @@ impl EnvSpec {
         require_memory("the rollouts", &[self.num_envs, steps, sample])
     }
 
-    /// Rejects environments with other images, vectors or actions; their number may differ.
+    /// Rejects an `other` spec with another image shape or other irreps of vector or action; the
+    /// number of environments may differ.
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] names the field.
@@ -90,7 +91,8 @@ impl EnvSpec {
 /// One observation of each of N environments. `Debug` prints only the length of the images.
 #[derive(Clone, PartialEq)]
 pub struct Observations {
-    /// Pixels `[N, H, W, C]` in 0..=255; row 0 is the largest y, column 0 the smallest x.
+    /// Pixels `[N, H, W, C]` in 0..=255; pixel row 0 lies at the largest y, pixel column 0 at the
+    /// smallest x.
     pub images: Vec<u8>,
     /// Observation vectors `[N, D]` with components in natural order. Their magnitudes should be of
     /// order 1, and each is at most [`MAX_ABS_OBSERVATION`].
@@ -111,7 +113,7 @@ impl Observations {
         Self { images: Vec::new(), vectors: Vec::new() }
     }
 
-    /// Checks that both arrays hold `samples` observations of the sizes of `spec`.
+    /// Checks that images and vectors hold `samples` observations of the sizes in `spec`.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] names the array, what it holds and what it should hold.
@@ -120,7 +122,8 @@ impl Observations {
         check_len("vectors", "[N, D]", self.vectors.len(), samples * spec.vector_irreps.len())
     }
 
-    /// Returns N if both arrays hold N observations of the sizes of `spec`.
+    /// Returns the number N of observations if images and vectors both hold N, of the sizes in
+    /// `spec`.
     pub(crate) fn checked_num_samples(&self, spec: &EnvSpec) -> Result<usize, RlError> {
         let samples = match spec.vector_irreps.len() {
             0 => self.images.len() / spec.image_len().max(1),
@@ -130,7 +133,7 @@ impl Observations {
         Ok(samples)
     }
 
-    /// Transforms sample `i` by the group element g.
+    /// Transforms image and vector of observation `i` by the group element `g`.
     pub(crate) fn transform(&mut self, spec: &EnvSpec, i: usize, g: D2) {
         let (image, vector) = self.sample(spec, i);
         let (image, vector) =
@@ -154,7 +157,7 @@ impl Observations {
     /// Returns the image `[H, W, C]` and the vector `[D]` of observation `i`.
     ///
     /// # Panics
-    /// If there is no such sample.
+    /// If there is no observation `i`.
     pub fn sample(&self, spec: &EnvSpec, i: usize) -> (&[u8], &[f32]) {
         let (image, vector) = (spec.image_len(), spec.vector_irreps.len());
         (&self.images[i * image..(i + 1) * image], &self.vectors[i * vector..(i + 1) * vector])
@@ -170,8 +173,8 @@ impl fmt::Debug for Observations {
     }
 }
 
-/// Rejects the vector of environment `env` if a component is not finite, or beyond
-/// [`MAX_ABS_OBSERVATION`].
+/// Rejects `row`, the observation vector of environment `env`, if a component is not finite, or
+/// beyond [`MAX_ABS_OBSERVATION`].
 fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlError> {
     // a comparison with NaN is false, so NaN is not accepted either
     let accepted = |x: &f32| x.abs() <= MAX_ABS_OBSERVATION;
@@ -193,7 +196,7 @@ fn check_rewards(rewards: &[f32]) -> Result<(), RlError> {
     })
 }
 
-/// Returns an image `[H, W, C]` of the environments of `spec`, transformed by g.
+/// Returns `image` `[H, W, C]`, of the sizes in `spec`, transformed by the group element `g`.
 pub(crate) fn transform_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
     let [height, width, channels] = spec.image_shape;
     if image.is_empty() {
@@ -202,14 +205,15 @@ pub(crate) fn transform_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
     g.transform_image(image, height, width, channels)
 }
 
-/// Returns components in natural order, transformed by g: each times the sign of its irrep.
+/// Returns the components of a vector, in natural order, transformed by the group element `g`: each
+/// times the sign that its irrep gives to `g`.
 pub(crate) fn transform_vector(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
     let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
     components.iter().zip(signs).map(|(c, s)| c * s).collect()
 }
 
-/// State of an episode after a step: it goes on, or has ended by its task or by a time limit. After
-/// a termination, no reward follows. A truncation only stops the episode at its time limit, so the
+/// State of an episode after a step: running, ended by its task, or ended by a time limit. After a
+/// termination, no reward follows. A truncation only stops the episode at its time limit, so the
 /// value of the final observation is bootstrapped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum StepOutcome {
@@ -224,7 +228,7 @@ pub enum StepOutcome {
 }
 
 impl StepOutcome {
-    /// Returns `true` if the episode is over, for either reason.
+    /// Returns `true` if the episode has ended, by its task or by a time limit.
     pub fn is_ended(self) -> bool {
         self != Self::Running
     }
@@ -233,9 +237,11 @@ impl StepOutcome {
 /// Result of one step of N environments.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transition {
-    /// Next observations; after the end of an episode, the first one of the next episode.
+    /// Observations after the step; where an episode ended, the first observation of the next
+    /// episode.
     pub observations: Observations,
-    /// Last observations of the episodes that ended; rows of running episodes have no meaning.
+    /// Last observations of the episodes that ended in the step; those of running episodes have no
+    /// meaning.
     pub final_observations: Observations,
     /// Reward of the step in each environment, `[N]`.
     pub rewards: Vec<f32>,
@@ -263,8 +269,8 @@ impl Transition {
         }
     }
 
-    /// Checks the shapes of the transition against `spec`, and every number except final
-    /// observations of running episodes.
+    /// Checks the shapes of the transition against `spec`, and rejects invalid numbers, except in
+    /// the final observations of running episodes.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] names the first array that does not fit, [`RlError::NotFinite`]
@@ -294,7 +300,8 @@ impl Transition {
         }
     }
 
-    /// Checks the final observations of ended episodes; the other rows have no meaning.
+    /// Rejects invalid numbers in the final observation vectors of ended episodes; those of running
+    /// episodes have no meaning.
     fn check_finals_finite(&self, spec: &EnvSpec) -> Result<(), RlError> {
         let width = spec.vector_irreps.len().max(1);
         let finals = self.final_observations.vectors.chunks(width);
@@ -322,14 +329,15 @@ pub trait VectorEnv {
     /// Any failure of the environment.
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError>;
 
-    /// Applies actions `[N, A]` in their natural order and writes every field of `out`. Actions may
-    /// be any finite numbers, since those of a Gaussian policy are not clipped: an environment with
-    /// bounds clips them itself.
+    /// Runs one step of all N environments with the actions `[N, A]`, components in natural order,
+    /// and writes every field of `out`. Actions may be any finite numbers, since those of a
+    /// Gaussian policy are not clipped: an environment with bounds clips them itself.
     ///
     /// Scale rewards so that an episode returns a number of order 1, between 1e-2 and 1e3. Nothing
     /// normalises them, and PPO with its default settings does not improve with rewards of 1e-6 and
     /// keeps exploring with rewards of 1e6.
-    /// [`RolloutStats::reward_warning`](crate::RolloutStats::reward_warning) warns of others.
+    /// [`RolloutStats::reward_warning`](crate::RolloutStats::reward_warning) warns of other
+    /// returns.
     ///
     /// # Errors
     /// Any failure of the environment.

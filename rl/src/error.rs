@@ -36,7 +36,7 @@ pub enum RlError {
          the CPU, or remove the setting"
     )]
     UnsupportedOnGpu,
-    /// A slice whose length does not match its shape.
+    /// A slice whose length does not match the expected shape.
     #[error(
         "{what}: got {got} values, expected {expected} ({shape}); allocate it with the `new` that \
          takes the same EnvSpec"
@@ -66,7 +66,7 @@ pub enum RlError {
          EnvSpec, and use an encoder other than `blind` if there are images only"
     )]
     NoObservationInput,
-    /// A setting outside its range.
+    /// A setting whose value is outside its allowed range.
     #[error("{name} = {value}: expected {expected}; change it in the settings")]
     InvalidSetting {
         /// Name of the setting that is out of range.
@@ -76,7 +76,7 @@ pub enum RlError {
         /// Allowed range of the setting, in words.
         expected: &'static str,
     },
-    /// A policy that ordinary layers cannot express.
+    /// A policy that cannot be exported, because ordinary layers cannot express it.
     #[error(
         "{part} has no form in ordinary layers: only policies with the encoders `strided`, \
          `pooled` or `blind` and without a context can be exported"
@@ -94,7 +94,7 @@ pub enum RlError {
     NotEnoughMemory {
         /// Description of the arrays that would not fit in memory.
         what: &'static str,
-        /// Size of the arrays in bytes.
+        /// Size in bytes of the arrays that would not fit in memory.
         bytes: f64,
     },
     /// A step pushed to a full rollout buffer.
@@ -129,7 +129,7 @@ pub enum RlError {
         width: usize,
         /// Kind of the encoder that rejects the images.
         encoder: &'static str,
-        /// Number of times that the encoder halves the images.
+        /// Number of times that the encoder halves the sides of the images.
         halvings: usize,
         /// Image sizes that the encoder accepts, in words.
         expected: String,
@@ -140,7 +140,8 @@ pub enum RlError {
          the same EnvSpec"
     )]
     SpecMismatch {
-        /// Field of [`crate::EnvSpec`] that differs.
+        /// Name of the field of [`crate::EnvSpec`] that differs between environment, policy and
+        /// experience.
         field: &'static str,
     },
     /// Rollouts that begin with a reset and are shorter than an episode.
@@ -175,24 +176,24 @@ pub enum RlError {
         name: String,
         /// Invalid number found in the saved state.
         value: f64,
-        /// Allowed values of the number, in words.
+        /// Allowed values of the invalid number, in words.
         expected: &'static str,
     },
-    /// A layer with types or sizes that do not fit.
+    /// A network layer whose field types or sizes do not fit together.
     #[error(transparent)]
     Layer(Box<LayerError>),
-    /// A parameter vector of another network.
+    /// A parameter vector whose length is not that of the network's parameters.
     #[error(
         "got {got} parameters, expected {expected}; build the policy with the settings and the \
          spec that the parameters were saved with"
     )]
     ParameterCountMismatch {
-        /// Number of parameters in the given vector.
+        /// Number of parameters in the rejected parameter vector.
         got: usize,
         /// Number of parameters of the network.
         expected: usize,
     },
-    /// A policy with a standard deviation below PPO's floor.
+    /// A policy with a log_std below [`PpoSettings::min_log_std`](crate::PpoSettings::min_log_std).
     #[error(
         "the policy has log_std = {log_std}, below PpoSettings::min_log_std = {min_log_std}, and \
          would jump there at the first step; lower min_log_std or start with a larger \
@@ -204,7 +205,7 @@ pub enum RlError {
         /// Smallest logarithm of a standard deviation that the PPO settings allow.
         min_log_std: f32,
     },
-    /// A step with success at its end but not within it.
+    /// A step whose flags report success at its end but not within the step.
     #[error(
         "environment {env} has success_at_end without success in the same step; set `success` \
          wherever the condition held at any time within the step, its end included"
@@ -222,15 +223,15 @@ pub enum RlError {
         /// Index of the environment whose step does not continue its episode, in 0..N.
         env: usize,
     },
-    /// An image whose still channels changed during an episode.
+    /// An image in which a channel declared as still changed during an episode.
     #[error(
         "the last {channels} channels of the image of environment {env} differ from those at \
          the beginning of its episode; lower ReplaySettings::still_channels"
     )]
     StillChannelChanged {
-        /// Index of the environment whose still channels changed, in 0..N.
+        /// Index of the environment in whose image a still channel changed, in 0..N.
         env: usize,
-        /// Number of channels declared as still.
+        /// Number of image channels declared to stay the same during an episode.
         channels: usize,
     },
     /// An environment whose data contradict the irreps that it declares.
@@ -242,9 +243,9 @@ pub enum RlError {
     SymmetryViolated {
         /// Name of the quantity that contradicts its irrep.
         what: String,
-        /// Irrep of the quantity, as declared.
+        /// Irrep by which the quantity would change its sign, if the declared irreps were right.
         irrep: Irrep,
-        /// Mean of the quantity over episodes, in standard errors.
+        /// Distance from zero of the quantity's mean over episodes, in standard errors.
         deviation: f64,
     },
     /// An infinite or NaN quantity.
@@ -257,7 +258,7 @@ pub enum RlError {
         what: &'static str,
         /// Environment, component and step of the infinite or NaN number.
         place: ValueLocation,
-        /// Infinite or NaN value.
+        /// Infinite or NaN value of the quantity.
         value: f64,
     },
     /// An observation too large to train on.
@@ -270,9 +271,9 @@ pub enum RlError {
         what: &'static str,
         /// Environment, component and step of the number that is too large.
         place: ValueLocation,
-        /// Value of the component that is too large.
+        /// Value of the observation's component that is too large.
         value: f32,
-        /// Largest magnitude accepted in an observation.
+        /// Largest magnitude accepted for a component of an observation vector.
         limit: f32,
     },
     /// A failure of the environment.
@@ -280,12 +281,12 @@ pub enum RlError {
     Environment(#[source] BoxedEnvError),
 }
 
-/// Environment, component and step of a number, as far as they are known.
+/// Location of a number in the data: environment, component and step, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ValueLocation {
     /// Index of the environment that the number belongs to, in 0..N.
     pub env: Option<usize>,
-    /// Index of the number in its observation vector or action.
+    /// Index of the number among the components of an observation vector or an action.
     pub component: Option<usize>,
     /// Number of steps that the episode had taken: 0 for the first observation.
     pub step: Option<usize>,
@@ -335,12 +336,12 @@ pub(crate) fn check_len(
     }
 }
 
-/// Rejects infinities and NaN.
+/// Rejects a `value` that is infinite or NaN.
 pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError> {
     check_finite_at(what, value, ValueLocation::default())
 }
 
-/// Rejects infinities and NaN, and reports the place.
+/// Rejects a `value` that is infinite or NaN, and reports its `place`.
 pub(crate) fn check_finite_at(
     what: &'static str,
     value: f64,
@@ -369,7 +370,7 @@ pub(crate) fn check_rows_finite(
     })
 }
 
-/// Rejects parameters of another network.
+/// Rejects a parameter vector whose length is not that of the network's parameters.
 pub(crate) fn check_params_fit_network(got: usize, expected: usize) -> Result<(), RlError> {
     if got == expected { Ok(()) } else { Err(RlError::ParameterCountMismatch { got, expected }) }
 }
@@ -380,11 +381,12 @@ pub(crate) fn assert_len(what: &str, got: usize, expected: usize) {
     assert!(got == expected, "{what}: got {got} values, expected {expected}");
 }
 
-/// Range of log_std settings. Much below -10, actions in f32 are too coarse for their own density;
-/// above 2, noise is more than seven times an action's unit.
+/// Allowed range of settings of log_std, the logarithm of an action component's standard deviation.
+/// Much below -10, actions in f32 are too coarse for their own density; above 2, noise is more than
+/// seven times an action's unit.
 const LOG_STD_RANGE: RangeInclusive<f32> = -10.0..=2.0;
 
-/// Rejects a setting that is not `allowed`.
+/// Rejects the setting `name` unless its value is `allowed`.
 pub(crate) fn require(
     name: &'static str,
     value: f32,
@@ -410,10 +412,11 @@ pub(crate) fn require_saved(
     Err(RlError::InvalidStateNumber { name: name.to_owned(), value, expected })
 }
 
-/// Maximum width of a layer in a setting; a field type has at most 2^24 channels.
+/// Maximum width of a layer, in fields or channels, that settings may ask for; a field type has at
+/// most 2^24 channels.
 const MAX_WIDTH: usize = 1 << 16;
 
-/// Rejects a width of zero and one above [`MAX_WIDTH`].
+/// Rejects a layer width of zero and one above [`MAX_WIDTH`].
 pub(crate) fn require_width(name: &'static str, width: usize) -> Result<(), RlError> {
     let expected = "1 to 65536 (a list must not be empty)";
     require(name, width as f32, expected, (1..=MAX_WIDTH).contains(&width))
@@ -450,7 +453,7 @@ pub(crate) fn require_weight(name: &'static str, value: f32) -> Result<(), RlErr
     require(name, value, "a finite number, at least 0", allowed)
 }
 
-/// Rejects a count below `least`.
+/// Rejects a setting that is a count below `least`.
 pub(crate) fn require_count(
     name: &'static str,
     count: usize,

@@ -15,20 +15,22 @@ use crate::trunk::Trunk;
 /// library is equivariant.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ExportedLayer {
-    /// A cross-correlation (convolution), or a matrix product on vectors.
+    /// Convolution (cross-correlation) of images, or a matrix product on vectors, which is a 1 x 1
+    /// convolution.
     Linear {
-        /// Kernel of the convolution, `[C_out, C_in, size, size]`.
+        /// Kernel of the convolution, `[C_out, C_in, size, size]` for C_in input and C_out output
+        /// channels.
         weight: Vec<f32>,
-        /// Shape of the kernel, `[C_out, C_in, size, size]`.
+        /// Shape of the convolution's kernel, `[C_out, C_in, size, size]`.
         shape: [usize; 4],
-        /// Bias of the convolution, `[C_out]`.
+        /// Bias of each of the convolution's output channels, `[C_out]`.
         bias: Vec<f32>,
         /// Size, stride and padding of the convolution's window, in pixels.
         window: SlidingWindow,
     },
-    /// Pointwise max(x, 0).
+    /// Pointwise rectifier (ReLU), max(x, 0).
     Relu,
-    /// Max-pooling with this window.
+    /// Max-pooling of images over a window with the given size, stride and padding in pixels.
     MaxPool(SlidingWindow),
 }
 
@@ -70,8 +72,8 @@ pub struct ExportedPolicy {
     pub actor: Vec<ExportedLayer>,
     /// Action distribution whose parameters the actor outputs.
     pub distribution: Distribution,
-    /// Layers of the critic, and `true` if it reads maxima over G; `None` for a policy without a
-    /// value function.
+    /// Layers of the critic, and `true` if they read each field's maximum over the group instead of
+    /// the fields; `None` for a policy without a value function.
     pub critic: Option<(Vec<ExportedLayer>, bool)>,
 }
 
@@ -82,7 +84,7 @@ pub struct PolicyOutput {
     pub actions: Vec<f32>,
     /// Logarithms of the Gaussian's standard deviations `[N, A]`, before any tanh.
     pub log_std: Vec<f32>,
-    /// Values V(s) `[N]`; `None` for a policy without a value function.
+    /// State values V(s) `[N]`; `None` for a policy without a value function.
     pub values: Option<Vec<f32>>,
 }
 
@@ -95,33 +97,36 @@ pub trait ExportPolicy {
     /// [`RlError::NotExportable`] for a network with parts that ordinary layers cannot express.
     fn export(&self) -> Result<ExportedPolicy, RlError>;
 
-    /// Returns the policy's own output for `observations`, with which that of its export is
-    /// compared.
+    /// Returns the policy's own output for `observations`, with which the output of its exported
+    /// layers is compared.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] for observations of other environments.
     fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError>;
 }
 
-/// Kind of an end of a chain of layers.
+/// Basis and order of the channels at the input or output of a chain of layers.
 #[derive(Clone, Copy)]
 pub(crate) enum ChannelBasis<'a> {
-    /// Channels of the regular basis, element-major.
+    /// Channels in the basis of the regular representation, ordered by group element, then by
+    /// field.
     Regular,
-    /// Components in natural order; holds the natural index of every irrep-major component.
+    /// Components in natural order; holds the index in natural order of each component in
+    /// irrep-major order (sorted by irrep).
     Natural(&'a [usize]),
-    /// Regular channels of the image, then of the vector; holds the number of fields of each.
+    /// Channels in the regular basis, those of the image before those of the vector; holds the
+    /// number of regular fields of each.
     Joined([usize; 2]),
 }
 
-/// Exported layers of a trunk, and the basis of the heads' input.
+/// Exported layers of a [`Trunk`], and the channel basis of the input of actor and critic.
 pub(crate) struct ExportedTrunk {
     pub image: Option<Vec<ExportedLayer>>,
     pub vector: Option<Vec<ExportedLayer>>,
     pub joined: ChannelBasis<'static>,
 }
 
-/// Exports a trunk.
+/// Exports the image layers and the vector layers of a [`Trunk`] as ordinary layers.
 ///
 /// # Errors
 /// [`RlError::NotExportable`] for keypoints and for images that are not square.
@@ -155,7 +160,8 @@ pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk,
     })
 }
 
-/// Exports a chain of layers between the given bases of its input and output.
+/// Exports a chain of layers as ordinary layers, with the given channel bases of the chain's input
+/// and output.
 ///
 /// # Errors
 /// [`RlError::NotExportable`] for a layer that has no ordinary form.
@@ -181,7 +187,7 @@ pub(crate) fn chain(
     Ok(exported)
 }
 
-/// Exports a layer without weights.
+/// Exports a layer without weights: a ReLU or max-pooling.
 fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
     match kind {
         LayerKind::Relu => Ok(ExportedLayer::Relu),
@@ -193,7 +199,8 @@ fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
     }
 }
 
-/// Exports a convolution or linear layer, with a kernel between the `bases` of input and output.
+/// Exports a convolution or linear layer, with its kernel in the channel `bases` of its input and
+/// output.
 fn linear(
     group: Group,
     dense: &OrdinaryConv<'_>,
@@ -215,7 +222,8 @@ fn linear(
     ExportedLayer::Linear { weight, shape, bias, window: dense.window() }
 }
 
-/// Transforms the first axis of `[channels, inner]` values from the irrep basis to `basis`.
+/// Transforms the first axis of the array `values` `[channels, inner]` from the irrep basis to
+/// `basis`.
 fn change(group: Group, basis: ChannelBasis<'_>, inner: usize, values: &mut [f32]) {
     // the Hadamard transform maps irreps to the regular basis of a field
     let irreps = match basis {
@@ -235,8 +243,8 @@ fn change(group: Group, basis: ChannelBasis<'_>, inner: usize, values: &mut [f32
     }
 }
 
-/// Returns the new index of each channel of `[G, image fields and vector fields]` when all of the
-/// image's channels come before the vector's.
+/// Returns the new index of each channel of `[G, image fields + vector fields]`, for a group of
+/// `order` G, when all channels of the image are moved before those of the vector.
 fn joined_order(order: usize, [image, vector]: [usize; 2]) -> Vec<usize> {
     let both = image + vector;
     let index = |channel: usize| {

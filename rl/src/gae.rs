@@ -8,19 +8,20 @@ use crate::error::assert_len;
 pub struct GaeInputs<'a> {
     /// Rewards of all steps, `[T, N]`.
     pub rewards: &'a [f32],
-    /// Values V(s_t) of the observations acted on, `[T, N]`.
+    /// State values V(s_t) of the observations acted on, `[T, N]`.
     pub values: &'a [f32],
     /// State of the episode after each step, `[T, N]`.
     pub outcomes: &'a [StepOutcome],
-    /// Value V of the final observation of each truncated step, `[T, N]`; other entries are not
-    /// read.
+    /// State value V of the final observation of each step that truncated an episode, `[T, N]`;
+    /// other entries are not read.
     pub final_values: &'a [f32],
-    /// Value V of each environment's observation after the last step, `[N]`.
+    /// State value V of each environment's observation after the last step, `[N]`.
     pub last_values: &'a [f32],
 }
 
 impl GaeInputs<'_> {
-    /// Panics if the lengths do not agree on one T and N.
+    /// Panics if the lengths of the inputs do not agree on one number T of steps and N of
+    /// environments.
     fn check(&self) {
         let (n, len) = (self.last_values.len(), self.rewards.len());
         assert!(
@@ -32,7 +33,8 @@ impl GaeInputs<'_> {
         assert_len("final_values", self.final_values.len(), len);
     }
 
-    /// Returns V_(t+1) and A_(t+1) of sample `i`; `later` holds the advantages computed so far.
+    /// Returns the next state value V_(t+1) and the next advantage A_(t+1) of sample `i` = t * N +
+    /// n; `later` holds the advantages computed so far.
     fn following(&self, i: usize, later: &[f32]) -> (f32, f32) {
         let n = self.last_values.len();
         match self.outcomes[i] {

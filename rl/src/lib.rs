@@ -13,8 +13,9 @@
 //! | actor | [`Actor`] and its [`ActorMemory`]; [`OnPolicyActor`] for rollouts | `tests/memory.rs` |
 //! | algorithm | [`Algorithm`]; [`Experience`] for a new buffer | `src/replay.rs`, `src/sac.rs` |
 //!
-//! - The policy is exactly equivariant under D2, or a subgroup of choice: mirror the table and its
-//!   mean action is the mirrored one, its value and features are the same.
+//! - The policy is exactly equivariant under D2, the group of flips of x and y, or a subgroup of
+//!   choice: if the observation is flipped, the policy's mean action is flipped, and its value and
+//!   features stay the same.
 //! - The end of an episode has two kinds, [`StepOutcome::Terminated`] and
 //!   [`StepOutcome::Truncated`], all the way to [`gae()`]: a time-out bootstraps the value of the
 //!   final observation.
@@ -23,8 +24,8 @@
 //! - All parameters of a policy are one flat slice, and all state of an algorithm is saved by name
 //!   ([`Algorithm::save`]).
 //! - Rewards, observations, decisions, returns, losses and gradients that are infinite or not a
-//!   number are errors with a name. The parameters are then those before the offending step; the
-//!   steps that an update took earlier stay.
+//!   number are errors that name the quantity. The parameters are then those before the offending
+//!   gradient step; gradient steps that the update took earlier stay.
 //!
 //! `docs/ppo.md` lists every detail of PPO with its value, its source and the function that
 //! implements it.

@@ -38,11 +38,12 @@ pub struct ActorCritic<T> {
     pub(crate) trunk: Trunk<T>,
     pub(crate) actor: Sequential<T>,
     pub(crate) critic: Sequential<T>,
-    /// Natural index of every irrep-major component of the action.
+    /// Index in natural order of each component of the action in irrep-major order (sorted by
+    /// irrep).
     pub(crate) action_order: Vec<usize>,
 }
 
-/// Ranges of each part's parameters in the flat slice.
+/// Ranges of the parameters of actor, critic and log_std in the network's flat parameter slice.
 pub(crate) struct ParamRanges {
     pub actor: Range<usize>,
     pub critic: Range<usize>,
@@ -96,14 +97,14 @@ impl<T: Scalar> ActorCritic<T> {
         &self.trunk.settings
     }
 
-    /// Returns the spec that the network was built for.
+    /// Returns the sizes and irreps of observations and actions that the network was built for.
     pub fn spec(&self) -> &EnvSpec {
         &self.trunk.spec
     }
 
-    /// Draws the initial values of all parameters of the network. Weights before a ReLU have gain
+    /// Samples the initial values of all parameters of the network. Weights before a ReLU have gain
     /// sqrt(2) (He et al., ICCV 2015, equation 10), the last layers the gains of the settings;
-    /// biases are zero, and log_std is as set.
+    /// biases are zero, and log_std has the value in the settings.
     pub fn init_params(&self, rng: &mut dyn Rng) -> Vec<T> {
         let (parts, settings) = (self.parts(), self.settings());
         let mut params = self.trunk.init_params(self.num_params(), rng);
@@ -129,7 +130,8 @@ impl<T> HasTrunk<T> for ActorCritic<T> {
     }
 }
 
-/// Builds the critic on the fields before or after pooling.
+/// Builds the critic's layers, which read the trunk's fields before or after pooling over the
+/// group.
 fn critic<T: Scalar>(
     settings: &NetworkSettings,
     trunk: &Trunk<T>,
@@ -146,7 +148,8 @@ fn critic<T: Scalar>(
     }
 }
 
-/// Activations, gradients and scratch memory of a pass over up to K samples, allocated once.
+/// Activations, gradients and scratch memory of an [`ActorCritic`]'s passes over up to K samples,
+/// allocated once.
 ///
 /// The public arrays, between network and loss, are in f64 and in natural order. They have K rows;
 /// after a pass over n samples, the first n rows are valid and the others left from earlier passes.
@@ -154,7 +157,7 @@ fn critic<T: Scalar>(
 pub struct Workspace<T> {
     /// Mean actions `[K, A]` of the last forward pass.
     pub mean: Vec<f64>,
-    /// Values V(s) `[K]` of the last forward pass.
+    /// State values V(s) `[K]` of the last forward pass.
     pub value: Vec<f64>,
     /// Logarithms of the action's standard deviations `[A]` of the last forward pass.
     pub log_std: Vec<f64>,
@@ -167,7 +170,7 @@ pub struct Workspace<T> {
     trunk: TrunkPass<T>,
     actor: LayerBuffers<T>,
     critic: LayerBuffers<T>,
-    /// Length n * F of the features of the last forward pass.
+    /// Length n * F of the last forward pass's features, for n samples with F features each.
     features_len: usize,
 }
 
@@ -179,7 +182,7 @@ impl<T: Scalar> Workspace<T> {
 }
 
 impl<T: Scalar> ActorCritic<T> {
-    /// Allocates a workspace for chunks of up to `capacity` samples (K).
+    /// Allocates a workspace for passes over up to `capacity` samples (K).
     pub fn workspace(&self, capacity: usize) -> Workspace<T> {
         let action = self.action_order.len();
         Workspace {
@@ -196,8 +199,9 @@ impl<T: Scalar> ActorCritic<T> {
         }
     }
 
-    /// Loads sample `slot` of a chunk: pixels `[H, W, C]`, mapped to [-0.5, 0.5], and the vector
-    /// `[D]`, reordered but not scaled: it should be of order 1 already.
+    /// Loads an observation into position `slot` of the workspace: pixels `[H, W, C]`, mapped to
+    /// [-0.5, 0.5], and the vector `[D]`, reordered but not scaled: it should be of order 1
+    /// already.
     ///
     /// # Panics
     /// If the slices' lengths differ from the spec, or `slot` is beyond the capacity.
@@ -211,7 +215,8 @@ impl<T: Scalar> ActorCritic<T> {
         self.trunk.load_sample(slot, image, vector, &mut workspace.trunk);
     }
 
-    /// Runs the samples in slots 0..n forward: fills `mean`, `value`, `log_std` and the features.
+    /// Runs the network forward on the samples in slots 0..n: fills `mean`, `value`, `log_std` and
+    /// the features of the workspace.
     ///
     /// # Panics
     /// If `params` is not [`ActorCritic::num_params`] long or n is beyond the capacity.
@@ -235,7 +240,8 @@ impl<T: Scalar> ActorCritic<T> {
         to_f64(&params[parts.log_std], &mut w.log_std);
     }
 
-    /// Returns the units' activations for the n samples of the last forward pass.
+    /// Returns the summed activations of the network's ReLU units for the n samples of the last
+    /// forward pass.
     pub(crate) fn unit_activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> UnitActivity {
         let parts = self.parts();
         let own = &params[self.trunk.params()];
@@ -245,7 +251,8 @@ impl<T: Scalar> ActorCritic<T> {
         UnitActivity::from_layer_sums(sums)
     }
 
-    /// Runs the samples in slots 0..n forward as far as the features.
+    /// Runs only the layers that actor and critic share on the samples in slots 0..n, as far as the
+    /// invariant features.
     ///
     /// # Panics
     /// Like [`ActorCritic::forward`].
@@ -257,8 +264,8 @@ impl<T: Scalar> ActorCritic<T> {
         w.features_len = n * self.feature_dim();
     }
 
-    /// Adds the gradient of the loss to `dparams`, for the n samples of the last forward pass, from
-    /// `d_mean`, `d_value` and `d_log_std`.
+    /// Adds the gradient of the loss with respect to all parameters to `dparams`, for the n samples
+    /// of the last forward pass, from `d_mean`, `d_value` and `d_log_std` of the workspace.
     ///
     /// # Panics
     /// Like [`ActorCritic::forward`].
@@ -282,7 +289,8 @@ impl<T: Scalar> ActorCritic<T> {
         }
     }
 
-    /// Sums the gradients with respect to both heads' inputs as the gradient of the trunk's fields.
+    /// Sums the gradients with respect to the inputs of actor and critic to the gradient with
+    /// respect to the trunk's fields.
     fn add_head_gradients(&self, n: usize, w: &mut Workspace<T>) {
         // written by the critic, then added to by the actor
         match self.settings().critic {

@@ -24,7 +24,8 @@ use crate::policy::{
 };
 use crate::trunk::{HasTrunk, HasTrunkPass, Trunk};
 
-/// Samples of one chunk, small enough that a batch of 20 environments occupies several threads.
+/// Number of observations that a policy's thread processes at a time (a chunk), small enough that a
+/// batch of 20 environments occupies several threads.
 const CHUNK: usize = 4;
 
 /// A network N with its parameters and the buffers W of its passes: the common part of
@@ -36,13 +37,14 @@ const CHUNK: usize = 4;
 pub struct NetworkPolicy<N, W> {
     network: Arc<N>,
     params: Vec<f32>,
-    /// Network outputs of the last run, one row for each sample.
+    /// Outputs of the network's last forward pass, one row for each observation.
     pub(crate) outputs: Vec<f64>,
     buffers: fn(&N, usize) -> W,
     chunks: ParallelChunks<f32, W>,
 }
 
-/// Part of a batch: the samples in `range`, which are loaded into the slots from 0 on.
+/// Part of a batch that one thread processes: the observations at indices `range`, which are loaded
+/// into the slots from 0 on.
 pub(crate) struct Chunk<'a, N> {
     pub network: &'a N,
     pub params: &'a [f32],
@@ -71,7 +73,8 @@ where
     N: HasTrunk<f32> + Send + Sync + 'static,
     W: HasTrunkPass<f32> + Send + 'static,
 {
-    /// Creates a policy; `buffers` allocates buffers for chunks of up to a number of samples.
+    /// Creates a policy from a network and its parameters; `buffers` allocates buffers for passes
+    /// over up to a given number of samples.
     pub(crate) fn from_parts(
         network: Arc<N>,
         params: Vec<f32>,
@@ -96,8 +99,8 @@ where
         self.trunk().spec.action_irreps.len()
     }
 
-    /// Fills a row of `outputs`, `row` numbers long, for each of N observations by `forward`;
-    /// returns N.
+    /// Runs `forward` on chunks of the N observations, which fills a row of `outputs`, `row`
+    /// numbers long, for each; returns N.
     pub(crate) fn infer(
         &mut self,
         observations: &Observations,
@@ -175,7 +178,8 @@ pub(crate) fn check_saved_params(params: &[f32], expected: usize) -> Result<(), 
 pub type ActorCriticPolicy = NetworkPolicy<ActorCritic<f32>, Workspace<f32>>;
 
 impl ActorCriticPolicy {
-    /// Builds the network for `spec` and draws its parameters from the stream of `seed`.
+    /// Builds the network for `spec` and samples its initial parameters with a generator seeded by
+    /// `seed`.
     ///
     /// # Errors
     /// Errors of [`ActorCritic::new`].
@@ -208,7 +212,8 @@ impl ActorCriticPolicy {
         &params[params.len() - self.action_dim()..]
     }
 
-    /// Raises every log_std below `floor` to it. NaN stays, so that a check for it can fail.
+    /// Raises every log_std of the policy that is below `floor` to `floor`. NaN stays, so that a
+    /// check for it can fail.
     pub(crate) fn clamp_log_std(&mut self, floor: f32) {
         let start = self.params().len() - self.action_dim();
         for log_std in &mut self.params_mut()[start..] {
@@ -218,7 +223,8 @@ impl ActorCriticPolicy {
         }
     }
 
-    /// Fills `outputs` with rows `[A + 1]` of mean and value; returns N.
+    /// Runs the network on N observations and fills `outputs` with rows `[A + 1]` of mean action
+    /// and state value; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
         let width = self.action_dim();
         let forward = |chunk: Chunk<ActorCritic<f32>>, w: &mut Workspace<f32>, rows: &mut [f64]| {
@@ -249,7 +255,8 @@ impl ActorCriticPolicy {
         Ok(())
     }
 
-    /// Writes actions, log-probabilities and values from `outputs` and the noise `[N, A]`.
+    /// Writes the actions that follow from the means in `outputs` and the standard normal `noise`
+    /// `[N, A]`, with log-probabilities and state values.
     pub(crate) fn write_decisions(
         &self,
         samples: usize,
@@ -264,7 +271,7 @@ impl ActorCriticPolicy {
         Ok(())
     }
 
-    /// Writes the means `[N, A]` in `outputs`.
+    /// Copies the mean actions `[N, A]` of the last forward pass from `outputs` to `out`.
     pub(crate) fn write_means(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
         let width = self.action_dim();
         check_len("mean actions", "[N, A]", out.len(), samples * width)?;
@@ -275,7 +282,7 @@ impl ActorCriticPolicy {
         Ok(())
     }
 
-    /// Writes the values `[N]` in `outputs`.
+    /// Copies the state values `[N]` of the last forward pass from `outputs` to `out`.
     pub(crate) fn write_values(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
         check_len("values", "[N]", out.len(), samples)?;
         let width = self.action_dim();
@@ -285,7 +292,8 @@ impl ActorCriticPolicy {
         Ok(())
     }
 
-    /// Turns standard normal `numbers` `[N, A]` into actions around the means of the last run.
+    /// Turns standard normal `numbers` `[N, A]` into actions around the means of the last forward
+    /// pass.
     fn sample(&self, numbers: &mut [f32]) {
         let width = self.action_dim();
         let std: Vec<f64> = self.log_std_f64().iter().map(|s| s.exp()).collect();
@@ -297,7 +305,8 @@ impl ActorCriticPolicy {
         }
     }
 
-    /// Writes log-probabilities of the actions, and values, from the last run.
+    /// Writes log-probabilities of the actions in `decisions`, and state values, from the outputs
+    /// of the last forward pass.
     fn write_log_probs(&self, decisions: &mut Decisions) {
         let log_std = self.log_std_f64();
         let width = log_std.len();

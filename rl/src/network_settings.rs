@@ -7,8 +7,8 @@ use symmetry::Group;
 use crate::encoder::{EncoderSettings, num_group_fields};
 use crate::error::{RlError, require_log_std, require_positive, require_width};
 
-/// Sizes and initial values of [`crate::ActorCritic`]. The default is the network tuned for images
-/// of 48 x 48 pixels.
+/// Layer widths and initial values of the parameters of [`crate::ActorCritic`]. The default is the
+/// network tuned for images of 48 x 48 pixels.
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -16,9 +16,10 @@ use crate::error::{RlError, require_log_std, require_positive, require_width};
 pub struct NetworkSettings {
     /// Symmetry group of the network, exact in every layer; C1 gives an ordinary network.
     ///
-    /// Widths below count regular fields of D2: n of them stand for 4 n channels, whatever the
-    /// group. For a subgroup G these are 4 n / |G| regular fields of |G| channels. So networks of
-    /// all groups are equally wide, and the number of parameters grows as the group shrinks:
+    /// Widths below count regular fields of D2, blocks of four channels that the group elements
+    /// permute: n fields stand for 4 n channels, whatever the group. For a subgroup G these are 4 n
+    /// / |G| regular fields of |G| channels. So networks of all groups are equally wide, and the
+    /// number of parameters grows as the group shrinks:
     ///
     /// ```
     /// use rl::{ActorCritic, EnvSpec, NetworkSettings};
@@ -38,47 +39,49 @@ pub struct NetworkSettings {
     /// The number of features grows, too: `top_fields + vector_fields` for D2, four times as many
     /// for C1.
     pub group: Group,
-    /// Kind and widths of the image encoder, from images to the top fields.
+    /// Kind and layer widths of the image encoder, which maps an image to `top_fields` regular
+    /// fields.
     pub encoder: EncoderSettings,
-    /// Regular fields of the image's feature vector, at least 1.
+    /// Number of regular fields in the image encoder's output, at least 1.
     pub top_fields: usize,
-    /// Regular fields of the observation vector's features, at least 1.
+    /// Number of regular fields in the features of the observation vector, at least 1.
     pub vector_fields: usize,
-    /// Regular fields of the actor's hidden layer, at least 1.
+    /// Number of regular fields in the actor's hidden layer, at least 1.
     pub actor_fields: usize,
     /// Kind and width of the critic.
     pub critic: CriticSettings,
-    /// Initial gain of the actor's last layer, above 0; small, so that mean actions start near
-    /// zero.
+    /// Gain of the random initial weights of the actor's last layer, above 0; small, so that mean
+    /// actions start near zero.
     pub action_gain: f32,
-    /// Initial gain of the critic's last layer, above 0.
+    /// Gain of the random initial weights of the critic's last layer, above 0.
     pub value_gain: f32,
     /// Initial logarithm of every action component's standard deviation, in [-10, 2], and not
     /// below [`PpoSettings::min_log_std`](crate::PpoSettings::min_log_std) where PPO trains it.
     pub log_std: f32,
 }
 
-/// Input of the critic, whose value is invariant in either case.
+/// Input and width of the critic, whose value is invariant under the group in either case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum CriticSettings {
-    /// Critic that reads the pooled features, as in the paper. Image and vector are pooled
-    /// separately, so the value cannot depend on the position of the hand (vector) relative to the
-    /// object (image).
+    /// Critic that reads features pooled over the group, as in the paper. Image and vector are
+    /// pooled separately, so the value cannot depend on the position of the hand (vector) relative
+    /// to the object (image).
     Pooled {
-        /// Channels of the critic's hidden layer, at least 1.
+        /// Number of channels in the critic's hidden layer, at least 1.
         width: usize,
     },
     /// Critic that reads the fields before pooling, through a hidden layer of regular fields, like
     /// the actor. The value can depend on the vector relative to the image.
     Joint {
-        /// Regular fields of the critic's hidden layer, at least 1.
+        /// Number of regular fields in the critic's hidden layer, at least 1.
         fields: usize,
     },
 }
 
 impl CriticSettings {
-    /// Returns the width of the hidden layer, in channels or fields.
+    /// Returns the width of the critic's hidden layer: channels of a pooled critic, regular fields
+    /// of a joint one.
     fn size(self) -> usize {
         match self {
             Self::Pooled { width } => width,
@@ -94,8 +97,8 @@ impl Default for NetworkSettings {
 }
 
 impl NetworkSettings {
-    /// Returns the default network settings with other widths: regular fields after each halving
-    /// ([`EncoderSettings::Strided`]), and `fields` in all later layers.
+    /// Returns the default network settings with other widths: `halvings` regular fields after each
+    /// halving of the image ([`EncoderSettings::Strided`]), and `fields` in all later layers.
     pub fn strided(halvings: Vec<usize>, fields: usize) -> Self {
         Self {
             group: Group::D2,
@@ -111,8 +114,9 @@ impl NetworkSettings {
         }
     }
 
-    /// Returns the network for 128 x 128 pixels of D. Wang et al.'s SO(2)-equivariant agents
-    /// with n = 64, see [`EncoderSettings::Pooled`], and the paper's critic.
+    /// Returns settings of the network for images of 128 x 128 pixels of D. Wang et al.'s
+    /// SO(2)-equivariant agents with n = 64, see [`EncoderSettings::Pooled`], and the paper's
+    /// critic.
     pub fn so2_128() -> Self {
         Self {
             encoder: EncoderSettings::Pooled { fields: vec![8, 16, 32, 64], inner: [128, 64] },
@@ -122,8 +126,9 @@ impl NetworkSettings {
         }
     }
 
-    /// Returns the default network settings with an encoder of two halvings and the positions of 16
-    /// maps, see [`EncoderSettings::Keypoints`]. Sides of images are multiples of 4.
+    /// Returns the default network settings with a keypoint encoder
+    /// ([`EncoderSettings::Keypoints`]) of two halvings of the image and 16 regular fields of
+    /// keypoints. Sides of images are multiples of 4.
     pub fn keypoints() -> Self {
         Self {
             encoder: EncoderSettings::Keypoints { fields: vec![4, 8], maps: 16 },
@@ -131,12 +136,14 @@ impl NetworkSettings {
         }
     }
 
-    /// Returns the number of regular fields of the group with as many channels as `fields` of D2.
+    /// Returns the number of regular fields of the network's group that have as many channels as
+    /// `fields` regular fields of D2.
     pub(crate) fn num_group_fields(&self, fields: usize) -> usize {
         num_group_fields(self.group, fields)
     }
 
-    /// Returns the type of regular fields of the group with as many channels as `fields` of D2.
+    /// Returns the type of regular fields of the network's group that have as many channels as
+    /// `fields` regular fields of D2.
     pub(crate) fn regular_field_type(&self, fields: usize) -> FieldType {
         self.group.regular_type(self.num_group_fields(fields))
     }

@@ -23,7 +23,8 @@ impl ActorMemory for () {
     fn forget_episode(&mut self, _: usize) {}
 }
 
-/// A policy that chooses actions `[N, A]`, in their natural order: any finite numbers.
+/// A policy that chooses actions `[N, A]` for N environments, A components each in natural order:
+/// any finite numbers.
 ///
 /// Every call is one step of N environments: `observations` are those of all environments, and
 /// `memory` is carried from step to step. With the memory `()`, N may differ from call to call.
@@ -37,7 +38,8 @@ pub trait Actor {
     /// Returns the memory for `envs` environments (N) in which no episode has begun.
     fn new_memory(&self, envs: usize) -> Self::Memory;
 
-    /// Samples actions `[N, A]`, as a collection executes them.
+    /// Samples actions `[N, A]` from the action distribution, as [`collect`](crate::collect)
+    /// executes them.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] when an array does not fit.
@@ -49,7 +51,8 @@ pub trait Actor {
         out: &mut [f32],
     ) -> Result<(), RlError>;
 
-    /// Writes the means of the action distribution, `[N, A]`, as an evaluation executes them.
+    /// Writes the means of the action distribution, `[N, A]`, as [`evaluate`](crate::evaluate)
+    /// executes them.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] when an array does not fit.
@@ -61,22 +64,25 @@ pub trait Actor {
     ) -> Result<(), RlError>;
 }
 
-/// A policy with a state-value function. The contract of an equivariant one: V(g s) = V(s).
+/// A policy with a state-value function V. The contract of an equivariant policy, for every group
+/// element g and state s: V(g s) = V(s).
 pub trait ValueFunction {
-    /// Writes the values V(s), `[N]`: expected discounted sums of rewards. N is free.
+    /// Writes the state values V(s) of N observations, `[N]`: expected discounted sums of rewards.
+    /// N may be any number.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] when an array does not fit.
     fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError>;
 }
 
-/// A policy that maps observations to feature vectors, which policy assignment compares. The
-/// contract of an equivariant one: g s and s have equal features.
+/// A policy that maps observations to feature vectors, which the assignment of rollouts to policies
+/// compares. The contract of an equivariant policy: g s and s have equal features, for every group
+/// element g and observation s.
 pub trait FeatureExtractor {
     /// Returns F, the length of the feature vector of one observation.
     fn feature_dim(&self) -> usize;
 
-    /// Writes the feature vectors of N observations, `[N, F]`, to `out`. N is free.
+    /// Writes the feature vectors of N observations, `[N, F]`, to `out`. N may be any number.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] when an array does not fit.
@@ -84,11 +90,12 @@ pub trait FeatureExtractor {
 }
 
 /// A policy for on-policy collection, which gives an action, its log-probability and the state
-/// value in one call, so that a network whose actor and critic share an encoder runs it once.
+/// value in one call, so that a network whose actor and critic share an encoder runs the encoder
+/// once.
 pub trait OnPolicyActor: Actor + ValueFunction {
-    /// Writes the actions for the noise `[N, A]`, with their log-probabilities and the values of
-    /// the observations. The standard normal noise is the only source of randomness: equal noise
-    /// gives equal actions. With independent noise, actions are distributed like those of
+    /// Writes the actions that follow from the standard normal `noise` `[N, A]`, their
+    /// log-probabilities and the state values. The noise is the only source of randomness: equal
+    /// noise gives equal actions. With independent noise, actions are distributed like those of
     /// [`Actor::act`].
     ///
     /// # Errors
@@ -103,10 +110,11 @@ pub trait OnPolicyActor: Actor + ValueFunction {
 }
 
 /// A policy that can evaluate actions another policy took, like Stable-Baselines3's
-/// `evaluate_actions`. Only for policies without a memory, which an observation cannot restore.
+/// `evaluate_actions`. Only for policies without a memory, since recorded observations do not
+/// contain one.
 pub trait EvaluateActions: ValueFunction {
     /// Writes the log-probabilities `[N]` of the actions `[N, A]` that `decisions` holds, and the
-    /// values `[N]` of the observations.
+    /// state values `[N]` of the observations.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] when an array does not fit.
@@ -117,14 +125,14 @@ pub trait EvaluateActions: ValueFunction {
     ) -> Result<(), RlError>;
 }
 
-/// Decisions of a policy for N observations.
+/// Actions that a policy sampled for N observations, with log-probabilities and state values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Decisions {
     /// Sampled actions `[N, A]` in their natural order, not clipped.
     pub actions: Vec<f32>,
     /// Log-probability densities of the actions, `[N]`, in nats.
     pub log_probs: Vec<f32>,
-    /// Values V(s) `[N]`: expected discounted sums of rewards.
+    /// State values V(s) of the observations, `[N]`: expected discounted sums of rewards.
     pub values: Vec<f32>,
 }
 

@@ -38,19 +38,19 @@ pub struct Ppo {
 }
 
 impl Ppo {
-    /// Creates fresh optimiser state for `policy` and its clones.
+    /// Creates PPO with fresh optimiser state, which trains `policy` or its clones on the CPU.
     ///
     /// # Errors
     /// [`RlError::InvalidSetting`] if a setting is out of range, [`RlError::LogStdBelowMinimum`] if
-    /// a standard deviation of `policy` is already below the floor.
+    /// a log_std of `policy` is already below [`PpoSettings::min_log_std`].
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
         Self::on(settings, policy, Box::new(Cpu::new(policy)))
     }
 
-    /// Creates fresh optimiser state for updates on a GPU, which runs passes, losses and optimiser
-    /// steps, one command buffer for each minibatch; results are read once. The CPU draws the order
-    /// of the minibatches and holds the optimiser's state after each update, so updates on CPU and
-    /// GPU can alternate.
+    /// Creates PPO with fresh optimiser state, which trains `policy` or its clones on a GPU:
+    /// passes, losses and optimiser steps, one command buffer for each minibatch; results are read
+    /// once in an update. The CPU draws the order of the minibatches and holds the optimiser's
+    /// state after each update, so updates on CPU and GPU can alternate.
     ///
     /// # Errors
     /// Errors of [`Ppo::new`], and [`RlError::UnsupportedOnGpu`] for a
@@ -82,7 +82,7 @@ impl Ppo {
         })
     }
 
-    /// Returns the settings.
+    /// Returns the settings of PPO.
     pub fn settings(&self) -> &PpoSettings {
         &self.settings
     }
@@ -144,8 +144,8 @@ impl Algorithm for Ppo {
 }
 
 impl Batch {
-    /// Computes advantages and returns, and transforms the observations by group elements from
-    /// `rng` if there is a symmetry loss.
+    /// Computes advantages and returns of the rollout in `buffer`, and transforms its observations
+    /// by group elements from `rng` if there is a symmetry loss.
     fn fill(
         &mut self,
         settings: &PpoSettings,
@@ -164,8 +164,8 @@ impl Batch {
     }
 }
 
-/// Runs all passes over the minibatches, or up to the one whose KL divergence stops the update. A
-/// GPU, which queues minibatches, applies the same rules itself and reports at the end.
+/// Runs all epochs of an update over the minibatches, or up to the minibatch whose KL divergence
+/// stops it. A GPU, which queues minibatches, applies the same rules itself and reports at the end.
 fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<PpoTotals, RlError> {
     let settings = update.settings;
     let mut totals = PpoTotals::default();
@@ -201,14 +201,16 @@ fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<PpoTotals,
     Ok(device.finish(update)?.unwrap_or(totals))
 }
 
-/// Shuffles indices by the Fisher-Yates method (Durstenfeld, Comm. ACM 7, 1964, algorithm 235).
+/// Shuffles the indices of decisions by the Fisher-Yates method (Durstenfeld, Comm. ACM 7, 1964,
+/// algorithm 235).
 fn shuffle(b_inds: &mut [usize], rng: &mut ChaCha8Rng) {
     for i in (1..b_inds.len()).rev() {
         b_inds.swap(i, rng.random_range(0..=i));
     }
 }
 
-/// Writes the advantages at `mb_inds`, normalised to mean 0 and sample standard deviation 1.
+/// Writes the advantages of a minibatch, those at indices `mb_inds`, normalised to mean 0 and
+/// sample standard deviation 1.
 ///
 /// Normalisation is per minibatch, as in Stable-Baselines3 (`PPO.train`) and detail 7 of "The 37
 /// implementation details of PPO" (Huang et al., ICLR blog track 2022).
@@ -225,8 +227,8 @@ fn normalise(advantages: &[f32], mb_inds: &[usize], out: &mut Vec<f64>) {
 
 impl LossWeights {
     /// Returns the loss terms of one decision and the gradient with respect to the value. Writes
-    /// the gradient with respect to the mean to `d_mean` and adds the one with respect to log_std
-    /// to `d_log_std`; all are multiplied by `scale` (1 / minibatch).
+    /// the gradient with respect to the mean to `d_mean` and adds the gradient with respect to
+    /// log_std to `d_log_std`; all gradients are multiplied by `scale` (1 / minibatch).
     ///
     /// Schulman et al., "Proximal policy optimization algorithms" (arXiv 1707.06347), equations 7
     /// and 9, without value clipping. The KL estimator is k3 of Schulman, "Approximating KL

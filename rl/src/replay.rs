@@ -31,17 +31,19 @@ pub struct ReplayBuffer {
     spec: EnvSpec,
     sizes: Sizes,
     stored_episodes: VecDeque<Episode>,
-    /// Number of the first of `episodes`, counted from the first one ever.
+    /// Number of the first episode in `stored_episodes`; episodes are numbered in the order in
+    /// which they began.
     first: u32,
-    /// Held steps, the oldest first.
+    /// Identifiers of the steps that the buffer holds, the oldest first.
     step_order: VecDeque<StepId>,
-    /// Numbers of the running episodes, `[N]`; `None` if the next step begins an episode.
+    /// Number of each environment's running episode, `[N]`; `None` if the environment's next step
+    /// begins an episode.
     running_episodes: Vec<Option<u32>>,
     num_recorded: u64,
     num_before_newest: u64,
-    /// Allocations of dropped episodes' images, at most N, for new episodes. Returning them to the
-    /// allocator instead fragments it, since they are large and of almost equal size: a fifth of
-    /// the memory was lost after a few rounds.
+    /// Image arrays of dropped episodes, at most N, whose memory new episodes reuse. Returning them
+    /// to the allocator instead fragments the memory, since they are large and of almost equal
+    /// size: a fifth of the memory was lost after a few rounds.
     spare: Vec<Vec<u8>>,
     /// Actions of the step that is being collected, `[N, A]`.
     actions: Vec<f32>,
@@ -110,8 +112,9 @@ impl ReplayBuffer {
         }
     }
 
-    /// Marks the present: steps recorded from now on are the newest experience, from which
-    /// [`ReplayBuffer::sample_indices`] draws a share. Before the first mark, all steps are.
+    /// Marks the steps recorded from now on as the newest experience, from which
+    /// [`ReplayBuffer::sample_indices`] draws a share. Before the first mark, all steps count as
+    /// newest.
     pub fn start_newest(&mut self) {
         self.set_num_newest(0);
     }
@@ -121,9 +124,9 @@ impl ReplayBuffer {
         self.num_before_newest = self.num_recorded.saturating_sub(steps);
     }
 
-    /// Draws `batch` steps with replacement and writes their indices: a share `newest` in [0, 1],
-    /// rounded, from the steps since the mark, the others from all. If nothing was recorded since
-    /// the mark, all are drawn from all steps.
+    /// Samples the indices of `batch` steps with replacement: a share `newest` in [0, 1], rounded,
+    /// from the newest experience ([`ReplayBuffer::start_newest`]), the others from all steps. If
+    /// there is no newest experience, all are drawn from all steps.
     ///
     /// # Panics
     /// If the buffer is empty.
@@ -143,7 +146,7 @@ impl ReplayBuffer {
         out.extend(starts.map(|start| rng.random_range(start..len)));
     }
 
-    /// Returns the step of this index, in 0..[`ReplayBuffer::len`], the oldest first.
+    /// Returns the step at `index`, in 0..[`ReplayBuffer::len`]; the oldest step has index 0.
     ///
     /// # Panics
     /// If there is no such step.
@@ -250,7 +253,8 @@ impl ReplayBuffer {
         }
     }
 
-    /// Drops the oldest step, and frees ended episodes without held steps.
+    /// Drops the oldest step of the buffer, and frees ended episodes of which no step is held any
+    /// more.
     fn drop_oldest(&mut self) {
         let Some(place) = self.step_order.pop_front() else {
             return;
@@ -298,7 +302,8 @@ impl<A: Actor> Experience<A> for ReplayBuffer {
         self.settings.steps
     }
 
-    /// Adapts to the number of environments of `spec`, which may change only between episodes.
+    /// Adapts the buffer to the number of environments of `spec`, which may change only between
+    /// episodes.
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
         self.spec.check_compatible(spec)?;
         let (got, expected) = (spec.num_envs, self.spec.num_envs);
@@ -325,10 +330,11 @@ impl<A: Actor> Experience<A> for ReplayBuffer {
     }
 }
 
-/// Identifier of a step, and of the observation before it.
+/// Identifier of a recorded step, and of the observation that was acted on in it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct StepId {
-    /// Number of the episode that the step belongs to, counted from the first one ever.
+    /// Number of the episode that the step belongs to; episodes are numbered in the order in which
+    /// they began.
     pub episode: u32,
     /// Position of the step in its episode, from 0.
     pub step: u32,
@@ -339,9 +345,9 @@ pub(crate) struct StepId {
 pub struct ReplayStep<'a> {
     episode: &'a Episode,
     sizes: &'a Sizes,
-    /// Number of the episode, counted from the first one ever.
+    /// Number of the step's episode, in the order in which episodes began.
     number: u32,
-    /// Position among the episode's stored steps.
+    /// Position of the step among the stored steps of its episode.
     step: usize,
 }
 
@@ -351,7 +357,7 @@ impl<'a> ReplayStep<'a> {
         self.episode.removed + self.step
     }
 
-    /// Returns the identifier of the observation acted on.
+    /// Returns the identifier of the step and of the observation that was acted on in it.
     pub(crate) fn index(&self) -> StepId {
         StepId { episode: self.number, step: self.step() as u32 }
     }
@@ -396,7 +402,8 @@ impl<'a> ReplayStep<'a> {
         }
     }
 
-    /// Writes the image `[H, W, C]` after the step; after an episode's end, its final one.
+    /// Writes the image `[H, W, C]` observed after the step to `out`; where the episode ends, its
+    /// final image.
     ///
     /// # Panics
     /// If the length of `out` is not that of an image.
@@ -404,7 +411,8 @@ impl<'a> ReplayStep<'a> {
         self.episode.image(self.sizes, self.step + 1, out);
     }
 
-    /// Returns the observation vector `[D]` after the step; after an episode's end, its final one.
+    /// Returns the observation vector `[D]` after the step; where the episode ends, its final
+    /// vector.
     pub fn next_vector(&self) -> &'a [f32] {
         row(&self.episode.vectors, self.step + 1, self.sizes.vector)
     }
@@ -417,8 +425,9 @@ impl<'a> ReplayStep<'a> {
         Some(Self { step, ..*self })
     }
 
-    /// Returns the step `count` later among the held steps of its episode, where the first follows
-    /// the last. The wrap-around makes the result uniformly distributed if this step is.
+    /// Returns the step that comes `count` steps later among those of its episode that the buffer
+    /// holds, where the first follows the last. The wrap-around makes the result uniformly
+    /// distributed if this step is.
     pub(crate) fn wrapping_later(&self, count: usize) -> Self {
         let first = self.episode.steps() - self.episode.held;
         let step = first + (self.step - first + count) % self.episode.held;

@@ -9,14 +9,15 @@ use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
 use crate::error::{RlError, check_len, check_rows_finite, require};
 use crate::policy::{Actor, ActorMemory};
 
-/// Complete state of N environments and their actor's memory between two rollouts.
+/// State of the collection from N environments between two rollouts: observations, running episodes
+/// and the actor's memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RolloutState<M = ()> {
     /// Observations that the actor acts on next.
     pub observations: Observations,
     /// Statistics of each environment's running episode so far, `[N]`.
     pub episodes: Vec<EpisodeStats>,
-    /// Actor's memory of the running episodes.
+    /// Recurrent memory that the actor has of the running episodes.
     pub memory: M,
 }
 
@@ -29,16 +30,16 @@ pub struct EpisodeStats {
     pub length: usize,
     /// Undiscounted sum of the episode's rewards so far.
     pub total_reward: f64,
-    /// `true` if the success condition held at any time of the episode.
+    /// `true` if the task's success condition held at any time of the episode.
     pub success: bool,
-    /// `true` if the success condition held at the end of the last step.
+    /// `true` if the task's success condition held at the end of the episode's last step.
     pub success_at_end: bool,
 }
 
 /// Statistics of a rollout: its decisions and the episodes that ended during it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RolloutStats {
-    /// Number of decisions taken in the rollout, T * N.
+    /// Number of decisions taken in the rollout, T * N for T steps of N environments.
     pub decisions: usize,
     /// Episodes that ended during the rollout, in the order in which they ended.
     pub episodes: Vec<EpisodeStats>,
@@ -70,7 +71,8 @@ impl RolloutStats {
         RewardWarning::for_max_return(self.max_abs_return)
     }
 
-    /// Counts one step of all environments, after which these episodes have ended or still run.
+    /// Counts one step of all environments, after which the episodes `ended` are over and the
+    /// episodes `running` go on.
     pub(crate) fn count_step(&mut self, ended: &[EpisodeStats], running: &[EpisodeStats]) {
         self.decisions += running.len();
         let returns = ended.iter().chain(running).map(|e| e.total_reward.abs());
@@ -106,7 +108,7 @@ impl<M: ActorMemory> RolloutState<M> {
         })
     }
 
-    /// Records the executed actions `[N, A]` and their rewards in the memory.
+    /// Records the executed actions `[N, A]` and their rewards in the actor's memory.
     pub(crate) fn remember_step(&mut self, actions: &[f32], rewards: &[f32]) {
         let width = actions.len() / rewards.len().max(1);
         for (n, (action, &reward)) in actions.chunks(width.max(1)).zip(rewards).enumerate() {
@@ -114,8 +116,9 @@ impl<M: ActorMemory> RolloutState<M> {
         }
     }
 
-    /// Adds one step to the episodes and moves on to its observations; returns the episodes that
-    /// ended, which the memory then forgets.
+    /// Adds one step to the statistics of the running episodes and takes over its next
+    /// observations; returns the statistics of the episodes that ended, which the actor's memory
+    /// then forgets.
     pub(crate) fn advance(&mut self, transition: &mut Transition) -> Vec<EpisodeStats> {
         // the environment overwrites the old observations in its next step
         std::mem::swap(&mut self.observations, &mut transition.observations);
@@ -158,7 +161,7 @@ fn fresh(env: usize) -> EpisodeStats {
 }
 
 /// Runs `actor` in the environments from `state` on, for [`Experience::steps_per_env`] steps, and
-/// records them in `experience`. Environments restart by themselves.
+/// records the steps in `experience`. Environments restart by themselves.
 ///
 /// Pass the same `state` again and episodes continue across collections. If every collection begins
 /// with a reset instead, it must last as long as an episode: a shorter one never reaches late
@@ -215,15 +218,15 @@ pub trait Experience<A: Actor> {
     /// replay buffer keeps its steps.
     ///
     /// # Errors
-    /// [`RlError::SpecMismatch`] for other environments than it was made for.
+    /// [`RlError::SpecMismatch`] for other environments than the storage was made for.
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError>;
 
     /// Returns the buffer for the actions `[N, A]` of the next step, and `true` if that step is in
     /// the warm-up, in which actions are drawn uniformly from [-1, 1].
     fn action_buffer(&mut self) -> (&mut [f32], bool);
 
-    /// Lets `actor` choose, stores the decision as far as the algorithm needs it, and returns the
-    /// actions `[N, A]`. The default stores the actions only.
+    /// Lets `actor` choose actions, stores the decision as far as the algorithm needs it, and
+    /// returns the actions `[N, A]`. The default stores the actions only.
     ///
     /// # Errors
     /// Errors of the actor.
@@ -318,12 +321,13 @@ pub fn evaluate_with_callback<A: Actor>(
     Ok(stats)
 }
 
-/// Largest magnitude of an episode's return without a warning. Beyond it, the gradient of the value
-/// function crowds out the policy's, since both are clipped to one common norm.
+/// Largest magnitude of an episode's undiscounted return without a [`RewardWarning`]. Beyond it,
+/// the gradient of the value function crowds out the policy's, since both are clipped to one common
+/// norm.
 pub const MAX_ABS_RETURN: f64 = 1e3;
 
-/// Smallest non-zero magnitude of an episode's return without a warning. Below it, the initial
-/// errors of the value function exceed the differences between rewards.
+/// Smallest non-zero magnitude of an episode's undiscounted return without a [`RewardWarning`].
+/// Below it, the initial errors of the value function exceed the differences between rewards.
 pub const MIN_ABS_RETURN: f64 = 1e-2;
 
 /// Warning about returns outside the range in which PPO with default settings was measured to
@@ -342,12 +346,12 @@ pub const MIN_ABS_RETURN: f64 = 1e-2;
 /// bound although their discounted values do not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RewardWarning {
-    /// Undiscounted returns above [`MAX_ABS_RETURN`].
+    /// Undiscounted returns of episodes with magnitudes above [`MAX_ABS_RETURN`].
     TooLarge {
         /// Largest magnitude of an episode's return so far.
         largest: f64,
     },
-    /// Undiscounted returns below [`MIN_ABS_RETURN`], though not zero.
+    /// Undiscounted returns of episodes with magnitudes below [`MIN_ABS_RETURN`], though not zero.
     TooSmall {
         /// Largest magnitude of an episode's return so far.
         largest: f64,

@@ -55,7 +55,7 @@ pub struct Sac {
     optimiser: Adam,
     /// Parameters of the target critics.
     targets: Vec<f32>,
-    /// Logarithm of a learned temperature.
+    /// Logarithm of the temperature alpha if it is learned; unused if it is fixed.
     log_alpha: [f32; 1],
     alpha_optimiser: Adam,
     chunks: ParallelChunks<f32, SacWorkspace<f32>>,
@@ -64,7 +64,8 @@ pub struct Sac {
 }
 
 impl Sac {
-    /// Creates fresh state for `policy` and its clones, with target critics equal to its critics.
+    /// Creates soft actor-critic with fresh optimiser state, which trains `policy` or its clones;
+    /// the target critics start equal to the policy's critics.
     ///
     /// # Errors
     /// [`RlError::InvalidSetting`] if a setting is out of range.
@@ -85,12 +86,12 @@ impl Sac {
         })
     }
 
-    /// Returns the settings.
+    /// Returns the settings of soft actor-critic.
     pub fn settings(&self) -> &SacSettings {
         &self.settings
     }
 
-    /// Returns the temperature alpha, the weight of the entropy.
+    /// Returns the temperature alpha, the weight of the entropy: fixed, or as learned so far.
     pub fn temperature(&self) -> f64 {
         match self.settings.temperature {
             Temperature::Fixed(alpha) => alpha.into(),
@@ -108,7 +109,7 @@ impl Sac {
         (total as u64).saturating_sub(self.optimiser.steps)
     }
 
-    /// Takes one gradient step on actor, critics and temperature, and updates the targets.
+    /// Takes one gradient step on actor, critics and temperature, and updates the target critics.
     fn step(
         &mut self,
         policy: &mut SacPolicy,
@@ -147,7 +148,7 @@ impl Sac {
         Ok(sums)
     }
 
-    /// Clips the gradient and takes an Adam step; returns the norm before clipping.
+    /// Clips the gradient and takes an Adam step; returns the gradient's norm before clipping.
     fn descend(&mut self, policy: &mut SacPolicy, totals: &mut SacTotals) -> Result<f64, RlError> {
         let grad_norm = norm(&self.gradient);
         check_finite("the norm of the gradient", grad_norm)?;
@@ -159,8 +160,9 @@ impl Sac {
         Ok(grad_norm)
     }
 
-    /// Takes a step on J(alpha) = E[-alpha ln pi - alpha H], where H is the target entropy
-    /// (1812.05905, equation 18), with respect to ln alpha, so that alpha stays positive.
+    /// Takes a gradient step on the temperature's loss J(alpha) = E[-alpha ln pi - alpha H], where
+    /// H is the target entropy (1812.05905, equation 18), with respect to ln alpha, so that alpha
+    /// stays positive.
     fn update_alpha(&mut self, policy: &SacPolicy, sums: &SacSums) {
         let Temperature::Learned { target, .. } = self.settings.temperature else {
             return;
@@ -185,7 +187,8 @@ impl Sac {
 }
 
 impl<T: Scalar> Losses<'_, T> {
-    /// Writes the critics' targets y, from target critics and actor at the next observations.
+    /// Writes the targets y of the critics' loss, from target critics and actor at the next
+    /// observations.
     fn next_q_values(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         for (slot, position) in range.clone().enumerate() {
             let (step, _) = self.batch.step(position);

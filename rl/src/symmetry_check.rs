@@ -9,19 +9,22 @@ use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
 use crate::error::{RlError, require};
 use crate::rollout::{EpisodeStats, step};
 
-/// Number of random transformations of the episodes that the observed deviation is compared with.
-/// If it exceeds all 999, the randomisation test rejects at a level of 1 / (999 + 1).
+/// Number of randomly transformed copies of all episodes in the randomisation test. If the observed
+/// deviation from zero exceeds those of all 999 copies, the test rejects at a level of 1 / (999 +
+/// 1).
 const DRAWS: usize = 999;
 
-/// Minimum number of episodes. A deviation is at most the root of their number (6.9 for 48), and
-/// the largest of many random ones is around 4, so fewer episodes could not show a contradiction.
+/// Minimum number of episodes that the check needs. A mean's deviation from zero, in standard
+/// errors, is at most the root of the number of episodes (6.9 for 48), and the largest of many
+/// random ones is around 4, so fewer episodes could not show a contradiction.
 const MIN_EPISODES: usize = 48;
 
-/// Tolerance below which deviations count as equal, for rounding errors of their sums.
+/// Difference, in standard errors, up to which two means' deviations from zero count as equal,
+/// because of rounding errors.
 const EQUAL: f64 = 1e-9;
 
-/// Runs `env` for `steps` steps with standard normal actions, and rejects it if the data contradict
-/// the irreps in its [`EnvSpec`], as far as `group` acts on them.
+/// Runs `env` for `steps` steps with standard normal actions, and rejects the environment if the
+/// data contradict the irreps in its [`EnvSpec`], as far as `group` acts on them.
 ///
 /// If observations, actions and rewards transform under the group as declared, an episode and its
 /// transformed episode are equally likely. So the mean of every quantity that changes its sign is
@@ -75,26 +78,31 @@ pub fn check_symmetry(
     })
 }
 
-/// Factor of a quantity whose sum over an episode is tested. Indices are those of the entries of a
-/// view and the components of the action.
+/// Factor of a quantity of one step whose mean over episodes is tested against zero. Indices are
+/// those of the features of an observation (see [`FeatureExtractor`]) and of the components of the
+/// action.
 #[derive(Clone, Copy, Debug)]
 enum Factor {
-    /// Entry of the view.
+    /// Feature of the observation: a component of its vector or a moment of its image.
     View(usize),
-    /// Change of an entry of the view.
+    /// Change of a feature of the observation in the step.
     Change(usize),
     /// Component of the action.
     Action(usize),
+    /// Reward of the step.
     Reward,
 }
 
-/// All terms of an environment that change their sign under the group.
+/// Quantities of an environment's steps that change their sign under the group, and their
+/// computation from observations, actions and rewards.
 ///
-/// A view of an environment is its vector and, for each channel of its image, the moments 1, x, y
-/// and xy, relative to a channel of full brightness.
+/// A view is the list of features of one observation: the components of its vector and, for each
+/// channel of its image, the moments 1, x, y and xy, divided by the moment 1 of a channel of full
+/// brightness.
 struct FeatureExtractor {
     spec: EnvSpec,
-    /// Irreps of the entries of a view.
+    /// Irrep of each feature of an observation: of the components of its vector, then of the
+    /// moments of its image.
     view: Vec<Irrep>,
     /// Quantities, each a product of these factors.
     terms: Vec<Vec<Factor>>,
@@ -123,7 +131,8 @@ impl FeatureExtractor {
         features
     }
 
-    /// Returns the irrep of a term.
+    /// Returns the irrep that gives the sign by which the product of the factors `term` changes
+    /// under a group element.
     fn irrep(&self, term: &[Factor]) -> Irrep {
         let irreps = term.iter().map(|&factor| match factor {
             Factor::View(i) | Factor::Change(i) => self.view[i],
@@ -133,7 +142,7 @@ impl FeatureExtractor {
         irreps.fold(Irrep::Trivial, |product, irrep| product * irrep)
     }
 
-    /// Returns the name of a term for an error message.
+    /// Returns the name of the product of the factors `term` for an error message.
     fn name(&self, term: &[Factor]) -> String {
         let view = |i: usize| match i.checked_sub(self.spec.vector_irreps.len()) {
             None => format!("vector component {i} ({})", self.view[i]),
@@ -148,8 +157,8 @@ impl FeatureExtractor {
         names.collect::<Vec<_>>().join(" times ")
     }
 
-    /// Runs the environments and returns the sums of all terms over each episode, unfinished
-    /// episodes included.
+    /// Runs the environments with random actions and returns the sums of all tested quantities over
+    /// each episode, unfinished episodes included.
     fn observe(
         &self,
         env: &mut dyn VectorEnv,
@@ -201,7 +210,8 @@ impl FeatureExtractor {
         Ok(episodes)
     }
 
-    /// Returns the view of environment `i`.
+    /// Returns the features of the observation of environment `i`: the components of its vector,
+    /// then the moments of its image.
     fn view_of(&self, observations: &Observations, i: usize) -> Vec<f64> {
         let (image, vector) = observations.sample(&self.spec, i);
         let [height, width, channels] = self.spec.image_shape;
@@ -221,15 +231,16 @@ impl FeatureExtractor {
         vector.iter().map(|&v| f64::from(v)).chain(moments).collect()
     }
 
-    /// Returns the root of the sum of squares over the episodes of each term, which no change of
-    /// signs alters.
+    /// Returns the norm of each tested quantity: the root of the sum over episodes of its squared
+    /// sums, which no change of signs alters.
     fn norms(&self, episodes: &[Vec<f64>]) -> Vec<f64> {
         let squares = |k: usize| episodes.iter().map(|sums| sums[k] * sums[k]).sum::<f64>();
         (0..self.terms.len()).map(|k| squares(k).sqrt()).collect()
     }
 
-    /// Returns the term whose sum over the episodes, each transformed by its element, is largest
-    /// relative to its norm, and that ratio; `None` if all are zero.
+    /// Returns the index of the tested quantity whose sum over the episodes, each transformed by
+    /// its group element, is largest relative to the quantity's norm, and that ratio; `None` if all
+    /// quantities are zero.
     fn largest(
         &self,
         episodes: &[Vec<f64>],
@@ -247,7 +258,8 @@ impl FeatureExtractor {
     }
 }
 
-/// One step of one environment, between two views.
+/// One step of one environment: the action, the reward, and the features of the observations before
+/// and after it.
 struct StepViews<'a> {
     before: &'a [f64],
     after: &'a [f64],

@@ -1,4 +1,5 @@
-//! The shared part of actor and critic, from observations to equivariant fields.
+//! The trunk of a network: the layers that actor and critic share, from observations to equivariant
+//! fields.
 
 #[cfg(feature = "wgpu")]
 use std::borrow::Cow;
@@ -15,7 +16,7 @@ use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, assert_len};
 use crate::network_settings::NetworkSettings;
 
-/// Shared part of a network's actor and critic, with settings and spec of the whole network.
+/// Layers that a network's actor and critic share, with settings and spec of the whole network.
 ///
 /// ```text
 /// image  [H, W, C] -> Encoder ------+
@@ -30,18 +31,21 @@ pub struct Trunk<T> {
     /// Settings that the network was built with.
     pub settings: NetworkSettings,
     pub spec: EnvSpec,
-    /// Height, width and channels of the encoder's input.
+    /// Height, width and channels of the image encoder's input, on which images are centred.
     canvas: [usize; 3],
     pub encoder: Option<Sequential<T>>,
     pub vector: Option<Sequential<T>>,
-    /// Concatenation of the fields of image and vector, if there are both.
+    /// Layer that concatenates the regular fields of image and vector; `None` unless there are
+    /// both.
     pub concat: Option<Concat>,
     pub pool: GroupMaxPool,
-    /// Natural index of every irrep-major component of the vector.
+    /// Index in natural order of each component of the observation vector in irrep-major order
+    /// (sorted by irrep).
     pub vector_order: Vec<usize>,
 }
 
-/// Activations, gradients and scratch memory of a trunk for up to a fixed number of samples.
+/// Activations, gradients and scratch memory of a [`Trunk`]'s passes over up to a fixed number of
+/// samples.
 #[derive(Clone, Debug)]
 pub struct TrunkPass<T> {
     image: Option<EncoderBuffers<T>>,
@@ -49,12 +53,12 @@ pub struct TrunkPass<T> {
     pool: LayerBuffers<T>,
 }
 
-/// A network that begins with a trunk.
+/// A network that begins with a [`Trunk`], the layers that its actor and critics share.
 pub trait HasTrunk<T> {
     fn trunk(&self) -> &Trunk<T>;
 }
 
-/// Buffers of a network that begins with a trunk.
+/// Buffers for the passes of a network that begins with a [`Trunk`].
 pub trait HasTrunkPass<T> {
     fn trunk(&mut self) -> &mut TrunkPass<T>;
 }
@@ -102,7 +106,7 @@ impl<T: Scalar> Trunk<T> {
         self.pool.out_shape().len()
     }
 
-    /// Returns the range of the image encoder's parameters.
+    /// Returns the range of the image encoder's parameters in the network's flat parameter slice.
     pub fn encoder_params(&self) -> Range<usize> {
         0..self.encoder.as_ref().map_or(0, LayerSignature::num_params)
     }
@@ -112,7 +116,7 @@ impl<T: Scalar> Trunk<T> {
         self.encoder_params().end + vector.map_or(0, LayerSignature::num_params)
     }
 
-    /// Returns the range of the trunk's parameters in those of the network.
+    /// Returns the range of the trunk's parameters in the network's flat parameter slice.
     pub fn params(&self) -> Range<usize> {
         0..self.num_params()
     }
@@ -121,8 +125,8 @@ impl<T: Scalar> Trunk<T> {
         self.encoder_params().end..self.num_params()
     }
 
-    /// Returns `num_params` parameters for a whole network: the trunk's are drawn (weights before a
-    /// ReLU with gain sqrt(2), zero biases), the others are zeros.
+    /// Returns `num_params` initial parameters for a whole network: the trunk's weights are random,
+    /// with gain sqrt(2) before a ReLU; its biases and all other parameters are zeros.
     pub fn init_params(&self, num_params: usize, rng: &mut dyn Rng) -> Vec<T> {
         let mut params = vec![T::ZERO; num_params];
         if let Some(encoder) = &self.encoder {
@@ -135,7 +139,7 @@ impl<T: Scalar> Trunk<T> {
         params
     }
 
-    /// Allocates buffers for up to `capacity` samples.
+    /// Allocates buffers for passes of the trunk over up to `capacity` samples.
     pub fn new_pass(&self, capacity: usize) -> TrunkPass<T> {
         let (encoder, vector) = (self.encoder.as_ref(), self.vector.as_ref());
         TrunkPass {
@@ -145,8 +149,8 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Loads sample `slot`: pixels `[H, W, C]`, which the encoder maps to [-0.5, 0.5], and the
-    /// vector `[D]`, reordered to irrep-major order.
+    /// Loads an observation into position `slot` of `pass`: pixels `[H, W, C]`, which the encoder
+    /// maps to [-0.5, 0.5], and the vector `[D]`, reordered to irrep-major order.
     pub fn load_sample(&self, slot: usize, image: &[u8], vector: &[f32], pass: &mut TrunkPass<T>) {
         assert_len("image", image.len(), self.spec.image_len());
         assert_len("vector", vector.len(), self.vector_order.len());
@@ -162,8 +166,8 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Copies an image to the centre of a canvas, where flips of the canvas flip the image in
-    /// place.
+    /// Copies an image to the centre of `canvas`, the encoder's input, so that a flip of the input
+    /// flips the image in place.
     fn centre(&self, image: &[u8], canvas: &mut [u8]) {
         let ([height, width, channels], [rows, columns, _]) = (self.spec.image_shape, self.canvas);
         let (top, left) = ((rows - height) / 2, (columns - width) / 2);
@@ -173,7 +177,7 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Returns images `[N, H, W, C]`, each centred on the encoder's canvas.
+    /// Returns images `[N, H, W, C]`, each centred on an input of the encoder.
     #[cfg(feature = "wgpu")]
     pub fn centre_on_canvas<'i>(&self, images: &'i [u8]) -> Cow<'i, [u8]> {
         if self.canvas == self.spec.image_shape {
@@ -187,7 +191,7 @@ impl<T: Scalar> Trunk<T> {
         Cow::Owned(centre_on_canvas)
     }
 
-    /// Loads the observations in `range` into the slots from 0 on.
+    /// Loads the observations at indices `range` into the slots of `pass` from 0 on.
     pub fn load_all(
         &self,
         observations: &Observations,
@@ -217,7 +221,8 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Returns the sum of each unit's outputs over the samples in slots 0..n.
+    /// Returns the sum of each ReLU unit's outputs over the samples in slots 0..n, one list for
+    /// each ReLU.
     pub fn unit_activation_sums(
         &self,
         params: &[T],
@@ -244,14 +249,15 @@ impl<T: Scalar> Trunk<T> {
         pass.pool.forward(&self.pool, &[], n);
     }
 
-    /// Computes the gradient with respect to h from that with respect to the features, `[n, F]`.
+    /// Computes the gradient of the loss with respect to h, the fields before pooling, from the
+    /// gradient with respect to the invariant features, `[n, F]`.
     pub fn pool_backward(&self, dfeatures: &[T], n: usize, pass: &mut TrunkPass<T>) {
         pass.pool.dy[..dfeatures.len()].copy_from_slice(dfeatures);
         pass.pool.backward(&self.pool, &[], 0..0, n, &mut [], true);
     }
 
-    /// Adds the gradient with respect to the parameters to `dparams`, from that with respect to h
-    /// in [`TrunkPass::d_fields`].
+    /// Adds the gradient of the loss with respect to the trunk's parameters to `dparams`, from the
+    /// gradient with respect to h in [`TrunkPass::d_fields`].
     pub fn backward(&self, params: &[T], n: usize, pass: &mut TrunkPass<T>, dparams: &mut [T]) {
         let sum = &pass.pool.dx[..n * self.pool.in_shape().len()];
         let len = |layers: &Sequential<T>| n * layers.out_shape().len();
@@ -279,28 +285,30 @@ impl<T: Scalar> Trunk<T> {
 }
 
 impl<T: Scalar> TrunkPass<T> {
-    /// Returns h of all slots; slots beyond the last forward pass hold values of an earlier one.
+    /// Returns h, the features that actor and critic share, of all slots; slots beyond the last
+    /// forward pass hold values of an earlier one.
     pub fn fields(&self) -> &[T] {
         &self.pool.x
     }
 
-    /// Returns the features of all slots.
+    /// Returns the invariant features of all slots.
     pub fn features(&self) -> &[T] {
         &self.pool.y
     }
 
-    /// Returns the gradient with respect to h, to be written before the backward pass.
+    /// Returns the array for the gradient of the loss with respect to h, which is written before
+    /// the backward pass.
     pub fn d_fields(&mut self) -> &mut [T] {
         &mut self.pool.dx
     }
 }
 
-/// Builds Linear, ReLU.
+/// Builds a linear layer between two field types and a ReLU after it.
 fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {
     Ok(vec![Box::new(Linear::new(from, to)?), Box::new(Relu::new(Shape::vector(to))?)])
 }
 
-/// Builds a head: Linear, ReLU, Linear.
+/// Builds the layers of an actor or a critic: Linear, ReLU, Linear.
 pub(crate) fn head<T: Scalar>(
     from: FieldType,
     hidden: FieldType,
@@ -311,11 +319,11 @@ pub(crate) fn head<T: Scalar>(
     Ok(Sequential::new(layers)?)
 }
 
-/// Allocator of consecutive parameter ranges.
+/// Allocator of consecutive ranges of a flat parameter slice.
 pub(crate) struct ParamAllocator(usize);
 
 impl ParamAllocator {
-    /// Starts after the parameters of a trunk.
+    /// Creates an allocator whose first range follows the parameters of `trunk`.
     pub fn after<T: Scalar>(trunk: &Trunk<T>) -> Self {
         Self(trunk.num_params())
     }
@@ -354,14 +362,15 @@ impl<T: Scalar> LayerBuffers<T> {
         }
     }
 
-    /// Runs the first n samples and returns their output.
+    /// Runs `layer` forward on the first n samples and returns its output.
     pub fn forward(&mut self, layer: &impl Layer<T>, params: &[T], n: usize) -> &[T] {
         let (x, y) = (n * layer.in_shape().len(), n * layer.out_shape().len());
         layer.forward(params, &self.x[..x], &mut self.y[..y], &mut self.scratch);
         &self.y[..y]
     }
 
-    /// Returns the sum of each unit's outputs over the first n samples, one list for each ReLU.
+    /// Returns the sum of each ReLU unit's outputs over the first n samples, one list for each
+    /// ReLU.
     pub fn unit_activation_sums(
         &self,
         layer: &impl Layer<T>,
@@ -371,8 +380,8 @@ impl<T: Scalar> LayerBuffers<T> {
         absolute_activation_sums(layer, params, &self.x[..n * layer.in_shape().len()])
     }
 
-    /// Adds the gradient with respect to the parameters `range`, and computes that with respect to
-    /// the input if `input_too`.
+    /// Runs `layer` backward: adds the gradient with respect to its parameters, which are those in
+    /// `range`, to `dparams`, and computes the gradient with respect to its input if `input_too`.
     pub fn backward(
         &mut self,
         layer: &impl Layer<T>,
@@ -390,11 +399,11 @@ impl<T: Scalar> LayerBuffers<T> {
     }
 }
 
-/// Buffers of an encoder for up to a fixed number of images: bytes, output with its gradient, and
-/// scratch memory.
+/// Buffers of an image encoder for up to a fixed number of images: their pixels, its output with
+/// the gradient, and scratch memory.
 #[derive(Clone, Debug)]
 pub(crate) struct EncoderBuffers<T> {
-    /// Images `[N, H, W, C]`, bytes.
+    /// Pixels of N images `[N, H, W, C]`, one byte for each channel.
     pub pictures: Vec<u8>,
     pub y: Vec<T>,
     pub dy: Vec<T>,
@@ -412,7 +421,7 @@ impl<T: Scalar> EncoderBuffers<T> {
         }
     }
 
-    /// Runs the first n images and returns their output.
+    /// Runs the encoder forward on the first n images and returns its output.
     pub fn forward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize) -> &[T] {
         let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
         let (pictures, y) = (&self.pictures[..x], &mut self.y[..y]);
@@ -420,7 +429,7 @@ impl<T: Scalar> EncoderBuffers<T> {
         y
     }
 
-    /// Returns the sum of each unit's outputs over the first n images, one list for each ReLU.
+    /// Returns the sum of each ReLU unit's outputs over the first n images, one list for each ReLU.
     pub fn unit_activation_sums(
         &self,
         encoder: &Sequential<T>,
@@ -432,7 +441,8 @@ impl<T: Scalar> EncoderBuffers<T> {
         absolute_activation_sums(encoder, params, &x)
     }
 
-    /// Adds the gradient with respect to the parameters to `dparams`, from that of the output.
+    /// Adds the gradient of the loss with respect to the encoder's parameters to `dparams`, from
+    /// the gradient with respect to its output.
     pub fn backward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize, dparams: &mut [T]) {
         let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
         let outputs = [&self.y[..y], &self.dy[..y]];

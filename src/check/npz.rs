@@ -9,7 +9,7 @@ use zip::result::ZipError;
 
 /// Largest number of values in an array, so that a small hostile archive cannot fill the memory.
 const MOST_VALUES: usize = 1 << 25;
-/// Largest size of an array's file (bytes): its values, and 64 KiB for the header.
+/// Maximum size of an array's file in an archive (bytes): its values, and 64 KiB for the header.
 const MOST_BYTES: u64 = 8 * MOST_VALUES as u64 + (1 << 16);
 
 const TOO_LARGE: &str = "it has more than 2^25 values";
@@ -115,7 +115,7 @@ fn parse(name: &str, bytes: &[u8]) -> Result<Array, String> {
     Ok(Array { shape, values })
 }
 
-/// Returns the quoted type after `'descr'`, for instance `<f8`; empty without one.
+/// Returns the quoted element type in an npy header, for instance `<f8`; empty without one.
 fn kind(header: &str) -> &str {
     let after = header.split_once("'descr'").map_or("", |(_, after)| after);
     after.split('\'').nth(1).unwrap_or_default()

@@ -60,12 +60,12 @@ pub struct ParityRow {
     pub max_replay_deviation_m: f64,
 }
 
-/// Largest accepted difference of rewards and their terms.
+/// Largest accepted difference of rewards, of scale 10, and of their terms.
 const REWARD_DEVIATION: f64 = 1e-9;
-/// Largest accepted 99th percentile of differences after a single step (metres, radians). The
-/// solver's tolerance leaves up to this much in a jammed button.
+/// Largest accepted 99th percentile of differences in qpos after one control step (metres,
+/// radians). The solver's tolerance leaves up to this much in a jammed button.
 const STEP_DEVIATION: f64 = 5e-12;
-/// Largest accepted distance of the hand during replay (metres).
+/// Largest accepted distance of the hand from its recorded position during replay (metres).
 const REPLAY_DEVIATION: f64 = 1e-4;
 
 impl ParityRow {
@@ -127,14 +127,14 @@ fn quantile(values: &[f64], share: f64) -> f64 {
     values.get(rank.saturating_sub(1)).copied().unwrap_or(0.0)
 }
 
-/// Simulated scene that is put into recorded states.
+/// Simulated scene that is put into the states of a recording.
 struct Replica {
     table: TableTop,
     start: EpisodeStart,
-    /// State after placement, before the solver has a warm start.
+    /// Simulation state after placement, before the solver has a warm start.
     cold: State,
     hand_target: MocapId,
-    /// Bodies that a placement moves; `None` in scenes without them.
+    /// Mocap body that carries the task's object; `None` in scenes without it.
     object: Option<MocapId>,
     goal: Option<MocapId>,
     /// Address in `qpos` of the loose cylinder's position, in the scene that has it.
@@ -168,7 +168,7 @@ impl Replica {
         })
     }
 
-    /// Places the objects as in a recorded episode.
+    /// Places the scene's objects as in a recorded episode.
     fn begin(&mut self, recording: &Recording, episode: usize) -> Result<(), EnvError> {
         let placement = recording.placement(self.table.scene().group, episode);
         let [hand, object] = recording.hand_and_object(episode, 0);
@@ -199,7 +199,7 @@ impl Replica {
         Ok(())
     }
 
-    /// Converts recorded positions to this scene's frame.
+    /// Converts recorded positions (qpos) to this scene's frame.
     fn in_our_frame(&self, qpos: &[f64]) -> Vec<f64> {
         let mut qpos = qpos.to_vec();
         // only the free joint of the loose cylinder is relative to the world's origin

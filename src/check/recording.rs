@@ -17,23 +17,25 @@ const PUCK_HEIGHT: f64 = 0.015;
 pub(crate) struct Recording {
     pub episodes: usize,
     pub steps: usize,
-    /// Positions `[E, T + 1, nq]`, velocities `[E, T + 1, nv]` and targets of the hand
-    /// `[E, T + 1, 3]`, after the reset and after each step.
+    /// Joint positions `[E, T + 1, nq]`, velocities `[E, T + 1, nv]` and targets of the hand
+    /// `[E, T + 1, 3]` in E episodes of T steps, after the reset and each step; nq and nv are
+    /// MuJoCo's.
     pub qpos: Array,
     pub qvel: Array,
     pub target: Array,
-    /// Observations `[E, T + 1, 39]`: hand, aperture, object and more.
+    /// Observations `[E, T + 1, 39]` in E episodes of T steps: hand, aperture, object and more.
     pub observation: Array,
-    /// Actions `[E, T, 4]`, not clipped.
+    /// Actions `[E, T, 4]` in E episodes of T steps, not clipped.
     pub action: Array,
-    /// Rewards `[E, T]`.
+    /// Rewards `[E, T]` in E episodes of T steps.
     pub reward: Array,
-    /// Further values `[E, T, 7]`: success, near object, grasp success, grasp reward, in place,
-    /// object to target, reward.
+    /// Further values `[E, T, 7]` in E episodes of T steps: success, near object, grasp success,
+    /// grasp reward, in place, object to target, reward.
     pub info: Array,
-    /// Flags `[E, T]`: nonzero if a convex mesh, which boxes replace here, touched something.
+    /// Flags `[E, T]` in E episodes of T steps: nonzero if a convex mesh, which boxes replace here,
+    /// touched something.
     pub mesh_contact: Array,
-    /// Random numbers of the placement, `[E, 3]` or `[E, 6]`.
+    /// Random numbers of the placement in E episodes, `[E, 3]` or `[E, 6]`.
     placement: Array,
     goal: Array,
     hand_start: Array,
@@ -165,7 +167,7 @@ pub(crate) fn npz_files(folder: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(files)
 }
 
-/// Returns the largest deviation; zero without any, and NaN if one of them is NaN.
+/// Returns the largest deviation of a list; zero without any, and NaN if one of them is NaN.
 pub(crate) fn largest_deviation(deviations: impl IntoIterator<Item = f64>) -> f64 {
     // `f64::max` ignores NaN, which would hide broken values
     let larger = |most: f64, one: f64| if most.is_nan() || most >= one { most } else { one };

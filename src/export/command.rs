@@ -74,9 +74,10 @@ impl ExportOptions {
     }
 }
 
-/// Environments of each group.
+/// Number of environments of each task group whose observations are exported.
 const ENVS: usize = 2;
-/// Decisions before the observation is taken, so that its image differs from the episode's first.
+/// Number of decisions before an observation is exported, so that its image differs from the
+/// episode's first.
 const DECISIONS: usize = 8;
 
 /// Returns [`ENVS`] observations of each group of a run, [`DECISIONS`] decisions after the reset.

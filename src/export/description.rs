@@ -8,7 +8,7 @@ use experiments::{Experiment, VECTOR_INPUTS};
 
 use super::weights::network_parts;
 
-/// Format and version of the description.
+/// Name and version of the format of an exported policy's description.
 const FORMAT: &str = "covers-policy 1";
 
 /// Describes policy `index` of a run: inputs, outputs, layers, and the environments of training.

@@ -2,15 +2,15 @@
 
 use prost::Message;
 
-/// Element types, numbered as in `TensorProto.DataType`.
+/// Element types of ONNX tensors, numbered as in `TensorProto.DataType`.
 pub const FLOAT_TYPE: i64 = 1;
 pub const UINT8_TYPE: i64 = 2;
 const INT64: i32 = 7;
-/// Types of attributes, numbered as in `AttributeProto.AttributeType`.
+/// Types of ONNX attributes, numbered as in `AttributeProto.AttributeType`.
 const ONE_INT: i32 = 2;
 const INTS: i32 = 7;
 
-/// Version of the operators, and of the file format that was released with it.
+/// Version of the ONNX operators, and of the file format that was released with it.
 const OPSET: i64 = 17;
 const IR_VERSION: i64 = 8;
 
@@ -32,7 +32,7 @@ struct Model {
 
 #[derive(Clone, PartialEq, Message)]
 struct Opset {
-    /// Domain of the operators; empty for ONNX's own.
+    /// Domain of the ONNX operators; empty for ONNX's own.
     #[prost(string, tag = "1")]
     domain: String,
     #[prost(int64, tag = "2")]
@@ -87,12 +87,12 @@ struct Tensor {
     data_type: i32,
     #[prost(string, tag = "8")]
     name: String,
-    /// Little-endian values in row-major order.
+    /// Values of the tensor as little-endian bytes in row-major order.
     #[prost(bytes = "vec", tag = "9")]
     raw_data: Vec<u8>,
 }
 
-/// Input or output of a graph.
+/// Input or output of an ONNX graph.
 #[derive(Clone, PartialEq, Message)]
 struct Value {
     #[prost(string, tag = "1")]
@@ -121,7 +121,7 @@ struct Shape {
     sides: Vec<Side>,
 }
 
-/// Dimension of fixed length, or of any length with a name.
+/// Dimension of an ONNX tensor: of fixed length, or of any length with a name.
 #[derive(Clone, PartialEq, Message)]
 struct Side {
     #[prost(int64, optional, tag = "1")]
@@ -146,7 +146,8 @@ pub enum Attribute {
 }
 
 impl Graph {
-    /// Adds an operator whose single output has the name `output`, and returns that name.
+    /// Adds an operator to the graph whose single output has the name `output`, and returns that
+    /// name.
     pub fn add_node(
         &mut self,
         operator: &str,
@@ -164,13 +165,13 @@ impl Graph {
         output.to_owned()
     }
 
-    /// Adds a constant of this shape, and returns its name.
+    /// Adds a constant tensor of this shape to the graph, and returns its name.
     pub fn add_float_constant(&mut self, name: &str, shape: &[usize], values: &[f32]) -> String {
         let bytes = values.iter().flat_map(|value| value.to_le_bytes());
         self.constant(name, FLOAT_TYPE as i32, shape, bytes.collect())
     }
 
-    /// Adds a vector of integers, and returns its name.
+    /// Adds a constant vector of integers to the graph, and returns its name.
     pub fn add_int_constant(&mut self, name: &str, values: &[i64]) -> String {
         let bytes = values.iter().flat_map(|value| value.to_le_bytes());
         self.constant(name, INT64, &[values.len()], bytes.collect())
@@ -222,7 +223,7 @@ fn attribute(attribute: &Attribute) -> AttributeMessage {
     AttributeMessage { name: (*name).to_owned(), int, ints, kind }
 }
 
-/// Returns the message of an input or output `[B, ..]`.
+/// Returns the ONNX message of an input or output of the graph, whose first dimension is the batch.
 fn value((name, element, sides): &(&str, i64, Vec<usize>)) -> Value {
     let batch = Side { length: None, name: Some("B".to_owned()) };
     let sides = sides.iter().map(|&side| Side { length: Some(side as i64), name: None });

@@ -4,8 +4,9 @@ use rl::{Distribution, ExportedLayer, ExportedPolicy};
 
 use super::graph::{Attribute, FLOAT_TYPE, Graph, UINT8_TYPE};
 
-/// Serialises a model that maps `image` `[B, H, W, C]` (bytes) and `vector` `[B, D]` to `action`
-/// `[B, A]`, `log_std` `[B, A]` and, if the policy has a critic, `value` `[B]`.
+/// Serialises an ONNX model that maps `image` `[B, H, W, C]` (bytes) and `vector` `[B, D]` to
+/// `action` `[B, A]`, `log_std` `[B, A]` and, if the policy has a critic, `value` `[B]`, for a
+/// batch of B.
 pub(super) fn onnx_model(policy: &ExportedPolicy, about: &str) -> Vec<u8> {
     let mut graph = Graph::default();
     let image = policy.image.as_ref().map(|layers| {
@@ -40,14 +41,16 @@ pub(super) fn onnx_model(policy: &ExportedPolicy, about: &str) -> Vec<u8> {
     graph.into_model_bytes(about, &inputs, &outputs)
 }
 
-/// Operators of linear layers: convolutions of maps `[B, C, H, W]` or products of vectors `[B, C]`.
+/// ONNX operators of linear layers: convolutions of feature maps `[B, C, H, W]` (B samples, C
+/// channels) or products of vectors `[B, C]`.
 #[derive(Clone, Copy)]
 enum Operators {
     Maps,
     Vectors,
 }
 
-/// Adds operators that turn bytes `[B, H, W, C]` into floats `[B, C, H, W]` in [-0.5, 0.5].
+/// Adds ONNX operators that turn image bytes `[B, H, W, C]` into floats `[B, C, H, W]` in
+/// `[-0.5, 0.5]`.
 fn planes(graph: &mut Graph) -> String {
     let scale = graph.add_float_constant("image.scale", &[], &[1.0 / 255.0]);
     let middle = graph.add_float_constant("image.middle", &[], &[0.5]);
@@ -73,7 +76,7 @@ fn chain(
     })
 }
 
-/// Adds the operator of one layer, and returns the name of its output.
+/// Adds the ONNX operator of one network layer, and returns the name of its output.
 fn add_layer(
     graph: &mut Graph,
     name: &str,
@@ -116,7 +119,7 @@ fn add_layer(
     }
 }
 
-/// Concatenates vectors along their components.
+/// Adds an operator that concatenates vectors along their components.
 fn joined(graph: &mut Graph, name: &str, parts: &[String]) -> String {
     match parts {
         [alone] => alone.clone(),
@@ -127,7 +130,8 @@ fn joined(graph: &mut Graph, name: &str, parts: &[String]) -> String {
     }
 }
 
-/// Adds the invariant features: the maximum over the group elements of each regular field.
+/// Adds operators for the invariant features: the maximum of each regular field (one component per
+/// group element) over the elements.
 fn features(graph: &mut Graph, parts: &[String], order: usize) -> String {
     let mut pool = |part: &String| {
         // 0 keeps the batch dimension, -1 takes the remaining components
@@ -140,7 +144,7 @@ fn features(graph: &mut Graph, parts: &[String], order: usize) -> String {
     joined(graph, "features", &pooled)
 }
 
-/// Adds the outputs `action` and `log_std`.
+/// Adds the outputs `action` and `log_std` of the policy to the graph.
 fn distribution(graph: &mut Graph, policy: &ExportedPolicy, input: String) {
     let actor = chain(graph, "actor", &policy.actor, input, Operators::Vectors);
     let width = policy.spec.action_irreps.len();

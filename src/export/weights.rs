@@ -7,11 +7,12 @@ use safetensors::tensor::{Dtype, TensorView};
 
 use experiments::RunError;
 
-/// Name, type, shape and bytes of an array.
+/// Name, element type, shape and bytes of an exported array.
 type Array = (String, Dtype, Vec<usize>, Vec<u8>);
 
-/// Serialises the weights as `image.0.weight` and so on: convolutions `[C_out, C_in, size, size]`,
-/// matrices `[C_out, C_in]`. Errors name `path`, the file that will be written.
+/// Serialises a policy's weights, named `image.0.weight` and so on: convolutions
+/// `[C_out, C_in, size, size]`, matrices `[C_out, C_in]`. Errors name `path`, the file that will be
+/// written.
 pub(super) fn safetensors_weights(
     policy: &ExportedPolicy,
     path: &Path,
@@ -32,7 +33,7 @@ pub(super) fn safetensors_weights(
     serialize(arrays, path)
 }
 
-/// Returns the name and layers of each part of a policy, and `true` for layers that run on maps.
+/// Returns the name and layers of each part of a policy, and `true` if they run on feature maps.
 pub(super) fn network_parts(
     policy: &ExportedPolicy,
 ) -> Vec<(&'static str, &[ExportedLayer], bool)> {

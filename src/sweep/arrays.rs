@@ -12,14 +12,14 @@ const RETRIES: usize = 3;
 /// Path at which the containers of a Kubernetes job mount the volume.
 const MOUNT: &str = "/covers";
 
-/// Plan as an array job, each member of which runs `covers sweep` for one job of the plan.
+/// Sweep plan as an array job, each member of which runs `covers sweep` for one job of the plan.
 #[derive(Clone, Copy, Debug)]
 pub struct ArrayJob<'a> {
     /// Path of the plan's file for the members.
     pub plan: &'a Path,
     /// Path of the folder of runs for the members.
     pub runs: &'a Path,
-    /// Number of jobs of the plan.
+    /// Number of jobs of the sweep plan.
     pub job_count: usize,
     /// Worker threads of each run; as many CPUs are requested.
     pub threads: usize,

@@ -135,7 +135,7 @@ impl SweepPlan {
     }
 }
 
-/// Variant with parsed overrides.
+/// Variant of a sweep's settings with parsed overrides.
 struct Arm<'a> {
     suffix: String,
     text: Vec<&'a str>,
@@ -154,7 +154,7 @@ impl<'a> Arm<'a> {
     }
 }
 
-/// Rejects names that could not be told apart from method and seed in a folder's name.
+/// Rejects names of variants that could not be told apart from method and seed in a folder's name.
 fn folder_part(name: &str) -> Result<&str, RunError> {
     let plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '-' || letter == '.';
     if !name.is_empty()

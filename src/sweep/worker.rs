@@ -24,11 +24,11 @@ pub struct SweepOutcome {
     pub failed_jobs: Vec<String>,
 }
 
-/// Outcome of an attempt to run a job.
+/// Outcome of a worker's attempt to run one job of a sweep.
 enum JobOutcome {
     Done,
     Stopped,
-    /// Job that another worker runs.
+    /// Job of the sweep that another worker runs.
     Taken,
 }
 
@@ -58,12 +58,12 @@ struct Worker<'a, W> {
     stop: &'a StopSignal,
     out: &'a mut W,
     failed: Vec<String>,
-    /// Names of the jobs that other processes took over from this one.
+    /// Names of the jobs that other workers took over from this one.
     lost: Vec<String>,
 }
 
 impl<W: Write> Worker<'_, W> {
-    /// Repeats passes over the jobs until none is left; returns `true` after a stop.
+    /// Repeats passes over the sweep's jobs until none is left; returns `true` after a stop.
     fn work(&mut self, jobs: &[SweepJob]) -> bool {
         let mut left: Vec<&SweepJob> = jobs.iter().collect();
         let mut waited_for = Vec::new();
@@ -81,7 +81,7 @@ impl<W: Write> Worker<'_, W> {
         false
     }
 
-    /// Tries each job once. Returns the jobs that other workers run; `None` after a stop.
+    /// Tries each job of the sweep once. Returns those of other workers; `None` after a stop.
     fn pass<'j>(&mut self, jobs: &[&'j SweepJob]) -> Option<Vec<&'j SweepJob>> {
         let mut taken = Vec::new();
         for &job in jobs {
@@ -167,7 +167,8 @@ impl<W: Write> Worker<'_, W> {
         Ok(JobOutcome::Stopped)
     }
 
-    /// Prints a line about a job. A closed output stops the worker, which then writes a checkpoint.
+    /// Prints a line about a job of the sweep. A closed output stops the worker, which then writes
+    /// a checkpoint.
     fn say(&mut self, job: &SweepJob, line: &str) {
         let written =
             writeln!(self.out, "{}: {line}", job.folder_name).and_then(|()| self.out.flush());

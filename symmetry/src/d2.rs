@@ -27,35 +27,35 @@ pub enum D2 {
 }
 
 impl D2 {
-    /// All four elements, in the order of their bits.
+    /// All four elements of D2, in the order of their bits.
     pub const ALL: [D2; 4] = [D2::Identity, D2::FlipX, D2::FlipY, D2::HalfTurn];
 
-    /// Returns the element as two bits, in 0..4: bit 0 flips x, bit 1 flips y.
+    /// Returns the group element as two bits, in 0..4: bit 0 flips x, bit 1 flips y.
     pub const fn bits(self) -> usize {
         self as usize
     }
 
-    /// Returns the element with these two bits; higher bits are ignored.
+    /// Returns the element of D2 with the two lowest bits of `bits`; higher bits are ignored.
     pub const fn from_bits(bits: usize) -> D2 {
         Self::ALL[bits & 3]
     }
 
-    /// Returns the inverse of the element, which is the element itself.
+    /// Returns the inverse of the group element, which is the element itself.
     pub const fn inverse(self) -> D2 {
         self
     }
 
-    /// Returns `true` if the element maps x to -x.
+    /// Returns `true` if the group element maps x to -x.
     pub const fn flips_x(self) -> bool {
         self.bits() & 1 != 0
     }
 
-    /// Returns `true` if the element maps y to -y.
+    /// Returns `true` if the group element maps y to -y.
     pub const fn flips_y(self) -> bool {
         self.bits() & 2 != 0
     }
 
-    /// Transforms a point, given relative to the centre in any unit of length.
+    /// Returns the point to which a point moves, both relative to the centre in any unit of length.
     pub fn apply_xy(self, [x, y]: [f64; 2]) -> [f64; 2] {
         [if self.flips_x() { -x } else { x }, if self.flips_y() { -y } else { y }]
     }
@@ -118,7 +118,8 @@ impl D2 {
     }
 }
 
-/// Returns the product of two elements, or of two irreps, in bits: bits add modulo two.
+/// Returns the product of two elements of D2, or of two of its irreps, as bits: bits add modulo
+/// two.
 pub(crate) fn product(a: usize, b: usize) -> usize {
     a ^ b
 }

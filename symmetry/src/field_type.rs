@@ -15,7 +15,7 @@ use crate::irrep::Irrep;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct FieldType {
     group: Group,
-    /// Multiplicities of 1, x, y and xy; zero for irreps that the group does not have.
+    /// Multiplicities of the irreps 1, x, y and xy; zero for irreps that the group does not have.
     multiplicities: [usize; 4],
 }
 
@@ -23,8 +23,8 @@ impl FieldType {
     /// Maximum number of channels of a field type, 2^24.
     pub const MAX_DIM: usize = 1 << 24;
 
-    /// Creates the field type of D2 with these multiplicities of 1, x, y and xy, restricted to
-    /// `group`.
+    /// Creates the field type of D2 with the given multiplicities of the irreps 1, x, y and xy,
+    /// restricted to `group`.
     ///
     /// Multiplicities of irreps that are equal under `group` are added up.
     ///
@@ -37,7 +37,7 @@ impl FieldType {
         }
     }
 
-    /// Creates a type as [`FieldType::new`] does. `None` if there are too many channels.
+    /// Creates a field type as [`FieldType::new`] does; `None` if there are too many channels.
     pub(crate) const fn try_new(group: Group, multiplicities: [usize; 4]) -> Option<FieldType> {
         // subtracted from the maximum, since a sum could overflow; `for` is not allowed in const fn
         let (mut left, mut a) = (FieldType::MAX_DIM, 0);
@@ -61,7 +61,7 @@ impl FieldType {
         FieldType::try_new(self.group, multiplicities)
     }
 
-    /// Restricts the multiplicities of a type of D2 to `group`.
+    /// Restricts a field type of D2, given by its multiplicities, to `group`.
     const fn restricted(group: Group, multiplicities: [usize; 4]) -> FieldType {
         let mut restricted = [0; 4];
         let mut a = 0;
@@ -72,8 +72,8 @@ impl FieldType {
         FieldType { group, multiplicities: restricted }
     }
 
-    /// Returns the field type, under `group`, of a vector whose entries have these irreps of D2, in
-    /// any order.
+    /// Returns the field type, under `group`, of a vector whose entries have the given irreps of
+    /// D2, in any order.
     ///
     /// [`irrep_major_permutation`] sorts such a vector into the layout of the type.
     ///
@@ -114,12 +114,13 @@ impl FieldType {
         self.multiplicities.iter().sum()
     }
 
-    /// Returns the number of channels with this irrep; 0 for one that the group does not have.
+    /// Returns the number of channels that transform by `irrep`; 0 for an irrep that the group does
+    /// not have.
     pub const fn multiplicity(&self, irrep: Irrep) -> usize {
         self.multiplicities[irrep.index()]
     }
 
-    /// Returns the range of the channels with this irrep in a channel vector.
+    /// Returns the range of the channels that transform by `irrep` in a channel vector.
     pub fn channel_range(&self, irrep: Irrep) -> Range<usize> {
         let start = self.multiplicities[..irrep.index()].iter().sum();
         start..start + self.multiplicity(irrep)
@@ -131,8 +132,8 @@ impl FieldType {
         Irrep::ALL.into_iter().flat_map(move |a| std::iter::repeat_n(a, multiplicities[a.index()]))
     }
 
-    /// Returns the number of regular fields that the field type consists of. `None` if the type has
-    /// other fields, too.
+    /// Returns the number of copies of the regular representation that the field type consists of;
+    /// `None` if the type has other channels, too.
     ///
     /// Every type of C1 consists of regular fields: its regular representation is the trivial one.
     pub fn num_regular_fields(&self) -> Option<usize> {
@@ -142,12 +143,13 @@ impl FieldType {
         is_regular.then_some(n)
     }
 
-    /// Returns `true` if the group leaves every channel unchanged.
+    /// Returns `true` if every element of the group leaves every channel unchanged.
     pub fn is_trivial(&self) -> bool {
         self.multiplicities[1..] == [0; 3]
     }
 
-    /// Transforms a channel vector in place: channels of irreps with the sign -1 are negated.
+    /// Transforms a channel vector by the group element `g` in place: channels of irreps with the
+    /// sign -1 are negated.
     ///
     /// # Panics
     /// If `g` is not in the group or `channels` does not hold [`dim`](FieldType::dim) values.
@@ -193,7 +195,8 @@ impl Group {
 impl Add for FieldType {
     type Output = FieldType;
 
-    /// Returns the direct sum. Its channels are irrep-major again, so it is no concatenation.
+    /// Returns the direct sum of two field types. Its channels are irrep-major again, so it is no
+    /// concatenation.
     ///
     /// # Panics
     /// If the groups differ, or the sum has more than [`FieldType::MAX_DIM`] channels.
@@ -207,7 +210,7 @@ impl Add for FieldType {
     }
 }
 
-/// Returns the permutation that sorts channels with these irreps into irrep-major order under
+/// Returns the permutation that sorts channels with the given irreps into irrep-major order under
 /// `group`: entry `i` is the natural index of irrep-major channel `i`.
 ///
 /// Channels of one irrep keep their order.

@@ -16,15 +16,15 @@ use crate::irrep::Irrep;
 /// Files hold the name that [`Display`](fmt::Display) prints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Group {
-    /// The identity alone: no symmetry.
+    /// Trivial group, which has the identity alone: no symmetry.
     C1,
-    /// The identity and flip x.
+    /// Group of the identity and flip x.
     D1x,
-    /// The identity and flip y.
+    /// Group of the identity and flip y.
     D1y,
-    /// The identity and the half turn.
+    /// Group of the identity and the half turn.
     C2,
-    /// The identity, both flips and the half turn.
+    /// Whole group D2: the identity, both flips and the half turn.
     D2,
 }
 
@@ -48,8 +48,8 @@ impl Group {
         self.elements().len()
     }
 
-    /// Returns the irreps of the group, as many as elements, in the order of the channel layout;
-    /// the first is trivial.
+    /// Returns the irreps of the group, as many as it has elements, in the order of the channel
+    /// layout; the first is trivial.
     pub const fn irreps(self) -> &'static [Irrep] {
         match self {
             Group::C1 => &[Irrep::Trivial],
@@ -59,7 +59,7 @@ impl Group {
         }
     }
 
-    /// Restricts an irrep of D2 to this group.
+    /// Returns the irrep of this group that an irrep of D2 restricts to.
     pub const fn restrict_irrep(self, irrep: Irrep) -> Irrep {
         // equal signs on the elements of the subgroup make two irreps one
         match (self, irrep) {

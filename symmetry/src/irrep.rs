@@ -26,7 +26,8 @@ impl Irrep {
     /// All four irreps, in the order of the channel layout.
     pub const ALL: [Irrep; 4] = [Irrep::Trivial, Irrep::X, Irrep::Y, Irrep::XY];
 
-    /// Returns the position in [`Irrep::ALL`], in 0..4; its bits are those of the sign formula.
+    /// Returns the position of the irrep in [`Irrep::ALL`], in 0..4; its bits are those of the sign
+    /// formula.
     pub const fn index(self) -> usize {
         self as usize
     }

@@ -87,8 +87,8 @@ impl Error for ParseFieldTypeError {}
 impl FromStr for FieldType {
     type Err = ParseFieldTypeError;
 
-    /// Parses terms `<count> <representation>` joined by `+`, after the group and a colon unless it
-    /// is D2; `0` is the empty type.
+    /// Parses a field type: terms `<count> <representation>` joined by `+`, after the group and a
+    /// colon unless it is D2; `0` is the empty type.
     fn from_str(text: &str) -> Result<FieldType, ParseFieldTypeError> {
         let (group, sum) = match text.split_once(':') {
             Some((group, sum)) => (group.trim().parse().map_err(ParseFieldTypeError::Group)?, sum),
@@ -107,8 +107,8 @@ impl FromStr for FieldType {
     }
 }
 
-/// Parses a count and the type of a single representation. The count is `None` if it is too large
-/// for a `usize`.
+/// Parses a term of a field type, such as `2 x`, into the count and the type of a single
+/// representation. The count is `None` if it is too large for a `usize`.
 fn parse_term(group: Group, term: &str) -> Result<(Option<usize>, FieldType), ParseFieldTypeError> {
     let malformed = || ParseFieldTypeError::Term(term.to_owned());
     let (count, name) = term.split_once(' ').ok_or_else(malformed)?;
@@ -125,7 +125,7 @@ fn is_overflow(error: &ParseIntError) -> bool {
     *error.kind() == IntErrorKind::PosOverflow
 }
 
-/// Parses the name of an irrep of `group`, or `reg`.
+/// Parses the name of an irrep of `group`, or `reg` for the regular representation.
 fn parse_representation(group: Group, name: &str) -> Result<FieldType, ParseFieldTypeError> {
     if name == "reg" {
         return Ok(group.regular_type(1));

@@ -16,10 +16,10 @@ use experiments::{RunError, RunFolder, SUMMARY_FILE};
 use super::events::{EventFeed, RunEvent};
 use super::snapshot::RunSnapshot;
 
-/// Polling interval of the folder while lines are printed.
+/// Polling interval of the run's folder while lines are printed.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
-/// First file that a run creates, and one that it has from then on.
+/// Names of files of which a run that has begun has at least one, even before its first rollout.
 const EARLY_FILES: [&str; 2] = ["lock", "metrics.csv"];
 
 /// Options of `covers watch`: the run and the output format.

@@ -1,4 +1,4 @@
-//! Events of a run, in the order in which they happened.
+//! Events of a run, rollouts and evaluations, in the order in which they happened.
 
 use serde::Serialize;
 use serde_json::Value;
@@ -19,25 +19,25 @@ type Moment = (usize, u8);
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub(super) enum RunEvent<'a> {
-    /// Update of the learner with a rollout.
+    /// Training iteration of the learner with one rollout.
     Rollout {
-        /// Index of the rollout.
+        /// Index of the rollout in the run, from 0.
         rollout: usize,
         #[serde(flatten)]
         row: &'a RolloutRow,
-        /// Thresholds of the rollout's distances, one for each policy.
+        /// Thresholds of the rollout's distances from stored frames, one for each policy.
         thresholds: Vec<Option<f64>>,
         #[serde(flatten)]
         progress: StreamProgress,
     },
-    /// Evaluation of all variants.
+    /// Evaluation of the learner on all task variants.
     Evaluation { rollouts: usize, decisions: usize, scores: Vec<&'a ScoreRow> },
     /// End of the run, with the contents of its summary.
     Finished { summary: Value },
 }
 
 impl RunEvent<'_> {
-    /// Returns a line of text; for a rollout, the line that `covers train` prints.
+    /// Returns the event as a line of text; for a rollout, the line that `covers train` prints.
     pub fn text_line(&self) -> String {
         match self {
             Self::Rollout { row, .. } => rollout(row).to_string(),
@@ -56,7 +56,7 @@ impl RunEvent<'_> {
         }
     }
 
-    /// Returns a line of JSON.
+    /// Returns the event as a line of JSON.
     pub fn json_line(&self) -> String {
         serde_json::json!(self).to_string()
     }
@@ -76,7 +76,7 @@ fn rollout(row: &RolloutRow) -> RolloutLine<'_> {
     }
 }
 
-/// Returns the mean success of each group's variants. If other policies than the groups' own
+/// Formats the mean success of each group's variants. If other policies than the groups' own
 /// played, the success of their own policies follows.
 fn successes(scores: &[&ScoreRow]) -> String {
     let of = |figure: fn(&ScoreRow) -> Option<f64>| {

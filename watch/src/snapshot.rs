@@ -8,7 +8,7 @@ use std::time::SystemTime;
 
 use experiments::{RunData, RunError, RunFolder, SUMMARY_FILE};
 
-/// Files whose changes are noticed.
+/// Names of the files in a run's folder whose changes are noticed.
 const FILES: [&str; 4] = ["metrics.csv", "timings.csv", "evaluation.csv", SUMMARY_FILE];
 
 /// Length and modification time of a file; `None` if it does not exist.
@@ -35,7 +35,7 @@ impl RunSnapshot {
         Ok(Self { run: RunData::read_partial(path)?, finished, stamps, folder })
     }
 
-    /// Reads the folder again if a file changed; returns `true` if one did.
+    /// Reads the run's folder again if a file changed; returns `true` if one did.
     ///
     /// # Errors
     /// As [`RunData::read_partial`].
@@ -47,7 +47,7 @@ impl RunSnapshot {
         Ok(changed)
     }
 
-    /// Returns the time since the latest change; `None` if there are no files yet.
+    /// Returns the time since the latest change of a file; `None` if there are no files yet.
     #[cfg(feature = "tui")]
     pub fn time_since_change(&self) -> Option<Duration> {
         let newest = self.stamps.iter().flatten().map(|stamp| stamp.1).max()?;

@@ -1,4 +1,5 @@
-//! Episode of one environment, simulated in one frame of reference and mirrored when it is shown.
+//! Episode of one environment, simulated in one frame of reference; pictures, vectors and actions
+//! are mirrored by an element of D2.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -8,14 +9,15 @@ use crate::group::TaskGroup;
 use crate::picture::{PICTURE_SIZE, Picture};
 use crate::scene::Scene;
 
-/// Largest absolute coordinate of the hand, in units of half the picture's side.
+/// Largest absolute coordinate of the hand, in units of half the side of the picture.
 // Below 1, so that the hand's centre stays in the picture.
 const REACH: f32 = 0.95;
-/// Largest distance from full reward that counts as success.
+/// Largest distance of the hand from a position of full reward that counts as success, in units of
+/// half the side of the picture.
 // The reward there is exp(-10 * 0.06), about 0.55.
 const NEAR: f32 = 0.06;
 
-/// State of one environment: hand, object and camera.
+/// State of one environment: task group, scene, positions of hand and object, and pictures.
 #[derive(Clone, Debug)]
 pub(crate) struct Episode {
     group: TaskGroup,
@@ -24,7 +26,7 @@ pub(crate) struct Episode {
     hand: [f32; 2],
     object: [f32; 2],
     still: Picture,
-    /// Picture without the object, in scenes in which it appears late.
+    /// Picture without the object, in scenes in which the object appears after some decisions.
     empty: Option<Picture>,
     first: Vec<u8>,
     now: Vec<u8>,
@@ -32,7 +34,7 @@ pub(crate) struct Episode {
 }
 
 impl Episode {
-    /// Places the object of `group` in a scene.
+    /// Begins an episode: places the object of `group` at random in a scene.
     pub fn begin(scene: Scene, group: TaskGroup, variant: Option<D2>, mut rng: ChaCha8Rng) -> Self {
         // drawn even if the caller chose a variant, so that the rest of the episode stays the same
         let drawn = D2::from_bits(rng.random_range(0..4));
@@ -58,8 +60,8 @@ impl Episode {
         episode
     }
 
-    /// Moves the hand by an action, which is given in the variant shown. Returns the reward and
-    /// whether the step counts as success.
+    /// Moves the hand by an action, which is mirrored as the pictures are. Returns the reward, and
+    /// `true` if the step counts as success.
     pub fn step(&mut self, action: [f32; 2]) -> (f32, bool) {
         let action = mirrored(self.variant, action).map(|a| a.clamp(-1.0, 1.0));
         let motion = self.group.dynamics.displacement(action);
@@ -73,14 +75,15 @@ impl Episode {
         (self.scene.reward_scale * pay.reward_at(place), pay.distance(place) <= NEAR)
     }
 
-    /// Takes the present picture.
+    /// Renders the camera picture of the present state.
     fn look(&mut self) {
         let empty = self.empty.as_ref().filter(|_| self.scene.decisions_without_object > 0);
         let picture = empty.unwrap_or(&self.still).with_hand(self.hand);
         self.now = picture.with_camera_noise(self.scene.noise_amplitude, &mut self.rng);
     }
 
-    /// Returns the action of an expert that takes this for a task of `group`, in the variant shown.
+    /// Returns the action of an expert that takes the episode for one of `group`, mirrored as the
+    /// pictures are.
     pub fn expert_action(&self, group: &TaskGroup) -> [f32; 2] {
         let action =
             group.dynamics.action_for_displacement(group.reward.vector_to_nearest(self.place()));
@@ -89,7 +92,8 @@ impl Episode {
         mirrored(self.variant, action.map(|a| a / most))
     }
 
-    /// Writes the picture `[48, 48, 6]` and the hand's position (x, y), both in the variant shown.
+    /// Writes the picture `[48, 48, 6]` and the hand's position (x, y), both mirrored by the
+    /// episode's element of D2.
     pub fn show(&self, image: &mut [u8], vector: &mut [f32]) {
         for (at, pixel) in image.chunks_exact_mut(6).enumerate() {
             // every variant is its own inverse, so the source is where the pixel goes

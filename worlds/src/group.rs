@@ -1,17 +1,17 @@
-//! Properties that all tasks of one group share.
+//! Task groups: the object, the reward and the dynamics that all tasks of one group share.
 
 use crate::look::Appearance;
 
 /// Task group of a world: all variants of D2 and all placements of one object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TaskGroup {
-    /// Appearance of the group's object at the beginning of the stream.
+    /// Appearance of the group's object at the beginning of the stream of tasks.
     pub appearance: Appearance,
     /// Reward function of the group.
     pub reward: RewardFunction,
     /// Dynamics of the hand in the group.
     pub dynamics: HandDynamics,
-    /// Levels that the group adds to each channel of the ground's colour.
+    /// Levels, of 255, that the group adds to each channel of the ground's colour.
     pub ground_tint: [f32; 3],
     /// Signed amplitude of each colour's drift, a sine with a period of 1000 rounds, in units of a
     /// byte; zero without drift.
@@ -45,7 +45,8 @@ impl RewardFunction {
         ((x - self.offset[0]).hypot(y - self.offset[1]) - self.radius).abs()
     }
 
-    /// Returns the vector to the nearest position of full reward.
+    /// Returns the vector from a position of the hand, relative to the object, to the nearest
+    /// position of full reward.
     pub(crate) fn vector_to_nearest(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (dx, dy) = (self.offset[0] - x, self.offset[1] - y);
         // no division by zero for a hand at the target
@@ -65,20 +66,20 @@ pub struct HandDynamics {
 }
 
 impl HandDynamics {
-    /// Returns the hand's displacement under an action.
+    /// Returns the hand's displacement under an action, in units of half the picture's side.
     pub(crate) fn displacement(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (sin, cos) = self.rotation_rad.sin_cos();
         [self.gain * (cos * x - sin * y), self.gain * (sin * x + cos * y)]
     }
 
-    /// Returns the action that causes this displacement.
+    /// Returns the action that causes a displacement of the hand.
     pub(crate) fn action_for_displacement(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (sin, cos) = self.rotation_rad.sin_cos();
         [(cos * x + sin * y) / self.gain, (cos * y - sin * x) / self.gain]
     }
 }
 
-/// Period of the drift of colours, in rounds.
+/// Period of the drift of objects' colours, in rounds (episodes in each environment).
 const PERIOD: f32 = 1000.0;
 
 impl TaskGroup {

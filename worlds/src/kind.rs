@@ -1,4 +1,4 @@
-//! Kinds of worlds: the properties in which their groups differ, and what changes with time.
+//! Kinds of worlds: the properties in which their task groups differ, and what changes with time.
 
 use rand::RngExt;
 use rand::seq::SliceRandom;
@@ -17,11 +17,11 @@ pub enum Property {
     Colour,
     /// Outline of the object.
     Shape,
-    /// Size, texture and number of copies of the object.
+    /// Size, texture and number of copies of the object together.
     Form,
     /// Colour of the ground.
     Ground,
-    /// Position of the target relative to the object.
+    /// Position of the target of the hand, relative to the object.
     Target,
     /// Radius of the circle of full reward around the target.
     Reward,
@@ -33,23 +33,29 @@ pub enum Property {
 /// it. Positions, light, ground and noise change within 250 rounds and return within the next 250.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum WorldKind {
-    /// Colour, shape, size, texture and number of copies; positions of targets differ as well.
+    /// Groups that differ in colour, shape, size, texture and number of copies of the object, and
+    /// in the position of the target.
     Appearance,
-    /// Shape, with one colour and size; positions of targets differ as well.
+    /// Groups that differ in the shape of the object and the position of the target, with one
+    /// colour and size.
     Shape,
-    /// Colour, with one shape and size; positions of targets differ as well.
+    /// Groups that differ in the colour of the object and the position of the target, with one
+    /// shape and size.
     Colour,
-    /// Colour of the ground, with one object; positions of targets differ as well.
+    /// Groups that differ in the colour of the ground and the position of the target, with one
+    /// object.
     Ground,
-    /// Groups of [`WorldKind::Appearance`], with objects that appear after five decisions.
+    /// Groups of [`WorldKind::Appearance`], with objects that appear only after five decisions of
+    /// an episode.
     LateObject,
-    /// Position of the target relative to an object that looks the same in all groups.
+    /// Groups that differ in the position of the target, relative to an object that looks the same
+    /// in all groups.
     Target,
-    /// Reward around a common target: the radius of the circle of full reward.
+    /// Groups that differ in the radius of the circle of full reward around a common target.
     Reward,
-    /// Dynamics of the hand: the displacement that an action causes.
+    /// Groups that differ in the dynamics of the hand: the displacement that an action causes.
     Dynamics,
-    /// No property: one group under several indices.
+    /// Groups that differ in nothing: one group under several indices.
     Identical,
     /// Groups of [`WorldKind::Appearance`], with colours that change a little with time.
     Drift,
@@ -65,10 +71,10 @@ pub enum WorldKind {
     RescaledReward,
 }
 
-/// Description of a kind.
+/// Description of a kind of world.
 struct Spec {
     name: &'static str,
-    /// Least and largest default number of groups.
+    /// Least and largest default number of task groups.
     num_groups: [usize; 2],
     properties: &'static [Property],
     nuisance: Nuisance,
@@ -118,12 +124,12 @@ impl WorldKind {
         Spec { name, num_groups, properties, nuisance }
     }
 
-    /// Returns the kind's name in tables, for instance `appearance`.
+    /// Returns the name of the kind of world in tables, for instance `appearance`.
     pub const fn name(self) -> &'static str {
         self.spec().name
     }
 
-    /// Returns the properties in which groups differ.
+    /// Returns the properties in which the task groups of this kind of world differ.
     pub const fn properties(self) -> &'static [Property] {
         self.spec().properties
     }
@@ -133,14 +139,14 @@ impl WorldKind {
         self.spec().nuisance
     }
 
-    /// Draws the default number of groups, which is fixed for some kinds.
+    /// Returns a random default number of task groups, which is fixed for some kinds of worlds.
     pub(crate) fn draw_num_groups(self, rng: &mut ChaCha8Rng) -> usize {
         let [least, most] = self.spec().num_groups;
         // a draw would change the worlds of kinds with a fixed number
         if least == most { most } else { rng.random_range(least..=most) }
     }
 
-    /// Returns the largest number of groups.
+    /// Returns the largest number of task groups of this kind of world.
     pub(crate) const fn max_num_groups(self) -> usize {
         match self.properties() {
             // values of a property are drawn without repetition
@@ -149,7 +155,7 @@ impl WorldKind {
         }
     }
 
-    /// Draws `number` groups.
+    /// Returns `number` random task groups.
     pub(crate) fn draw_groups(self, number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
         let mut groups = match *self.properties() {
             [] => vec![group(look(rng), rng); number],
@@ -186,7 +192,7 @@ impl Property {
         }
     }
 
-    /// Draws different values of the property, as indices.
+    /// Returns the indices of `number` different random values of the property.
     fn draw(self, number: usize, rng: &mut ChaCha8Rng) -> Vec<usize> {
         let mut values: Vec<usize> = (0..self.num_values()).collect();
         values.shuffle(rng);
@@ -194,7 +200,7 @@ impl Property {
         values
     }
 
-    /// Returns the group with the value of an index.
+    /// Returns a copy of `group` whose property has the value of index `value`.
     fn set(self, mut group: TaskGroup, value: usize) -> TaskGroup {
         match self {
             Self::Colour => group.appearance.colour = COLOURS[value],
@@ -234,14 +240,14 @@ const COLOURS: [[f32; 3]; 8] = [
     [40.0, 40.0, 45.0],
 ];
 
-/// Sizes of objects, as half of their extent, in units of half the picture's side.
+/// Sizes that objects can have, as half of their extent, in units of half the picture's side.
 const SIZES: [f32; 2] = [0.12, 0.18];
 
-/// Dynamics of all kinds but [`WorldKind::Dynamics`].
+/// Dynamics of the hand in all kinds of worlds but [`WorldKind::Dynamics`].
 const ORDINARY: HandDynamics = HandDynamics { gain: 0.08, rotation_rad: 0.0 };
 
-/// Dynamics of [`WorldKind::Dynamics`]: ordinary, half the speed, reversed, and turned to either
-/// side.
+/// Dynamics of the hand that groups of [`WorldKind::Dynamics`] can have: ordinary, half the speed,
+/// reversed, and turned to either side.
 const HAND_DYNAMICS: [HandDynamics; 5] = [
     ORDINARY,
     HandDynamics { gain: 0.04, ..ORDINARY },
@@ -273,7 +279,7 @@ fn group(appearance: Appearance, rng: &mut ChaCha8Rng) -> TaskGroup {
     }
 }
 
-/// Draws groups with distinct appearances, which differ in at least one property.
+/// Returns random task groups whose objects differ in at least one property of their appearance.
 fn appearance(number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
     let mut groups: Vec<TaskGroup> = Vec::with_capacity(number);
     while groups.len() < number {

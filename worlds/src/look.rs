@@ -18,21 +18,21 @@ pub struct Appearance {
 /// Outline of an object, inside the square `[-1, 1]^2`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shape {
-    /// A disc.
+    /// Round shape: a disc.
     Disc,
-    /// A square.
+    /// Square with sides along x and y.
     Square,
-    /// A triangle that points to larger y.
+    /// Triangle that points to larger y.
     Triangle,
-    /// A bar along x.
+    /// Bar along x.
     Bar,
-    /// A ring.
+    /// Ring: a disc with a round hole.
     Ring,
-    /// A cross.
+    /// Cross of two bars.
     Cross,
-    /// A square on its corner.
+    /// Square that stands on its corner.
     Diamond,
-    /// A letter L.
+    /// Shape of a letter L.
     LetterL,
 }
 
@@ -49,7 +49,8 @@ impl Shape {
         Self::LetterL,
     ];
 
-    /// Returns `true` if the point (u, v) is inside the outline.
+    /// Returns `true` if the point (u, v), in units of the object's half size, is inside the
+    /// outline.
     pub fn contains(self, u: f32, v: f32) -> bool {
         let (squared, inside) = (u * u + v * v, u.abs() <= 1.0 && v.abs() <= 1.0);
         match self {
@@ -72,7 +73,7 @@ pub enum Texture {
     Plain,
     /// Four stripes parallel to x, dark and bright in turn.
     Stripes,
-    /// Two by two fields, dark and bright in turn.
+    /// Two by two squares, dark and bright in turn, as on a chessboard.
     Checks,
 }
 
@@ -80,7 +81,8 @@ impl Texture {
     /// All patterns of objects.
     pub const ALL: [Self; 3] = [Self::Plain, Self::Stripes, Self::Checks];
 
-    /// Returns the factor on the colour at (u, v) in `[-1, 1]^2`: 1, or 0.35 in dark parts.
+    /// Returns the factor on the object's colour at the point (u, v) in `[-1, 1]^2`: 1, or 0.35 in
+    /// dark parts.
     pub fn brightness(self, u: f32, v: f32) -> f32 {
         let dark = match self {
             Self::Plain => false,
@@ -92,8 +94,8 @@ impl Texture {
 }
 
 impl Appearance {
-    /// Returns the centres of the copies, relative to that of the first one, in the units
-    /// of `half_size`.
+    /// Returns the centres of the object's copies, relative to that of the first one, in units of
+    /// half the picture's side.
     pub(crate) fn copy_centres(&self) -> impl Iterator<Item = [f32; 2]> {
         // a copy is 2 sizes wide, so a gap of 0.3 sizes remains
         let apart = 2.3 * self.half_size;

@@ -9,7 +9,7 @@ use crate::scene::Scene;
 
 /// Width and height of a picture in pixels.
 pub(crate) const PICTURE_SIZE: usize = 48;
-/// Sample points per side of a pixel, for anti-aliasing.
+/// Number of sample points along each side of a pixel, for anti-aliasing.
 const SAMPLES: usize = 2;
 
 /// Appearance of the hand, in a colour that no object has.
@@ -21,12 +21,13 @@ const HAND: Appearance = Appearance {
     num_copies: 1,
 };
 
-/// Picture `[48, 48, 3]`, not yet clipped to 0..=255; row 0 is the largest y, column 0 the least x.
+/// Rendered picture `[48, 48, 3]`, not yet clipped to 0..=255; row 0 is the largest y, column 0 the
+/// least x.
 #[derive(Clone, Debug)]
 pub(crate) struct Picture(Vec<f32>);
 
 impl Picture {
-    /// Paints the scene of a group without the hand: ground, clutter and, if it is seen, the
+    /// Paints the scene of a task group without the hand: ground, clutter and, if it is seen, the
     /// object, in the light of one episode.
     pub fn without_hand(
         scene: &Scene,
@@ -82,7 +83,8 @@ impl Picture {
     }
 }
 
-/// Returns the range of pixel indices between two coordinates in `[-1, 1]`.
+/// Returns the range of indices of the pixels between two coordinates in `[-1, 1]`, along one side
+/// of the picture.
 fn pixels(from: f32, to: f32) -> std::ops::Range<usize> {
     let pixel = |place: f32| (place + 1.0) * PICTURE_SIZE as f32 / 2.0;
     pixel(from).floor().max(0.0) as usize..(pixel(to).ceil().max(0.0) as usize).min(PICTURE_SIZE)
@@ -108,7 +110,7 @@ fn cover(look: &Appearance, x: f32, y: f32, row: usize, col: usize) -> (f32, f32
     (share / all, brightness / all)
 }
 
-/// Draws the appearance of a piece of clutter: greyish and smaller than any object.
+/// Returns the random appearance of a piece of clutter: greyish and smaller than any object.
 fn litter(rng: &mut ChaCha8Rng) -> Appearance {
     let grey = rng.random_range(60.0..190.0);
     Appearance {

@@ -10,9 +10,9 @@ pub struct Scene {
     pub ground: [f32; 3],
     /// Number of small grey objects on the ground, at new positions in every episode.
     pub num_clutter_objects: usize,
-    /// Mean brightness of the pictures.
+    /// Mean factor on the brightness of the pictures, over episodes; 1 leaves colours as they are.
     pub brightness: f32,
-    /// Largest deviation of an episode's brightness, relative to the mean.
+    /// Largest random deviation of an episode's brightness, relative to the mean.
     pub max_light_deviation: f32,
     /// Amplitude of the uniform camera noise, in levels of 0..=255.
     pub noise_amplitude: f32,
@@ -21,11 +21,12 @@ pub struct Scene {
     pub object_range: [f32; 2],
     /// Number of decisions of an episode before the object appears.
     pub decisions_without_object: usize,
-    /// Factor on all rewards.
+    /// Factor that multiplies all rewards.
     pub reward_scale: f32,
 }
 
-/// Returns a scene at the beginning of a stream and at the largest change.
+/// Change of the scene that calls for no other policy: a function that returns the scene at the
+/// beginning of a stream of tasks and at the largest change.
 pub(crate) type Nuisance = fn(Scene, &mut ChaCha8Rng) -> [Scene; 2];
 
 pub(crate) fn unchanged(scene: Scene, _: &mut ChaCha8Rng) -> [Scene; 2] {
@@ -49,7 +50,7 @@ pub(crate) fn tint_ground(scene: Scene, rng: &mut ChaCha8Rng) -> [Scene; 2] {
     [scene, Scene { ground, ..scene }]
 }
 
-/// Multiplies rewards by up to 100, or divides them.
+/// Sets the range of factors on rewards: from 0.01 to 100.
 pub(crate) fn rescale_rewards(scene: Scene, _: &mut ChaCha8Rng) -> [Scene; 2] {
     [scene, Scene { reward_scale: 100.0, ..scene }]
 }

@@ -1,4 +1,4 @@
-//! Stream of groups as a vectorised environment.
+//! Stream of task groups as a vectorised environment.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -22,14 +22,14 @@ pub struct Visit {
     pub rounds: usize,
 }
 
-/// Error of creating or stepping a stream.
+/// Error of creating or stepping a stream of tasks.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StreamError {
-    /// Stream without visits or without environments.
+    /// Stream of tasks without visits or without environments.
     #[error("{what} is 0, expected at least 1")]
     NoVisitsOrEnvs {
-        /// Name of the number that is 0: of visits or of environments.
+        /// Name of the number that is 0: that of visits or of environments.
         what: &'static str,
     },
     /// Visit of a group that the world does not have.
@@ -55,7 +55,8 @@ pub enum StreamError {
     NotReset,
 }
 
-/// Vectorised environment that visits groups of a world one after another; the last group stays.
+/// Vectorised environment that visits task groups of a world one after another; the last group
+/// stays.
 ///
 /// Pictures are `[48, 48, 6]`: the present one and the episode's first. The vector is the hand's
 /// position (x, y) in `[-0.95, 0.95]`, actions are (x, y) in `[-1, 1]` and are clipped. Episodes
@@ -154,7 +155,7 @@ impl TaskStream {
         self.episodes[env].expert_action(&self.world.groups[group])
     }
 
-    /// Begins an episode in every environment.
+    /// Begins an episode of the present round in every environment.
     fn begin(&mut self) {
         self.step = 0;
         let (world, round) = (&self.world, self.round);

@@ -1,4 +1,4 @@
-//! Worlds: groups and their surroundings, drawn from a seed.
+//! Worlds: task groups and their surroundings, random but determined by a seed.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -12,13 +12,15 @@ use crate::scene::Scene;
 pub struct World {
     /// Kind of the world: the properties in which its groups differ.
     pub kind: WorldKind,
-    /// Seed of the world and of all episodes in it.
+    /// Seed of the random numbers of the world and of all episodes in it.
     pub seed: u64,
     /// Task groups of the world.
     pub groups: Vec<TaskGroup>,
-    /// Surroundings at the beginning of a stream, before rewards are scaled.
+    /// Surroundings of the objects at the beginning of a stream of tasks, before rewards are
+    /// scaled.
     pub scene: Scene,
-    /// Surroundings at the largest change that the nuisance of the kind causes.
+    /// Surroundings of the objects at the largest change that the nuisance of the kind of world
+    /// causes.
     pub changed_scene: Scene,
 }
 
@@ -44,7 +46,8 @@ impl World {
         Self { kind, seed, groups, scene, changed_scene }
     }
 
-    /// Returns the surroundings in round `round` of a stream, which belongs to visit `visit`.
+    /// Returns the surroundings of the objects in round `round` of a stream of tasks, which belongs
+    /// to visit `visit`.
     pub fn scene_in(&self, round: usize, visit: usize) -> Scene {
         let (from, to) = (&self.scene, &self.changed_scene);
         // rises to 1 and returns to 0
@@ -74,10 +77,11 @@ impl World {
     }
 }
 
-/// Rounds in which a scene changes from one extreme to the other.
+/// Number of rounds in which the nuisance changes a scene from one extreme to the other.
 const CHANGE_ROUNDS: f32 = 250.0;
 
-/// Draws surroundings; positions range widely for [`WorldKind::Appearance`] only.
+/// Returns random surroundings; positions of objects range widely for [`WorldKind::Appearance`]
+/// only.
 fn draw_scene(kind: WorldKind, rng: &mut ChaCha8Rng) -> Scene {
     // appearance worlds have the widest range, 0.2 to 0.7; others draw a width from 0.05 to 0.5
     let wide = kind == WorldKind::Appearance;

@@ -8,23 +8,24 @@
 
 use super::mass::Mass;
 
-/// Index that stands for "no node".
+/// Node index that stands for "no node".
 pub(crate) const NONE: u32 = u32::MAX;
 
-/// Rounding error of a reduced cost, as a fraction of the largest price: a few last bits.
+/// Rounding error of a reduced cost, as a fraction of the largest node price: a few last bits.
 const PRICE_TOLERANCE: f64 = 1e-14;
 
-/// Arc that enters the basis because it lowers the cost.
+/// Arc (source, sink) that enters the basis because it lowers the cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Entering {
     pub(crate) source: u32,
-    /// Index among the sinks, not among the nodes.
+    /// Index of the arc's sink among the sinks, not among the nodes.
     pub(crate) sink: u32,
     /// Reduced cost of the arc, negative.
     pub(crate) reduced: f64,
 }
 
-/// Spanning tree with flows and prices. The children of a node form a doubly linked list.
+/// Spanning tree of sources and sinks, with the flows of its arcs and the prices of its nodes. The
+/// children of a node form a doubly linked list.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Basis {
     sources: usize,
@@ -34,14 +35,14 @@ pub(crate) struct Basis {
     next: Vec<u32>,
     previous: Vec<u32>,
     price: Vec<f64>,
-    /// Number of the last search that visited each node.
+    /// For each node, the number of the last search of a common ancestor that visited it.
     visited: Vec<u32>,
     search: u32,
     stack: Vec<u32>,
 }
 
 impl Basis {
-    /// Removes all arcs and sets the numbers of nodes.
+    /// Removes all arcs and sets the numbers of sources and sinks.
     pub(crate) fn reset(&mut self, sources: usize, sinks: usize) {
         let nodes = sources + sinks;
         self.sources = sources;
@@ -82,7 +83,7 @@ impl Basis {
         self.parent[node as usize] == NONE
     }
 
-    /// Hangs a parentless node below another.
+    /// Attaches a node without a parent below `parent`, by an arc with the given flow.
     pub(crate) fn attach(&mut self, node: u32, parent: u32, flow: Mass) {
         let sibling = self.first_child[parent as usize];
         self.parent[node as usize] = parent;
@@ -110,7 +111,7 @@ impl Basis {
         (node as usize) < self.sources
     }
 
-    /// Returns source and sink (from zero) of the arc between a node and its parent.
+    /// Returns source index and sink index of the arc between a node and its parent.
     fn arc(&self, node: u32) -> (usize, usize) {
         let (node, parent) = (node as usize, self.parent[node as usize] as usize);
         if node < self.sources {
@@ -120,7 +121,7 @@ impl Basis {
         }
     }
 
-    /// Calls `f(source, sink, flow)` for each arc, in the order of the nodes below.
+    /// Calls `f(source, sink, flow)` for each arc, in the order of their lower nodes.
     pub(crate) fn for_each_arc(&self, mut f: impl FnMut(usize, usize, Mass)) {
         for node in (0..self.nodes() as u32).filter(|&node| !self.is_root(node)) {
             let (source, sink) = self.arc(node);
@@ -128,7 +129,7 @@ impl Basis {
         }
     }
 
-    /// Writes the arcs `(source, sink)`, parents before their children.
+    /// Writes the arcs `(source, sink)` of the tree to `arcs`, parents before their children.
     pub(crate) fn arcs_downwards(&mut self, arcs: &mut Vec<(u32, u32)>) {
         arcs.clear();
         self.visit_from_root(|basis, node, _| {
@@ -137,8 +138,8 @@ impl Basis {
         });
     }
 
-    /// Computes all prices afresh from the costs `[n, m]` of the arcs, which undoes accumulated
-    /// rounding.
+    /// Computes all node prices afresh from the cost matrix `[sources, sinks]`, which undoes
+    /// accumulated rounding.
     pub(crate) fn refresh_prices(&mut self, cost: &[f64]) {
         let sinks = self.nodes() - self.sources;
         self.visit_from_root(|basis, node, parent| {
@@ -149,7 +150,7 @@ impl Basis {
         });
     }
 
-    /// Calls `f(self, node, parent)` for each node but the root, parents first.
+    /// Calls `f(self, node, parent)` for each node of the tree but the root, parents first.
     fn visit_from_root(&mut self, mut f: impl FnMut(&mut Self, u32, u32)) {
         let root = self.parent.iter().position(|&parent| parent == NONE);
         let mut stack = std::mem::take(&mut self.stack);
@@ -248,7 +249,7 @@ impl Basis {
         }
     }
 
-    /// Adds `amount` to the prices of a subtree.
+    /// Adds `amount` to the prices of all nodes of the subtree below and including `node`.
     fn shift(&mut self, node: u32, amount: f64) {
         let mut stack = std::mem::take(&mut self.stack);
         stack.push(node);

@@ -4,19 +4,19 @@ use super::problem::{Certificate, TransportPlan};
 use super::problem::{Weights, check};
 use crate::error::{ClusterError, Result};
 
-/// Rounding allowance of a certificate, as a fraction of the largest cost or potential in
-/// magnitude, whichever is less (of one, for masses).
+/// Rounding allowance of a certificate of optimality, as a fraction of the largest cost or
+/// potential in magnitude, whichever is less (of one, for masses).
 pub const RELATIVE_TOLERANCE: f64 = 1e-12;
 
-/// Largest `gap + violation` of a certificate, as a fraction of the plan's cost in magnitude. See
-/// [`certify`] for what negative costs and given weights are held to where that cost is close to
-/// zero.
+/// Largest `gap + violation` of a certificate, as a fraction of the transport plan's cost in
+/// magnitude. See [`certify`] for what negative costs and given weights are held to where that cost
+/// is close to zero.
 pub const MAX_RELATIVE_GAP: f64 = 1e-9;
 
 /// Largest magnitude of a potential that is compared with costs: far beyond those of any plan.
 const MAX_POTENTIAL: f64 = 1e300;
 
-/// Buffers for the row and column sums of a plan.
+/// Buffers for the row and column sums of a transport plan.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Scratch {
     sent: Vec<f64>,
@@ -66,7 +66,8 @@ pub fn certify(
     certify_into(&mut Scratch::default(), cost, sources, sinks, plan)
 }
 
-/// Does the work of [`certify`] for a checked problem, in memory that is reused.
+/// Checks the optimality of `plan` as [`certify`] does, for weights and costs that were checked, in
+/// memory that is reused.
 pub(crate) fn certify_into(
     scratch: &mut Scratch,
     cost: &[f64],
@@ -180,8 +181,8 @@ fn two_sum(a: f64, b: f64) -> (f64, f64) {
     (sum, (a - (sum - added)) + (b - added))
 }
 
-/// Returns the smallest slack of a row of finite numbers, in lanes: a single minimum would wait for
-/// each comparison in turn.
+/// Returns the smallest slack `c - v - u` of a row of finite costs, in eight lanes: a single
+/// minimum would wait for each comparison in turn.
 fn least_slack(row: &[f64], v: &[f64], u: f64) -> f64 {
     let lower = |a: f64, b: f64| if b < a { b } else { a };
     let mut lanes = [f64::INFINITY; 8];
@@ -195,7 +196,8 @@ fn least_slack(row: &[f64], v: &[f64], u: f64) -> f64 {
     lanes.into_iter().chain(rest).fold(f64::INFINITY, lower)
 }
 
-/// Returns an error for the first pair of a row whose slack is too small or NaN, if there is one.
+/// Returns an error for the first pair of a row of the cost matrix whose slack `c - v - u` is too
+/// small or NaN, if there is one.
 fn refuse(source_index: usize, row: &[f64], v: &[f64], u: f64, tolerance: f64) -> Result<()> {
     let slacks = row.iter().zip(v).map(|(c, v)| slack(*c, *v, u));
     match slacks.enumerate().find(|&(_, slack)| !at_least(slack, -tolerance)) {
@@ -225,8 +227,9 @@ fn check_gap(
     Ok(gaps.into_iter().fold(0.0, |top, gap| top.max(gap.abs())))
 }
 
-/// Returns the cost of the entries of a plan, and the sum of their slacks times their masses.
-/// With exact marginals the latter is the duality gap, without the rounding in sums of potentials.
+/// Returns the cost of the entries of a transport plan, and the sum of their slacks times their
+/// masses. With exact marginals the latter is the duality gap, without the rounding in sums of
+/// potentials.
 fn priced(cost: &[f64], plan: &TransportPlan) -> (f64, f64) {
     let (mut primal, mut open) = (Sum::default(), 0.0);
     for entry in &plan.entries {
@@ -239,7 +242,7 @@ fn priced(cost: &[f64], plan: &TransportPlan) -> (f64, f64) {
     (primal.value(), open)
 }
 
-/// Returns the dual value: the potentials, averaged by the weights.
+/// Returns the dual value of a transport plan: the potentials, averaged by the weights.
 fn dual(sources: Weights, sinks: Weights, plan: &TransportPlan) -> f64 {
     let (u, a) = weighted(sources, &plan.source_potentials);
     let (v, b) = weighted(sinks, &plan.sink_potentials);
@@ -253,7 +256,8 @@ fn dual(sources: Weights, sinks: Weights, plan: &TransportPlan) -> f64 {
     sum.value() / (a.value() * b.value())
 }
 
-/// Returns the weighted sum of the potentials of a side, and the sum of the weights.
+/// Returns the weighted sum of the potentials of one side (sources or sinks), and the sum of the
+/// weights.
 fn weighted(weights: Weights, potentials: &[f64]) -> (Sum, Sum) {
     let (mut value, mut whole) = (Sum::default(), Sum::default());
     match weights {
@@ -298,7 +302,8 @@ impl Sum {
     }
 }
 
-/// Checks that the cost of a plan exceeds the optimum by a small fraction of itself at most.
+/// Checks that the cost of a transport plan exceeds the optimum by a small fraction of itself at
+/// most.
 fn check_precision(
     cost: &[f64],
     plan: &TransportPlan,
@@ -317,9 +322,9 @@ fn check_precision(
     Err(ClusterError::Imprecise { cost: plan.cost, excess, tolerance })
 }
 
-/// Returns the size of costs relative to which the cost of a plan may be rounding alone: weights
-/// that differ in their last bits move some mass, and costs of both signs cancel. Zero if neither
-/// is possible.
+/// Returns the size of costs relative to which the cost of a transport plan may be rounding alone:
+/// weights that differ in their last bits move some mass, and costs of both signs cancel. Zero if
+/// neither is possible.
 fn scale_near_zero(cost: &[f64], plan: &TransportPlan, equal: bool) -> f64 {
     let least = cost.iter().fold(0.0_f64, |least, c| least.min(*c));
     if least < 0.0 {

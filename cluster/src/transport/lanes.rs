@@ -6,7 +6,7 @@
 
 use pulp::Arch;
 
-/// Running minima of a scan: two vectors of AVX-512, four of AVX2.
+/// Number of running minima of a scan: two vectors of AVX-512, four of AVX2.
 const LANES: usize = 16;
 
 /// Scan for the smallest reduced cost over rows of a cost matrix.
@@ -38,8 +38,8 @@ impl Lanes {
         )
     }
 
-    /// Returns the index at which a row takes the value `least` that [`minimum`](Self::minimum)
-    /// found.
+    /// Returns the index `j` at which `row[j] + prices[j] - own` is the value `least` that
+    /// [`minimum`](Self::minimum) found.
     pub(crate) fn position(
         self,
         row: &[f64],

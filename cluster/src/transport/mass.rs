@@ -4,11 +4,11 @@ use std::ops::{AddAssign, Sub, SubAssign};
 
 use super::problem::Weights;
 
-/// Units of the whole mass for weights given as numbers: finer than the rounding of an `f64` near
-/// 1.
+/// Number of integer units of the whole mass, for weights given as numbers: finer than the rounding
+/// of an `f64` near 1.
 const FINE: i64 = 1 << 60;
 
-/// Amount of mass: whole units, and a number of infinitesimals.
+/// Amount of transported mass: whole units, and a number of infinitesimals.
 ///
 /// The infinitesimals are Orden's perturbation. They change the supplies so that no proper subset
 /// of sources supplies exactly what a subset of sinks demands. Every basic flow is then positive,
@@ -53,14 +53,14 @@ impl SubAssign for Mass {
 /// Supplies of the sources and demands of the sinks.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Balance {
-    /// Mass of each node, sources first.
+    /// Supply or demand of each node, sources first.
     pub(crate) masses: Vec<Mass>,
-    /// Units of each side in total.
+    /// Number of units of mass on each side in total.
     pub(crate) total: i64,
 }
 
 impl Balance {
-    /// Refills the balance for these weights, which have been checked.
+    /// Computes the supplies and demands for weights that have been checked.
     pub(crate) fn fill(&mut self, sources: Weights, sinks: Weights) {
         let (n, m) = (sources.len(), sinks.len());
         self.masses.clear();
@@ -100,8 +100,8 @@ fn perturb(supplies: &mut [Mass], demands: &mut [Mass]) {
     }
 }
 
-/// Rounds weights to units. The heaviest takes the remainder, where it changes the least in
-/// relation.
+/// Rounds weights to integer units of mass. The heaviest takes the remainder, where it changes the
+/// least in relation.
 fn apportion(weights: Weights, masses: &mut [Mass]) {
     let sum = weights.sum();
     for (index, mass) in masses.iter_mut().enumerate() {

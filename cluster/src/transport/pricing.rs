@@ -3,11 +3,11 @@
 use super::basis::{Basis, Entering};
 use super::lanes::Lanes;
 
-/// Sinks beyond which rows are priced through shortlists: a row of this many costs is read about as
-/// fast as the scattered prices of a shortlist.
+/// Number of sinks beyond which arcs are priced through shortlists: a row of this many costs is
+/// read about as fast as the scattered prices of a shortlist.
 const DENSE_SINKS: usize = 500;
-/// Costs in one block of dense pricing, as a multiple of the square root of the number of all
-/// costs: a wider search pays off in larger problems.
+/// Number of costs in one block of dense pricing, as a multiple of the square root of the number of
+/// all costs: a wider search pays off in larger problems.
 const BLOCK: f64 = 3.0;
 /// Number of sinks on the shortlist of a source.
 const SHORT: usize = 32;
@@ -26,7 +26,7 @@ const SHORT_SOURCES: usize = 8;
 pub(crate) struct Pricing {
     lanes: Lanes,
     tolerance: f64,
-    /// First source of the next block.
+    /// Index of the first source of the next block of arcs to price.
     source: usize,
     /// Number of sinks on each shortlist; 0 for dense pricing.
     short: usize,
@@ -36,7 +36,8 @@ pub(crate) struct Pricing {
 }
 
 impl Pricing {
-    /// Starts a new problem. Reduced costs above `-tolerance` count as zero.
+    /// Prepares the pricing of a new transport problem. Reduced costs above `-tolerance` count as
+    /// zero.
     pub(crate) fn reset(&mut self, cost: &[f64], basis: &Basis, tolerance: f64) {
         let (sources, sinks) = (basis.source_prices().len(), basis.sink_prices().len());
         self.tolerance = tolerance;
@@ -60,7 +61,7 @@ impl Pricing {
         self.tolerance = tolerance;
     }
 
-    /// Returns an arc that lowers the cost; `None` if the basis is optimal.
+    /// Returns an arc that lowers the cost of the transport plan; `None` if the basis is optimal.
     pub(crate) fn next(&mut self, cost: &[f64], basis: &Basis) -> Option<Entering> {
         match self.short {
             0 => self.next_dense(cost, basis),
@@ -154,7 +155,7 @@ impl Pricing {
         any
     }
 
-    /// Lists the sinks of least reduced cost of a source.
+    /// Writes the shortlist of a source: the sinks of least reduced cost.
     fn rank(&mut self, source: usize, cost: &[f64], basis: &Basis) {
         let prices = basis.sink_prices();
         let row = &cost[source * prices.len()..][..prices.len()];

@@ -3,8 +3,8 @@
 use crate::check::{positive, within};
 use crate::error::{ClusterError, Result};
 
-/// Largest magnitude accepted in a cost matrix, at which sums of costs along any path stay far from
-/// overflow.
+/// Largest accepted magnitude of a cost in a cost matrix, at which sums of costs along any path
+/// stay far from overflow.
 pub const MAX_COST: f64 = 1e100;
 
 /// Largest accepted deviation of the sum of given weights from one. Rounding to `f32` moves the sum
@@ -15,14 +15,14 @@ const SUM_TOLERANCE: f64 = 1e-6;
 /// Weights of one side of a transport problem.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Weights<'a> {
-    /// Equal weights of a number of points.
+    /// Equal weights of as many points as the number says.
     Uniform(usize),
     /// One weight for each point: at least 0, of sum one within 1e-6, and divided by their sum.
     Given(&'a [f64]),
 }
 
 impl Weights<'_> {
-    /// Returns the number of points.
+    /// Returns the number of points that the weights belong to.
     #[expect(
         clippy::len_without_is_empty,
         reason = "every function that takes weights refuses an empty side"
@@ -34,7 +34,7 @@ impl Weights<'_> {
         }
     }
 
-    /// Returns the weight of a point.
+    /// Returns the weight of point `index`.
     pub(crate) fn get(&self, index: usize) -> f64 {
         match self {
             Self::Uniform(points) => 1.0 / *points as f64,
@@ -57,7 +57,7 @@ pub(super) fn check(cost: &[f64], sources: Weights, sinks: Weights) -> Result<()
     check_costs(cost)
 }
 
-/// Checks that a basis can number the points of both sides.
+/// Checks that 32-bit node indices can number the sources and sinks together.
 fn check_nodes(sources: usize, sinks: usize) -> Result<()> {
     let nodes = sources.checked_add(sinks);
     let few = nodes.is_some_and(|nodes| nodes < u32::MAX as usize);
@@ -125,18 +125,19 @@ pub(crate) fn check_weights_of(a: Weights, n: usize, b: Weights, m: usize) -> Re
 /// Mass that goes from one source to one sink.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Entry {
-    /// Row index, in `0..n`.
+    /// Index of the source, a row of the cost matrix, in `0..n`.
     pub source: usize,
-    /// Column index, in `0..m`.
+    /// Index of the sink, a column of the cost matrix, in `0..m`.
     pub sink: usize,
-    /// `gamma_ij`, in `(0, 1]`.
+    /// Mass `gamma_ij` that goes from the source to the sink, in `(0, 1]`.
     pub mass: f64,
 }
 
-/// Certified optimal plan and the potentials that prove it.
+/// Certified optimal transport plan and the potentials that prove it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TransportPlan {
-    /// Optimal value `<gamma, M>` of the transport problem, in the costs' unit.
+    /// Optimal value `<gamma, M>` of the transport problem (masses times costs), in the costs'
+    /// unit.
     pub cost: f64,
     /// Positive entries of `gamma`, at most `n + m - 1`; each (source, sink) pair occurs at most
     /// once.
@@ -145,24 +146,24 @@ pub struct TransportPlan {
     pub source_potentials: Vec<f64>,
     /// Dual potentials `v` of the sinks, `[m]`; `u_i + v_j <= c_ij` for all pairs.
     pub sink_potentials: Vec<f64>,
-    /// Precision to which the potentials prove the plan optimal.
+    /// Precision to which the potentials prove the transport plan optimal.
     pub certificate: Certificate,
     /// Number of pivots of the simplex method.
     pub pivots: usize,
 }
 
-/// Precision to which a plan and its potentials prove each other optimal.
+/// Precision to which a transport plan and its potentials prove each other optimal.
 ///
 /// The value of a plan exceeds the optimum by at most `gap + violation`, in the costs' unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Certificate {
-    /// Largest deviation of a row or column sum of the plan from its weight, as a fraction of all
-    /// mass.
+    /// Largest deviation of a row or column sum of the transport plan from its weight, as a
+    /// fraction of all mass.
     pub marginal_error: f64,
     /// Largest `u_i + v_j - c_ij` over all pairs, or zero, in the costs' unit.
     pub violation: f64,
-    /// Cost of the plan less the value of the potentials, in magnitude, or the sum of the entries'
-    /// slacks times their masses if that is more, in the costs' unit.
+    /// Cost of the transport plan less the value of the potentials, in magnitude, or the sum of the
+    /// entries' slacks times their masses if that is more, in the costs' unit.
     pub gap: f64,
 }
 

@@ -9,11 +9,12 @@ use super::problem::{Weights, check};
 use super::start::Start;
 use crate::error::{ClusterError, Result};
 
-/// Factor by which the tolerance of an optimum may exceed the one that its own potentials require.
+/// Factor by which the tolerance of reduced costs at an optimum may exceed the one that its own
+/// potentials require.
 const COARSER: f64 = 16.0;
 
-/// Pivots allowed per node. Clouds of up to 4000 points need fewer than 20, and squared distances
-/// on a line need 60.
+/// Largest number of simplex pivots per node (source or sink). Clouds of up to 4000 points need
+/// fewer than 20, and squared distances on a line need 60.
 const PIVOTS_PER_NODE: usize = 1000;
 
 /// Solves the transport problem with the row-major costs `[n, m]`; entries may be negative.
@@ -59,7 +60,7 @@ pub struct Solver {
     pricing: Pricing,
     plan: TransportPlan,
     scratch: Scratch,
-    /// Costs with a ceiling, see [`Self::improve_below`].
+    /// Cost matrix with costs above a ceiling lowered to it, see [`Self::improve_below`].
     lowered: Vec<f64>,
 }
 
@@ -69,7 +70,7 @@ impl Solver {
         Self::default()
     }
 
-    /// Solves a problem as [`transport`] does. The plan is kept until the next problem.
+    /// Solves a transport problem as [`transport`] does. The plan is kept until the next problem.
     ///
     /// # Errors
     /// Errors of [`transport`].
@@ -86,8 +87,8 @@ impl Solver {
         self.finish(cost, sources, sinks)
     }
 
-    /// Solves a problem from the basis of the last one, which is faster if most points are the
-    /// same.
+    /// Solves a transport problem from the basis of the last one, which is faster if most points
+    /// are the same.
     ///
     /// Points keep their indices: points that came since the last call stand at the end of their
     /// side. Other differences (fewer points, other weights or costs) cost time, never exactness.
@@ -151,7 +152,8 @@ impl Solver {
         (span < (largest - least) / 2.0).then_some(least + span)
     }
 
-    /// Goes on pivoting with costs above `ceiling` lowered to it, and returns the number of pivots.
+    /// Continues the simplex method with costs above `ceiling` lowered to it, and returns the
+    /// number of pivots.
     ///
     /// If no cheap arc links two parts of the basis, expensive arcs without mass do, and potentials
     /// as large as their costs hide the differences between all others. Potentials that are
@@ -166,7 +168,8 @@ impl Solver {
         pivots
     }
 
-    /// Pivots until no arc has a negative reduced cost, and returns the number of pivots.
+    /// Runs the simplex method until no arc has a negative reduced cost, and returns the number of
+    /// pivots.
     fn improve(&mut self, cost: &[f64]) -> Result<usize> {
         let mut pivots = 0;
         loop {

@@ -1,10 +1,10 @@
-//! First basis of a problem: greedy by costs less prices, or from an earlier basis.
+//! First basis of a transport problem: greedy by costs less prices, or from an earlier basis.
 
 use super::basis::Basis;
 use super::lanes::Lanes;
 use super::mass::Mass;
 
-/// Builder of spanning trees that sends mass along one arc after another.
+/// Builder of a first basis (a spanning tree), which sends mass along one arc after another.
 ///
 /// Each shipment is as large as its ends allow, so it exhausts one of them. It never exhausts both
 /// but at the very end, because no proper subset of nodes balances. The exhausted node hangs below
@@ -16,15 +16,15 @@ pub(crate) struct Start {
     left: Vec<Mass>,
     /// Price of each sink: minus its potential, infinite once it is full.
     prices: Vec<f64>,
-    /// Arcs of the earlier basis, parents before children.
+    /// Arcs `(source, sink)` of the earlier basis, parents before children.
     arcs: Vec<(u32, u32)>,
-    /// Potentials of the earlier basis.
+    /// Potentials of the sources in the earlier basis.
     source_prices: Vec<f64>,
 }
 
 impl Start {
-    /// Builds a basis from nothing. Column means stand in for the sinks' potentials: they remove
-    /// the part of a sink's costs that all sources share.
+    /// Builds the first basis of a problem from its costs and masses alone. Column means stand in
+    /// for the sinks' potentials: they remove the part of a sink's costs that all sources share.
     pub(crate) fn cold(&mut self, basis: &mut Basis, cost: &[f64], masses: &[Mass], sinks: usize) {
         let sources = masses.len() - sinks;
         self.prices.clear();
@@ -38,8 +38,9 @@ impl Start {
         self.fill(basis, cost);
     }
 
-    /// Builds a basis from one of a problem with fewer nodes, or other weights or costs: as much
-    /// mass as possible keeps its arcs, the rest goes by the earlier prices.
+    /// Builds the first basis of a problem from that of an earlier one with fewer nodes, or other
+    /// weights or costs: as much mass as possible keeps its arcs, the rest goes by the earlier
+    /// prices.
     pub(crate) fn warm(&mut self, basis: &mut Basis, cost: &[f64], masses: &[Mass], sinks: usize) {
         let sources = masses.len() - sinks;
         basis.arcs_downwards(&mut self.arcs);
@@ -62,7 +63,8 @@ impl Start {
         self.fill(basis, cost);
     }
 
-    /// Returns the price at which no known source gains from a new sink and one is indifferent.
+    /// Returns the price of a new sink at which no earlier source gains from it and one is
+    /// indifferent.
     fn price_of(&self, sink: usize, cost: &[f64], sinks: usize) -> f64 {
         let column = cost.iter().skip(sink).step_by(sinks);
         let worth = column.zip(&self.source_prices).map(|(c, u)| c - u);
@@ -79,7 +81,7 @@ impl Start {
         self.left[node] > Mass::ZERO
     }
 
-    /// Sends what is left, source by source, to the sink of least cost plus price.
+    /// Sends the mass that is left, source by source, to the sink of least cost plus price.
     fn fill(&mut self, basis: &mut Basis, cost: &[f64]) {
         let sinks = self.prices.len();
         let sources = self.left.len() - sinks;

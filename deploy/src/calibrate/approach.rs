@@ -1,4 +1,4 @@
-//! Motion of the hand to a pose, and a picture of it at rest.
+//! Motion of the arm's hand to a pose, and a camera picture of the hand at rest.
 
 use std::time::Duration;
 
@@ -10,17 +10,17 @@ use crate::DeployError;
 use crate::controller::COMMAND_PERIOD;
 use crate::rig::{Rig, newest_picture};
 
-/// Proportional gain (1/s) from the remaining way to the speed of the hand. Low enough to be stable
-/// with the delay of commands.
+/// Proportional gain (1/s) from the remaining distance of the hand to its speed. Low enough to be
+/// stable with the delay of commands.
 const RATE: f64 = 4.0;
-/// Distance (metres) and angle (radians) at which a pose is reached. More precision is not needed,
-/// because the calibration uses the measured pose.
+/// Distance (metres) and angle (radians) from its target at which the hand counts as arrived. More
+/// precision is not needed, because the calibration uses the measured pose.
 const NEAR: [f64; 2] = [0.003, 0.02];
-/// Maximum time for the way to one pose.
+/// Maximum time in which the hand must reach one pose.
 const LONGEST: Duration = Duration::from_secs(20);
 /// Maximum motion (metres, radians) of a hand at rest during [`PAUSE`].
 const STILL: [f64; 2] = [1e-4, 5e-4];
-/// Time over which the motion of the hand is measured.
+/// Time over which the motion of the hand is measured to tell if it rests.
 const PAUSE: Duration = Duration::from_millis(100);
 /// Maximum time until the hand is at rest, and then until a picture of it arrives.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -58,7 +58,7 @@ pub fn move_hand_to(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), D
 /// State of a hand that has come to rest.
 #[derive(Clone, Debug)]
 pub struct RestingHand {
-    /// Time since which the hand rests.
+    /// Time on the rig's clock since which the hand rests.
     pub since: Duration,
     /// State of the arm at rest.
     pub state: RobotState,

@@ -8,20 +8,20 @@ use inpainting::{Distortion, Intrinsics};
 use saphyr_parser::{Event, Parser, ScalarStyle, StrInput};
 use serde_json::{Map, Number, Value};
 
-/// Largest file (bytes): OpenCV writes all corners of a chessboard into it.
+/// Maximum size of a camera file (bytes): OpenCV writes all corners of a chessboard into it.
 const MAX_BYTES: u64 = 4 << 20;
-/// Maximum number of mappings and lists inside of each other; cameras need three.
+/// Maximum nesting depth of mappings and lists in a camera file; cameras need three.
 const MAX_DEPTH: usize = 16;
 /// Distance (pixels) from the middle of the first pixel, the origin of OpenCV and ROS, to its
 /// corner, the origin of [`Intrinsics::principal_point`].
 const CORNER: f64 = 0.5;
-/// Names of the values, in lower case and without underscores: of OpenCV's programs and of ROS.
+/// Names of the picture's width in OpenCV's and ROS' files, in lower case and without underscores.
 const WIDTH: &[&str] = &["imagewidth", "width"];
 const HEIGHT: &[&str] = &["imageheight", "height"];
 const MATRIX: &[&str] = &["cameramatrix", "k", "mtx", "intrinsicmatrix"];
 const LENS: &[&str] = &["distortioncoefficients", "distcoeffs", "distcoeff", "dist", "d"];
 
-/// Reads a camera's intrinsics and lens.
+/// Reads a camera's intrinsics and lens distortion from a YAML file.
 ///
 /// # Errors
 /// [`RunError::Read`] with the file and the reason.
@@ -37,7 +37,7 @@ pub(super) fn read_camera_intrinsics(path: &Path) -> Result<(Intrinsics, Distort
     parse(&text).map_err(|problem| RunError::damaged_file(path, problem))
 }
 
-/// Reads a camera from YAML, or says what is wrong with it.
+/// Parses a camera's intrinsics and distortion from YAML, or returns what is wrong with the text.
 fn parse(text: &str) -> Result<(Intrinsics, Distortion), String> {
     // `%YAML:1.0`, which OpenCV writes, is no directive of YAML
     let lines = text.trim_start_matches('\u{feff}').lines();
@@ -74,7 +74,7 @@ fn parse(text: &str) -> Result<(Intrinsics, Distortion), String> {
     Ok((intrinsics, lens))
 }
 
-/// Reads the first document of a YAML text. Tags have no meaning.
+/// Parses the first document of a YAML text to a JSON value. Tags have no meaning.
 fn tree(text: &str) -> Result<Value, String> {
     let mut parser = Parser::new_from_str(text);
     loop {
@@ -93,7 +93,7 @@ fn next<'a>(parser: &mut Parser<'a, StrInput<'a>>) -> Result<Event<'a>, String> 
     }
 }
 
-/// Reads the value that begins with `event`.
+/// Parses the YAML value that begins with the parser's `event`.
 fn node<'a>(
     event: Event<'a>,
     parser: &mut Parser<'a, StrInput<'a>>,
@@ -134,14 +134,14 @@ fn node<'a>(
     }
 }
 
-/// Returns the value of a scalar without quotes.
+/// Returns the value of a YAML scalar without quotes: a number if it is one, else a text.
 fn plain(text: &str) -> Value {
     let whole = text.parse::<u64>().ok().map(Number::from);
     let number = whole.or_else(|| text.parse().ok().and_then(Number::from_f64));
     number.map_or_else(|| text.into(), Value::Number)
 }
 
-/// Returns the value with one of these names.
+/// Returns the entry of a YAML mapping with one of these names; `None` without one.
 fn find<'a>(tree: &'a Value, names: &[&str]) -> Option<&'a Value> {
     let plain = |name: &str| name.to_lowercase().replace('_', "");
     let named = |(name, _): &(&String, &Value)| names.contains(&plain(name).as_str());
@@ -152,14 +152,14 @@ fn missing(names: &[&str], expected: &str) -> String {
     format!("it has no `{}`, expected {expected}", names.join("` or `"))
 }
 
-/// Returns a whole number.
+/// Returns the whole number (pixels) that a YAML mapping holds under one of these names.
 fn whole(tree: &Value, names: &[&str]) -> Result<usize, String> {
     let value = find(tree, names).and_then(Value::as_u64);
     let value = value.ok_or_else(|| missing(names, "a whole number of pixels"))?;
     usize::try_from(value).map_err(|error| error.to_string())
 }
 
-/// Returns the numbers of a list, or of a matrix with `rows`, `cols` and `data`.
+/// Returns the numbers under one of these names: a list, or a matrix with `rows`, `cols`, `data`.
 fn numbers(tree: &Value, names: &[&str]) -> Result<Vec<f64>, String> {
     let expected = "a list of numbers, or `rows`, `cols` and `data`";
     let value = find(tree, names).ok_or_else(|| missing(names, expected))?;
@@ -180,7 +180,7 @@ fn numbers(tree: &Value, names: &[&str]) -> Result<Vec<f64>, String> {
 mod tests {
     use super::*;
 
-    /// Written by OpenCV 4, shortened.
+    /// Camera file written by OpenCV 4, shortened.
     const OPENCV: &str = r#"%YAML:1.0
 ---
 calibration_time: "Thu Nov 26 23:00:00 2026"

@@ -237,7 +237,7 @@ fn uncertainty(of: &Uncertainty) -> Value {
     })
 }
 
-/// Returns the result as a JSON object.
+/// Returns the result of a camera calibration as a JSON object.
 fn object(calibrated: &CalibrationResult, estimated: bool, refusal: Option<&str>) -> Value {
     let found = &calibrated.estimate;
     let [moved, turned] = distance_mm_and_angle_deg(&found.calibration, &calibrated.previous);
@@ -265,7 +265,7 @@ fn object(calibrated: &CalibrationResult, estimated: bool, refusal: Option<&str>
     })
 }
 
-/// Formats the result as text.
+/// Formats the result of a camera calibration as text.
 fn text(calibrated: &CalibrationResult, estimated: bool, refusal: Option<&str>) -> String {
     let CalibrationResult { previous, estimate: found, skipped_poses } = calibrated;
     let mut lines: Vec<String> = skipped_poses
@@ -293,7 +293,7 @@ fn text(calibrated: &CalibrationResult, estimated: bool, refusal: Option<&str>) 
     lines.join("\n")
 }
 
-/// Returns the line on the residuals: their root mean square and the largest one.
+/// Returns the line of text on the ball's residuals: their root mean square and the largest one.
 fn residuals(found: &HandEyeCalibration) -> String {
     let worst = found.largest_residual().map_or_else(String::new, |worst| {
         let (pose, pixels, table) =
@@ -308,8 +308,8 @@ fn residuals(found: &HandEyeCalibration) -> String {
     )
 }
 
-/// Returns the lines on the estimates with their standard deviations: the camera's position and
-/// orientation, and the ball's position in the hand if it was estimated.
+/// Returns the lines of text on the estimates with their standard deviations: the camera's position
+/// and orientation, and the ball's position in the hand if it was estimated.
 fn estimates(found: &HandEyeCalibration) -> Vec<String> {
     let position = |name: &str, values: DVec3, sigma: DVec3| {
         let values = millimetres(values).map(|value| format!("{value:.1}")).join(", ");
@@ -332,7 +332,7 @@ fn estimates(found: &HandEyeCalibration) -> Vec<String> {
     lines
 }
 
-/// Returns the line on the focal lengths.
+/// Returns the line of text on the estimated error of the focal lengths.
 fn focal(found: Option<FocalLengthEstimate>, estimated: bool) -> String {
     match found {
         Some(FocalLengthEstimate { ratio_to_given: ratio, ratio_sd: sigma }) => format!(

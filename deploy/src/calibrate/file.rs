@@ -1,4 +1,4 @@
-//! File format of a calibration.
+//! File format of a camera's calibration.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ const FARTHEST: f64 = 100.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CalibrationFile {
-    /// Width and height of pictures (pixels).
+    /// Width and height of the camera's pictures (pixels).
     pub size: [usize; 2],
     /// Horizontal and vertical focal length (pixels).
     pub focal: [f64; 2],
@@ -36,7 +36,7 @@ pub struct CalibrationFile {
 }
 
 impl CalibrationFile {
-    /// Reads a calibration from a file.
+    /// Reads a camera's calibration from a JSON file.
     ///
     /// # Errors
     /// [`RunError::Read`] with the file and the reason.
@@ -45,7 +45,7 @@ impl CalibrationFile {
         file.calibration().map_err(RunError::reading(path))
     }
 
-    /// Reads a calibration from JSON.
+    /// Reads a camera's calibration from JSON text.
     ///
     /// # Errors
     /// [`NotJson`](learner::LearnerError::NotJson),
@@ -57,7 +57,7 @@ impl CalibrationFile {
         file.calibration()
     }
 
-    /// Writes a calibration to a file, which is replaced if it exists.
+    /// Writes a camera's calibration to a JSON file, which is replaced if it exists.
     ///
     /// # Errors
     /// [`RunError::Write`].

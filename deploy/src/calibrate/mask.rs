@@ -18,13 +18,14 @@ use crate::rig::{Rig, Trial, stop_after};
 /// Minimum difference (levels of 255) from the empty table of a pixel that shows the arm: four
 /// standard deviations of the noise of the difference of two pictures.
 const DIFFERENT: u8 = 18;
-/// Minimum number of differing pixels among a pixel and its eight neighbours.
+/// Minimum number of differing pixels in the 3 x 3 pixels around one for it to show the arm.
 const MAJORITY: usize = 5;
 
-/// Comparison of mask and arm in one pose, by pixels of the policy's view.
+/// Comparison of the computed mask with the arm in a picture, in one pose of the arm, by pixels of
+/// the policy's picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MaskComparison {
-    /// Number of the pose, counted from 1.
+    /// Number of the pose of the arm, counted from 1.
     #[serde(rename = "pose")]
     pub pose_number: usize,
     /// Intersection over union of mask and arm.
@@ -38,7 +39,7 @@ pub struct MaskComparison {
     pub excess_share: f64,
 }
 
-/// Comparison of mask and arm in several poses.
+/// Comparison of the computed mask with the arm in pictures, in several poses of the arm.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MaskCheck {
     /// Comparisons of mask and arm, one for each pose.
@@ -64,11 +65,11 @@ fn set_up_observer(
 }
 
 impl MaskCheck {
-    /// Maximum share of the arm outside of the mask in any pose.
+    /// Maximum share of the arm's pixels outside of the mask, in any pose, for the check to pass.
     pub const MAX_UNCOVERED_SHARE: f64 = 0.02;
-    /// Minimum mean intersection over union; below it the mask hides far more than the arm.
+    /// Minimum mean intersection over union of mask and arm; below it the mask is far too large.
     pub const MIN_MEAN_IOU: f64 = 0.5;
-    /// Minimum number of poses for a verdict.
+    /// Minimum number of poses of the arm that a check must compare to pass.
     pub const MIN_POSES: usize = MIN_CALIBRATION_POSES;
 
     /// Moves the arm to `poses` over the table of `trial`, which should be empty, and compares the
@@ -96,7 +97,8 @@ impl MaskCheck {
         stop_after(rig, measured)
     }
 
-    /// Visits all poses. `picture` and `seen` are buffers for the pictures of camera and policy.
+    /// Visits all poses of the hand and compares mask and arm. `picture` and `seen` are buffers for
+    /// the pictures of camera and policy.
     fn visit_all(
         rig: &mut dyn Rig,
         arm: &Arm,

@@ -90,13 +90,13 @@ impl CheckMaskOptions {
     }
 }
 
-/// Creates the folder if there is none, and checks that it can be written to.
+/// Creates the folder for the mask's pictures if needed, and checks that it can be written to.
 fn prepare(folder: &Path) -> Result<(), DeployError> {
     std::fs::create_dir_all(folder).map_err(RunError::writing(folder))?;
     Ok(check_writable(&LocalDisk, &picture(folder, 1))?)
 }
 
-/// Returns the path of a pose's picture.
+/// Returns the path of the picture with mask and arm in the pose with number `pose`.
 fn picture(folder: &Path, pose: usize) -> PathBuf {
     folder.join(format!("pose-{pose:02}.png"))
 }
@@ -110,7 +110,7 @@ fn write(check: &MaskCheck, folder: &Path) -> Result<(), DeployError> {
     Ok(())
 }
 
-/// Returns the result as a JSON object.
+/// Returns the result of a mask check as a JSON object.
 pub(super) fn mask_check_json(check: &MaskCheck) -> Value {
     json!({
         "rows": check.comparisons,

@@ -1,4 +1,4 @@
-//! Measurement of a calibration: the arm carries a ball from pose to pose in view of the camera.
+//! Measurement for a camera calibration: the arm carries a ball from pose to pose under the camera.
 
 use envs::embodiments::Arm;
 use inpainting::{
@@ -13,13 +13,13 @@ use crate::DeployError;
 use super::approach::{RestingHand, capture_at_rest, move_hand_to};
 use crate::rig::{Rig, Trial, stop_after};
 
-/// Settings of a calibration: the ball that the arm carries, and what is known of arm and camera.
+/// Settings of a camera calibration: the arm's ball, and what is known of arm and camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibrateSettings {
     /// Ball that the arm carries.
     pub ball: CalibrationBall,
-    /// Settings of the fit: the ball's position in the hand, if it is known, the arm's accuracy,
-    /// and `true` to estimate the focal lengths.
+    /// Settings of the least-squares fit: the ball's position in the hand, if it is known, the
+    /// arm's accuracy, and `true` to estimate the focal lengths.
     pub hand_eye: HandEyeSettings,
     /// Intrinsics and distortion of the camera; `None` to use those of the rig's own calibration.
     pub lens: Option<(Intrinsics, Distortion)>,
@@ -28,7 +28,7 @@ pub struct CalibrateSettings {
 /// Pose of the hand that was skipped, with the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SkippedPose {
-    /// Number of the pose, counted from 1.
+    /// Number of the pose of the hand, counted from 1.
     #[serde(rename = "pose")]
     pub pose_number: usize,
     /// Reason for which the pose was skipped.
@@ -39,9 +39,9 @@ pub struct SkippedPose {
 /// Result of a camera calibration with the ball.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationResult {
-    /// Calibration that the rig had before.
+    /// Calibration of the camera that the rig had before.
     pub previous: Calibration,
-    /// Calibration that was found, with its uncertainty.
+    /// Calibration of the camera that was found, with its uncertainty.
     pub estimate: HandEyeCalibration,
     /// Poses of the calibration that were skipped, and those that the others contradict.
     pub skipped_poses: Vec<SkippedPose>,
@@ -98,7 +98,7 @@ pub fn calibrate(
     Ok(CalibrationResult { previous, estimate, skipped_poses })
 }
 
-/// Visits all poses; returns the places of the ball and the poses that were skipped.
+/// Carries the ball to all poses; returns its positions in the pictures, and the skipped poses.
 fn carry(
     rig: &mut dyn Rig,
     arm: &Arm,
@@ -145,7 +145,7 @@ pub(super) fn capture_in_pose(
     capture_at_rest(rig, picture)
 }
 
-/// Returns `true` if an error concerns one pose alone, so that another pose may work.
+/// Returns `true` if an error concerns one pose of the hand alone, so that another pose may work.
 pub(super) fn concerns_one_pose(error: &DeployError) -> bool {
     use InpaintingError::{BallPartlyHidden, NoBall, SeveralBalls};
     matches!(

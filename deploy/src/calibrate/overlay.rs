@@ -4,11 +4,11 @@ use inpainting::Perception;
 
 use experiments::sheet::Picture;
 
-/// Factor by which pictures are enlarged.
+/// Factor by which camera pictures are enlarged before mask and arm are drawn.
 const ENLARGE: usize = 4;
 /// Colours of pixels with mask and arm, with the arm alone, and with the mask alone (RGB).
 const COLOURS: [[u8; 3]; 3] = [[0, 200, 0], [255, 0, 0], [40, 90, 255]];
-/// Opacity of the colours, of 256.
+/// Opacity of the colours laid over a picture for mask and arm, out of 256.
 const LAID: u32 = 110;
 
 /// Returns the last picture of `perception` with its mask and `arm`, the pixels that show the arm.

@@ -1,4 +1,4 @@
-//! Poses of the hand for a calibration.
+//! Poses to which the hand carries the ball for a camera calibration.
 
 use std::f64::consts::PI;
 

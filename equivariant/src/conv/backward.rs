@@ -1,4 +1,4 @@
-//! Backward pass of a convolution over panels of folded patches.
+//! Backward pass of a convolution over panels (im2col matrices) of folded patches.
 
 use std::ops::Range;
 
@@ -13,14 +13,15 @@ use crate::simd::lines::FoldedLines;
 use crate::simd::patches::PatchGeometry;
 use crate::simd::tiles::{add_weight_gradient, fold_gradients};
 
-/// Number of output pixels of a panel of the backward pass.
+/// Number of output pixels of an im2col panel in the backward pass of a convolution.
 const ROWS: usize = 48;
 
-/// Rows of a tile of the input gradient: 6 rows of 4 folds are 24 sums, which leaves registers for
-/// operands if there are 32.
+/// Number of output pixels whose input gradient is summed at once: 6 pixels of 4 folds (signed sums
+/// of taps) are 24 sums, which leaves registers for operands if there are 32.
 const TILE: usize = 6;
 
-/// Returns the number of values of scratch; `staged` is `true` if the input is staged already.
+/// Returns the length of the scratch memory of a backward pass, in values; `staged` is `true` if
+/// the input is in the layout of the CPU kernels already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let (patches, width) = (&conv.patches, conv.weights.blocks_per_pixel);
     // an input of channels is staged here, and so is the gradient with respect to it
@@ -32,7 +33,8 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize 
 }
 
 impl<'a, T: Real> ConvBackward<'a, T> {
-    /// Runs the pass over panels of folded patches, for groups of `G` lanes.
+    /// Runs the backward pass of a convolution over im2col panels of folded patches, for a group of
+    /// `G` elements.
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, &self.conv.patches);
@@ -72,7 +74,7 @@ impl<'a, T: Real> ConvBackward<'a, T> {
     }
 }
 
-/// Writes staged images as channels.
+/// Converts images from the layout of the CPU kernels to channels `[H, W, C]`.
 #[inline(always)]
 fn unstage<T: Real>(patches: &PatchGeometry, staged: &[T], dx: &mut [T], images: usize) {
     let staged = staged.chunks_exact(patches.staged_len());
@@ -82,17 +84,18 @@ fn unstage<T: Real>(patches: &PatchGeometry, staged: &[T], dx: &mut [T], images:
     }
 }
 
-/// Source of panels of folded patches: staged images.
+/// Source of the im2col panels of a backward pass: images in the layout of the CPU kernels.
 struct Panels<'a, T, L> {
     lanes: L,
     conv: &'a R2Conv,
     staged: &'a [T],
-    /// Range of these images among those of the pass.
+    /// Range of the staged images among all images of the backward pass.
     images: Range<usize>,
 }
 
 impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
-    /// Adds the contributions of the images to the gradients and overwrites their input gradient.
+    /// Adds the contributions of the staged images to the parameter gradients and overwrites
+    /// `gradient`, the gradient with respect to the images.
     #[inline(always)]
     fn run<const G: usize>(
         &self,
@@ -119,7 +122,8 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
         }
     }
 
-    /// Adds the contributions of some windows.
+    /// Adds the contributions of the output pixels whose windows start at `windows` to the
+    /// gradients.
     #[inline(always)]
     fn gather<const G: usize>(
         &self,
@@ -147,7 +151,8 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
     }
 }
 
-/// Folds of one orbit of taps in one block of channels, for the windows of some rows.
+/// Folds (signed sums) of one orbit of taps in one block of channels, for the windows of some
+/// output pixels.
 struct Gathered<'a> {
     pub conv: &'a R2Conv,
     pub orbit: usize,
@@ -156,7 +161,8 @@ struct Gathered<'a> {
 }
 
 impl Gathered<'_> {
-    /// Returns the number of folds of the orbit.
+    /// Returns the number of folds of the orbit of taps: one for each parity, or 1 if the parities
+    /// share a block.
     #[inline(always)]
     pub fn folds(&self) -> usize {
         let patches = &self.conv.patches;
@@ -164,10 +170,11 @@ impl Gathered<'_> {
     }
 }
 
-/// Operands of the matrix products of a backward pass.
+/// Operands of the matrix products of a convolution's backward pass.
 struct Products<'a, T, L, const G: usize> {
     lanes: L,
-    /// Transposed weights; unset if the gradient with respect to the input is not needed.
+    /// Weights transposed for the input gradient; unset if the gradient with respect to the input
+    /// is not needed.
     w: &'a [Block<T>],
 }
 
@@ -183,7 +190,8 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
         Products { lanes, w }
     }
 
-    /// Adds the contribution of some rows to the weight gradient; `panel` is `[fold][row]`.
+    /// Adds the contribution of some output pixels to the weight gradient; the im2col panel is
+    /// `[fold][output pixel]`.
     #[inline(always)]
     fn weights(&self, of: &Gathered, buffers: &mut GradientBuffers<T>) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel);
@@ -203,7 +211,8 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
         );
     }
 
-    /// Adds the contribution of some rows to the gradient of the staged input.
+    /// Adds the contribution of some output pixels to the gradient with respect to the input, in
+    /// the layout of the CPU kernels.
     #[inline(always)]
     fn input(&self, of: &Gathered, buffers: &mut GradientBuffers<T>, gradient: &mut [T]) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel);

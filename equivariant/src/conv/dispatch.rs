@@ -9,12 +9,13 @@ use crate::real::Real;
 use crate::simd::lanes::{LANES, Lanes, Portable, WithLanes, run_f32};
 use crate::steerable::hadamard::with_const_order;
 
-/// Number of multiplications from which a second thread pays for one image, although waking it
-/// takes microseconds.
+/// Number of multiplications in the convolution of one image from which a second thread pays,
+/// although waking it takes microseconds.
 const MIN_PRODUCTS_TO_SPLIT: usize = 1 << 18;
 
-/// Precisions for which passes are compiled. The trait is implemented for two types rather than
-/// generically, so that passes are compiled once and with this crate's settings.
+/// Floating-point type for which the passes of convolutions and poolings are compiled. The trait is
+/// implemented for two types rather than generically, so that passes are compiled once and with
+/// this crate's settings.
 pub trait ConvPasses: Real {
     /// Runs the forward pass of a convolution in this precision.
     fn forward(pass: ConvForward<Self>);
@@ -69,16 +70,16 @@ impl ConvPasses for f64 {
     }
 }
 
-/// Returns the number of values of scratch for both passes; `staged` is `true` if the input is
-/// staged already.
+/// Returns the length of the scratch memory for both passes of a convolution, in values; `staged`
+/// is `true` if the input is in the layout of the CPU kernels already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let forward = forward::scratch_len(conv, samples, staged);
     forward.max(backward::scratch_len(conv, samples, staged))
 }
 
 impl<T: ConvPasses> ConvForward<'_, T> {
-    /// Runs the pass, in two halves for a large single image if the current rayon pool may have a
-    /// free thread. The bits are the same either way.
+    /// Runs the forward pass of a convolution, in two halves for a large single image if the
+    /// current rayon pool may have a free thread. The bits are the same either way.
     pub(crate) fn run_on_threads(self) {
         let products =
             self.conv.out_shape.num_pixels() * self.conv.weights.num_packed_blocks() * LANES;

@@ -1,4 +1,4 @@
-//! Bias, ReLU and output layout for the sums of output pixels.
+//! Last step of a convolution: bias, ReLU and output layout of the weighted sums.
 
 use crate::conv::maps::{Arena, FeatureMapsMut};
 use crate::conv::operands::ConvOutput;
@@ -8,8 +8,8 @@ use crate::simd::interleave::Interleaver;
 use crate::simd::lanes::{Block, Lanes, unscaled_hadamard};
 use crate::simd::tiles::PANEL_ROWS;
 
-/// Last step of a forward pass: adds the bias, applies the ReLU if there are masks and writes the
-/// output.
+/// Last step of a convolution's forward pass: adds the bias, applies the ReLU if there are masks
+/// and writes the output.
 pub(crate) struct Epilogue<'a, T, L, const G: usize> {
     lanes: L,
     width: usize,
@@ -17,12 +17,12 @@ pub(crate) struct Epilogue<'a, T, L, const G: usize> {
     channels: usize,
     regular: bool,
     bias: &'a [Block<T>],
-    /// Buffer for the pixels of one call.
+    /// Buffer for the output pixels of one call of `run`.
     own: &'a mut [Block<T>],
     to: ConvOutput<'a, T>,
-    /// Index of the first output pixel.
+    /// Index, in the image, of the first output pixel that the pass computes.
     start: usize,
-    /// Blocks of a staged image before that pixel.
+    /// Number of blocks of a staged output image before the first pixel that the pass computes.
     skipped: usize,
 }
 
@@ -61,7 +61,8 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
         }
     }
 
-    /// Writes `count` output pixels from pixel `first` on; at most [`PANEL_ROWS`] of them.
+    /// Writes `count` output pixels of a convolution from pixel `first` on, at most [`PANEL_ROWS`]
+    /// of them.
     #[inline(always)]
     pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.width;
@@ -98,7 +99,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
         self.write_channels(first, count);
     }
 
-    /// Copies the pixels from the buffer to the channels of the output, unless the output is
+    /// Copies the output pixels from the buffer to the channels of the output, unless the output is
     /// staged.
     #[inline(always)]
     fn write_channels(&mut self, first: usize, count: usize) {
@@ -116,12 +117,12 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
     }
 }
 
-/// Sums `[row][block]` of some output pixels.
+/// Weighted sums `[pixel][block]` of some output pixels of a convolution, before bias and ReLU.
 struct PixelSums<'a, T, L> {
     lanes: L,
     sums: &'a [Block<T>],
     bias: &'a [Block<T>],
-    /// Index of the first block of every row.
+    /// Index, in the output, of the first block of every pixel.
     places: &'a [usize],
 }
 
@@ -139,7 +140,8 @@ impl<T: Real, L: Lanes<T>> PixelSums<'_, T, L> {
         }
     }
 
-    /// Adds the bias and applies the ReLU in the basis that the group permutes.
+    /// Writes the output pixels after adding the bias and applying the ReLU in the basis that the
+    /// group permutes.
     #[inline(always)]
     fn rectify<const G: usize>(&self, masks: &mut [T], scale: f64, to: &mut [Block<T>]) {
         let (lanes, width) = (self.lanes, self.bias.len());

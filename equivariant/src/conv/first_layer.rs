@@ -20,7 +20,8 @@ use crate::simd::lines::{FoldedLines, LANES_PER_GROUP, Pixel};
 use crate::simd::patches::PatchGeometry;
 
 impl<T: Real> ConvForward<'_, T> {
-    /// Runs the pass on lines that are folded for one line of output pixels at a time.
+    /// Runs the forward pass of a convolution of trivial channels under D2, folding the image rows
+    /// for one line of output pixels at a time.
     #[inline(always)]
     pub(crate) fn run_lines<L: Lanes<T>>(self, lanes: L, lines: &FoldedLines) {
         match self.x {
@@ -62,8 +63,8 @@ impl<T: Real> ConvForward<'_, T> {
 }
 
 impl<T: Real> ConvBackward<'_, T> {
-    /// Runs the pass for the parameters only, on lines that are folded for one line of output at a
-    /// time.
+    /// Adds the parameter gradients of a convolution of trivial channels under D2, folding the
+    /// image rows for one line of output pixels at a time.
     #[inline(always)]
     pub(crate) fn run_lines<L: Lanes<T>>(self, lanes: L, lines: &FoldedLines) {
         match self.x {
@@ -106,12 +107,13 @@ impl<T: Real> ConvBackward<'_, T> {
     }
 }
 
-/// Iterates over `(image, line)` for these lines of output pixels of every image.
+/// Iterates over `(image, line)` for the lines `lines` of output pixels of every image.
 fn lines_of(samples: usize, lines: Range<usize>) -> impl Iterator<Item = (usize, usize)> {
     (0..samples).flat_map(move |image| lines.clone().map(move |oy| (image, oy)))
 }
 
-/// Multiplies the weights by the coefficients of the folds, which the folded lines leave out.
+/// Multiplies the packed weights by the coefficients of the tap functions, which the folded image
+/// rows leave out.
 #[inline(always)]
 fn scale<T: Real, L: Lanes<T>>(lanes: L, patches: &PatchGeometry, w: &mut [Block<T>]) {
     let per_group = w.len() / (patches.blocks_per_folded_patch * LANES / LANES_PER_GROUP);

@@ -1,4 +1,4 @@
-//! Forward pass of a convolution over panels of folded patches.
+//! Forward pass of a convolution over panels (im2col matrices) of folded patches.
 
 use crate::conv::epilogue::Epilogue;
 use crate::conv::maps::{Arena, ConvInput, PixelCursor};
@@ -11,12 +11,12 @@ use crate::simd::lines::FoldedLines;
 use crate::simd::patches::PatchGeometry;
 use crate::simd::tiles::{PANEL_ROWS, panel_product};
 
-/// Maximum number of rows of a pass that reads parameters in place. With more rows it pays to copy
-/// the parameters to aligned memory first.
+/// Maximum number of output pixels for which the forward pass of a convolution reads parameters in
+/// place. With more pixels it pays to copy the parameters to aligned memory first.
 const MAX_ROWS_IN_PLACE: usize = 2 * PANEL_ROWS;
 
-/// Returns the number of values of scratch, also for two halves of a single image; `staged` is
-/// `true` if the input is staged already.
+/// Returns the length of the scratch memory of a forward pass, in values, also for two halves of a
+/// single image; `staged` is `true` if the input is in the layout of the CPU kernels already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
     let (patches, weights) = (&conv.patches, &conv.weights);
     let per_row = patches.blocks_per_folded_patch + weights.blocks_per_pixel;
@@ -34,7 +34,8 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize 
 }
 
 impl<'a, T: Real> ConvForward<'a, T> {
-    /// Runs the pass over panels of folded patches, for groups of `G` lanes.
+    /// Runs the forward pass of a convolution over im2col panels of folded patches, for a group of
+    /// `G` elements.
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(self, lanes: L) {
         let (conv, patches, weights) = (self.conv, &self.conv.patches, &self.conv.weights);
@@ -66,22 +67,23 @@ impl<'a, T: Real> ConvForward<'a, T> {
     }
 }
 
-/// Products of panels of folded patches with the weights.
+/// Matrix products of im2col panels of folded patches with the weights of a convolution.
 struct Panels<'a, T, L, const G: usize> {
     lanes: L,
     patches: &'a PatchGeometry,
     /// Start of the window of every output pixel in a staged image.
     windows: &'a [usize],
     w: &'a [Block<T>],
-    /// Folds of [`PANEL_ROWS`] windows, `[block][row]`.
+    /// Im2col panel: folded patches of [`PANEL_ROWS`] output pixels, `[block][pixel]`.
     panel: &'a mut [Block<T>],
     epilogue: Epilogue<'a, T, L, G>,
-    /// Sums of [`PANEL_ROWS`] output pixels.
+    /// Weighted sums `[pixel][block]` of [`PANEL_ROWS`] output pixels, before bias and ReLU.
     sums: &'a mut [Block<T>],
 }
 
 impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
-    /// Processes staged images, the first of which is number `first` of the pass.
+    /// Computes the output for images in the layout of the CPU kernels, the first of which is image
+    /// `first` of the pass.
     #[inline(always)]
     fn run(&mut self, staged: &[T], first: usize, images: usize) {
         let pixels = self.windows.len();
@@ -106,7 +108,7 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
         }
     }
 
-    /// Folds the pixels of [`PANEL_ROWS`] windows.
+    /// Fills the im2col panel with the folded patches of [`PANEL_ROWS`] windows.
     #[inline(always)]
     fn gather(&mut self, staged: &[T], windows: &[usize]) {
         let patches = self.patches;

@@ -1,4 +1,4 @@
-//! Panels of the output gradient for the backward pass.
+//! Output gradient of a convolution in the layout of the CPU kernels, for the backward pass.
 
 use crate::conv::maps::{Arena, FeatureMaps};
 use crate::conv::operands::ConvBackward;
@@ -7,35 +7,37 @@ use crate::real::Real;
 use crate::simd::interleave::Interleaver;
 use crate::simd::lanes::{Block, LANES, Lanes, unscaled_hadamard};
 
-/// Maximum number of output pixels that a backward pass handles at a time.
+/// Maximum number of output pixels that the backward pass of a convolution handles at a time.
 pub(crate) const MAX_GRADIENT_ROWS: usize = 64;
 
-/// Buffers of a backward pass.
+/// Buffers for the gradients of a convolution's backward pass.
 pub(crate) struct GradientBuffers<'a, T> {
-    /// Gradient of the packed weights.
+    /// Gradient with respect to the weights in the packed order of the CPU kernels.
     pub dw: &'a mut [Block<T>],
-    /// Gradient of the parameters; `None` if they are packed already and `dw` is their gradient.
+    /// Gradient with respect to the weights in the order of the parameters; `None` if that is the
+    /// packed order and `dw` holds it.
     dweights: Option<&'a mut [T]>,
     dbias: &'a mut [Block<T>],
     dbiases: &'a mut [T],
-    /// Output gradient of some rows, `[block][row]`.
+    /// Gradient with respect to some output pixels, `[block][pixel]`.
     pub dy: &'a mut [Block<T>],
-    /// Output gradient of the same rows before transposition, `[row][block]`.
+    /// Gradient with respect to some output pixels before its transposition, `[pixel][block]`.
     pixels: &'a mut [Block<T>],
-    /// Folds of one orbit and one block of channels for some rows, `[fold][row]`.
+    /// Im2col panel: folds (signed sums) of one orbit of taps in one block of channels for some
+    /// output pixels, `[fold][pixel]`.
     pub panel: &'a mut [Block<T>],
 }
 
 impl<'a, T: Real> GradientBuffers<'a, T> {
-    /// Returns the length of the buffers for up to [`MAX_GRADIENT_ROWS`] rows, in values.
+    /// Returns the length of the buffers for up to [`MAX_GRADIENT_ROWS`] output pixels, in values.
     pub fn scratch_len(conv: &R2Conv) -> usize {
         let weights = &conv.weights;
         let panels = 4 * MAX_GRADIENT_ROWS + 2 * MAX_GRADIENT_ROWS * weights.blocks_per_pixel;
         (3 * weights.num_packed_blocks() + weights.blocks_per_pixel + panels) * LANES
     }
 
-    /// Splits off the buffers for `rows` rows and takes the gradient of the parameters out of the
-    /// pass.
+    /// Splits buffers for `rows` output pixels off the arena and takes the parameter gradient out
+    /// of the pass.
     #[inline(always)]
     pub fn new(pass: &mut ConvBackward<'a, T>, arena: &mut Arena<'a, T>, rows: usize) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
@@ -60,7 +62,7 @@ impl<'a, T: Real> GradientBuffers<'a, T> {
         }
     }
 
-    /// Adds the gradients of the weights and of the bias to those of the parameters.
+    /// Adds the gradients with respect to weights and bias to the parameter gradient.
     pub fn add_to_param_gradients<const G: usize>(self, conv: &R2Conv) {
         if let Some(dweights) = self.dweights {
             conv.weights.add_unpacked_gradient(self.dw, dweights);
@@ -72,7 +74,8 @@ impl<'a, T: Real> GradientBuffers<'a, T> {
     }
 }
 
-/// Loader of panels of the output gradient.
+/// Loader that brings the output gradient of a convolution into the layout of the CPU kernels,
+/// `[block][pixel]`.
 pub(crate) struct GradientLoader<'a, T, L, const G: usize> {
     lanes: L,
     dy: FeatureMaps<'a, T>,
@@ -99,8 +102,8 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
         }
     }
 
-    /// Loads `count` pixels into a panel, back through the ReLU if there is one, and adds them to
-    /// the bias gradient.
+    /// Loads the output gradient of `count` pixels into `buffers.dy`, back through the ReLU if
+    /// there is one, and adds it to the bias gradient.
     #[inline(always)]
     pub fn load_pixels(&self, first: usize, count: usize, buffers: &mut GradientBuffers<T>) {
         let mut places = [0; MAX_GRADIENT_ROWS];
@@ -124,7 +127,8 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
         }
     }
 
-    /// Copies the channels of some pixels into blocks, one pixel after the other.
+    /// Copies the output gradient of some pixels from channels into blocks, one pixel after the
+    /// other.
     #[inline(always)]
     fn load_channels(&self, dy: &[T], pixels: &mut [Block<T>], places: &mut [usize]) {
         let channels = dy.chunks_exact(self.channels);
@@ -137,11 +141,11 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
     }
 }
 
-/// Output gradient of some pixels.
+/// Gradient with respect to some output pixels, and the bias gradient to which it is added.
 struct PixelGradients<'a, T, L> {
     lanes: L,
     from: &'a [Block<T>],
-    /// Index of the first block of every pixel.
+    /// Index, in `from`, of the first block of every pixel.
     places: &'a [usize],
     dbias: &'a mut [Block<T>],
 }

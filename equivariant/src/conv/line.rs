@@ -1,4 +1,4 @@
-//! Products for a line of output pixels of a first layer.
+//! Matrix products for a line of output pixels of a first layer.
 
 use symmetry::D2;
 
@@ -11,22 +11,23 @@ use crate::simd::patches::{PatchGeometry, TapOrbit};
 use crate::simd::tiles::load_blocks;
 use crate::window::SlidingWindow;
 
-/// Output pixels of a tile of the forward pass.
+/// Number of neighbouring output pixels that the forward pass of a first layer computes at once.
 pub(crate) const LINE_TILE_PIXELS: usize = 8;
-/// Columns under the windows of a tile with stride 2: neighbouring windows share two of their four.
+/// Number of image columns under the 4 x 4 windows of a tile with stride 2: neighbouring windows
+/// share two of their four.
 const COLUMNS: usize = 2 * LINE_TILE_PIXELS + 2;
 
-/// Kernel for one line of output pixels.
+/// Inner loops of a first layer's convolution for one line of output pixels.
 #[derive(Clone, Copy)]
 pub(crate) struct LineKernel<'a, T: Real, L: Lanes<T>> {
     lanes: L,
     patches: &'a PatchGeometry,
     channels: usize,
-    /// Number of blocks of an output pixel.
+    /// Number of blocks of [`LANES`] values that an output pixel fills.
     width: usize,
     /// Distance between the windows of neighbouring output pixels, in values.
     step: usize,
-    /// Signs of the lanes under a flip of x.
+    /// Sign of each lane's irrep under a flip of x.
     signs: L::V,
     /// `true` if windows are 4 x 4 with stride 2.
     halves: bool,
@@ -53,12 +54,13 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         }
     }
 
-    /// Returns the start of the window of an output pixel.
+    /// Returns the start of the window of output pixel `ox` in the folded image rows, in values.
     pub fn window_start(&self, lines: &FoldedLines, ox: usize) -> usize {
         lines.alignment_shift() + ox * self.step
     }
 
-    /// Writes the sums `[pixel][block]` of the first `rows` pixels of a tile.
+    /// Writes the weighted sums `[pixel][block]` of the convolution for the first `rows` output
+    /// pixels of a tile.
     #[inline(always)]
     pub fn forward(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
         // The last pixels of a line sum in the same order as the others: under a flip they are the
@@ -70,8 +72,8 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         }
     }
 
-    /// Writes the sums of a tile. `HALVING`: windows are 4 x 4 with stride 2, so two windows read
-    /// every column.
+    /// Writes the weighted sums of a tile of output pixels. `HALVING`: windows are 4 x 4 with
+    /// stride 2, so two windows read every column.
     #[inline(always)]
     fn tiles<const HALVING: bool>(
         &self,
@@ -98,7 +100,8 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         }
     }
 
-    /// Writes V blocks of some pixels, R pixels at a time, and returns V.
+    /// Writes V blocks of the weighted sums of `rows` output pixels, R pixels at a time, and
+    /// returns V.
     #[inline(always)]
     fn pixels<const HALVING: bool, const R: usize, const V: usize>(
         &self,
@@ -118,7 +121,7 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         V
     }
 
-    /// Writes the sums of R pixels and V blocks.
+    /// Writes V blocks of the weighted sums of R output pixels.
     #[inline(always)]
     fn tile<const R: usize, const V: usize>(
         &self,
@@ -170,7 +173,8 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         self.combine([a, b], Some(middle), first, row, sums);
     }
 
-    /// Writes the sums where two windows share every column, which is loaded once for both.
+    /// Writes V blocks of the weighted sums of R output pixels where two windows share every image
+    /// column, which is loaded once for both.
     #[inline(always)]
     fn halving_tile<const R: usize, const V: usize>(
         &self,
@@ -220,8 +224,8 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         self.combine([a, b], None, first, row, sums);
     }
 
-    /// Combines the sums over both halves of the windows and over their middle column, if there is
-    /// one.
+    /// Writes the weighted sums of R output pixels, combined from those over both halves of the
+    /// windows and over the middle column, if there is one.
     #[inline(always)]
     fn combine<const R: usize, const V: usize>(
         &self,
@@ -243,7 +247,7 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         }
     }
 
-    /// Returns the channels that R neighbouring windows read at a tap.
+    /// Returns the folded channels that R neighbouring windows read at a tap.
     #[inline(always)]
     fn columns<'x, const R: usize>(
         &self,
@@ -259,8 +263,8 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         columns
     }
 
-    /// Adds x^T dy of neighbouring pixels, for each column of the lines separately: dy
-    /// `[block][pixel]`, dw `[column][block]`.
+    /// Adds the weight gradient x^T dy of neighbouring output pixels for each column of the windows
+    /// separately; dy is `[block][pixel]`, dw `[column][block]`.
     #[inline(always)]
     pub fn add_column_gradients(
         &self,
@@ -293,7 +297,8 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         }
     }
 
-    /// Adds the gradients of both halves of the windows to the weights that they share.
+    /// Adds the column gradients of both halves of the windows to the gradient of the weights that
+    /// the halves share.
     #[inline(always)]
     pub fn fold_column_gradients(
         &self,
@@ -315,7 +320,8 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
     }
 }
 
-/// Returns the two columns of the lines that belong to an orbit, or its only one.
+/// Returns the indices of the two window columns that belong to an orbit of taps, or of its only
+/// one.
 fn halves(lines: &FoldedLines, orbit: &TapOrbit) -> impl Iterator<Item = usize> {
     let [y, x] = orbit.first_tap;
     let k = lines.kernel.size;

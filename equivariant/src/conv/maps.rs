@@ -1,4 +1,4 @@
-//! Feature maps that passes read and write, and the arena that divides their scratch.
+//! Feature maps that passes read and write, and the arena that divides their scratch memory.
 
 use std::ops::Range;
 
@@ -6,36 +6,36 @@ use crate::real::Real;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::patches::PatchGeometry;
 
-/// Input of a convolution.
+/// Input of a convolution, in one of three layouts.
 #[derive(Clone, Copy)]
 pub(crate) enum ConvInput<'a, T> {
-    /// Numbers `[N, H, W, C]` with irrep-major channels.
+    /// Numbers `[N, H, W, C]` (samples, height, width, channels), channels irrep-major.
     Channels(&'a [T]),
     /// Images `[N, H, W, C]` of trivial channels as bytes, which stand for their
     /// [`pixel_byte_to_float`](crate::pixel_byte_to_float)s.
     Bytes(&'a [u8]),
-    /// Images staged for this convolution.
+    /// Images in the layout of the CPU kernels (staged), for the convolution that reads them.
     Staged(&'a [T]),
 }
 
-/// Feature maps to read.
+/// Feature maps that a pass reads, in one of two layouts.
 #[derive(Clone, Copy)]
 pub(crate) enum FeatureMaps<'a, T> {
-    /// Numbers `[N, H, W, C]` with irrep-major channels.
+    /// Numbers `[N, H, W, C]` (samples, height, width, channels), channels irrep-major.
     Channels(&'a [T]),
-    /// Images staged for the convolution with these patches.
+    /// Images in the layout of the CPU kernels (staged), for the convolution with these patches.
     Staged(&'a PatchGeometry, &'a [T]),
 }
 
-/// Feature maps to write.
+/// Feature maps that a pass writes, in one of two layouts.
 pub(crate) enum FeatureMapsMut<'a, T> {
     Channels(&'a mut [T]),
     Staged(&'a PatchGeometry, &'a mut [T]),
 }
 
 impl<T: Real> ConvInput<'_, T> {
-    /// Returns the staged form of some of the images; `own` is the buffer for images that are not
-    /// staged yet.
+    /// Returns some of the images in the layout of the CPU kernels (staged); `own` is the buffer
+    /// for images that are not staged yet.
     #[inline(always)]
     pub fn stage<'b, L: Lanes<T>>(
         &'b self,
@@ -66,7 +66,7 @@ impl<T: Real> ConvInput<'_, T> {
 }
 
 impl<'a, T: Real> FeatureMapsMut<'a, T> {
-    /// Splits the maps of a single image before `pixel`, which must be the first of a line;
+    /// Splits the feature maps of a single image before `pixel`, which must be the first of a line;
     /// `channels` is the number of channels.
     pub fn split(
         self,
@@ -107,15 +107,15 @@ impl PixelCursor {
         }
     }
 
-    /// Returns the index of the pixel in staged images.
+    /// Returns the index of the current pixel in staged images, in values.
     #[inline(always)]
     pub fn staged_index(&self, offsets: &[usize], staged: usize) -> usize {
         self.image * staged + offsets[self.pixel]
     }
 }
 
-/// Arena that splits whole blocks off the front of a scratch. Each starts on a cache line if the
-/// scratch does.
+/// Arena that splits whole blocks off the front of a scratch memory. Each part starts on a cache
+/// line if the scratch memory does.
 pub(crate) struct Arena<'a, T> {
     rest: &'a mut [Block<T>],
 }

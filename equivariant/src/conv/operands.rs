@@ -17,10 +17,10 @@ pub struct ConvForward<'a, T> {
     pub(crate) scratch: &'a mut [T],
 }
 
-/// Output of a forward pass.
+/// Output of a convolution's forward pass: buffers, and the lines to compute.
 pub(crate) struct ConvOutput<'a, T> {
-    /// Range of the lines of output to compute; all lines unless there is one sample. `y` and
-    /// `masks` start with the first of them.
+    /// Range of the lines of output pixels to compute; all lines unless there is one sample. `y`
+    /// and `masks` start with the first of them.
     pub lines: Range<usize>,
     pub y: FeatureMapsMut<'a, T>,
     /// Buffer for a bit mask of the values that a ReLU passes, one number for each block of
@@ -43,7 +43,8 @@ pub struct ConvBackward<'a, T> {
 }
 
 impl<T: Real> ConvForward<'_, T> {
-    /// Splits the pass over a single image into the upper and the lower lines.
+    /// Splits the forward pass over a single image into two: the upper and the lower lines of
+    /// output pixels.
     pub(crate) fn split_in_half(self) -> (Self, Self) {
         let (above, below) = self.output.split_in_half(self.conv);
         // whole blocks, so that both halves start on a cache line
@@ -56,7 +57,7 @@ impl<T: Real> ConvForward<'_, T> {
 }
 
 impl<T: Real> ConvOutput<'_, T> {
-    /// Splits the output of a single image into the upper and the lower lines.
+    /// Splits the output of a single image into two: the upper and the lower lines of pixels.
     fn split_in_half(self, conv: &R2Conv) -> (Self, Self) {
         let middle = conv.out_shape.height / 2;
         let pixels = middle * conv.out_shape.width;

@@ -1,8 +1,8 @@
 //! Max-pooling between the convolutions of a chain.
 //!
-//! A pooling reads the output of the convolution before it in the layout of the kernels and writes
-//! the staged image of the next one. Fields are transformed to the regular basis in registers; no
-//! map is converted to irrep-major channels.
+//! A pooling reads the output of the convolution before it in the layout of the CPU kernels and
+//! writes the staged image of the next one. Fields are transformed to the regular basis in
+//! registers; no map is converted to irrep-major channels.
 
 use crate::conv::maps::{Arena, FeatureMaps, FeatureMapsMut};
 use crate::conv::r2_conv::R2Conv;
@@ -15,25 +15,27 @@ use crate::steerable::hadamard::with_const_order;
 use crate::steerable::taps::TapBasis;
 use crate::window::SlidingWindow;
 
-/// Maximum number of pixels of a window.
+/// Maximum number of pixels of a pooling window that is fused with a convolution.
 const MAX_WINDOW_PIXELS: usize = 16;
 
-/// Max-pooling of regular fields whose windows tile the image.
+/// Max-pooling of regular fields after a convolution, with windows that tile the image.
 #[derive(Clone, Debug)]
 pub(crate) struct FusedMaxPool {
-    /// Layout of the maps before the pooling: without padding or folds.
+    /// Layout of the feature maps before the pooling: that of the CPU kernels, without padding or
+    /// folds.
     pub patches: PatchGeometry,
     pub out_shape: Shape,
-    /// Index of the first pixel of every window, in blocks of a staged image.
+    /// Index of the first pixel of every pooling window, in blocks of a staged image.
     windows: Vec<usize>,
-    /// Distances of the pixels of a window from its first, in blocks.
+    /// Distances of the pixels of a pooling window from its first pixel, in blocks of a staged
+    /// image.
     taps: Vec<usize>,
     pub widest_instruction_set: InstructionSet,
 }
 
 impl FusedMaxPool {
-    /// Creates the pooling of a convolution's output. Returns `None` if the windows overlap, leave
-    /// pixels out or are too large, or if the channels are not regular fields.
+    /// Creates the max-pooling of a convolution's output. Returns `None` if the windows overlap,
+    /// leave pixels out or are too large, or if the channels are not regular fields.
     pub fn after_conv(conv: &R2Conv, kernel: SlidingWindow) -> Option<FusedMaxPool> {
         let image = conv.out_shape;
         let size = kernel.size;
@@ -62,35 +64,38 @@ impl FusedMaxPool {
         })
     }
 
-    /// Returns the number of values of scratch: the blocks of a pixel.
+    /// Returns the length of the scratch memory of a pooling pass, in values: the blocks of one
+    /// pixel.
     pub fn scratch_len(&self) -> usize {
         self.patches.blocks_per_pixel * LANES
     }
 
-    /// Returns the factor between values of two layouts after two unscaled transforms.
+    /// Returns the factor from layout scale `from` to layout scale `to` that also normalises two
+    /// Hadamard transforms.
     fn scale(&self, from: f64, to: f64) -> f64 {
         to / from / self.out_shape.fields.group().order() as f64
     }
 }
 
-/// Operands of the forward pass of a pooling.
+/// Operands of the forward pass of a fused max-pooling.
 pub struct PoolForward<'a, T> {
     pub(crate) pool: &'a FusedMaxPool,
     pub(crate) samples: usize,
-    /// Input in the layout of the pooling.
+    /// Input of the max-pooling, in the layout of the CPU kernels.
     pub(crate) x: &'a [T],
     pub(crate) y: FeatureMapsMut<'a, T>,
     pub(crate) scratch: &'a mut [T],
 }
 
-/// Operands of the backward pass of a pooling.
+/// Operands of the backward pass of a fused max-pooling.
 pub struct PoolBackward<'a, T> {
     pub(crate) pool: &'a FusedMaxPool,
     pub(crate) samples: usize,
-    /// Input of the pooling.
+    /// Input of the max-pooling in the forward pass, in the layout of the CPU kernels.
     pub(crate) x: &'a [T],
     pub(crate) dy: FeatureMaps<'a, T>,
-    /// Gradient with respect to the input, in the layout of the pooling; overwritten.
+    /// Gradient with respect to the input of the max-pooling, in the layout of the CPU kernels;
+    /// overwritten.
     pub(crate) dx: &'a mut [T],
     pub(crate) scratch: &'a mut [T],
 }
@@ -135,7 +140,8 @@ impl<T: Real> PoolForward<'_, T> {
     }
 }
 
-/// Writes the maxima of the window at the start of `x`.
+/// Writes the maximum of every channel, in the regular basis, over the pooling window at the start
+/// of `x`.
 #[inline(always)]
 fn maxima<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
@@ -202,8 +208,8 @@ impl<T: Real> PoolBackward<'_, T> {
     }
 }
 
-/// Routes the gradient of one window to the first pixel that holds the maximum. If a pixel is NaN
-/// it receives the gradient, which [`MaxPool`](crate::MaxPool) drops.
+/// Routes the gradient of one pooling window to the first pixel that holds the maximum. If a pixel
+/// is NaN it receives the gradient, which [`MaxPool`](crate::MaxPool) drops.
 #[inline(always)]
 fn route<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,

@@ -13,7 +13,8 @@ use crate::steerable::taps::TapBasis;
 use crate::steerable::windows::WindowGrid;
 use crate::window::SlidingWindow;
 
-/// Maximum number of output pixels of images that are staged together; a larger one is alone.
+/// Maximum number of output pixels of the images that are brought into the layout of the CPU
+/// kernels together; a larger image is alone.
 const STAGED_OUTPUT_PIXELS: usize = 64;
 
 /// Convolution that commutes with the group of its types, with a bias on the trivial irrep.
@@ -39,7 +40,7 @@ pub struct R2Conv {
 }
 
 impl R2Conv {
-    /// Creates a convolution of maps of `[height, width]` pixels.
+    /// Creates a convolution of feature maps of `[height, width]` pixels.
     ///
     /// # Errors
     /// When the groups of the types differ, a map is empty, the windows do not sit symmetrically
@@ -74,7 +75,8 @@ impl R2Conv {
         })
     }
 
-    /// Creates a convolution whose window is the whole map: it flattens a square map to a vector.
+    /// Creates a convolution that flattens a square feature map to a vector: its window is the
+    /// whole map.
     ///
     /// # Errors
     /// When the groups of the types differ or the map is not square.
@@ -117,7 +119,8 @@ impl R2Conv {
         self.patches.image_shape
     }
 
-    /// Returns the number of samples that are staged together.
+    /// Returns the number of images that a pass over `samples` samples brings into the layout of
+    /// the CPU kernels together.
     pub(crate) fn num_images_staged_together(&self, samples: usize) -> usize {
         let images = STAGED_OUTPUT_PIXELS / self.out_shape.num_pixels();
         images.clamp(1, samples.max(1))

@@ -12,26 +12,29 @@ use crate::simd::patches::PatchGeometry;
 use crate::steerable::blocks::IrrepBlocks;
 use crate::steerable::taps::TapBasis;
 
-/// Layout of the weights among the parameters: `[group of a folded patch][output field][irrep]`.
+/// Layout of a convolution's weights among its parameters: `[lane group of a folded patch][output
+/// field][irrep]`.
 ///
-/// The packed layout of the kernels differs from it only by lanes and groups without a weight. If
-/// all fields are regular and fill whole blocks there are none, and packing is a copy.
+/// The packed layout of the CPU kernels differs from it only by lanes and groups without a weight.
+/// If all fields are regular and fill whole blocks there are none, and packing is a copy.
 #[derive(Clone, Debug)]
 pub(crate) struct WeightLayout {
     /// Order of the symmetry group, the number of its elements.
     pub group_order: usize,
-    /// Number of groups of a folded patch.
+    /// Number of lane groups of a folded patch; a group has one lane for each irrep.
     groups: usize,
-    /// Number of blocks of an output pixel.
+    /// Number of blocks of [`LANES`] values that an output pixel fills.
     pub blocks_per_pixel: usize,
-    /// Runs of parameters that are contiguous in packed order, too.
+    /// Ranges of weights that are contiguous both among the parameters and in the packed order of
+    /// the CPU kernels.
     runs: Arc<[Run]>,
-    /// Index of the parameter of every entry of the four blocks of the linear map, `[out, columns]`
+    /// Index of the parameter of every entry of the four irreps' weight matrices, `[out, columns]`
     /// for each irrep in turn.
     pub param_indices: Arc<[usize]>,
 }
 
-/// Range of parameters that is contiguous in both orders.
+/// Range of weights that is contiguous both among the parameters and in the packed order of the CPU
+/// kernels.
 #[derive(Clone, Debug)]
 struct Run {
     params: Range<usize>,
@@ -76,7 +79,7 @@ impl WeightLayout {
         }
     }
 
-    /// Returns the number of blocks of the packed weights.
+    /// Returns the number of blocks of the weights in the packed order of the CPU kernels.
     pub fn num_packed_blocks(&self) -> usize {
         self.groups * self.blocks_per_pixel
     }
@@ -87,7 +90,8 @@ impl WeightLayout {
         matches!(&self.runs[..], [run] if run.params == all && run.packed == all)
     }
 
-    /// Returns the packed weights: the parameters themselves if they can be read in place.
+    /// Returns the weights in the packed order of the CPU kernels: the parameters themselves if
+    /// they can be read in place.
     pub fn packed_weights<'a, T: Real>(
         &self,
         params: &'a [T],
@@ -102,8 +106,8 @@ impl WeightLayout {
         packed
     }
 
-    /// Writes the packed weights `[group of a folded patch][block of outputs]`; a group of lanes is
-    /// an output field.
+    /// Writes the weights in the packed order of the CPU kernels, `[lane group of a folded
+    /// patch][block of outputs]`; a lane group of a block is an output field.
     pub fn pack<T: Real>(&self, params: &[T], packed: &mut [Block<T>]) {
         let packed = packed.as_flattened_mut();
         let mut end = 0;
@@ -115,7 +119,8 @@ impl WeightLayout {
         packed[end..].fill(T::ZERO);
     }
 
-    /// Adds gradients of the packed weights to those of the parameters.
+    /// Adds the gradient with respect to the packed weights to the gradient with respect to the
+    /// parameters.
     pub fn add_unpacked_gradient<T: Real>(&self, packed: &[Block<T>], dparams: &mut [T]) {
         let packed = packed.as_flattened();
         for run in self.runs.iter() {
@@ -126,7 +131,8 @@ impl WeightLayout {
         }
     }
 
-    /// Transposes packed weights to `[block of inputs][output field][fold]`, orbit by orbit.
+    /// Transposes packed weights to `[block of inputs][output field][fold]`, one orbit of taps
+    /// after the other.
     ///
     /// The lanes of a block are (input field, output irrep).
     #[inline(always)]
@@ -160,7 +166,8 @@ impl WeightLayout {
 /// Marker of an entry of the packed weights without a parameter.
 const GAP: usize = usize::MAX;
 
-/// Numbers the entries that have a parameter and returns their contiguous runs.
+/// Writes the parameter index of every weight into `places` and returns the contiguous ranges of
+/// packed weights.
 fn runs(entries: &[usize], places: &mut [usize]) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
     let used = entries.iter().enumerate().filter(|(_, entry)| **entry != GAP);

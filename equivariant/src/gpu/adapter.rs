@@ -93,7 +93,7 @@ pub(crate) fn wgpu_adapters() -> Vec<wgpu::Adapter> {
     found
 }
 
-/// Converts wgpu's information about an adapter.
+/// Converts wgpu's information about a GPU adapter into an [`Adapter`].
 pub(crate) fn describe_adapter(adapter: &wgpu::Adapter) -> Adapter {
     let (info, limits) = (adapter.get_info(), adapter.limits());
     Adapter {

@@ -4,7 +4,7 @@ use symmetry::FieldType;
 
 use crate::gpu::step::{BufferSlot, KernelStep};
 
-/// WGSL accessors of a field's numbers, for groups of order 1, 2 and 4.
+/// WGSL accessors of a field's numbers, for symmetry groups of 1, 2 and 4 elements.
 const LANES: [&[&str]; 3] = [&[""], &[".x", ".y"], &[".x", ".y", ".z", ".w"]];
 
 /// Layout of fields among the channels of a pixel: number a of field f is channel `starts[a] + f`
@@ -18,8 +18,8 @@ pub(crate) struct ChannelLayout {
 }
 
 impl ChannelLayout {
-    /// Creates the layout of a type: fields with a number for each irrep of its group. Irreps with
-    /// fewer channels than others are padded with zeros.
+    /// Creates the channel layout of a field type: fields with a number for each irrep of its
+    /// group. Irreps with fewer channels than others are padded with zeros.
     pub fn for_type(fields: FieldType) -> ChannelLayout {
         let irreps = fields.group().irreps();
         ChannelLayout {
@@ -29,12 +29,12 @@ impl ChannelLayout {
         }
     }
 
-    /// Creates the layout of `dim` fields of one number.
+    /// Creates the channel layout of `dim` fields of one number.
     pub fn single_channel_fields(dim: usize) -> ChannelLayout {
         ChannelLayout::regular_fields(1, dim)
     }
 
-    /// Creates the layout of `fields` fields of `order` numbers.
+    /// Creates the channel layout of `fields` fields of `order` numbers.
     pub fn regular_fields(order: usize, fields: usize) -> ChannelLayout {
         ChannelLayout {
             dim: order * fields,
@@ -51,19 +51,21 @@ impl ChannelLayout {
         self
     }
 
-    /// Returns the layout of the fields as the first ones of the direct sum `sum`.
+    /// Returns the layout of these fields as the first ones of the direct sum of two maps, whose
+    /// layout is `sum`.
     pub fn first_of_sum(&self, sum: &ChannelLayout) -> ChannelLayout {
         self.clone().moved_to(sum.dim, sum.starts.clone())
     }
 
-    /// Returns the layout of the fields as the last ones of the direct sum `sum`.
+    /// Returns the layout of these fields as the last ones of the direct sum of two maps, whose
+    /// layout is `sum`.
     pub fn last_of_sum(&self, sum: &ChannelLayout) -> ChannelLayout {
         let ends = sum.starts.iter().zip(&sum.counts).map(|(start, count)| start + count);
         let starts = ends.zip(&self.counts).map(|(end, count)| end - count);
         self.clone().moved_to(sum.dim, starts.collect())
     }
 
-    /// Returns the number of fields, some of which may lack numbers.
+    /// Returns the number of fields of a pixel, some of which may lack numbers.
     pub fn num_fields(&self) -> usize {
         self.counts.iter().copied().max().unwrap_or(0)
     }
@@ -73,33 +75,37 @@ impl ChannelLayout {
         self.counts.len()
     }
 
-    /// Adds an input map with the function `load_NAME(pixel, field)`.
+    /// Adds an input feature map to a kernel, and the WGSL function `load_NAME(pixel, field)` that
+    /// reads a field of it.
     pub fn add_input_map(&self, step: KernelStep, name: &str, slot: BufferSlot) -> KernelStep {
         let step = step.add_input_buffer(name, "f32", slot);
         self.add_load_function(step, name, name)
     }
 
-    /// Adds the function `load_NAME(pixel, field)` for a buffer that the kernel has already.
+    /// Adds the WGSL function `load_NAME(pixel, field)`, which reads a field from a buffer that the
+    /// kernel has already.
     pub fn add_load_function(&self, step: KernelStep, buffer: &str, name: &str) -> KernelStep {
         let body = self.each(|lane, at| format!("v{lane} = {buffer}[{at}];"));
         let head = format!("fn load_{name}(pixel: u32, field: u32) -> Field {{ var v = Field();");
         step.add_wgsl(&format!("{head} {body} return v; }}"))
     }
 
-    /// Adds an output map with the function `store_NAME(pixel, field, v)`.
+    /// Adds an output feature map to a kernel, and the WGSL function `store_NAME(pixel, field, v)`
+    /// that writes a field of it.
     pub fn add_output_map(&self, step: KernelStep, name: &str, slot: BufferSlot) -> KernelStep {
         let step = step.add_output_buffer(name, "f32", slot);
         self.add_store_function(step, name, name)
     }
 
-    /// Adds the function `store_NAME(pixel, field, v)` for a buffer that the kernel has already.
+    /// Adds the WGSL function `store_NAME(pixel, field, v)`, which writes a field to a buffer that
+    /// the kernel has already.
     pub fn add_store_function(&self, step: KernelStep, buffer: &str, name: &str) -> KernelStep {
         let body = self.each(|lane, at| format!("{buffer}[{at}] = v{lane};"));
         let head = format!("fn store_{name}(pixel: u32, field: u32, v: Field) {{");
         step.add_wgsl(&format!("{head} {body} }}"))
     }
 
-    /// Joins one statement for each number of a field.
+    /// Joins WGSL statements, one for each number of a field.
     fn each(&self, statement: impl Fn(&str, String) -> String) -> String {
         // orders 1, 2 and 4 are entries 0, 1 and 2
         let lanes = LANES[self.numbers_per_field().ilog2() as usize].iter().zip(&self.starts);

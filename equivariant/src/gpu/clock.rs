@@ -3,17 +3,17 @@
 use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
 
-/// Bytes of a timestamp.
+/// Number of bytes of a GPU timestamp.
 const BYTES: u64 = 8;
 
-/// Timestamps before and after each kernel of a sequence.
+/// GPU timestamps before and after each kernel of a sequence.
 pub(crate) struct KernelTimer {
     queries: wgpu::QuerySet,
     count: u32,
 }
 
 impl KernelTimer {
-    /// Creates a timer of `kernels` kernels; [`GpuError::CommandFailed`] if the adapter has no
+    /// Creates a timer of `kernels` GPU kernels; [`GpuError::CommandFailed`] if the adapter has no
     /// timestamps.
     pub fn new(device: &Device, kernels: usize) -> Result<KernelTimer, GpuError> {
         let features = device.device.features();
@@ -29,7 +29,8 @@ impl KernelTimer {
         Ok(KernelTimer { queries, count })
     }
 
-    /// Returns the descriptor of a pass that runs one kernel and writes its timestamps.
+    /// Returns the descriptor of a compute pass that runs kernel `kernel` alone and writes its
+    /// timestamps.
     pub fn timed_pass(&self, kernel: usize) -> wgpu::ComputePassDescriptor<'_> {
         let first = 2 * kernel as u32;
         wgpu::ComputePassDescriptor {
@@ -42,7 +43,7 @@ impl KernelTimer {
         }
     }
 
-    /// Submits the recorded commands and returns the seconds of each kernel.
+    /// Submits the recorded GPU commands and returns the seconds of each kernel.
     pub fn submit_and_read_seconds(
         self,
         device: &Device,

@@ -5,11 +5,11 @@ use std::collections::hash_map::Entry;
 use crate::gpu::device::{Device, lock_even_if_poisoned};
 use crate::gpu::step::KernelStep;
 
-/// Number of workgroups in one line of a dispatch; below the limit of 65,535 that every adapter
-/// has.
+/// Maximum number of workgroups along the first axis of a GPU dispatch, below the limit of 65,535
+/// that every adapter has; more of them fill further lines along the second axis.
 const GROUPS_OF_A_LINE: usize = 32_768;
 
-/// Compiled step with its buffers.
+/// GPU kernel that is compiled and bound to its buffers.
 pub(crate) struct CompiledKernel {
     pipeline: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
@@ -17,7 +17,7 @@ pub(crate) struct CompiledKernel {
 }
 
 impl CompiledKernel {
-    /// Compiles a step of a plan; `buffers` are all buffers of the plan.
+    /// Compiles a kernel of a compute plan; `buffers` are all buffers of the plan.
     pub fn new(
         device: &Device,
         step: &KernelStep,
@@ -44,12 +44,12 @@ impl CompiledKernel {
         }
     }
 
-    /// Returns the name of the step.
+    /// Returns the name of the kernel.
     pub fn label(&self) -> &'static str {
         self.step.label
     }
 
-    /// Records a dispatch of the kernel for `samples` samples.
+    /// Records a dispatch of the kernel for a batch of `samples` samples.
     pub fn record(&self, samples: usize, pass: &mut wgpu::ComputePass) {
         let groups = self.step.workgroups.num_workgroups(samples);
         // larger dispatches fill a plane, because every dimension has a limit
@@ -82,7 +82,7 @@ fn layout(device: &wgpu::Device, step: &KernelStep) -> wgpu::BindGroupLayout {
     })
 }
 
-/// Returns the compiled kernel of a step; kernels with equal text are compiled once.
+/// Returns the compute pipeline of a kernel; kernels with equal text are compiled once.
 fn pipeline(
     device: &Device,
     step: &KernelStep,

@@ -1,4 +1,4 @@
-//! Device that runs kernels.
+//! GPU device that runs kernels.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -20,10 +20,10 @@ pub struct Device {
     subgroups: bool,
 }
 
-/// Optional features, enabled if the adapter has them.
+/// Optional GPU features, enabled if the adapter has them: subgroup operations and timestamps.
 const OPTIONAL: wgpu::Features = wgpu::Features::SUBGROUP.union(wgpu::Features::TIMESTAMP_QUERY);
 
-/// First error since the last check; `None` if there was none.
+/// First error of a GPU device since the last check; `None` if there was none.
 type Fault = Arc<Mutex<Option<GpuError>>>;
 
 impl Device {
@@ -99,7 +99,8 @@ impl Device {
         note(&self.fault, GpuError::DeviceLost { adapter, reason });
     }
 
-    /// Returns and clears the first error since the last check. A lost device stays lost.
+    /// Returns and clears the first error of the device since the last check. A lost device stays
+    /// lost.
     pub(crate) fn take_error(&self) -> Result<(), GpuError> {
         let mut fault = lock_even_if_poisoned(&self.fault);
         let error = match &*fault {
@@ -115,7 +116,7 @@ impl Device {
         self.allocate("values", size, wgpu::BufferUsages::STORAGE | copied)
     }
 
-    /// Allocates a buffer of `size` bytes that all threads read.
+    /// Allocates a uniform buffer of `size` bytes, which all threads of a kernel read.
     pub(crate) fn allocate_uniform(&self, size: u64) -> wgpu::Buffer {
         let usage = wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST;
         self.allocate("batch", size, usage)
@@ -127,7 +128,7 @@ impl Device {
         self.allocate("staging", size, usage)
     }
 
-    /// Waits for all submitted commands.
+    /// Waits until the device has run all submitted commands.
     pub(crate) fn wait_for_commands(&self) -> Result<(), GpuError> {
         let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
         // a lost device must be reported as `DeviceLost`, not as a failed poll
@@ -136,7 +137,7 @@ impl Device {
         Ok(())
     }
 
-    /// Returns the contents of a mapped buffer.
+    /// Returns the contents of a GPU buffer that is mapped to the CPU.
     pub(crate) fn read_mapped<T: bytemuck::Pod>(
         &self,
         staged: &wgpu::Buffer,
@@ -159,7 +160,7 @@ impl Device {
     }
 }
 
-/// Compares the identity of two devices: clones of one device are equal.
+/// Compares the identity of two GPU devices: clones of one device are equal.
 impl PartialEq for Device {
     fn eq(&self, other: &Device) -> bool {
         self.device == other.device
@@ -172,7 +173,8 @@ impl fmt::Debug for Device {
     }
 }
 
-/// Records errors of a device. Without these callbacks wgpu panics.
+/// Installs callbacks that record the errors of a GPU device and returns the record. Without
+/// callbacks wgpu panics.
 fn watch(device: &wgpu::Device, name: &str) -> Fault {
     let fault = Fault::default();
     let (lost, failed) = (fault.clone(), fault.clone());
@@ -188,7 +190,8 @@ fn watch(device: &wgpu::Device, name: &str) -> Fault {
     fault
 }
 
-/// Keeps the first error, since later ones follow from it; the loss of the device replaces it.
+/// Records an error of a GPU device if it is the first, since later ones follow from it; the loss
+/// of the device replaces other errors.
 fn note(fault: &Fault, error: GpuError) {
     let mut fault = lock_even_if_poisoned(fault);
     let known = matches!(&*fault, Some(GpuError::DeviceLost { .. }));

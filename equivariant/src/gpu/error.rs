@@ -1,4 +1,4 @@
-//! Errors of GPUs.
+//! Errors of networks on GPUs.
 
 use thiserror::Error;
 
@@ -21,9 +21,9 @@ pub enum GpuError {
     /// Adapter whose driver cannot open a device.
     #[error("{adapter}: opens no device: {reason}")]
     NoDevice {
-        /// Name of the adapter.
+        /// Name of the adapter whose driver cannot open a device.
         adapter: String,
-        /// Message of the adapter's driver.
+        /// Message of the driver about the device that it cannot open.
         reason: String,
     },
     /// Network that needs larger buffers than the adapter has; nothing was allocated.
@@ -32,7 +32,7 @@ pub enum GpuError {
          of samples or the widths"
     )]
     BufferTooLarge {
-        /// Name of the adapter.
+        /// Name of the adapter whose buffers are too small.
         adapter: String,
         /// Name of the limit that the network exceeds.
         what: &'static str,
@@ -56,15 +56,15 @@ pub enum GpuError {
     DeviceLost {
         /// Name of the lost adapter.
         adapter: String,
-        /// Message of the adapter's driver.
+        /// Message of the driver about the lost device.
         reason: String,
     },
     /// Command that the driver rejected, for instance for lack of memory.
     #[error("{adapter}: a command failed: {reason}")]
     CommandFailed {
-        /// Name of the adapter.
+        /// Name of the adapter whose driver rejected the command.
         adapter: String,
-        /// Message of the adapter's driver.
+        /// Message of the driver about the rejected command.
         reason: String,
     },
 }

@@ -1,4 +1,4 @@
-//! Kernels of every kind of layer.
+//! GPU kernels of every kind of layer.
 
 mod field_norm;
 mod folds;
@@ -19,8 +19,8 @@ use crate::shape::Shape;
 use crate::steerable::hadamard::permuted_field_order_and_count;
 
 impl Plan {
-    /// Adds a layer, or the layers of a chain, to the plan and returns the output. A ReLU after a
-    /// layer with weights is fused into that layer's kernels.
+    /// Adds a layer, or the layers of a chain, to the compute plan and returns the output map. A
+    /// ReLU after a layer with weights is fused into that layer's kernels.
     ///
     /// # Errors
     /// [`GpuError::UnsupportedLayer`] for a layer without kernels: [`BranchSum`](crate::BranchSum),
@@ -38,15 +38,15 @@ impl Plan {
         Ok(x)
     }
 
-    /// Adds the direct sum of two maps to the plan and returns it.
+    /// Adds the direct sum of two feature maps to the compute plan and returns the sum.
     pub fn add_concat(&mut self, concat: &Concat, inputs: [Tensor; 2]) -> Tensor {
         let y = self.add_tensor(concat.out_shape());
         joins::concat(self, &inputs, &y);
         y
     }
 
-    /// Duplicates a map of the plan for two consumers. Each has its own gradient, and the backward
-    /// pass adds them.
+    /// Duplicates a feature map of the compute plan for two layers that read it. Each copy has its
+    /// own gradient, and the backward pass adds the two.
     pub fn add_fork(&mut self, x: Tensor) -> [Tensor; 2] {
         let readers = [(); 2].map(|()| Tensor {
             gradient: x.gradient.map(|_| self.add_buffer(0, x.shape.len())),
@@ -57,15 +57,16 @@ impl Plan {
     }
 }
 
-/// Returns `true` for a ReLU on fields as large as the group, the only ones that kernels with
-/// weights can rectify.
+/// Returns `true` for a ReLU on fields with a number for each group element, the only ones that
+/// kernels with weights can rectify.
 fn rectifies(layer: &dyn Layer<f32>, shape: Shape) -> bool {
     let whole = permuted_field_order_and_count(shape.fields)
         .is_some_and(|(order, _)| order == shape.fields.group().order());
     whole && matches!(layer.kind(), LayerKind::Relu)
 }
 
-/// Adds the kernels of one layer from `x` to `y`.
+/// Adds the kernels of one layer from map `x` to map `y` to a compute plan, with a ReLU after it if
+/// `rectified`.
 fn add(
     plan: &mut Plan,
     layer: &dyn Layer<f32>,

@@ -1,4 +1,4 @@
-//! Layers and chains of layers on a device.
+//! Layers and chains of layers on a GPU.
 
 use std::fmt;
 
@@ -14,11 +14,11 @@ use crate::layers::layer::Layer;
 pub struct Network {
     program: Program,
     plan: Plan,
-    /// Description of the layer, for messages.
+    /// Description of the layer, for error messages.
     name: String,
     x: Tensor,
     y: Tensor,
-    /// Gradients with respect to input and output.
+    /// Buffers of the gradients with respect to input and output.
     gradients: [BufferSlot; 2],
     /// Number of samples of the last forward pass.
     last_samples: usize,
@@ -27,9 +27,9 @@ pub struct Network {
 /// Gradients of a network on a GPU, from one backward pass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gradients {
-    /// Gradient with respect to the input, `[N, H, W, C]`.
+    /// Gradient with respect to the input, `[N, H, W, C]` (samples, height, width, channels).
     pub input: Vec<f32>,
-    /// Gradient with respect to the parameters, in the order of the layer.
+    /// Gradient with respect to the parameters, in the layer's order of parameters.
     pub params: Vec<f32>,
 }
 
@@ -76,12 +76,12 @@ impl Network {
         self.plan.num_params()
     }
 
-    /// Returns the number of kernels of a forward pass and of a backward pass.
+    /// Returns the number of GPU kernels of a forward pass and of a backward pass.
     pub fn num_kernels(&self) -> [usize; 2] {
         self.plan.num_kernels()
     }
 
-    /// Copies these parameters, in the order of the layer, to the GPU.
+    /// Copies the network's parameters, in the layer's order, to the GPU.
     ///
     /// # Panics
     /// When there are more or fewer than the layer's.

@@ -1,4 +1,4 @@
-//! Buffers and kernels of a network as data, before any device is involved.
+//! Compute plans: buffers and kernels of a network as data, before any GPU is involved.
 
 use std::collections::HashSet;
 
@@ -7,12 +7,14 @@ use crate::gpu::error::GpuError;
 use crate::gpu::step::{BufferSlot, KernelStep};
 use crate::shape::Shape;
 
-/// Alignment of a layer's parameters, in numbers, as WGSL vectors need it.
+/// Alignment of a layer's parameters in the GPU buffer, in numbers of 4 bytes, as WGSL vectors need
+/// it.
 const ALIGNMENT: usize = 4;
-/// Bytes of a number.
+/// Number of bytes of a number in a GPU buffer.
 const WORD: usize = 4;
 
-/// Length of a buffer in numbers of 4 bytes: `fixed_len` plus `len_per_sample` for every sample.
+/// Length of a GPU buffer in numbers of 4 bytes: `fixed_len` plus `len_per_sample` for every
+/// sample.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct BufferLength {
     pub fixed_len: usize,
@@ -20,7 +22,7 @@ pub(crate) struct BufferLength {
 }
 
 impl BufferLength {
-    /// Returns the number of bytes for `samples` samples.
+    /// Returns the size of the buffer in bytes for a batch of `samples` samples.
     pub fn bytes(self, samples: usize) -> u64 {
         let of_samples = (self.len_per_sample as u64).saturating_mul(samples as u64);
         let words = of_samples.saturating_add(self.fixed_len as u64);
@@ -34,22 +36,25 @@ impl BufferLength {
 pub struct Tensor {
     /// Shape of one sample of the tensor.
     pub shape: Shape,
-    /// Buffer of the map's values, `[N, H, W, C]`.
+    /// Buffer of the map's values, `[N, H, W, C]` (samples, height, width, channels).
     pub values: BufferSlot,
-    /// Buffer of the gradient with respect to the map, `[N, H, W, C]`; `None` if it is not needed.
+    /// Buffer of the gradient with respect to the map's values, in their layout; `None` if the
+    /// gradient is not needed.
     pub gradient: Option<BufferSlot>,
 }
 
-/// Working buffers that layers use one after another: no layer relies on another's contents.
+/// GPU buffer for temporary values that layers use in turn: no layer relies on another's contents.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum SharedBuffer {
-    /// Gradient with respect to folded patches.
+    /// Buffer of the gradient with respect to the folded im2col patches of a convolution.
     FoldedGradient,
-    /// Partial gradients with respect to parameters.
+    /// Buffer of the parameter gradients of a layer over parts of the batch, before they are
+    /// summed.
     PartialGradients,
 }
 
-/// Buffers and kernels of networks that run together, for a [`Program`](crate::gpu::Program).
+/// Compute plan of a GPU: the buffers and kernels of networks that run together, from which a
+/// [`Program`](crate::gpu::Program) is compiled.
 ///
 /// Layers are added one after the other. Parameters are stored in the order of the kernels, with
 /// zeros where a WGSL vector has no parameter;
@@ -57,25 +62,25 @@ pub(crate) enum SharedBuffer {
 /// order and [`params_from_device_order`](Plan::params_from_device_order) converts them back.
 #[derive(Debug)]
 pub struct Plan {
-    /// Lengths of all buffers, by slot.
+    /// Lengths of all GPU buffers, by slot.
     pub(crate) extents: Vec<BufferLength>,
     /// Buffers of constants with their contents.
     pub(crate) tables: Vec<(BufferSlot, Vec<u32>)>,
-    /// Steps of the forward pass, in order.
+    /// Kernels of the forward pass, in order.
     pub(crate) forward: Vec<KernelStep>,
-    /// Steps of each layer, in the order of the forward pass.
+    /// Kernels of each layer's backward pass; the layers are in the order of the forward pass.
     backward: Vec<Vec<KernelStep>>,
     last: Vec<KernelStep>,
     places: Vec<u32>,
 }
 
-/// Buffer of all parameters.
+/// Slot of the GPU buffer with the parameters of all layers.
 const PARAMS: BufferSlot = BufferSlot(0);
-/// Buffer of the gradient with respect to all parameters.
+/// Slot of the GPU buffer with the gradient with respect to the parameters of all layers.
 const GRADIENT: BufferSlot = BufferSlot(1);
-/// Buffer of [`SharedBuffer::FoldedGradient`].
+/// Slot of the GPU buffer [`SharedBuffer::FoldedGradient`].
 const FOLDED: BufferSlot = BufferSlot(2);
-/// Buffer of [`SharedBuffer::PartialGradients`].
+/// Slot of the GPU buffer [`SharedBuffer::PartialGradients`].
 const PARTIAL: BufferSlot = BufferSlot(3);
 
 impl Default for Plan {
@@ -85,7 +90,7 @@ impl Default for Plan {
 }
 
 impl Plan {
-    /// Creates a plan without kernels and buffers.
+    /// Creates a compute plan without layers.
     pub fn new() -> Plan {
         Plan {
             extents: vec![BufferLength::default(); 4],
@@ -97,12 +102,12 @@ impl Plan {
         }
     }
 
-    /// Returns the buffer of all parameters, in the order of the kernels.
+    /// Returns the buffer of the parameters of all layers, in the order of the kernels.
     pub fn params_buffer(&self) -> BufferSlot {
         PARAMS
     }
 
-    /// Returns the buffer of the gradient with respect to all parameters.
+    /// Returns the buffer of the gradient with respect to the parameters of all layers.
     pub fn params_gradient_buffer(&self) -> BufferSlot {
         GRADIENT
     }
@@ -112,8 +117,8 @@ impl Plan {
         self.places.len()
     }
 
-    /// Returns the number of kernels of the forward pass, and of the backward pass with later
-    /// steps.
+    /// Returns the number of kernels of the forward pass, and of the backward pass with the kernels
+    /// after it.
     pub fn num_kernels(&self) -> [usize; 2] {
         [self.forward.len(), self.backward_steps().count()]
     }
@@ -146,25 +151,26 @@ impl Plan {
         self.places.iter().map(|&place| placed[place as usize]).collect()
     }
 
-    /// Adds a buffer of `fixed` numbers of 4 bytes, and `each` more for every sample, to the plan.
+    /// Adds a GPU buffer of `fixed` numbers of 4 bytes, and `each` more for every sample, to the
+    /// compute plan.
     pub fn add_buffer(&mut self, fixed: usize, each: usize) -> BufferSlot {
         self.extents.push(BufferLength { fixed_len: fixed, len_per_sample: each });
         BufferSlot(self.extents.len() - 1)
     }
 
-    /// Adds a buffer of the constants `words` to the plan.
+    /// Adds a GPU buffer of the constants `words` to the compute plan.
     pub fn add_constant_table(&mut self, words: Vec<u32>) -> BufferSlot {
         let slot = self.add_buffer(words.len(), 0);
         self.tables.push((slot, words));
         slot
     }
 
-    /// Adds a map without a gradient to the plan, as an input.
+    /// Adds a feature map without a gradient to the compute plan, as an input.
     pub fn add_input(&mut self, shape: Shape) -> Tensor {
         Tensor { shape, values: self.add_buffer(0, shape.len()), gradient: None }
     }
 
-    /// Adds a map with its gradient to the plan.
+    /// Adds a feature map with its gradient to the compute plan.
     pub fn add_tensor(&mut self, shape: Shape) -> Tensor {
         Tensor { gradient: Some(self.add_buffer(0, shape.len())), ..self.add_input(shape) }
     }
@@ -180,20 +186,20 @@ impl Plan {
         start
     }
 
-    /// Adds the kernels of a layer's forward pass and of its backward pass to the plan. Its
-    /// backward steps run before those of all layers added earlier.
+    /// Adds the kernels of a layer's forward pass and of its backward pass to the compute plan. The
+    /// layer's backward kernels run before those of all layers added earlier.
     pub fn add_kernels(&mut self, forward: Vec<KernelStep>, backward: Vec<KernelStep>) {
         self.forward.extend(forward);
         self.backward.push(backward);
     }
 
-    /// Adds a kernel that runs after the backward pass to the plan.
+    /// Adds a kernel to the compute plan that runs after the backward pass.
     pub fn add_final_kernel(&mut self, step: KernelStep) {
         self.last.push(step);
     }
 
-    /// Drops the backward pass, later kernels, and the buffers that only they use, such as
-    /// gradients. Call it after all layers were added.
+    /// Drops the backward pass, the kernels after it, and the buffers that only these kernels use,
+    /// such as gradients. Call it after all layers were added.
     #[must_use]
     pub fn forward_only(mut self) -> Plan {
         self.backward.clear();
@@ -211,7 +217,8 @@ impl Plan {
         self
     }
 
-    /// Returns a shared buffer after enlarging it to this length.
+    /// Returns the temporary buffer `which`, enlarged to at least `fixed` numbers and `each` more
+    /// for every sample.
     pub(crate) fn shared_buffer(
         &mut self,
         which: SharedBuffer,
@@ -228,7 +235,7 @@ impl Plan {
         slot
     }
 
-    /// Iterates over the steps of the backward pass and later ones, in order.
+    /// Iterates over the kernels of the backward pass and then over the kernels after it, in order.
     pub(crate) fn backward_steps(&self) -> impl Iterator<Item = &KernelStep> {
         self.backward.iter().rev().flatten().chain(&self.last)
     }

@@ -1,4 +1,4 @@
-//! Plans on a device: compiled kernels and allocated buffers.
+//! Compute plans on a GPU: compiled kernels and allocated buffers.
 
 use crate::gpu::clock::KernelTimer;
 use crate::gpu::command::CompiledKernel;
@@ -7,15 +7,16 @@ use crate::gpu::error::GpuError;
 use crate::gpu::plan::{BufferLength, Plan};
 use crate::gpu::step::BufferSlot;
 
-/// Bytes of a [`Batch`] in the layout of the kernels.
+/// Number of bytes of a [`Batch`] in the memory layout of the kernels.
 const BATCH_BYTES: u64 = 32;
 
-/// Description of a batch, which all kernels of a pass can read.
+/// Description of a batch of samples, which all kernels of a pass can read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Batch {
     /// Number of samples in the batch.
     pub samples: usize,
-    /// Index of the batch's first sample in the order that the program draws from.
+    /// Index of the batch's first sample in the order of samples that kernels read from a buffer,
+    /// such as the shuffled order of an epoch.
     pub start: usize,
     /// Index of the batch in the sequence of batches.
     pub index: usize,
@@ -23,18 +24,19 @@ pub struct Batch {
     pub extra_numbers: [f32; 4],
 }
 
-/// Selection of the passes that a program runs.
+/// Selection of the network passes that a [`Program`] runs on the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Passes {
-    /// Forward pass only.
+    /// Forward pass of the networks only.
     Forward,
-    /// Backward pass and later steps of the plan.
+    /// Backward pass, and the kernels of the compute plan that run after it.
     Backward,
-    /// Forward pass, backward pass and later steps of the plan.
+    /// Forward pass, backward pass, and the kernels of the compute plan that run after it.
     All,
 }
 
-/// Plan compiled for a GPU, with memory for batches of up to some number of samples.
+/// Compute plan that is compiled for a GPU, with memory for batches of up to some number of
+/// samples.
 pub struct Program {
     device: Device,
     samples: usize,
@@ -45,8 +47,8 @@ pub struct Program {
 }
 
 impl Program {
-    /// Compiles the kernels of a plan and allocates its buffers, filled with zeros except for
-    /// constants.
+    /// Compiles the kernels of a compute plan and allocates its buffers, filled with zeros except
+    /// for constants.
     ///
     /// # Errors
     /// [`GpuError::BufferTooLarge`] before anything is allocated when the batch is too large for
@@ -72,7 +74,7 @@ impl Program {
         Ok(program)
     }
 
-    /// Returns the device that the program runs on.
+    /// Returns the GPU device that the program runs on.
     pub fn device(&self) -> &Device {
         &self.device
     }
@@ -82,7 +84,7 @@ impl Program {
         self.samples
     }
 
-    /// Writes numbers to the front of a GPU buffer, before commands submitted later.
+    /// Writes numbers to the front of a GPU buffer, before commands that are submitted later run.
     ///
     /// # Panics
     /// When there are more numbers than the buffer holds.
@@ -90,7 +92,7 @@ impl Program {
         self.write_bytes(slot, bytemuck::cast_slice(numbers));
     }
 
-    /// Writes integers to the front of a GPU buffer, before commands submitted later.
+    /// Writes integers to the front of a GPU buffer, before commands that are submitted later run.
     ///
     /// # Panics
     /// When there are more numbers than the buffer holds.
@@ -98,8 +100,8 @@ impl Program {
         self.write_bytes(slot, bytemuck::cast_slice(words));
     }
 
-    /// Writes bytes to the front of a GPU buffer, before commands submitted later: four to a word,
-    /// the first one lowest. The last word is padded with zeros.
+    /// Writes bytes to the front of a GPU buffer, before commands that are submitted later run:
+    /// four to a word, the first one lowest. The last word is padded with zeros.
     ///
     /// # Panics
     /// When there are more bytes than the buffer holds.
@@ -118,8 +120,8 @@ impl Program {
         }
     }
 
-    /// Submits passes over a batch in one command buffer. They run after earlier submissions;
-    /// [`read_floats`](Program::read_floats) waits for them.
+    /// Submits passes over a batch to the GPU in one command buffer. They run after earlier
+    /// submissions; [`read_floats`](Program::read_floats) waits for them.
     ///
     /// # Panics
     /// When the batch has more samples than there is memory for.
@@ -162,9 +164,9 @@ impl Program {
         Ok(read)
     }
 
-    /// Runs passes over a batch kernel by kernel and returns name and seconds of each, in the order
-    /// of execution, by the device's clock. Kernels do not overlap here, so the sum may exceed the
-    /// time of [`submit`](Program::submit).
+    /// Runs passes over a batch kernel by kernel and returns name and seconds of each kernel, in
+    /// the order of execution, by the device's clock. Kernels do not overlap here, so the sum may
+    /// exceed the time of [`submit`](Program::submit).
     ///
     /// # Errors
     /// [`GpuError::CommandFailed`] if the adapter has no timestamps, and the errors of

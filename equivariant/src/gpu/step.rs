@@ -1,11 +1,11 @@
-//! Kernels with the buffers on which they run.
+//! GPU kernels with the buffers on which they run.
 
-/// Index of a buffer of a plan.
+/// Index of a GPU buffer among those of a [`Plan`](crate::gpu::Plan).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BufferSlot(pub(crate) usize);
 
-/// Number of workgroups of a kernel as a function of the number of samples N: `times` for each tile
-/// of `each` N + `fixed` units.
+/// Number of workgroups of a GPU kernel as a function of the number of samples N: `times` for each
+/// tile of `tile` threads, workgroups or rows, of which there are `each` N + `fixed`.
 #[derive(Clone, Copy, Debug)]
 pub struct WorkgroupCount {
     each: usize,
@@ -14,33 +14,34 @@ pub struct WorkgroupCount {
     times: usize,
 }
 
-/// Threads of a workgroup, equal to `THREADS` in `common.wgsl`.
+/// Number of threads of a GPU workgroup, equal to `THREADS` in `common.wgsl`.
 pub(crate) const WORKGROUP_THREADS: usize = 64;
 
 impl WorkgroupCount {
-    /// Returns the workgroups of a kernel with `each` threads for every sample.
+    /// Returns the number of workgroups of a kernel with `each` threads for every sample.
     pub fn threads_per_sample(each: usize) -> WorkgroupCount {
         WorkgroupCount { each, fixed: 0, tile: WORKGROUP_THREADS, times: 1 }
     }
 
-    /// Returns the workgroups of a kernel with `fixed` threads, independent of the number of
-    /// samples.
+    /// Returns the number of workgroups of a kernel with `fixed` threads, independent of the number
+    /// of samples.
     pub fn fixed_threads(fixed: usize) -> WorkgroupCount {
         WorkgroupCount { each: 0, fixed, tile: WORKGROUP_THREADS, times: 1 }
     }
 
-    /// Returns the workgroups of a kernel with `each` workgroups for every sample.
+    /// Returns the number of workgroups of a kernel with `each` workgroups for every sample.
     pub fn workgroups_per_sample(each: usize) -> WorkgroupCount {
         WorkgroupCount { each, fixed: 0, tile: 1, times: 1 }
     }
 
-    /// Returns the workgroups of a kernel with `fixed` workgroups, independent of the number of
-    /// samples.
+    /// Returns the number of workgroups of a kernel with `fixed` workgroups, independent of the
+    /// number of samples.
     pub fn fixed_workgroups(fixed: usize) -> WorkgroupCount {
         WorkgroupCount { each: 0, fixed, tile: 1, times: 1 }
     }
 
-    /// Returns `times` workgroups for each tile of rows.
+    /// Returns the number of workgroups of a matrix product with `times` workgroups for each tile
+    /// of `tile` rows.
     pub(crate) fn per_tile_of_rows(rows: RowCount, tile: usize, times: usize) -> WorkgroupCount {
         let (each, fixed) = match rows {
             RowCount::PerSample(each) => (each, 0),
@@ -49,13 +50,14 @@ impl WorkgroupCount {
         WorkgroupCount { each, fixed, tile, times }
     }
 
-    /// Returns the number of workgroups for `samples` samples.
+    /// Returns the number of workgroups for a batch of `samples` samples.
     pub(crate) fn num_workgroups(self, samples: usize) -> usize {
         (self.each * samples + self.fixed).div_ceil(self.tile) * self.times
     }
 }
 
-/// Number of rows, for each sample or for the whole batch.
+/// Number of rows of a matrix, terms of a sum or parts of a batch, given per sample or for the
+/// whole batch.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum RowCount {
     PerSample(usize),
@@ -63,7 +65,7 @@ pub(crate) enum RowCount {
 }
 
 impl RowCount {
-    /// Returns the number of rows as a WGSL expression.
+    /// Returns the number for the current batch as a WGSL expression.
     pub fn wgsl_expression(self) -> String {
         match self {
             RowCount::PerSample(each) => format!("batch.samples * {each}u"),
@@ -72,14 +74,15 @@ impl RowCount {
     }
 }
 
-/// Operation that combines the values of the threads of a workgroup.
+/// Operation that combines the values of the threads of a GPU workgroup.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum ReductionOp {
     Sum,
     Max,
 }
 
-/// WGSL function that combines values of type `element`.
+/// WGSL function that combines the values of a workgroup's threads, which are of WGSL type
+/// `element`.
 #[derive(Clone, Copy, Debug)]
 struct Reduction {
     name: &'static str,
@@ -105,19 +108,21 @@ impl Reduction {
     }
 }
 
-/// Dispatch of a GPU kernel: its text, its buffers in the order of their bindings, and its size.
+/// Dispatch of a GPU kernel: its WGSL text, its buffers in the order of their bindings, and its
+/// number of workgroups.
 #[derive(Clone, Debug)]
 pub struct KernelStep {
     pub(crate) label: &'static str,
     source: String,
     reductions: Vec<Reduction>,
-    /// Buffers, each with `true` if the kernel writes it.
+    /// Buffers of the kernel in the order of their bindings, each with `true` if the kernel writes
+    /// it.
     pub(crate) buffers: Vec<(BufferSlot, bool)>,
     pub(crate) workgroups: WorkgroupCount,
 }
 
 impl KernelStep {
-    /// Creates a kernel without buffers, on fields of order 1, 2 or 4.
+    /// Creates a GPU kernel without buffers, on fields of `order` numbers: 1, 2 or 4.
     ///
     /// Its text begins with `wgsl/common.wgsl`, which declares the batch and derives indices from a
     /// thread's `Place`, and with `wgsl/group_1.wgsl`, `group_2.wgsl` or `group_4.wgsl`, which has
@@ -138,7 +143,7 @@ impl KernelStep {
         }
     }
 
-    /// Adds WGSL text to the kernel's source.
+    /// Adds WGSL text to the source of the GPU kernel.
     pub fn add_wgsl(mut self, text: &str) -> KernelStep {
         self.source.push_str(text);
         self.source.push('\n');
@@ -152,7 +157,8 @@ impl KernelStep {
             .fold(self, |step, (name, value)| step.add_wgsl(&format!("const {name} = {value}u;")))
     }
 
-    /// Adds a constant of type f32: the nearest finite value.
+    /// Adds a named constant of type f32 to the kernel's source: the finite value nearest to
+    /// `value`.
     pub fn add_f32_constant(self, name: &str, value: f64) -> KernelStep {
         let value = value.clamp(f64::from(f32::MIN), f64::from(f32::MAX));
         // Debug prints the shortest decimal that reads back as the same value, with a point or an
@@ -160,13 +166,14 @@ impl KernelStep {
         self.add_wgsl(&format!("const {name}: f32 = {:?};", value as f32))
     }
 
-    /// Adds `summed(value, place)`, the sum over the threads of a workgroup, where `place` is the
-    /// argument of `main`. All threads of the workgroup must call it.
+    /// Adds the WGSL function `summed(value, place)`, the sum over the threads of a workgroup,
+    /// where `place` is the argument of `main`. All threads of the workgroup must call it.
     pub fn add_workgroup_sum(self) -> KernelStep {
         self.add_workgroup_reduction("summed", "f32", ReductionOp::Sum)
     }
 
-    /// Adds `name(value, place)`, which combines the values of the threads of a workgroup.
+    /// Adds the WGSL function `name(value, place)`, which combines the values of the threads of a
+    /// workgroup.
     pub(crate) fn add_workgroup_reduction(
         mut self,
         name: &'static str,
@@ -177,7 +184,7 @@ impl KernelStep {
         self
     }
 
-    /// Returns the complete text of the kernel, with or without subgroup operations.
+    /// Returns the complete WGSL text of the kernel, with or without subgroup operations.
     pub(crate) fn wgsl_source(&self, subgroups: bool) -> String {
         // kernels without reductions need no subgroup extension
         let subgroups = subgroups && !self.reductions.is_empty();
@@ -193,12 +200,12 @@ impl KernelStep {
         source
     }
 
-    /// Adds an input buffer to the kernel as an array of `element`.
+    /// Adds an input buffer to the GPU kernel as an array of the WGSL type `element`.
     pub fn add_input_buffer(self, name: &str, element: &str, slot: BufferSlot) -> KernelStep {
         self.buffer(name, element, slot, false)
     }
 
-    /// Adds an output buffer to the kernel as an array of `element`.
+    /// Adds an output buffer to the GPU kernel as an array of the WGSL type `element`.
     pub fn add_output_buffer(self, name: &str, element: &str, slot: BufferSlot) -> KernelStep {
         self.buffer(name, element, slot, true)
     }

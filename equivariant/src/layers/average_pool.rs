@@ -11,8 +11,8 @@ use crate::shape::Shape;
 use crate::steerable::windows::WindowGrid;
 use crate::window::SlidingWindow;
 
-/// Layer that averages over a window, channel by channel, for any field type; padding counts as
-/// zeros.
+/// Layer that averages over a sliding window of pixels, channel by channel, for any field type;
+/// padding counts as zeros.
 #[derive(Clone, Copy, Debug)]
 pub struct AveragePool {
     shape: Shape,
@@ -30,7 +30,7 @@ impl AveragePool {
         Ok(AveragePool { shape, windows })
     }
 
-    /// Returns the weight of one pixel.
+    /// Returns the weight of one pixel in the average: one over the number of pixels of the window.
     fn weight<T: Scalar>(&self) -> T {
         T::from_f64((self.windows.kernel.size as f64).powi(2).recip())
     }
@@ -86,7 +86,7 @@ impl fmt::Display for AveragePool {
     }
 }
 
-/// Returns layers for the tests of all layers.
+/// Returns examples of [`AveragePool`] for the tests that run on every kind of layer.
 pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = Shape::image(4, 6, FieldType::new(group, [2, 1, 3, 0]));
     let regular = Shape::image(3, 4, group.regular_type(2));

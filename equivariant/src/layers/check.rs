@@ -7,19 +7,19 @@ use crate::real::fill_normal;
 use crate::shape::Shape;
 use crate::steerable::hadamard::{hadamard_transform_pixels, permuted_field_order_and_count};
 
-/// Layer on which the tests of all layers run.
+/// Named example of a layer, for tests that run on every kind of layer.
 pub struct TestLayer<T> {
-    /// Name, unique among the examples of a group.
+    /// Name of the test layer, unique among those of one symmetry group.
     pub name: &'static str,
     /// `true` for a layer without parameters that only permutes, compares, scales and adds single
     /// values: its equivariance error is zero in any precision.
     pub is_exactly_equivariant: bool,
-    /// Layer to test.
+    /// Layer that the tests run on.
     pub layer: Box<dyn Layer<T>>,
 }
 
 impl<T: Scalar> TestLayer<T> {
-    /// Creates an example whose equivariance error is zero.
+    /// Creates a test layer whose equivariance error is zero.
     pub(crate) fn exactly_equivariant(
         name: &'static str,
         layer: impl Layer<T> + 'static,
@@ -27,7 +27,7 @@ impl<T: Scalar> TestLayer<T> {
         TestLayer { name, is_exactly_equivariant: true, layer: Box::new(layer) }
     }
 
-    /// Creates an example whose equivariance error is at the level of rounding.
+    /// Creates a test layer whose equivariance error is at the level of rounding.
     pub(crate) fn approximately_equivariant(
         name: &'static str,
         layer: impl Layer<T> + 'static,
@@ -78,7 +78,8 @@ pub fn equivariance_error_of_fn<T: Scalar>(
     worst
 }
 
-/// Returns the [`equivariance_error_of_fn`] a layer.
+/// Returns the largest relative error of f(g x) = g f(x) for a layer f, as
+/// [`equivariance_error_of_fn`] does for a function.
 pub fn equivariance_error<T: Scalar>(
     layer: &dyn Layer<T>,
     params: &[T],
@@ -90,7 +91,8 @@ pub fn equivariance_error<T: Scalar>(
     equivariance_error_of_fn(layer.in_shape(), layer.out_shape(), f, trials, rng)
 }
 
-/// Returns the largest difference over the largest expected value; infinity if one is not finite.
+/// Returns the largest absolute difference over the largest absolute expected value; infinity if a
+/// difference is not finite.
 fn relative_error<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
     // not 0, so that outputs of zeros give an error of 0 instead of NaN
     let mut scale = f64::MIN_POSITIVE;
@@ -107,7 +109,7 @@ fn relative_error<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
     error / scale
 }
 
-/// Sums the absolute outputs of every unit over the samples `x` `[N, H, W, C]`.
+/// Sums the absolute outputs of every ReLU unit over the samples `x` `[N, H, W, C]`.
 ///
 /// Returns a list for each ReLU of a chain, in order, except for those inside a
 /// [`BranchSum`](crate::BranchSum). A unit is a channel of a ReLU in the basis in which it is
@@ -127,7 +129,8 @@ pub fn absolute_activation_sums<T: Scalar>(
     sums
 }
 
-/// Runs a layer, or the layers of a chain, and returns the output.
+/// Returns the output of a layer, or of a chain run layer by layer, and appends the sums of
+/// absolute outputs of each ReLU to `sums`.
 fn walk<T: Scalar>(
     layer: &dyn Layer<T>,
     params: &[T],
@@ -149,7 +152,7 @@ fn walk<T: Scalar>(
     })
 }
 
-/// Runs one layer and returns its output.
+/// Runs one layer on the samples `x` and returns its output.
 fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
     let samples = x.len() / layer.in_shape().len();
     let mut y = vec![T::ZERO; samples * layer.out_shape().len()];
@@ -157,7 +160,8 @@ fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
     y
 }
 
-/// Returns the sums of each channel of maps in the basis that the group permutes.
+/// Returns the sum of the absolute values of each channel of feature maps, in the basis that the
+/// group permutes.
 fn sums_of<T: Scalar>(layer: &dyn Layer<T>, mut maps: Vec<T>) -> Vec<f64> {
     let fields = layer.out_shape().fields;
     if let Some((order, n)) = permuted_field_order_and_count(fields) {

@@ -1,4 +1,4 @@
-//! Direct sum of two maps.
+//! Direct sum of two feature maps.
 
 use std::fmt;
 use std::ops::Range;
@@ -8,7 +8,8 @@ use symmetry::Irrep;
 use crate::error::LayerError;
 use crate::shape::Shape;
 
-/// Direct sum of two maps of equal size; within an irrep, the first map's channels come first.
+/// Direct sum of two feature maps of equal height and width; within an irrep, the first map's
+/// channels come first.
 ///
 /// Channels stay irrep-major, so the sum interleaves the two maps irrep by irrep rather than
 /// appending one pixel's channels to the other's. It has two inputs and hence is not a
@@ -44,7 +45,7 @@ impl Concat {
         Ok(Concat { first, second, sum })
     }
 
-    /// Returns the shapes of the two maps.
+    /// Returns the shapes of the two feature maps whose direct sum is formed.
     pub fn in_shapes(&self) -> [Shape; 2] {
         [self.first, self.second]
     }
@@ -67,7 +68,8 @@ impl Concat {
         }
     }
 
-    /// Splits a direct sum, or the gradient with respect to it, into the two maps.
+    /// Splits a direct sum of two feature maps, or the gradient with respect to the sum, into the
+    /// two maps.
     ///
     /// # Panics
     /// When the lengths of the slices do not agree.
@@ -79,8 +81,8 @@ impl Concat {
         }
     }
 
-    /// Iterates over the pixels of a sum of `len` values and over irreps, and returns four ranges:
-    /// of the channels in the first map and in the second, and of either in the sum.
+    /// Iterates over the pixels of a direct sum of `len` values and over irreps; an item has four
+    /// ranges: the channels in the first map, in the second, and of either in the sum.
     fn pieces(&self, len: usize) -> impl Iterator<Item = [Range<usize>; 4]> {
         let fields = [self.first, self.second, self.sum].map(|shape| shape.fields);
         let dims = fields.map(|fields| fields.dim());

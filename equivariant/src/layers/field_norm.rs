@@ -17,7 +17,7 @@ use crate::shape::Shape;
 /// Constant added to every variance against division by zero, the default of PyTorch's
 /// normalisations.
 pub(crate) const VARIANCE_EPSILON: f64 = 1e-5;
-/// Number of fields that are processed together, so that their sums live on the stack.
+/// Number of fields that are normalised together, few enough that their sums live on the stack.
 const BLOCK: usize = 8;
 
 /// Layer that normalises every field to mean 0 and variance 1, then scales and shifts it.
@@ -43,13 +43,13 @@ pub struct FieldNorm {
 /// Shift and scale that normalise a field's coefficients.
 #[derive(Clone, Copy)]
 struct Standard<T> {
-    /// Mean of the first coefficient; the others have mean 0.
+    /// Mean of the field's first coefficient; the others have mean 0.
     mean: T,
-    /// Reciprocal of the standard deviation.
+    /// Reciprocal of the standard deviation of the field's values.
     inverse: T,
 }
 
-/// Values that share statistics, with the gradients of their normalised values.
+/// Inputs that share mean and variance, with the gradients with respect to their outputs.
 #[derive(Clone, Copy)]
 struct Values<'a, T> {
     x: &'a [T],
@@ -66,7 +66,8 @@ impl<T: Scalar> Standard<T> {
     }
 }
 
-/// Returns the reciprocal of the standard deviation.
+/// Returns the reciprocal of the standard deviation for a variance, to which [`VARIANCE_EPSILON`]
+/// is added.
 fn inverse(variance: f64) -> f64 {
     (variance + VARIANCE_EPSILON).sqrt().recip()
 }
@@ -127,24 +128,25 @@ impl FieldNorm {
         moments.take(self.fields).collect()
     }
 
-    /// Returns `true` if a field has a trivial channel, hence a mean and a bias.
+    /// Returns `true` if a field has a trivial channel, which is the one with a mean and a bias.
     fn centred(&self, field: usize) -> bool {
         field < self.shape.fields.multiplicity(Irrep::Trivial)
     }
 
-    /// Iterates over the coefficients of a block's fields with the range of their channels; only
-    /// those of the first coefficient can be trivial.
+    /// Iterates over the coefficients of the [`BLOCK`] fields from `first` on, with the range of
+    /// their channels; only channels of the first coefficient can be trivial.
     fn channels(&self, first: usize) -> impl Iterator<Item = (usize, Range<usize>)> + use<> {
         let (fields, end) = (self.fields, self.fields.min(first + BLOCK));
         (0..self.order).map(move |a| (a, a * fields + first..a * fields + end))
     }
 
-    /// Iterates over the pixels of maps.
+    /// Iterates over the pixels of feature maps, each a slice of all channels.
     fn pixels<'a, T>(&self, x: &'a [T]) -> ChunksExact<'a, T> {
         x.chunks_exact(self.shape.fields.dim())
     }
 
-    /// Returns `[mean, variance]` of the fields of a block, summed in double precision.
+    /// Returns `[mean, variance]` of the [`BLOCK`] fields from `first` on, summed in double
+    /// precision.
     fn measure<T: Scalar>(&self, x: &[T], first: usize) -> [[f64; 2]; BLOCK] {
         let pixels = self.pixels(x).len().max(1) as f64;
         let mut means = [0.0; BLOCK];
@@ -168,7 +170,7 @@ impl FieldNorm {
         from_fn(|j| [means[j], squares[j] / (pixels * self.order as f64)])
     }
 
-    /// Returns the shift and scale of the fields of a block.
+    /// Returns the shift and scale that normalise the [`BLOCK`] fields from `first` on.
     fn standards<T: Scalar>(&self, x: &[T], first: usize) -> [Standard<T>; BLOCK] {
         let moments = match &self.statistics {
             NormStatistics::Fixed(moments) => {
@@ -182,7 +184,7 @@ impl FieldNorm {
         })
     }
 
-    /// Returns the number of consecutive values that share statistics.
+    /// Returns the number of consecutive values that share mean and variance.
     fn statistics_len(&self, len: usize) -> usize {
         match self.statistics {
             NormStatistics::PerSample => self.shape.len(),
@@ -190,7 +192,8 @@ impl FieldNorm {
         }
     }
 
-    /// Writes the normalised fields of a block.
+    /// Writes the outputs of the [`BLOCK`] fields from `first` on: normalised, then scaled and
+    /// shifted.
     fn normalise<T: Scalar>(&self, params: &[T], first: usize, x: &[T], y: &mut [T]) {
         let (gains, biases) = params.split_at(self.fields);
         let standards = self.standards(x, first);
@@ -208,8 +211,8 @@ impl FieldNorm {
         }
     }
 
-    /// Returns, for each field of a block, the sum of dy times the normalised input and the sum of
-    /// dy in the first coefficient.
+    /// Returns, for each of the [`BLOCK`] fields from `first` on, the sum of dy times the
+    /// normalised input and the sum of dy in the first coefficient.
     fn sums<T: Scalar>(
         &self,
         standards: &[Standard<T>; BLOCK],
@@ -229,8 +232,8 @@ impl FieldNorm {
         sums
     }
 
-    /// Adds the gradients of a block's parameters and writes the gradient with respect to its
-    /// input.
+    /// Adds the parameter gradients of the [`BLOCK`] fields from `first` on, and writes the
+    /// gradient with respect to their input.
     fn differentiate<T: Scalar>(
         &self,
         params: &[T],
@@ -253,8 +256,8 @@ impl FieldNorm {
         }
     }
 
-    /// Returns the terms that the dependence of the statistics on the input subtracts: the means of
-    /// dy times the normalised input, and of dy.
+    /// Returns the means of dy times the normalised input, and of dy, for the [`BLOCK`] fields from
+    /// `first` on: the gradient through mean and variance subtracts them.
     fn gradient_means<T: Scalar>(
         &self,
         first: usize,
@@ -272,7 +275,7 @@ impl FieldNorm {
         })
     }
 
-    /// Writes the gradient with respect to the input of a block.
+    /// Writes the gradient with respect to the input of the [`BLOCK`] fields from `first` on.
     fn input_gradient<T: Scalar>(
         &self,
         params: &[T],
@@ -345,7 +348,8 @@ impl<T: Scalar> Layer<T> for FieldNorm {
     }
 }
 
-/// Prints fixed statistics to the last bit, since files of networks are compared by this text.
+/// Prints fixed mean and variance to the last bit, since files of networks are compared by this
+/// text.
 impl fmt::Display for FieldNorm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let statistics = match self.statistics {
@@ -362,7 +366,7 @@ impl fmt::Display for FieldNorm {
     }
 }
 
-/// Returns layers for the tests of all layers.
+/// Returns examples of [`FieldNorm`] for the tests that run on every kind of layer.
 pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let norm = |fields, statistics| FieldNorm::new(Shape::image(3, 2, fields), statistics);
     let regular = |n| group.regular_type(n);

@@ -1,6 +1,6 @@
 //! Fused chains of convolutions, ReLUs and max-poolings.
 //!
-//! Between the convolutions of a chain the feature maps keep the layout of the kernels: a
+//! Between the convolutions of a chain the feature maps keep the layout of the CPU kernels: a
 //! convolution, or the pooling after it, writes its output directly into the staged image of the
 //! next one, which the backward pass reads, too. Of the values before a ReLU only the signs are
 //! saved.
@@ -25,7 +25,7 @@ pub(crate) struct FusedChain {
     links: Vec<Link>,
 }
 
-/// Convolution with the ReLU and the pooling that are fused with it.
+/// Convolution of a fused chain, with the ReLU and the max-pooling that are fused with it.
 #[derive(Clone, Debug)]
 struct Link {
     conv: R2Conv,
@@ -35,7 +35,7 @@ struct Link {
 }
 
 impl FusedChain {
-    /// Creates a chain of one convolution.
+    /// Creates a fused chain of one convolution.
     pub fn new(conv: &R2Conv) -> FusedChain {
         let mut chain = FusedChain { links: Vec::new() };
         chain.push(conv);
@@ -52,8 +52,9 @@ impl FusedChain {
         });
     }
 
-    /// Appends a convolution and returns `true`, or returns `false` if it cannot be fused. Trivial
-    /// channels cannot: their staged layout differs from the layout in which outputs are written.
+    /// Appends a convolution to the fused chain and returns `true`, or returns `false` if it cannot
+    /// be fused. Trivial channels cannot: their staged layout differs from the layout in which
+    /// outputs are written.
     pub fn fuse_conv(&mut self, conv: &R2Conv) -> bool {
         let fits = !conv.patches.is_replicated;
         if fits {
@@ -62,15 +63,15 @@ impl FusedChain {
         fits
     }
 
-    /// Appends a ReLU and returns `true`, or returns `false` if the last convolution has one or is
-    /// pooled.
+    /// Appends a ReLU to the fused chain and returns `true`, or returns `false` if the last
+    /// convolution has a ReLU or pooling.
     pub fn fuse_relu(&mut self) -> bool {
         let last = self.last_mut();
         last.pool.is_none() && !std::mem::replace(&mut last.rectified, true)
     }
 
-    /// Appends a max-pooling and returns `true`, or returns `false` if the last convolution is
-    /// pooled or the windows do not qualify (see [`FusedMaxPool::after_conv`]).
+    /// Appends a max-pooling to the fused chain and returns `true`, or returns `false` if the last
+    /// convolution is pooled or the windows do not qualify (see [`FusedMaxPool::after_conv`]).
     pub fn fuse_max_pool(&mut self, kernel: SlidingWindow) -> bool {
         let last = self.last_mut();
         if last.pool.is_some() {
@@ -89,7 +90,7 @@ impl FusedChain {
         &mut self.links[last]
     }
 
-    /// Returns the number of values that the forward pass saves for the backward pass.
+    /// Returns the number of values that the chain's forward pass saves for its backward pass.
     fn saved_len(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         links
@@ -97,8 +98,8 @@ impl FusedChain {
             .sum()
     }
 
-    /// Returns the length of the staged input of link `i`; 0 for the first one, which reads
-    /// channels.
+    /// Returns the length of the input of convolution `i` of the chain in the layout of the CPU
+    /// kernels; 0 for the first, which reads plain channels.
     fn staged(&self, i: usize, samples: usize) -> usize {
         match i {
             0 => 0,
@@ -106,14 +107,15 @@ impl FusedChain {
         }
     }
 
-    /// Returns the length of the largest map between convolutions and poolings.
+    /// Returns the length of the largest map between the chain's convolutions and poolings, in the
+    /// layout of the CPU kernels.
     fn largest(&self, samples: usize) -> usize {
         let links = self.links.iter().enumerate();
         let largest = links.map(|(i, link)| self.staged(i, samples).max(link.pooled(samples)));
         largest.max().unwrap_or(0)
     }
 
-    /// Writes the output of the chain for `samples` samples, which are not staged.
+    /// Writes the output of the chain for `samples` samples; `x` holds channels or bytes.
     pub fn run_from<T: ConvPasses>(
         &self,
         params: &[T],
@@ -144,7 +146,7 @@ impl FusedChain {
     }
 
     /// Adds the gradients with respect to the parameters and writes those with respect to the input
-    /// `x`, which replaces the input of the pass.
+    /// `x`, which replaces `pass.x`.
     pub fn run_back_to<T: ConvPasses>(
         &self,
         samples: usize,
@@ -206,10 +208,10 @@ impl FusedChain {
     }
 }
 
-/// Buffers of a link for values that the backward pass reads.
+/// Buffers for the values that a convolution with its ReLU and pooling saves for the backward pass.
 struct Saved<'a, T> {
     masks: &'a mut [T],
-    /// Input of the pooling.
+    /// Input of the max-pooling after the convolution, in the layout of the CPU kernels.
     pooled: &'a mut [T],
 }
 
@@ -218,7 +220,7 @@ impl Link {
         self.pool.as_ref().map_or(self.conv.out_shape, |pool| pool.out_shape)
     }
 
-    /// Splits off the buffers of this link.
+    /// Splits the buffers of this convolution with its ReLU and pooling off the saved values.
     fn take_saved<'a, T: ConvPasses>(
         &self,
         samples: usize,
@@ -271,12 +273,12 @@ impl Link {
         pass.run_on_threads();
     }
 
-    /// Returns the length of the maps before the pooling; 0 without one.
+    /// Returns the length of the input of the max-pooling; 0 without a pooling.
     fn pooled(&self, samples: usize) -> usize {
         self.pool.as_ref().map_or(0, |pool| samples * pool.patches.staged_len())
     }
 
-    /// Returns the length of the masks of the ReLU, in whole blocks; 0 without one.
+    /// Returns the length of the bit masks that the ReLU saves, in whole blocks; 0 without a ReLU.
     fn masks(&self, samples: usize) -> usize {
         let rows = samples * self.conv.out_shape.num_pixels();
         let masks = rows * self.conv.weights.blocks_per_pixel;

@@ -14,7 +14,7 @@ use crate::steerable::hadamard::{
     split_by_irrep, split_by_irrep_mut, walsh_hadamard, with_const_order,
 };
 
-/// Shape of maps of regular fields, with the number of fields.
+/// Shape of feature maps of regular fields, with the number of fields.
 #[derive(Clone, Copy, Debug)]
 struct RegularMaps {
     shape: Shape,
@@ -22,7 +22,7 @@ struct RegularMaps {
 }
 
 impl RegularMaps {
-    /// Checks that the type consists of regular fields.
+    /// Creates the shape after checking that its field type consists of regular fields only.
     fn new(layer: &'static str, shape: Shape) -> Result<RegularMaps, LayerError> {
         LayerError::check_map(layer, shape, 0)?;
         let fields = shape.fields.num_regular_fields().ok_or(LayerError::InvalidFieldType {
@@ -33,7 +33,7 @@ impl RegularMaps {
         Ok(RegularMaps { shape, fields })
     }
 
-    /// Returns the shape of maps with a trivial channel for each field.
+    /// Returns the shape after pooling over the group: a trivial channel for each regular field.
     fn pooled(&self) -> Shape {
         let fields = self.shape.fields.group().trivial_type(self.fields);
         Shape { fields, ..self.shape }
@@ -44,7 +44,7 @@ impl RegularMaps {
 macro_rules! pooled_over_the_group {
     ($Pool:ident) => {
         impl $Pool {
-            /// Creates the group pooling of maps of this shape.
+            /// Creates the pooling over the group for feature maps of this shape.
             ///
             /// # Errors
             /// When the map is empty or its type is not regular fields only.
@@ -71,7 +71,7 @@ macro_rules! pooled_over_the_group {
     };
 }
 
-/// Layer that takes the maximum over the group of every regular field.
+/// Layer that takes the maximum of every regular field over the elements of the group.
 ///
 /// Maps n regular fields to n trivial channels: the largest value in the regular basis. On ties the
 /// gradient goes to the first group element.
@@ -96,7 +96,7 @@ impl Parameterless for GroupMaxPool {
     }
 }
 
-/// Writes the maximum of each of the n fields of every pixel.
+/// Writes the maximum over the group of each of the n regular fields of every pixel.
 fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
     for (pixel, out) in x.chunks_exact(G * n).zip(y.chunks_exact_mut(n)) {
         let pixel = split_by_irrep::<T, G>(pixel, n);
@@ -106,7 +106,8 @@ fn forward<T: Scalar, const G: usize>(n: usize, x: &[T], y: &mut [T]) {
     }
 }
 
-/// Writes the gradient of each field into the element that holds its maximum.
+/// Writes the input gradient of a maximum over the group: the group element that holds a field's
+/// maximum receives the field's output gradient.
 fn backward<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &mut [T]) {
     let inputs = x.chunks_exact(G * n).zip(dy.chunks_exact(n));
     for ((pixel, upstream), gradient) in inputs.zip(dx.chunks_exact_mut(G * n)) {
@@ -135,7 +136,7 @@ fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
     best
 }
 
-/// Layer that takes the mean over the group of every regular field.
+/// Layer that takes the mean of every regular field over the elements of the group.
 ///
 /// Maps n regular fields to n trivial channels. The mean of a field's values is its trivial
 /// coefficient over the square root of the group's order; the other coefficients do not matter, so
@@ -144,7 +145,8 @@ fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
 pub struct GroupMeanPool(RegularMaps);
 
 impl GroupMeanPool {
-    /// Returns the factor from the trivial coefficient to the mean.
+    /// Returns the factor from a field's trivial coefficient to its mean over the group, 1 /
+    /// sqrt(|G|).
     fn scale<T: Scalar>(&self) -> T {
         let order = self.0.shape.fields.group().order() as f64;
         T::from_f64(order.sqrt().recip())
@@ -181,7 +183,8 @@ impl Parameterless for GroupMeanPool {
     }
 }
 
-/// Returns layers for the tests of all layers.
+/// Returns examples of [`GroupMaxPool`] and [`GroupMeanPool`] for the tests that run on every kind
+/// of layer.
 pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let shape = Shape::image(2, 3, group.regular_type(4));
     Ok(vec![

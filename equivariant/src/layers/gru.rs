@@ -12,10 +12,11 @@ use crate::layers::linear::Linear;
 use crate::scratch::Scratch;
 use crate::steerable::hadamard::hadamard_transform;
 
-/// Gain of the weights: 1, because no ReLU follows that would halve the second moment.
+/// Factor on the standard deviation of the initial weights of a GRU: 1, because no ReLU follows
+/// that would halve the second moment.
 const GAIN: f64 = 1.0;
 
-/// Gated recurrent unit on regular fields.
+/// Gated recurrent unit (GRU) whose state consists of regular fields.
 ///
 /// The unit of Cho et al., "Learning phrase representations using RNN encoder-decoder" (EMNLP 2014,
 /// section 2.3), in the variant of cuDNN and of PyTorch's `GRU`, which applies the reset gate after
@@ -44,8 +45,8 @@ pub struct Gru {
 }
 
 impl Gru {
-    /// Creates a unit for vectors of the field type `in_type`, with a state of `fields` regular
-    /// fields of its group.
+    /// Creates a gated recurrent unit for vectors of the field type `in_type`, with a state of
+    /// `fields` regular fields of its group.
     ///
     /// # Errors
     /// When a type has no channels, or the gates have more than a field type can have.
@@ -76,7 +77,7 @@ impl Gru {
         self.input.num_params() + self.hidden.num_params()
     }
 
-    /// Draws the weights with variance 1 / fan-in and sets the biases to zero.
+    /// Draws the initial weights of the unit with variance 1 / fan-in and sets the biases to zero.
     ///
     /// # Panics
     /// When `params` does not hold the parameters.
@@ -87,7 +88,8 @@ impl Gru {
         self.hidden.init_with_gain(rng, GAIN, hidden);
     }
 
-    /// Allocates memory for up to `samples` sequences of up to `steps` steps.
+    /// Allocates the memory of forward and backward passes over up to `samples` sequences of up to
+    /// `steps` steps.
     pub fn new_workspace<T: Scalar>(&self, steps: usize, samples: usize) -> GruWorkspace<T> {
         let zeros = |len: usize| vec![T::ZERO; len];
         let state = samples * self.width();
@@ -110,8 +112,9 @@ impl Gru {
         }
     }
 
-    /// Runs the sequences `x` `[L, N, in]`, where sample i has its `lengths[i]` steps at the end;
-    /// [`GruWorkspace::last_states`] then returns the last states.
+    /// Runs N sequences of up to L vectors with `in` channels, `x` `[L, N, in]`, where sequence i
+    /// has its `lengths[i]` steps at the end; [`GruWorkspace::last_states`] then returns the last
+    /// states.
     ///
     /// Earlier rows of a sample are ignored but must be finite. An empty sequence leaves the state
     /// at zero.
@@ -133,7 +136,8 @@ impl Gru {
         self.forward_shared_inputs(params, x, &reads, lengths, pass);
     }
 
-    /// Runs sequences that share input rows, as [`Gru::forward`] runs separate ones.
+    /// Runs sequences whose steps share input vectors, as [`Gru::forward`] runs sequences with
+    /// vectors of their own.
     ///
     /// Step l of sample i reads row `reads[l, i]` of `x` `[M, in]`, for `reads` `[L, N]`; sample i
     /// has its `lengths[i]` steps at the end and ignores earlier ones. The input matrix is applied
@@ -212,14 +216,16 @@ impl Gru {
         self.out_type().dim()
     }
 
-    /// Transforms rows of `parts` states between the regular basis and the irrep basis.
+    /// Transforms vectors of `parts` times the state's regular fields between the regular basis and
+    /// the irrep basis.
     fn change_basis<T: Scalar>(&self, parts: usize, rows: &mut [T]) {
         for row in rows.chunks_exact_mut(parts * self.width()) {
             hadamard_transform(self.out_type().group(), row);
         }
     }
 
-    /// Checks the slices and records the starts of the sequences and the rows that they read.
+    /// Checks the slices of a forward pass and records in the workspace the first step of each
+    /// sequence and the input vector that each step reads.
     fn begin<T>(
         &self,
         params: &[T],
@@ -252,7 +258,7 @@ impl Gru {
         }
     }
 
-    /// Runs one step of all samples.
+    /// Computes the next states of all sequences from the states before step `step`.
     fn step_forward<T: Scalar>(&self, hidden: &[T], step: usize, pass: &mut GruWorkspace<T>) {
         let width = self.width();
         let rows = pass.rows(step);
@@ -280,8 +286,8 @@ impl Gru {
         self.change_basis(1, &mut pass.coefficients[next]);
     }
 
-    /// Computes one step of one sample in the regular basis. `gates` hold the input's part, then r,
-    /// z and n.
+    /// Computes the next state of one sequence in the regular basis. `gates` holds the input's
+    /// contribution to the gates on entry, and r, z and n afterwards.
     fn cell<T: Scalar>(
         &self,
         gates: &mut [T],
@@ -308,8 +314,8 @@ impl Gru {
         [0, 1, 2].map(|gate| (3 * element + gate) * self.fields + field)
     }
 
-    /// Propagates the gradient of the state after a step to the state before it and to the gates,
-    /// whose gradients overwrite their values.
+    /// Propagates the gradient of the states after step `step` to the states before the step and to
+    /// the gates, whose gradients overwrite their values.
     fn step_backward<T: Scalar>(
         &self,
         hidden: &[T],
@@ -353,8 +359,8 @@ impl Gru {
         }
     }
 
-    /// Differentiates one step of one sample in the regular basis; `d_state` becomes the part of
-    /// the gradient that reaches the state before through z h.
+    /// Differentiates one step of one sequence in the regular basis; `d_state` becomes the part of
+    /// the gradient that reaches the earlier state h through z h.
     fn cell_backward<T: Scalar>(
         &self,
         gates: &mut [T],
@@ -380,7 +386,7 @@ impl Gru {
         }
     }
 
-    /// Panics if the pass belongs to a unit of other sizes.
+    /// Panics if the workspace `pass` belongs to a GRU of other sizes.
     fn check_pass<T>(&self, pass: &GruWorkspace<T>) {
         let own = [self.in_type().dim(), self.width()];
         assert!(
@@ -417,50 +423,61 @@ impl fmt::Display for Gru {
 /// the backward pass.
 #[derive(Clone, Debug)]
 pub struct GruWorkspace<T> {
-    /// Channels of the input and of the state.
+    /// Numbers of channels of the input vectors and of the state.
     dims: [usize; 2],
-    /// Maximum number of steps and of samples.
+    /// Maximum numbers of steps and of sequences that the workspace has memory for.
     room: [usize; 2],
-    /// Steps and samples of the last forward pass.
+    /// Numbers L of steps and N of sequences of the last forward pass.
     sizes: [usize; 2],
     /// `true` if the values of a forward pass have not been overwritten by a backward pass.
     holds_values: bool,
-    /// Number of steps before each sample begins, `[N]`.
+    /// Number of steps before each of the N sequences begins, `[N]`.
     begins: Vec<usize>,
-    /// Row of the input that each step reads, `[L, N]`; `None` before a sequence begins.
+    /// Index of the input vector that each of L steps of N sequences reads, `[L, N]`; `None` before
+    /// a sequence begins.
     reads: Vec<Option<usize>>,
-    /// Part of the gates from each row of the input, then the gradient of it, `[M, 3 H]`.
+    /// Contribution of each of M input vectors to the gates, later its gradient, `[M, 3 H]` for H
+    /// channels of the state.
     row_gates: Vec<T>,
-    /// States `[L + 1, N, H]` in the regular basis.
+    /// States of N sequences before and after each of L steps, in the regular basis with H
+    /// channels, `[L + 1, N, H]`.
     states: Vec<T>,
-    /// States `[L + 1, N, H]` in the irrep basis.
+    /// States of N sequences before and after each of L steps, in the irrep basis with H channels,
+    /// `[L + 1, N, H]`.
     coefficients: Vec<T>,
-    /// Part of the gates from the input, then r, z and n, `[L, N, 3 H]`.
+    /// Contribution of the input to the gates, later the gates r, z and n, then their gradients,
+    /// for L steps of N sequences and H channels of the state, `[L, N, 3 H]`.
     gates: Vec<T>,
-    /// Part of the gates from the state, then the gradient of it, `[N, 3 H]`.
+    /// Contribution of the states of N sequences to the gates of the current step, later its
+    /// gradient, `[N, 3 H]` for H channels of the state.
     from_state: Vec<T>,
-    /// Values of W_hn h + b_hn, `[L, N, H]`.
+    /// Contribution W_hn h + b_hn of the state h to the candidate state n, before the reset gate,
+    /// for L steps of N sequences, `[L, N, H]` for H channels.
     candidates: Vec<T>,
-    /// Gradient of the state after the current step, `[N, H]`.
+    /// Gradient with respect to the states of N sequences after the current step, `[N, H]` for H
+    /// channels.
     d_state: Vec<T>,
-    /// Gradient of the state before the current step, `[N, H]`.
+    /// Gradient with respect to the states of N sequences before the current step, through the
+    /// matrices W_h only, `[N, H]` for H channels.
     d_before: Vec<T>,
     scratch: Scratch<T>,
 }
 
 impl<T: Scalar> GruWorkspace<T> {
-    /// Returns the states `[N, H]` after the last step of the last forward pass.
+    /// Returns the states of the N sequences after the last step of the last forward pass, `[N, H]`
+    /// for H channels in the irrep basis.
     pub fn last_states(&self) -> &[T] {
         &self.coefficients[self.rows(self.sizes[0])]
     }
 
-    /// Returns the range of the states before a step.
+    /// Returns the range, in the buffers of states, of all sequences' states before a step.
     fn rows(&self, step: usize) -> Range<usize> {
         let len = self.sizes[1] * self.dims[1];
         step * len..(step + 1) * len
     }
 
-    /// Copies the gates' part of each row, `width` numbers, to the steps that read it.
+    /// Copies the contribution of each input vector to the gates, `width` numbers, to the steps
+    /// that read the vector.
     fn spread_rows(&mut self, width: usize) {
         for (to, read) in self.gates.chunks_exact_mut(width).zip(&self.reads) {
             if let Some(row) = read {
@@ -469,7 +486,7 @@ impl<T: Scalar> GruWorkspace<T> {
         }
     }
 
-    /// Adds up the gradients of the gates over all steps that read a row.
+    /// Sums the gradients of the gates over all steps that read the same input vector.
     fn gather_rows(&mut self, width: usize) {
         self.row_gates.fill(T::ZERO);
         for (from, read) in self.gates.chunks_exact(width).zip(&self.reads) {

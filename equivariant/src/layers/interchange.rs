@@ -1,4 +1,4 @@
-//! Networks in safetensors files.
+//! Saving and loading of networks as safetensors files.
 
 use std::path::{Path, PathBuf};
 
@@ -8,8 +8,8 @@ use thiserror::Error;
 
 use crate::layers::layer::{Layer, flatten_layers};
 
-/// Key of the only metadata entry. Several entries would have no fixed order; with one, equal
-/// networks give equal bytes.
+/// Key of the only metadata entry in a network's safetensors file. Several entries would have no
+/// fixed order; with one, equal networks give equal bytes.
 const METADATA: &str = "covers-equivariant 1";
 
 /// Reason why the parameters of a network were not saved or loaded.
@@ -19,7 +19,7 @@ pub enum SafetensorsError {
     /// File that cannot be read or written.
     #[error("{}: {source}", path.display())]
     Io {
-        /// Path of the file.
+        /// Path of the file that cannot be read or written.
         path: PathBuf,
         /// Error of the operating system.
         source: std::io::Error,
@@ -27,44 +27,45 @@ pub enum SafetensorsError {
     /// File that is not in the safetensors format.
     #[error("{}: not a safetensors file: {source}", path.display())]
     Format {
-        /// Path of the file.
+        /// Path of the file that is not in the safetensors format.
         path: PathBuf,
-        /// Error of the format's parser.
+        /// Error of the safetensors parser.
         source: SafeTensorError,
     },
     /// File that was not written by [`save_safetensors`].
     #[error("{}: got no metadata `{METADATA}`, expected a file that this crate saved", path.display())]
     Metadata {
-        /// Path of the file.
+        /// Path of the file without this crate's metadata.
         path: PathBuf,
     },
-    /// File that holds another network.
+    /// File whose layers differ from those of the network.
     #[error("{}: layer {index} is `{got}` in the file and `{expected}` in the network", path.display())]
     Layer {
-        /// Path of the file.
+        /// Path of the file that holds other layers.
         path: PathBuf,
-        /// Position of the layer, from 0, in the sequence that lists those of nested chains too.
+        /// Position, from 0, of the first layer that differs, in the list of all layers including
+        /// those of nested chains.
         index: usize,
-        /// Description of the layer in the file, or `nothing`.
+        /// Description of the layer in the file, or `nothing` if the file has fewer layers.
         got: String,
-        /// Description of the layer in the network, or `nothing`.
+        /// Description of the layer in the network, or `nothing` if the network has fewer layers.
         expected: String,
     },
-    /// Parameters of a layer that are missing or have another type or number.
+    /// Parameters of a layer that are missing in the file or have another type or number there.
     #[error("{}: got `{name}` as {got}, expected F32 {expected:?}", path.display())]
     Tensor {
-        /// Path of the file.
+        /// Path of the file with the missing or wrong tensor.
         path: PathBuf,
         /// Name of the tensor in the file.
         name: String,
-        /// Type and shape of the tensor in the file, or `nothing`.
+        /// Type and shape of the tensor in the file, or `nothing` if the tensor is missing.
         got: String,
         /// Shape of the tensor that the layer requires.
         expected: [usize; 1],
     },
 }
 
-/// Saves a layer or a chain of layers with its parameters.
+/// Saves a layer or a chain of layers with its parameters as a safetensors file.
 ///
 /// Layers are numbered in order, including those of nested chains. Layer `i` with parameters has
 /// the tensor `i.params`, which [`load_safetensors`] reads. For other libraries there are
@@ -126,7 +127,7 @@ pub fn load_safetensors(
     Ok(params)
 }
 
-/// Returns the descriptions of the layers, one on each line.
+/// Returns the descriptions of the layers as text, one on each line.
 fn describe(layers: &[&dyn Layer<f32>]) -> String {
     let lines: Vec<String> = layers.iter().map(|layer| layer.to_string()).collect();
     lines.join("\n")
@@ -135,7 +136,7 @@ fn describe(layers: &[&dyn Layer<f32>]) -> String {
 /// Name, shape and little-endian bytes of a tensor.
 type Tensor = (String, Vec<usize>, Vec<u8>);
 
-/// Returns the tensors of all layers.
+/// Returns the tensors of all layers for a safetensors file.
 fn tensors(layers: &[&dyn Layer<f32>], mut params: &[f32]) -> Vec<Tensor> {
     let mut tensors = Vec::new();
     let mut push = |name: String, shape: &[usize], values: &[f32]| {
@@ -179,7 +180,7 @@ fn compare(path: &Path, lines: &str, layers: &[&dyn Layer<f32>]) -> Result<(), S
     Ok(())
 }
 
-/// Reads the tensor of a layer's parameters.
+/// Reads the tensor of a layer's parameters from a safetensors file.
 fn read(
     path: &Path,
     file: &SafeTensors,

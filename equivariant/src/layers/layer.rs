@@ -13,11 +13,12 @@ use crate::shape::{MAX_VALUES, Shape};
 use crate::steerable::dense::OrdinaryConv;
 use crate::window::SlidingWindow;
 
-/// Gain of weights that are followed by a ReLU, which halves the second moment.
+/// Factor sqrt(2) on the standard deviation of the initial weights before a ReLU, which halves the
+/// second moment.
 const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
 
-/// Precision of a layer: `f32` for training, `f64` for gradient checks. Arithmetic is in
-/// [`Real`](crate::Real).
+/// Floating-point type of a layer's values: `f32` for training, `f64` for gradient checks.
+/// [`Real`](crate::Real) has the arithmetic.
 pub trait Scalar: ConvPasses {}
 
 impl Scalar for f32 {}
@@ -41,18 +42,20 @@ pub trait LayerSignature: fmt::Display + Send + Sync {
         0
     }
 
-    /// Returns the number of values of scratch memory that the passes of this many samples need.
+    /// Returns the length, in values, of the scratch memory that the forward and the backward pass
+    /// over this many samples need.
     fn scratch_len(&self, _samples: usize) -> usize {
         0
     }
 
-    /// Returns `true` if `backward` reads values that `forward` saved in the scratch.
+    /// Returns `true` if the layer's `backward` reads values that its `forward` saved in the
+    /// scratch memory.
     fn keeps_scratch(&self) -> bool {
         false
     }
 
-    /// Returns a key that identifies layers whose scratches are compatible: a hash of type, shapes
-    /// and number of parameters.
+    /// Returns a key that is equal for layers that can use each other's filled scratch memory: a
+    /// hash of type, shapes and number of parameters.
     ///
     /// Override it if the saved values depend on more. Every pass calls it, so it must not
     /// allocate.
@@ -124,8 +127,8 @@ pub trait Layer<T: Scalar>: LayerSignature {
         });
     }
 
-    /// Draws the weights for a layer followed by a ReLU, which halves the second moment: gain
-    /// sqrt(2) (He et al., "Delving deep into rectifiers", ICCV 2015, equation 10).
+    /// Draws the initial weights with gain sqrt(2), for a layer followed by a ReLU, which halves
+    /// the second moment (He et al., "Delving deep into rectifiers", ICCV 2015, equation 10).
     ///
     /// # Panics
     /// As [`init_with_gain`](Layer::init_with_gain).
@@ -133,18 +136,19 @@ pub trait Layer<T: Scalar>: LayerSignature {
         self.init_with_gain(rng, RELU_GAIN, params);
     }
 
-    /// Draws the weights with variance gain^2 / fan-in and sets the biases to zero; equal
-    /// generators give equal weights.
+    /// Draws the initial weights with variance gain^2 / fan-in and sets the biases to zero; random
+    /// generators in equal states give equal weights.
     ///
     /// The generalisation of He et al. (ICCV 2015, equation 7) to these bases: output irrep b is y
-    /// = sum_j w_j phi_j over its F columns phi, the folded patch, and independent weights of
-    /// variance gain^2 / F give E_w y^2 = gain^2 (1/F) sum_j phi_j^2, gain^2 times the mean square
-    /// of its columns. The fold is orthonormal, so columns have unit second moment when the taps
-    /// are uncorrelated and of unit second moment. Between regular fields more is true: every entry
-    /// of the patch appears, rotated, in the columns of exactly one irrep and all irreps have
-    /// equally many, hence the mean of E_w y^2 over a field is gain^2 times the mean square of the
-    /// patch, whatever its correlations. The change to the regular basis is orthonormal, so the
-    /// same holds for the inputs of a ReLU.
+    /// = sum_j w_j phi_j over its F columns phi, the folded patch (signed sums of the taps that the
+    /// group maps to one another), and independent weights of variance gain^2 / F give E_w y^2 =
+    /// gain^2 (1/F) sum_j phi_j^2, gain^2 times the mean square of its columns. The fold is
+    /// orthonormal, so columns have unit second moment when the taps are uncorrelated and of unit
+    /// second moment. Between regular fields more is true: every entry of the patch appears,
+    /// rotated, in the columns of exactly one irrep and all irreps have equally many, hence the
+    /// mean of E_w y^2 over a field is gain^2 times the mean square of the patch, whatever its
+    /// correlations. The change to the regular basis is orthonormal, so the same holds for the
+    /// inputs of a ReLU.
     ///
     /// In a sequence, `gain` is that of the last layer with parameters; the layers before it keep
     /// the gain of [`init`](Layer::init).
@@ -156,7 +160,7 @@ pub trait Layer<T: Scalar>: LayerSignature {
         self.draw_params(rng, gain, params);
     }
 
-    /// Allocates scratch memory for the passes of up to this many samples.
+    /// Allocates scratch memory for forward and backward passes over up to `samples` samples.
     ///
     /// # Panics
     /// For more than 2^31 samples.
@@ -168,8 +172,8 @@ pub trait Layer<T: Scalar>: LayerSignature {
         Scratch::filled_with(self.scratch_len(samples), T::ZERO)
     }
 
-    /// Returns the kind of layer, for code that fuses, exports or runs layers elsewhere. Layers
-    /// without special treatment are [`LayerKind::Other`].
+    /// Returns the kind of the layer, for code that fuses layers, exports them or runs them on a
+    /// GPU. Layers without special treatment are [`LayerKind::Other`].
     fn kind(&self) -> LayerKind<'_, T> {
         LayerKind::Other
     }
@@ -190,33 +194,36 @@ pub trait Layer<T: Scalar>: LayerSignature {
 pub enum LayerKind<'a, T: Scalar> {
     /// Convolution that commutes with the symmetry group.
     R2Conv(&'a R2Conv),
-    /// Linear map of vectors.
+    /// Equivariant linear map of vectors, given as a convolution of one tap.
     Linear(Box<OrdinaryConv<'a>>),
-    /// ReLU in the basis that the group permutes.
+    /// ReLU on the channels in the basis that the group permutes.
     Relu,
-    /// Maximum over a window, in the basis that the group permutes.
+    /// Maximum of every channel over a sliding window of pixels, in the basis that the group
+    /// permutes.
     MaxPool(SlidingWindow),
-    /// Average over a window.
+    /// Average of every channel over a sliding window of pixels.
     AveragePool(SlidingWindow),
-    /// Maximum over the group of every regular field.
+    /// Maximum of every regular field over the elements of the group.
     GroupMaxPool,
-    /// Mean over the group of every regular field.
+    /// Mean of every regular field over the elements of the group.
     GroupMeanPool,
-    /// Normalisation of every field with these statistics, then a scale and a shift.
+    /// Normalisation of every field to mean 0 and variance 1 by the given statistics, then a learnt
+    /// scale and shift.
     FieldNorm(&'a NormStatistics),
-    /// Expected positions of the maxima of fields.
+    /// Expected pixel position of every map under the softmax over its pixels.
     SpatialSoftArgmax {
-        /// Divisor of the values before the softmax.
+        /// Divisor of a map's values before the softmax over its pixels.
         temperature: f64,
     },
-    /// Chain of layers, whose parameters are in the same order.
+    /// Chain of layers, whose parameters lie one after another in the order of the layers.
     Sequential(&'a [Box<dyn Layer<T>>]),
-    /// Any other layer, which only runs by its own passes.
+    /// Any other layer, which runs only through its own `forward` and `backward`.
     Other,
 }
 
 impl<'a, T: Scalar> LayerKind<'a, T> {
-    /// Returns the layer as an ordinary convolution, if it is linear and has weights.
+    /// Returns a layer of kind `R2Conv` or `Linear` as an ordinary convolution; `None` for other
+    /// kinds.
     pub fn as_ordinary_conv(&self) -> Option<OrdinaryConv<'a>> {
         match self {
             LayerKind::R2Conv(conv) => Some(conv.as_ordinary_conv()),
@@ -229,10 +236,10 @@ impl<'a, T: Scalar> LayerKind<'a, T> {
 /// Source of mean and variance of a [`FieldNorm`](crate::FieldNorm).
 #[derive(Clone, Debug, PartialEq)]
 pub enum NormStatistics {
-    /// Statistics of each sample separately, in training and inference alike (Ulyanov et al.,
-    /// "Instance normalization", 2016).
+    /// Mean and variance of each sample separately, in training and inference alike (Ulyanov et
+    /// al., "Instance normalization", 2016).
     PerSample,
-    /// Statistics of all samples of one call of `forward` (Ioffe and Szegedy, "Batch
+    /// Mean and variance over all samples of one call of `forward` (Ioffe and Szegedy, "Batch
     /// normalization", ICML 2015). In a minibatch that runs in chunks these are the samples of a
     /// chunk: ghost batch normalisation (Hoffer et al., NeurIPS 2017, section 4). Chunks are fixed,
     /// so the result does not depend on threads.
@@ -245,15 +252,16 @@ pub enum NormStatistics {
 
 /// Layer without parameters; implements [`Layer`] in both precisions.
 pub(crate) trait Parameterless: LayerSignature {
-    /// Returns the layer's [`kind`](Layer::kind).
+    /// Returns the kind of the layer, as [`Layer::kind`] does.
     fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
         LayerKind::Other
     }
 
-    /// Runs the forward pass.
+    /// Writes the output of the layer for the samples `x` into `y`.
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], scratch: &mut [T]);
 
-    /// Runs the backward pass for the gradient with respect to the input.
+    /// Writes the gradient with respect to the input into `dx`, from the gradient `dy` with respect
+    /// to the output `y`.
     fn pull_back<T: Scalar>(&self, x: &[T], y: &[T], dy: &[T], dx: &mut [T], scratch: &mut [T]);
 }
 
@@ -273,7 +281,8 @@ impl<T: Scalar, L: Parameterless> Layer<T> for L {
     }
 }
 
-/// Returns the layers of a chain, including those of nested chains; for any other layer, the layer.
+/// Returns the layers of a chain, including those of nested chains; any other layer is returned
+/// alone.
 pub(crate) fn flatten_layers<T: Scalar>(layer: &dyn Layer<T>) -> Vec<&dyn Layer<T>> {
     match layer.kind() {
         LayerKind::Sequential(layers) => {
@@ -283,7 +292,8 @@ pub(crate) fn flatten_layers<T: Scalar>(layer: &dyn Layer<T>) -> Vec<&dyn Layer<
     }
 }
 
-/// Returns the number of samples in an input of this name and length.
+/// Returns the number of samples in an input slice of `len` values; panics with the slice's name
+/// `input` if the samples are not whole.
 pub(crate) fn count_samples(
     layer: &(impl LayerSignature + ?Sized),
     input: &str,
@@ -297,7 +307,7 @@ pub(crate) fn count_samples(
     len / each
 }
 
-/// Panics if a slice `(name, length, expected length)` does not have its expected length.
+/// Panics if one of the slices `(name, length, expected length)` does not have its expected length.
 fn check<const N: usize>(
     layer: &(impl LayerSignature + ?Sized),
     slices: [(&'static str, usize, usize); N],
@@ -310,7 +320,7 @@ fn check<const N: usize>(
     }
 }
 
-/// Panics if the parameters or the output have wrong lengths.
+/// Panics if the parameters or the output of a forward pass have wrong lengths.
 pub(crate) fn check_forward(
     layer: &(impl LayerSignature + ?Sized),
     samples: usize,
@@ -321,7 +331,7 @@ pub(crate) fn check_forward(
     check(layer, slices);
 }
 
-/// Panics if the parameters, the output or their gradients have wrong lengths.
+/// Panics if the parameters, the output or their gradients in a backward pass have wrong lengths.
 pub(crate) fn check_backward(
     layer: &(impl LayerSignature + ?Sized),
     samples: usize,
@@ -333,7 +343,7 @@ pub(crate) fn check_backward(
     check(layer, slices);
 }
 
-/// Returns the part of the scratch for a forward pass and marks the scratch as unfilled.
+/// Returns the part of the scratch memory for a forward pass and marks the memory as not filled.
 pub(crate) fn take_unfilled_scratch<'a, T: Scalar>(
     layer: &(impl LayerSignature + ?Sized),
     samples: usize,
@@ -343,7 +353,8 @@ pub(crate) fn take_unfilled_scratch<'a, T: Scalar>(
     front(layer, samples, scratch)
 }
 
-/// Records that a forward pass of this layer filled the scratch, if the layer keeps it.
+/// Records that a forward pass of this layer filled the scratch memory, if the backward pass reads
+/// the values there.
 pub(crate) fn mark_scratch_filled<T: Scalar>(
     layer: &(impl LayerSignature + ?Sized),
     samples: usize,
@@ -354,8 +365,8 @@ pub(crate) fn mark_scratch_filled<T: Scalar>(
     }
 }
 
-/// Returns the part of the scratch for a backward pass, after checking that a forward pass filled
-/// it if the layer keeps it.
+/// Returns the part of the scratch memory for a backward pass, after checking that a forward pass
+/// filled it if the layer reads saved values.
 pub(crate) fn take_filled_scratch<'a, T: Scalar>(
     layer: &(impl LayerSignature + ?Sized),
     samples: usize,
@@ -370,7 +381,7 @@ pub(crate) fn take_filled_scratch<'a, T: Scalar>(
     front(layer, samples, scratch)
 }
 
-/// Panics unless `forward` of this layer filled the scratch for these samples.
+/// Panics unless `forward` of this layer filled the scratch memory for this number of samples.
 fn check_filled(layer: &(impl LayerSignature + ?Sized), samples: usize, origin: ScratchOrigin) {
     assert!(
         origin.samples == samples,
@@ -384,14 +395,14 @@ fn check_filled(layer: &(impl LayerSignature + ?Sized), samples: usize, origin: 
     );
 }
 
-/// Returns a hash without allocating.
+/// Returns the hash of a value without allocating memory.
 pub(crate) fn hash_of(layer: impl Hash) -> u64 {
     let mut hasher = DefaultHasher::new();
     layer.hash(&mut hasher);
     hasher.finish()
 }
 
-/// Returns the part of a scratch that this many samples use.
+/// Returns the part of a layer's scratch memory that `samples` samples use.
 fn front<'a, T: Scalar>(
     layer: &(impl LayerSignature + ?Sized),
     samples: usize,

@@ -110,7 +110,7 @@ impl fmt::Display for Linear {
     }
 }
 
-/// Returns layers for the tests of all layers.
+/// Returns examples of [`Linear`] for the tests that run on every kind of layer.
 pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = FieldType::new(group, [2, 1, 3, 0]);
     let lacking = FieldType::new(group, [1, 2, 0, 2]);

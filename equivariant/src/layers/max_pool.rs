@@ -13,7 +13,8 @@ use crate::steerable::hadamard::{hadamard_transform_pixels, require_permuted_fie
 use crate::steerable::windows::WindowGrid;
 use crate::window::SlidingWindow;
 
-/// Layer that takes the maximum over a window, for every channel in the regular basis.
+/// Layer that takes the maximum over a sliding window of pixels, for every channel in the regular
+/// basis.
 ///
 /// The group permutes pixels and the channels of the regular basis, so the map is exactly
 /// equivariant if the windows sit symmetrically. Padding is never the maximum. On ties the gradient
@@ -48,7 +49,7 @@ impl MaxPool {
         hadamard_transform_pixels(self.order, self.fields, values);
     }
 
-    /// Writes the maxima of window `index` into `y` `[dim]`.
+    /// Writes the maximum of each of the `dim` channels over pooling window `index` into `y`.
     fn maximum<T: Scalar>(&self, regular: &[T], index: usize, y: &mut [T]) {
         let dim = y.len();
         let mut pixels = self.windows.pixels_in_window(index);
@@ -62,8 +63,8 @@ impl MaxPool {
         }
     }
 
-    /// Adds the gradient of window `index` to the first pixel that holds the maximum; consumes
-    /// `dy`.
+    /// Adds the output gradient `dy` of pooling window `index` to the first pixel that holds the
+    /// maximum of each channel, and overwrites `dy`.
     fn route<T: Scalar>(&self, regular: &[T], index: usize, y: &[T], dy: &mut [T], dx: &mut [T]) {
         let dim = y.len();
         for pixel in self.windows.pixels_in_window(index) {
@@ -87,7 +88,8 @@ impl LayerSignature for MaxPool {
         self.windows.out_shape(self.shape.fields)
     }
 
-    /// Returns the size of one image in the regular basis, and of two of its pixels.
+    /// Returns the length of the scratch memory: one image in the regular basis, and two of its
+    /// pixels.
     fn scratch_len(&self, _samples: usize) -> usize {
         self.shape.len() + 2 * self.shape.fields.dim()
     }
@@ -139,7 +141,7 @@ impl fmt::Display for MaxPool {
     }
 }
 
-/// Returns layers for the tests of all layers.
+/// Returns examples of [`MaxPool`] for the tests that run on every kind of layer.
 pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let pool = |height, width, fields, [size, stride, padding]: [usize; 3]| {
         let kernel = SlidingWindow::new(size, stride, padding);

@@ -88,7 +88,7 @@ impl fmt::Display for R2Conv {
     }
 }
 
-/// Returns layers for the tests of all layers.
+/// Returns examples of [`R2Conv`] for the tests that run on every kind of layer.
 pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let conv = |from, to, [size, stride, padding]: [usize; 3], image| {
         R2Conv::new(from, to, SlidingWindow::new(size, stride, padding), image)

@@ -10,7 +10,8 @@ use crate::layers::check::TestLayer;
 use crate::layers::layer::{LayerSignature, Parameterless, Scalar};
 use crate::shape::Shape;
 
-/// Layer that turns maps of a group into maps of a subgroup, like escnn's `RestrictionModule`.
+/// Layer that turns feature maps of a group into feature maps of a subgroup, like escnn's
+/// `RestrictionModule`.
 ///
 /// Later layers need to commute with the subgroup only. A regular field becomes |G| / |H| regular
 /// fields of the subgroup H, one for each of its cosets, with the same values in the regular basis:
@@ -23,8 +24,8 @@ pub struct Restrict {
     blocks: Vec<Block>,
 }
 
-/// Summand of the matrix: channels `from` of the input, times `scale`, are added to the output from
-/// channel `to` on.
+/// Summand of the restriction matrix: channels `from` of the input, times `scale`, are added to the
+/// output from channel `to` on.
 #[derive(Clone, Debug)]
 struct Block {
     to: usize,
@@ -55,7 +56,8 @@ impl Restrict {
     }
 }
 
-/// Iterates over the irreps of a type that become irrep `b` of a subgroup, with their channels.
+/// Iterates over the irreps of a field type that become irrep `b` of a subgroup, with their
+/// channels.
 fn sources_of(
     fields: FieldType,
     group: Group,
@@ -65,7 +67,8 @@ fn sources_of(
     irreps.map(move |&a| (a, fields.channel_range(a)))
 }
 
-/// Returns the blocks that keep values and sort channels by the irreps of the subgroup.
+/// Returns the summands of the restriction matrix that keeps values and sorts channels by the
+/// irreps of the subgroup.
 fn sorted(fields: FieldType, group: Group) -> Vec<Block> {
     let sources = group.irreps().iter().flat_map(|&b| sources_of(fields, group, b));
     let mut to = 0;
@@ -77,7 +80,8 @@ fn sorted(fields: FieldType, group: Group) -> Vec<Block> {
     sources.map(block).collect()
 }
 
-/// Returns the matrix that preserves the values of regular fields.
+/// Returns the summands of the restriction matrix that preserves the values of regular fields in
+/// the regular basis.
 ///
 /// The field of coset H t has the value v(h t) at element h, where v(g) = |G|^-1/2 sum_a a(g) c_a
 /// are the values of the field of G. Its coefficient of irrep b is hence (|H| / |G|)^1/2 sum_a a(t)
@@ -129,7 +133,8 @@ impl Parameterless for Restrict {
         }
     }
 
-    /// Multiplies by the transpose, which is the inverse since the matrix is orthogonal.
+    /// Multiplies `dy` by the transpose of the restriction matrix, which is orthogonal, so the
+    /// transpose is its inverse.
     fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         dx.fill(T::ZERO);
@@ -141,7 +146,7 @@ impl Parameterless for Restrict {
     }
 }
 
-/// Adds `scale` times the values, as many as the shorter slice has.
+/// Adds `scale` times the values of `from` to those of `to`, as many as the shorter slice has.
 fn add<T: Scalar>(scale: f64, from: &[T], to: &mut [T]) {
     let scale = T::from_f64(scale);
     for (sum, &value) in to.iter_mut().zip(from) {
@@ -155,7 +160,7 @@ impl fmt::Display for Restrict {
     }
 }
 
-/// Returns layers for the tests of all layers: restrictions to the next smaller groups.
+/// Returns restrictions to smaller groups for the tests that run on every kind of layer.
 pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = Shape::image(3, 2, FieldType::new(group, [2, 1, 3, 0]));
     let regular = Shape::image(2, 4, group.regular_type(3));

@@ -30,14 +30,15 @@ pub struct Sequential<T> {
     scratch_key: u64,
 }
 
-/// Consecutive layers that run as one.
+/// Consecutive layers of a chain that run as one fused operation, or a single layer.
 struct Stage {
     layers: Range<usize>,
     /// Fused form of the layers, if they begin with a convolution.
     fused: Option<FusedChain>,
 }
 
-/// Groups layers into stages: a convolution takes all later layers that can be fused with it.
+/// Groups the layers of a chain into stages that run as one: a convolution takes all later layers
+/// that can be fused with it.
 fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
     let mut stages: Vec<Stage> = Vec::new();
     for (i, layer) in layers.iter().enumerate() {
@@ -59,7 +60,8 @@ fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
     stages
 }
 
-/// Appends a layer to a chain if it can be fused with it; returns `true` if it was.
+/// Appends a layer to a fused chain and returns `true`, or returns `false` if the two cannot be
+/// fused.
 fn extends<T: Scalar>(chain: &mut FusedChain, kind: &LayerKind<'_, T>) -> bool {
     match kind {
         LayerKind::R2Conv(conv) => chain.fuse_conv(conv),
@@ -114,7 +116,7 @@ impl<T: Scalar> Sequential<T> {
         self.params[index].clone()
     }
 
-    /// Iterates over the stages with the ranges of their parameters.
+    /// Iterates over the chain's stages, each as one layer with the range of its parameters.
     fn stages(&self) -> impl DoubleEndedIterator<Item = (&dyn Layer<T>, Range<usize>)> + Clone {
         self.stages.iter().map(|stage| {
             let Range { start, end } = stage.layers;
@@ -127,7 +129,7 @@ impl<T: Scalar> Sequential<T> {
     }
 
     /// Runs [`forward`](Layer::forward) on images `[N, H, W, C]` of bytes, with the same bits as on
-    /// their [`pixel_byte_to_float`](crate::pixel_byte_to_float)s.
+    /// the numbers that [`pixel_byte_to_float`](crate::pixel_byte_to_float) makes of the bytes.
     ///
     /// Bytes are converted where they are read, so the converted image is never stored.
     ///
@@ -186,7 +188,8 @@ impl<T: Scalar> Sequential<T> {
         );
     }
 
-    /// Runs the stages one after the other; `x` is not staged.
+    /// Runs the forward passes of the chain's stages one after the other; `x` holds channels or
+    /// bytes.
     fn run_from(
         &self,
         params: &[T],
@@ -225,8 +228,8 @@ impl<T: Scalar> Sequential<T> {
         }
     }
 
-    /// Runs the backward passes of the stages in reverse order; `x` replaces `pass.x` if it holds
-    /// bytes.
+    /// Runs the backward passes of the chain's stages in reverse order; `x` replaces `pass.x` if it
+    /// holds bytes.
     fn run_back_to(&self, samples: usize, x: ConvInput<T>, pass: BackwardPass<T>) {
         let mut parts = self.parts(samples, pass.scratch);
         let mut dx = pass.dx;
@@ -265,7 +268,7 @@ impl<T: Scalar> Sequential<T> {
         }
     }
 
-    /// Divides the scratch of this many samples into its parts.
+    /// Divides a chain's scratch memory for `samples` samples into its parts.
     fn parts<'a>(&self, samples: usize, scratch: &'a mut [T]) -> Parts<'a, T> {
         let sizes = self.sizes(samples);
         let mut rest = scratch;
@@ -277,7 +280,7 @@ impl<T: Scalar> Sequential<T> {
         }
     }
 
-    /// Returns the lengths of the parts of the scratch of this many samples.
+    /// Returns the lengths of the parts of a chain's scratch memory for `samples` samples.
     fn sizes(&self, samples: usize) -> Sizes {
         let inner = self.stages().take(self.stages.len() - 1);
         let activations =
@@ -296,19 +299,20 @@ impl<T: Scalar> Sequential<T> {
     }
 }
 
-/// Lengths of the parts of a chain's scratch.
+/// Lengths, in values, of the parts of a chain's scratch memory.
 struct Sizes {
     /// Total length of the outputs of all stages but the last.
     activations: usize,
-    /// Total length of the scratches of stages that keep theirs.
+    /// Total length of the scratch memory that stages keep from the forward to the backward pass.
     kept: usize,
     /// Length of each of two buffers for gradients of activations.
     gradient: usize,
-    /// Length of the scratch that the other stages share.
+    /// Length of the scratch memory that stages use in turn if they keep nothing for the backward
+    /// pass.
     shared: usize,
 }
 
-/// Parts of a chain's scratch.
+/// Parts of a chain's scratch memory.
 struct Parts<'a, T> {
     activations: &'a mut [T],
     kept: &'a mut [T],

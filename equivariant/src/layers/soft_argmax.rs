@@ -54,7 +54,7 @@ impl SpatialSoftArgmax {
         Ok(SpatialSoftArgmax { shape, order, fields, temperature })
     }
 
-    /// Returns the type of the keypoints.
+    /// Returns the field type of the output, the vector of keypoint coordinates.
     fn out_type(&self) -> FieldType {
         let (group, n) = (self.shape.fields.group(), self.fields);
         match self.order {
@@ -71,8 +71,8 @@ impl SpatialSoftArgmax {
         [T::from_f64(centred(pixel % width, width)), T::from_f64(-centred(pixel / width, height))]
     }
 
-    /// Returns the output channel of a coordinate of a channel of the regular basis, and its sign
-    /// there.
+    /// Returns the output channel of the keypoint coordinate x (0) or y (1) of a channel of the
+    /// regular basis, and the sign of the coordinate there.
     fn target(&self, channel: usize, coordinate: usize) -> (usize, i8) {
         let (n, irrep) = (self.fields, [Irrep::X, Irrep::Y][coordinate]);
         let group = self.shape.fields.group();
@@ -95,8 +95,8 @@ impl SpatialSoftArgmax {
         hadamard_transform_pixels(self.order, 2 * self.fields, values);
     }
 
-    /// Converts output fields `y` `[2 dim]` to x of every channel in the regular basis, then y;
-    /// `spare` has the same length.
+    /// Converts the output fields `y` of one sample to the keypoints of the `dim` channels in the
+    /// regular basis, x of all and then y of all, `[2 dim]`; `spare` has the same length.
     fn keypoints<T: Scalar>(&self, y: &[T], spare: &mut [T], keypoints: &mut [T]) {
         spare.copy_from_slice(y);
         self.transform_output(spare);
@@ -107,7 +107,7 @@ impl SpatialSoftArgmax {
         }
     }
 
-    /// Turns the channels `[H, W, dim]` of one sample into distributions over the pixels.
+    /// Turns the channels `[H, W, dim]` of one sample into distributions over the pixels, in place.
     fn softmax<T: Scalar>(&self, map: &mut [T], row: &mut [T]) {
         let dim = row.len();
         // subtracting the maximum leaves the softmax unchanged and keeps exp from overflowing
@@ -131,7 +131,8 @@ impl SpatialSoftArgmax {
         }
     }
 
-    /// Writes the expected x of every channel `[dim]`, then the expected y.
+    /// Writes the expected pixel position of the `dim` channels: x of all, then y of all, `[2
+    /// dim]`.
     fn means<T: Scalar>(&self, map: &[T], means: &mut [T]) {
         means.fill(T::ZERO);
         let (x_means, y_means) = means.split_at_mut(means.len() / 2);
@@ -144,9 +145,9 @@ impl SpatialSoftArgmax {
         }
     }
 
-    /// Writes the gradient with respect to the channels of the regular basis from the
-    /// distributions, and from the keypoints and their gradient in the layout of
-    /// [`keypoints`](SpatialSoftArgmax::keypoints).
+    /// Writes the gradient with respect to the input channels in the regular basis, from the
+    /// softmax distributions, the keypoints and the keypoints' gradient. The last two are in the
+    /// layout of [`keypoints`](SpatialSoftArgmax::keypoints).
     fn gradient<T: Scalar>(&self, map: &[T], means: &[T], gradients: &[T], dx: &mut [T]) {
         let dim = self.shape.fields.dim();
         let inverse = T::from_f64(self.temperature.recip());
@@ -162,7 +163,7 @@ impl SpatialSoftArgmax {
     }
 }
 
-/// Writes the largest value of every channel.
+/// Writes the largest value of every channel of a map over the pixels.
 fn largest<T: Scalar>(map: &[T], row: &mut [T]) {
     row.copy_from_slice(&map[..row.len()]);
     for pixel in map.chunks_exact(row.len()) {
@@ -181,7 +182,8 @@ impl LayerSignature for SpatialSoftArgmax {
         Shape::vector(self.out_type())
     }
 
-    /// Returns the size of the distributions of all samples and of three rows of keypoints.
+    /// Returns the length of the scratch memory: softmax distributions of all samples and three
+    /// vectors of keypoint coordinates.
     fn scratch_len(&self, samples: usize) -> usize {
         samples * self.shape.len() + 6 * self.shape.fields.dim()
     }
@@ -243,7 +245,7 @@ impl fmt::Display for SpatialSoftArgmax {
     }
 }
 
-/// Returns layers for the tests of all layers.
+/// Returns examples of [`SpatialSoftArgmax`] for the tests that run on every kind of layer.
 pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let regular = Shape::image(4, 5, group.regular_type(3));
     let trivial = Shape::image(3, 3, group.trivial_type(2));

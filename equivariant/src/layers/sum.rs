@@ -27,7 +27,7 @@ use crate::window::SlidingWindow;
 pub struct BranchSum<T> {
     branches: Vec<Box<dyn Layer<T>>>,
     params: Vec<Range<usize>>,
-    /// `true` if the input itself is a term.
+    /// `true` if the input itself is a term of the sum.
     residual: bool,
     scratch_key: u64,
 }
@@ -86,14 +86,14 @@ impl<T: Scalar> BranchSum<T> {
         })
     }
 
-    /// Iterates over the branches with the ranges of their parameters.
+    /// Iterates over the branches of the sum with the ranges of their parameters.
     fn branches(&self) -> impl Iterator<Item = (&dyn Layer<T>, Range<usize>)> {
         let branches = self.branches.iter().map(|branch| branch.as_ref());
         branches.zip(self.params.iter().cloned())
     }
 }
 
-/// Splits the output of a branch and its scratch off the front of the sum's scratch.
+/// Splits the output of a branch and its scratch memory off the front of the sum's scratch memory.
 fn take_branch<'a, T: Scalar>(
     branch: &dyn Layer<T>,
     samples: usize,
@@ -122,7 +122,8 @@ impl<T: Scalar> LayerSignature for BranchSum<T> {
         self.params[self.params.len() - 1].end
     }
 
-    /// Returns the size of outputs and scratches of all branches, and of one gradient of the input.
+    /// Returns the length of the scratch memory: outputs and scratch memories of all branches, and
+    /// one gradient of the input.
     fn scratch_len(&self, samples: usize) -> usize {
         let output = round_up_to_cache_line(samples * self.out_shape().len());
         let lens = self
@@ -209,7 +210,7 @@ impl<T: Scalar> fmt::Debug for BranchSum<T> {
     }
 }
 
-/// Returns layers for the tests of all layers.
+/// Returns examples of [`BranchSum`] for the tests that run on every kind of layer.
 pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let shape = Shape::image(4, 3, group.regular_type(2));
     let same = SlidingWindow::new(3, 1, 1);

@@ -1,11 +1,12 @@
-//! Fold of patches: the gather step of a convolution, and its transpose.
+//! Fold of im2col patches into signed sums over orbits of taps: the gather step of a convolution,
+//! and its transpose.
 
 use crate::real::Real;
 use crate::simd::interleave::{first_n, first_n_mut};
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::patches::{PatchGeometry, TapOrbit};
 
-/// One orbit of taps in one block of channels.
+/// Orbit of taps in one block of channels.
 #[derive(Clone, Copy)]
 pub(crate) struct OrbitBlock {
     pub orbit: usize,
@@ -13,8 +14,9 @@ pub(crate) struct OrbitBlock {
 }
 
 impl PatchGeometry {
-    /// Folds one orbit in one block of channels, for the windows that start at `windows`. There is
-    /// a panel of rows for each fold, and `step` rows from one panel to the next.
+    /// Folds one orbit of taps in one block of channels into signed sums, for the windows that
+    /// start at `windows`. There is a panel with a row per window for each fold, and `step` rows
+    /// from one panel to the next.
     #[inline(always)]
     pub fn gather<T: Real, L: Lanes<T>>(
         &self,
@@ -43,8 +45,8 @@ impl PatchGeometry {
         }
     }
 
-    /// Adds folds to a block of the staged image, the transpose of
-    /// [`gather`](PatchGeometry::gather), for the windows that start at `windows`.
+    /// Adds the gradients of folds to a block of the staged image, for the windows that start at
+    /// `windows`: the transpose of [`gather`](PatchGeometry::gather).
     #[inline(always)]
     pub fn scatter<T: Real, L: Lanes<T>, const R: usize, const N: usize>(
         &self,
@@ -76,7 +78,7 @@ impl PatchGeometry {
         }
     }
 
-    /// Adds the fold of replicated channels to the window that starts at `at`.
+    /// Adds the gradient of the fold of replicated channels to the window that starts at `at`.
     #[inline(always)]
     pub fn scatter_replicated<T: Real, L: Lanes<T>>(
         &self,
@@ -96,7 +98,7 @@ impl PatchGeometry {
     }
 }
 
-/// Folds an orbit of N taps for some windows.
+/// Folds an orbit of N taps into signed sums, for the windows that start at `windows`.
 #[inline(always)]
 fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
@@ -137,7 +139,8 @@ fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
     }
 }
 
-/// Folds an orbit of N taps of replicated channels for some windows.
+/// Folds an orbit of N taps of replicated channels into signed sums, for the windows that start at
+/// `windows`.
 #[inline(always)]
 fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
@@ -167,8 +170,8 @@ fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
 }
 
 impl TapOrbit {
-    /// Returns the offsets of the taps in a window, in blocks and ascending, and the parities of
-    /// the folds.
+    /// Returns the offsets of the orbit's taps in a window, in blocks and ascending, and the
+    /// parities of its folds.
     #[inline(always)]
     fn constants<const N: usize>(&self) -> ([usize; N], [usize; N]) {
         let (mut taps, mut parities) = ([0; N], [0; N]);
@@ -179,7 +182,7 @@ impl TapOrbit {
     }
 }
 
-/// Converts a block to this precision.
+/// Converts a block of double-precision numbers to the precision `T`.
 #[inline(always)]
 pub(crate) fn block_to_precision<T: Real>(block: &Block<f64>) -> Block<T> {
     let mut narrow = [T::ZERO; LANES];
@@ -189,7 +192,7 @@ pub(crate) fn block_to_precision<T: Real>(block: &Block<f64>) -> Block<T> {
     narrow
 }
 
-/// Swaps lanes: lane i receives lane i xor parity. Each case is a constant of the instruction.
+/// Swaps lanes: lane i receives lane i xor `parity`. Each case is a constant of the instruction.
 #[inline(always)]
 fn swap<T: Real, L: Lanes<T>>(lanes: L, v: L::V, parity: usize) -> L::V {
     match parity {
@@ -200,7 +203,7 @@ fn swap<T: Real, L: Lanes<T>>(lanes: L, v: L::V, parity: usize) -> L::V {
     }
 }
 
-/// Returns the Walsh-Hadamard transform without its factor.
+/// Returns the Walsh-Hadamard transform of N vectors, lane by lane, without its factor 1/sqrt(N).
 #[inline(always)]
 fn butterfly<T: Real, L: Lanes<T>, const N: usize>(lanes: L, mut v: [L::V; N]) -> [L::V; N] {
     let mut step = 1;

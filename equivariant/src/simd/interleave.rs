@@ -1,13 +1,14 @@
-//! Conversion between irrep-major channels and groups of lanes.
+//! Conversion between irrep-major channels and lane groups, with a lane for each irrep.
 
 use symmetry::FieldType;
 
 use crate::real::Real;
 
-/// Map between the channels of a pixel and the lanes of its groups.
+/// Conversion between the irrep-major channels of a pixel and lane groups, one for each field with
+/// a lane for each irrep.
 #[derive(Clone, Debug)]
 pub(crate) struct Interleaver {
-    /// Number of regular fields, if the type has no other channels.
+    /// Number of regular fields of a pixel; `None` if the field type has other channels.
     regular: Option<usize>,
     /// First channel and number of channels of each irrep.
     parts: [(usize, usize); 4],
@@ -23,8 +24,8 @@ impl Interleaver {
         Interleaver { regular: fields.num_regular_fields(), parts }
     }
 
-    /// Writes the scaled channels of a pixel into the groups; lanes without a channel stay
-    /// unchanged.
+    /// Writes the scaled channels of a pixel into its lane groups, one for each field; lanes
+    /// without a channel stay unchanged.
     ///
     /// Never inlined: otherwise kernels test at every pixel whether the slices overlap, even if
     /// they do not interleave anything.
@@ -45,8 +46,8 @@ impl Interleaver {
         }
     }
 
-    /// Writes the scaled lanes of the groups into the channels of a pixel. Never inlined, like
-    /// [`interleave`](Interleaver::interleave).
+    /// Writes the scaled lanes of a pixel's lane groups into its irrep-major channels. Never
+    /// inlined, like [`interleave`](Interleaver::interleave).
     #[inline(never)]
     pub fn deinterleave<T: Real, const G: usize>(
         &self,
@@ -69,7 +70,7 @@ impl Interleaver {
     }
 }
 
-/// Interleaves n regular fields, N at a time.
+/// Interleaves the channels of n regular fields into lane groups, N fields at a time.
 #[inline(always)]
 fn interleave_regular<T: Real, const G: usize, const N: usize>(
     n: usize,
@@ -87,7 +88,7 @@ fn interleave_regular<T: Real, const G: usize, const N: usize>(
     }
 }
 
-/// Deinterleaves n regular fields, N at a time.
+/// Writes the lane groups of n regular fields as irrep-major channels, N fields at a time.
 #[inline(always)]
 fn deinterleave_regular<T: Real, const G: usize, const N: usize>(
     n: usize,
@@ -105,7 +106,7 @@ fn deinterleave_regular<T: Real, const G: usize, const N: usize>(
     }
 }
 
-/// Returns the first N values.
+/// Returns the first N values of a slice as an array.
 #[inline(always)]
 pub(crate) fn first_n<V, const N: usize>(values: &[V]) -> &[V; N] {
     match values.first_chunk() {
@@ -114,7 +115,7 @@ pub(crate) fn first_n<V, const N: usize>(values: &[V]) -> &[V; N] {
     }
 }
 
-/// Returns the first N values mutably.
+/// Returns the first N values of a slice as a mutable array.
 #[inline(always)]
 pub(crate) fn first_n_mut<V, const N: usize>(values: &mut [V]) -> &mut [V; N] {
     match values.first_chunk_mut() {

@@ -35,10 +35,10 @@ impl InstructionSet {
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-/// Number of values that a kernel handles at once: an AVX-512 register of single precision.
+/// Number of values that a CPU kernel handles at once: an AVX-512 register of single precision.
 pub(crate) const LANES: usize = 16;
 
-/// Unit of memory of the kernels.
+/// Block of sixteen numbers, the unit that kernels load and store.
 pub(crate) type Block<T> = [T; LANES];
 
 /// Arithmetic on sixteen lanes of one instruction set.
@@ -50,17 +50,17 @@ pub(crate) trait Lanes<T>: Copy {
     /// Number of vectors of sixteen lanes that the registers hold.
     const REGISTERS: usize;
 
-    /// Loads a block.
+    /// Loads a block of sixteen numbers into registers.
     fn load(self, block: &Block<T>) -> Self::V;
     /// Converts sixteen bytes to numbers.
     fn load_bytes(self, bytes: &[u8; LANES]) -> Self::V;
-    /// Stores a block.
+    /// Stores sixteen numbers from registers in a block.
     fn store(self, block: &mut Block<T>, v: Self::V);
     /// Repeats a number in all lanes.
     fn splat(self, value: T) -> Self::V;
-    /// Repeats group `i` of the block in all groups.
+    /// Repeats group `i` of G neighbouring lanes of the block in all groups.
     fn broadcast_group<const G: usize>(self, block: &Block<T>, i: usize) -> Self::V;
-    /// Repeats a group of four numbers.
+    /// Repeats four numbers in every group of four lanes.
     fn broadcast_quad(self, group: &[T; 4]) -> Self::V;
     fn add(self, a: Self::V, b: Self::V) -> Self::V;
     fn sub(self, a: Self::V, b: Self::V) -> Self::V;
@@ -73,7 +73,7 @@ pub(crate) trait Lanes<T>: Copy {
     fn interleave_pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V;
     /// Zeroes lanes that are at most zero and returns the bit mask of the others, NaN among them.
     fn relu_with_mask(self, v: Self::V) -> (Self::V, u16);
-    /// Zeroes lanes whose bit is not set.
+    /// Zeroes the lanes whose bit in `bits` is not set.
     fn keep_masked(self, v: Self::V, bits: u16) -> Self::V;
     /// Returns the larger number of each lane and the bit mask of the lanes that `v` wins: `best`
     /// wins ties, and NaN wins over every number.
@@ -107,7 +107,7 @@ pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) {
     work.run(Portable);
 }
 
-/// Returns the Walsh-Hadamard transform within groups of lanes, without its factor 1/sqrt(G).
+/// Returns the Walsh-Hadamard transform within groups of G lanes, without its factor 1/sqrt(G).
 #[inline(always)]
 pub(crate) fn unscaled_hadamard<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
@@ -123,7 +123,7 @@ pub(crate) fn unscaled_hadamard<T: Real, L: Lanes<T>, const G: usize>(
     v
 }
 
-/// Returns -1 for lanes with this bit in their index, and 1 for the others.
+/// Returns -1 for lanes whose index has the bit `bit`, and 1 for the others.
 #[inline(always)]
 fn signs<T: Real, L: Lanes<T>>(lanes: L, bit: usize) -> L::V {
     let mut signs = [T::from_f64(1.0); LANES];
@@ -135,7 +135,7 @@ fn signs<T: Real, L: Lanes<T>>(lanes: L, bit: usize) -> L::V {
     lanes.load(&signs)
 }
 
-/// Portable lanes: arrays, for every CPU and both precisions.
+/// Portable lanes: arrays of sixteen numbers, for every CPU and both precisions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Portable;
 

@@ -14,10 +14,11 @@ use crate::simd::interleave::{first_n, first_n_mut};
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::window::SlidingWindow;
 
-/// Number of lanes of a group: the order of D2.
+/// Number of lanes of a lane group of folded image rows: one for each irrep of D2.
 pub(crate) const LANES_PER_GROUP: usize = 4;
 
-/// Fold of the rows of an image along y, for every line of output pixels.
+/// Geometry of image rows that are folded along y: sums and differences of mirrored rows, for every
+/// line of output pixels.
 ///
 /// Rows t and k - 1 - t of the windows become e = a + b and o = a - b, and a channel becomes the
 /// group e e o o. The fold along x later adds another such group or subtracts it. The middle row of
@@ -25,12 +26,12 @@ pub(crate) const LANES_PER_GROUP: usize = 4;
 #[derive(Clone, Debug)]
 pub(crate) struct FoldedLines {
     image: Shape,
-    /// Channels of the image, cached because every line needs their number.
+    /// Number of channels of the image, stored because every line needs it.
     channels: usize,
     pub kernel: SlidingWindow,
     /// Number of lines of output pixels.
     pub out_height: usize,
-    /// Length of a line with its padding.
+    /// Length of a folded line with its padding, in values.
     len: usize,
 }
 
@@ -39,22 +40,24 @@ impl FoldedLines {
         FoldedLines { image, channels: image.fields.dim(), kernel, out_height, len }
     }
 
-    /// Returns the number of folded lines for one line of windows.
+    /// Returns the number of folded lines for one line of output pixels.
     pub fn lines_per_window(&self) -> usize {
         self.kernel.size.div_ceil(2)
     }
 
-    /// Returns the number of columns in a window, over its lines, taps and channels.
+    /// Returns the number of columns of a window: its folded lines times taps along x times
+    /// channels.
     pub fn columns_per_window(&self) -> usize {
         self.lines_per_window() * self.kernel.size * self.channels
     }
 
-    /// Returns the length of the folded lines for one line of windows, in whole blocks.
+    /// Returns the length of the folded lines for one line of output pixels, in values of whole
+    /// blocks.
     pub fn staged_len(&self) -> usize {
         (self.alignment_shift() + self.line_offset(self.lines_per_window())).next_multiple_of(LANES)
     }
 
-    /// Returns the start of line `i`, relative to the first.
+    /// Returns the start of folded line `i` relative to the first, in values.
     pub fn line_offset(&self, i: usize) -> usize {
         i * self.len
     }
@@ -64,37 +67,39 @@ impl FoldedLines {
         self.out_height * self.lines_per_window()
     }
 
-    /// Returns the start of the folded lines for one line of windows, without the shift.
+    /// Returns the start of the folded lines for output line `oy`, in values and without the shift
+    /// of `alignment_shift`.
     pub fn first_line_start(&self, oy: usize) -> usize {
         self.line_offset(oy * self.lines_per_window())
     }
 
-    /// Returns the length of a row of the image.
+    /// Returns the length of a row of the image, in values.
     fn row_len(&self) -> usize {
         self.image.width * self.channels
     }
 
-    /// Returns the start of the image row at a tap; `None` if it is padding.
+    /// Returns the start of the image row that output line `oy` reads at row `tap` of its windows;
+    /// `None` if the row is padding.
     fn row(&self, oy: usize, tap: usize) -> Option<usize> {
         let row = (oy * self.kernel.stride + tap).checked_sub(self.kernel.padding)?;
         (row < self.image.height).then(|| row * self.row_len())
     }
 
-    /// Returns the start of the part of a line that is not padding.
+    /// Returns the start of the part of folded line `i` of output line `oy` that is not padding.
     fn start(&self, oy: usize, i: usize) -> usize {
         let padding = 4 * self.kernel.padding * self.channels;
         self.alignment_shift() + self.first_line_start(oy) + self.line_offset(i) + padding
     }
 
-    /// Returns the shift that aligns the first pixel with a cache line: a store that straddles two
-    /// of them takes twice the time.
+    /// Returns the shift, in values, that aligns the first pixel of the folded lines with a cache
+    /// line: a store that straddles two of them takes twice the time.
     pub fn alignment_shift(&self) -> usize {
         let padding = 4 * self.kernel.padding * self.channels;
         padding.next_multiple_of(LANES) - padding
     }
 
-    /// Folds one image for a band of lines of windows: sums and differences of the rows of the taps
-    /// t and k - 1 - t (see [`FoldedLines`]). Padding along x must be zero and stays so.
+    /// Folds the rows of one image for a band of output lines: sums and differences of the rows of
+    /// the taps t and k - 1 - t (see [`FoldedLines`]). Padding along x must be zero and stays so.
     #[inline(always)]
     pub fn fold<T: Real, L: Lanes<T>, P: Pixel<T>>(
         &self,
@@ -149,7 +154,7 @@ impl FoldedLines {
     }
 }
 
-/// Writes the groups e e o o of two rows.
+/// Writes the sums e and differences o of two image rows as lane groups e e o o.
 #[inline(always)]
 fn fold_rows<T: Real, L: Lanes<T>, P: Pixel<T>>(lanes: L, a: &[P], b: &[P], line: &mut [T]) {
     let whole = a.len() / LANES * LANES;
@@ -169,7 +174,7 @@ fn fold_rows<T: Real, L: Lanes<T>, P: Pixel<T>>(lanes: L, a: &[P], b: &[P], line
     }
 }
 
-/// Folds a row whose mirrored row is padding or does not exist.
+/// Folds an image row whose mirrored row is padding or does not exist.
 #[inline(always)]
 fn copy_row<T: Real, P: Pixel<T>>(row: &[P], odd: bool, sign: T, line: &mut [T]) {
     for (group, x) in line.as_chunks_mut().0.iter_mut().zip(row) {
@@ -179,9 +184,9 @@ fn copy_row<T: Real, P: Pixel<T>>(row: &[P], odd: bool, sign: T, line: &mut [T])
     }
 }
 
-/// Factor of a byte: 255 steps span one unit.
+/// Factor by which a pixel's byte is scaled: 255 steps span one unit.
 const BYTE_SCALE: f64 = 1.0 / 255.0;
-/// Number subtracted after scaling, which centres the range at zero.
+/// Number subtracted from a pixel's scaled byte, which centres the range at zero.
 const BYTE_OFFSET: f64 = 0.5;
 
 /// Returns the number that a byte of an image stands for, in [-0.5, 0.5].
@@ -190,7 +195,7 @@ pub fn pixel_byte_to_float<T: Real>(byte: u8) -> T {
     T::from_f64(f64::from(byte)) * T::from_f64(BYTE_SCALE) - T::from_f64(BYTE_OFFSET)
 }
 
-/// Value of an image: a number, or a byte.
+/// Value of one channel of an image pixel: a number, or a byte that stands for one.
 pub(crate) trait Pixel<T>: Copy {
     /// Converts the value to its number.
     fn to_number(self) -> T;
@@ -226,21 +231,22 @@ impl<T: Real> Pixel<T> for u8 {
     }
 }
 
-/// Operands of the weight gradient of a line.
+/// Operands of the weight gradient of a line of output pixels.
 pub(crate) struct LineGradient<'a, T, L> {
     pub lanes: L,
-    /// Number of blocks of an output pixel.
+    /// Number of blocks of [`LANES`] values that an output pixel fills.
     pub width: usize,
     /// Distance between the windows of neighbouring output pixels, in values.
     pub step: usize,
     pub x: &'a [T],
     pub dy: &'a [Block<T>],
-    /// First block of dy to process.
+    /// Index of the first block of `dy` to process.
     pub first: usize,
 }
 
 impl<T: Real, L: Lanes<T>> LineGradient<'_, T, L> {
-    /// Adds V blocks of all columns, K columns at a time, and returns V.
+    /// Adds V blocks of the weight gradient of all window columns, K columns at a time, and returns
+    /// V.
     #[inline(always)]
     pub fn add_all_columns<const K: usize, const V: usize>(
         &self,
@@ -257,7 +263,7 @@ impl<T: Real, L: Lanes<T>> LineGradient<'_, T, L> {
         V
     }
 
-    /// Adds V blocks of K columns.
+    /// Adds V blocks of the weight gradient of K window columns.
     #[inline(always)]
     fn sum<const K: usize, const V: usize>(&self, column: usize, dw: &mut [Block<T>]) {
         let LineGradient { lanes, width, step, .. } = *self;

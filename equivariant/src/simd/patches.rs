@@ -1,4 +1,4 @@
-//! Images in the layout of the kernels, and the geometry of folded patches.
+//! Images in the layout of the CPU kernels, and the geometry of folded patches.
 //!
 //! Read this before editing. The *staged* image is padded with zeros and holds the channels of a
 //! pixel field by field: G lanes per field, one for each irrep. The fold of an orbit of taps is
@@ -24,7 +24,7 @@ use crate::steerable::hadamard::with_const_order;
 use crate::steerable::taps::TapBasis;
 use crate::window::SlidingWindow;
 
-/// Geometry of staged images and of their folds.
+/// Geometry of images in the layout of the CPU kernels (staged images) and of their folded patches.
 #[derive(Clone, Debug)]
 pub(crate) struct PatchGeometry {
     pub image_shape: Shape,
@@ -33,11 +33,11 @@ pub(crate) struct PatchGeometry {
     pub window_starts: Vec<usize>,
     /// Index of every pixel of the image in a staged image.
     pub pixel_starts: Vec<usize>,
-    /// Length of a staged pixel.
+    /// Length of a staged pixel, in values.
     pitch: usize,
     /// Number of blocks of a staged pixel, the last of which may be partly filled.
     pub blocks_per_pixel: usize,
-    /// `true` if channels are trivial and staged as G copies.
+    /// `true` if the channels are trivial and staged as G copies, one for each group element.
     pub is_replicated: bool,
     /// Folded lines of trivial channels of D2; `None` for other types.
     pub folded_lines: Option<FoldedLines>,
@@ -45,20 +45,21 @@ pub(crate) struct PatchGeometry {
     pub blocks_per_folded_patch: usize,
 }
 
-/// Taps {g t} of one orbit, folded together.
+/// Orbit {g t} of a tap t over the group elements g, whose taps are folded into signed sums.
 #[derive(Clone, Debug)]
 pub(crate) struct TapOrbit {
-    /// First tap of the orbit.
+    /// First tap `[row, column]` of the orbit.
     pub first_tap: [usize; 2],
-    /// Offsets of the taps in a window.
+    /// Offsets of the orbit's taps from the start of a window in a staged image, in values.
     pub tap_offsets: Vec<usize>,
-    /// Parities of the folds, as positions in the group's list of irreps.
+    /// Parities of the orbit's folds, as positions in the group's list of irreps.
     pub parities: Vec<usize>,
-    /// Index of the first block of the folds in a patch.
+    /// Index of the first block of the orbit's folds in a folded patch.
     pub first_block: usize,
-    /// Factor that makes the fold orthonormal, if staged values are divided by sqrt(G).
+    /// Factor that makes the orbit's fold orthonormal, if staged values are divided by sqrt(G).
     pub scale: f64,
-    /// Coefficient of each tap in each lane, for replicated channels.
+    /// Coefficient of each tap of the orbit in each lane, for trivial channels that are staged as G
+    /// copies.
     pub coefficients: Vec<Block<f64>>,
 }
 
@@ -112,14 +113,14 @@ impl PatchGeometry {
         patches
     }
 
-    /// Returns the offsets of a grid of pixels in a staged image.
+    /// Returns the offsets of a grid of pixels in a staged image, in values.
     fn offsets(&self, [height, width]: [usize; 2], step: usize, first: usize) -> Vec<usize> {
         let at = |y, x| (first + y * step) * self.staged_width() + first + x * step;
         let lines = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
         lines.map(|(y, x)| at(y, x) * self.pitch).collect()
     }
 
-    /// Adds the orbit that starts with this tap, unless it exists.
+    /// Adds the orbit of taps that starts with tap `start`, unless it exists.
     fn add(&mut self, taps: &TapBasis, start: [usize; 2]) {
         if self.orbits.iter().any(|o| o.first_tap == start) {
             return;
@@ -153,15 +154,15 @@ impl PatchGeometry {
         self.orbits.push(orbit);
     }
 
-    /// Returns the range of blocks of a folded patch that come from one orbit.
+    /// Returns the range of blocks of a folded patch that come from one orbit of taps.
     pub fn orbit_blocks(&self, orbit: usize) -> Range<usize> {
         let next =
             self.orbits.get(orbit + 1).map_or(self.blocks_per_folded_patch, |o| o.first_block);
         self.orbits[orbit].first_block..next
     }
 
-    /// Returns the first group of lanes of a folded patch that holds the channels of a function on
-    /// the taps.
+    /// Returns the first lane group of a folded patch that holds the channels of the basis function
+    /// of parity `parity` on the orbit of tap `start`.
     pub fn first_lane_group(&self, parity: Irrep, start: [usize; 2]) -> usize {
         let group = self.image_shape.fields.group();
         let per_block = LANES / group.order();
@@ -178,7 +179,8 @@ impl PatchGeometry {
         self.image_shape.width + 2 * self.window.padding
     }
 
-    /// Returns the length of a staged image, including space to load a block at the last pixel.
+    /// Returns the length of a staged image in values, including space to load a block at the last
+    /// pixel.
     pub fn staged_len(&self) -> usize {
         let line = self.staged_width() * self.pitch;
         let lines = match &self.folded_lines {
@@ -212,13 +214,13 @@ impl PatchGeometry {
         }
     }
 
-    /// Returns the factor of staged values, with which orbits of G taps need no other factor to be
-    /// orthonormal.
+    /// Returns the factor 1/sqrt(G) of staged values, for G group elements, with which folds over
+    /// orbits of G taps are orthonormal.
     pub fn staging_scale(&self) -> f64 {
         (self.image_shape.fields.group().order() as f64).sqrt().recip()
     }
 
-    /// Writes zeros around an image.
+    /// Writes zeros into the padding around the pixels of a staged image.
     pub fn clear_border<T: Real>(&self, staged: &mut [T]) {
         let line = self.image_shape.width * self.pitch;
         let mut end = 0;
@@ -229,7 +231,8 @@ impl PatchGeometry {
         staged[end..].fill(T::ZERO);
     }
 
-    /// Stages one image. Padding and lanes without a channel must be zero and stay so.
+    /// Writes one image into `staged` in the layout of the CPU kernels. Padding and lanes without a
+    /// channel must be zero and stay so.
     #[inline(always)]
     pub fn stage<T: Real, L: Lanes<T>>(&self, lanes: L, image: &[T], staged: &mut [T]) {
         if let Some(lines) = &self.folded_lines {
@@ -253,14 +256,15 @@ impl PatchGeometry {
         }
     }
 
-    /// Stages the bytes of trivial channels of groups whose channels are not folded into lines.
+    /// Writes an image of bytes, which stand for trivial channels, into `staged` in the layout of
+    /// the CPU kernels, for groups other than D2.
     #[inline(always)]
     pub fn stage_bytes<T: Real>(&self, image: &[u8], staged: &mut [T]) {
         let order = self.image_shape.fields.group().order();
         with_const_order!(G = order, self.replicate::<T, _, G>(image, staged));
     }
 
-    /// Writes G copies of every channel.
+    /// Writes G copies of every channel of an image to the staged image.
     #[inline(always)]
     fn replicate<T: Real, P: Pixel<T>, const G: usize>(&self, image: &[P], staged: &mut [T]) {
         let channels = self.image_shape.fields.dim();
@@ -299,7 +303,7 @@ impl PatchGeometry {
     }
 }
 
-/// Writes the sum of the G copies of every channel.
+/// Writes the sum of the G copies of every channel of a pixel.
 #[inline(always)]
 fn add_up<T: Real, const G: usize>(groups: &[T], channels: &mut [T]) {
     for (group, x) in groups.as_chunks::<G>().0.iter().zip(channels) {

@@ -13,11 +13,12 @@ use crate::real::Real;
 use crate::simd::interleave::first_n;
 use crate::simd::lanes::{Block, LANES, Lanes};
 
-/// Rows of the panels of a forward pass: 12 rows of two blocks are 24 sums, which fit into 32
-/// registers.
+/// Number of rows (output pixels) of an im2col panel in the forward pass: 12 rows of two blocks are
+/// 24 sums, which fit into 32 registers.
 pub(crate) const PANEL_ROWS: usize = 12;
 
-/// Loads N blocks. A plain loop, because a closure would not be compiled for the instruction set.
+/// Loads N blocks into registers. A plain loop, because a closure would not be compiled for the
+/// instruction set.
 #[inline(always)]
 pub(crate) fn load_blocks<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
@@ -30,8 +31,8 @@ pub(crate) fn load_blocks<T: Real, L: Lanes<T>, const N: usize>(
     values
 }
 
-/// Writes y = x w for the first `rows` of [`PANEL_ROWS`] rows; x is a panel `[block][row]`, w
-/// `[group of x][block of y]`, y `[row][block]`.
+/// Writes the matrix product y = x w for the first `rows` of [`PANEL_ROWS`] rows; x is a panel
+/// `[block][row]`, w `[group of x][block of y]`, y `[row][block]`.
 #[inline(always)]
 pub(crate) fn panel_product<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
@@ -60,7 +61,7 @@ pub(crate) fn panel_product<T: Real, L: Lanes<T>, const G: usize>(
     }
 }
 
-/// Columns of the weights `[group][width]`, from block `first` on.
+/// Columns of the packed weights `[lane group][width]`, from block `first` on.
 #[derive(Clone, Copy)]
 struct Tile<'a, T> {
     w: &'a [Block<T>],
@@ -68,8 +69,8 @@ struct Tile<'a, T> {
     first: usize,
 }
 
-/// Writes V blocks of the first `rows` rows, R rows at a time, and returns V. The last tile may
-/// write more rows.
+/// Writes V blocks of the matrix product for the first `rows` rows, R rows at a time, and returns
+/// V. The last tile may write more rows.
 #[inline(always)]
 fn forward_tiles<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: usize>(
     lanes: L,
@@ -84,7 +85,7 @@ fn forward_tiles<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: 
     V
 }
 
-/// Writes the sums of R rows and V blocks.
+/// Writes V blocks of the matrix product for R rows.
 #[inline(always)]
 fn forward_tile<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: usize>(
     lanes: L,
@@ -118,8 +119,9 @@ fn forward_tile<T: Real, L: Lanes<T>, const G: usize, const R: usize, const V: u
     }
 }
 
-/// Adds x^T dy over all rows to dw; x and dy are panels `[block][row]`, dw is `[group of x][block
-/// of y]` with `step` blocks from one block of x to the next.
+/// Adds the weight gradient x^T dy, summed over all rows, to dw; x and dy are panels
+/// `[block][row]`, dw is `[group of x][block of y]` with `step` blocks from one block of x to the
+/// next.
 #[inline(always)]
 pub(crate) fn add_weight_gradient<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
@@ -146,7 +148,7 @@ pub(crate) fn add_weight_gradient<T: Real, L: Lanes<T>, const G: usize>(
     }
 }
 
-/// Operands of a weight gradient.
+/// Operands of a convolution's weight gradient.
 #[derive(Clone, Copy)]
 struct GradientTile<'a, T> {
     x: &'a [Block<T>],
@@ -157,8 +159,8 @@ struct GradientTile<'a, T> {
 }
 
 impl<T: Real> GradientTile<'_, T> {
-    /// Adds V blocks of outputs for all blocks of x, and returns V. B blocks of x are processed at
-    /// a time as far as possible, and K groups at a time.
+    /// Adds V blocks of outputs of the weight gradient for all blocks of x, and returns V. B blocks
+    /// of x are processed at a time as far as possible, and K groups at a time.
     #[inline(always)]
     fn blocks<L: Lanes<T>, const G: usize, const B: usize, const K: usize, const V: usize>(
         self,
@@ -181,7 +183,7 @@ impl<T: Real> GradientTile<'_, T> {
         V
     }
 
-    /// Adds the sums of B blocks of x, K groups and V blocks of outputs.
+    /// Adds the weight gradient of B blocks of x, K groups of lanes and V blocks of outputs.
     #[inline(always)]
     fn sum<L: Lanes<T>, const G: usize, const B: usize, const K: usize, const V: usize>(
         self,
@@ -227,8 +229,8 @@ impl<T: Real> GradientTile<'_, T> {
     }
 }
 
-/// Returns the gradient of N folds in R rows: sums over the groups of dy `[block][row]`, with w
-/// `[group of dy][N]`.
+/// Returns the gradient with respect to N folds of R output pixels: sums over the groups of dy
+/// `[block][row]`, with w `[group of dy][N]`.
 #[inline(always)]
 pub(crate) fn fold_gradients<
     T: Real,

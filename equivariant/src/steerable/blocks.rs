@@ -9,7 +9,8 @@ use symmetry::{FieldType, Irrep};
 use crate::matrix::{MatrixProduct, row_major, row_major_mut};
 use crate::real::{Real, fill_normal};
 
-/// Parameter layout and products of an equivariant linear map.
+/// Parameter layout and matrix products of an equivariant linear map with one weight matrix per
+/// irrep.
 ///
 /// Output irrep b has `cols[b]` inputs; irreps that the group lacks have no inputs and no outputs.
 /// The weights of b are `[out multiplicity of b, cols[b]]`, row-major. The blocks come in irrep
@@ -25,7 +26,7 @@ impl IrrepBlocks {
         IrrepBlocks { cols, out }
     }
 
-    /// Returns the number of inputs of output irrep b.
+    /// Returns the number of inputs of output irrep b, the columns of its weight matrix.
     pub fn num_inputs(&self, b: Irrep) -> usize {
         self.cols[b.index()]
     }
@@ -34,7 +35,7 @@ impl IrrepBlocks {
         self.num_inputs(b) * self.out.multiplicity(b)
     }
 
-    /// Returns the range of the weights of a block among the parameters.
+    /// Returns the range of the weights of output irrep b among the parameters.
     pub fn weight_range(&self, b: Irrep) -> Range<usize> {
         let start = Irrep::ALL[..b.index()].iter().map(|&a| self.block_len(a)).sum();
         start..start + self.block_len(b)
@@ -50,7 +51,7 @@ impl IrrepBlocks {
         self.bias_range().end
     }
 
-    /// Draws the weights with variance gain^2 / fan-in and sets the biases to zero.
+    /// Draws the initial weights with variance gain^2 / fan-in and sets the biases to zero.
     pub fn init<T: Real>(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         assert_eq!(params.len(), self.num_params(), "wrong number of parameters");
         for b in Irrep::ALL {
@@ -60,7 +61,8 @@ impl IrrepBlocks {
         params[self.bias_range()].fill(T::ZERO);
     }
 
-    /// Writes the bias into the trivial channels of every row of `y` and zero into the others.
+    /// Writes the bias into the trivial channels of every output vector in `y` and zero into the
+    /// other channels.
     pub fn fill_bias<T: Real>(&self, params: &[T], y: &mut [T]) {
         let bias = &params[self.bias_range()];
         for row in y.chunks_exact_mut(self.out.dim().max(1)) {
@@ -80,8 +82,8 @@ impl IrrepBlocks {
         }
     }
 
-    /// Adds x_b W_b^T to y_b, for y `[rows, dim]` and x `[rows, channels]` of a type with these
-    /// inputs.
+    /// Adds x_b W_b^T to the channels of irrep b of the output `y` `[rows, dim]`, for the inputs
+    /// `x` `[rows, channels]` of output irrep b.
     pub fn add_product<T: Real>(&self, b: Irrep, params: &[T], x: IrrepChannels<T>, y: &mut [T]) {
         let Some([rows, k, n]) = self.sizes(b, y.len()) else {
             return;
@@ -95,7 +97,7 @@ impl IrrepBlocks {
         });
     }
 
-    /// Adds dy_b^T x_b to the weight gradient dW_b.
+    /// Adds dy_b^T x_b to the gradient with respect to the weights W_b of output irrep b.
     pub fn add_weight_gradient<T: Real>(
         &self,
         b: Irrep,
@@ -114,8 +116,8 @@ impl IrrepBlocks {
         });
     }
 
-    /// Writes dx_b = dy_b W_b; zero if the block has no outputs. `dx` starts with the first channel
-    /// of the irrep and has `stride` channels.
+    /// Writes the input gradient dx_b = dy_b W_b of irrep b; zero if the output lacks the irrep.
+    /// `dx` starts with the first channel of the irrep and has `stride` channels.
     pub fn write_input_gradient<T: Real>(
         &self,
         b: Irrep,
@@ -139,8 +141,8 @@ impl IrrepBlocks {
         }
     }
 
-    /// Returns rows, inputs and outputs of a block for an output of this length; `None` if one of
-    /// them is 0.
+    /// Returns the numbers of rows, inputs and outputs of the matrix product of irrep b for an
+    /// output of `out_len` values; `None` if one of them is 0.
     fn sizes(&self, b: Irrep, out_len: usize) -> Option<[usize; 3]> {
         let rows = out_len / self.out.dim();
         let sizes = [rows, self.num_inputs(b), self.out.multiplicity(b)];
@@ -148,7 +150,8 @@ impl IrrepBlocks {
     }
 }
 
-/// Channels of an irrep in vectors of `stride` channels, starting at its first channel.
+/// Channels of one irrep in vectors of `stride` channels; the slice starts at the irrep's first
+/// channel.
 #[derive(Clone, Copy)]
 pub(crate) struct IrrepChannels<'a, T> {
     data: &'a [T],
@@ -156,7 +159,7 @@ pub(crate) struct IrrepChannels<'a, T> {
 }
 
 impl<'a, T> IrrepChannels<'a, T> {
-    /// Returns the channels of irrep b in vectors of this type.
+    /// Returns the channels of irrep b in vectors of the field type `fields`.
     pub fn new(fields: FieldType, b: Irrep, vectors: &'a [T]) -> Self {
         IrrepChannels {
             // a slice of no samples is shorter than the start of an irrep

@@ -25,26 +25,27 @@ pub struct OrdinaryConv<'a> {
     pub(crate) layer_name: &'static str,
     pub(crate) taps: TapBasis,
     pub(crate) blocks: &'a IrrepBlocks,
-    /// Index of the parameter of every entry of the blocks; `None` if the blocks are the
-    /// parameters.
+    /// Index of the parameter of every entry of the irreps' weight matrices; `None` if the matrices
+    /// lie among the parameters as they are.
     pub(crate) param_indices: Option<&'a [usize]>,
     pub(crate) window: SlidingWindow,
     pub(crate) in_shape: Shape,
     pub(crate) out_shape: Shape,
 }
 
-/// Steerable kernel that is closest to a dense one, with the share of the dense one that is lost.
+/// Steerable kernel that is closest to a dense kernel, with the share of the dense kernel that is
+/// lost.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KernelProjection<T> {
     /// Parameters of the layer with the closest kernel; the biases are zero.
     pub params: Vec<T>,
-    /// Share that is not steerable, in [0, 1]: the Euclidean norm of the rest over that of the
-    /// kernel.
+    /// Share of the dense kernel that is not steerable, in [0, 1]: the Euclidean norm of the rest
+    /// over that of the dense kernel.
     pub lost_share: f64,
 }
 
 impl OrdinaryConv<'_> {
-    /// Returns the window of the convolution.
+    /// Returns the sliding window of the convolution: size, stride and padding.
     pub fn window(&self) -> SlidingWindow {
         self.window
     }
@@ -65,7 +66,7 @@ impl OrdinaryConv<'_> {
         [self.out_type().dim(), self.in_type().dim(), size, size]
     }
 
-    /// Returns the kernel in the irrep basis.
+    /// Returns the dense kernel `[C_out, C_in, size, size]` in the irrep basis.
     ///
     /// # Panics
     /// When `params` does not hold the layer's parameters.
@@ -76,7 +77,7 @@ impl OrdinaryConv<'_> {
         kernel
     }
 
-    /// Returns the bias in the irrep basis: zero except for trivial channels.
+    /// Returns the bias `[C_out]` in the irrep basis: zero except for trivial channels.
     ///
     /// # Panics
     /// As [`kernel`](OrdinaryConv::kernel).
@@ -87,8 +88,8 @@ impl OrdinaryConv<'_> {
         bias
     }
 
-    /// Returns the kernel in the regular basis, as libraries of expanded steerable kernels store
-    /// it.
+    /// Returns the dense kernel in the regular basis, as libraries of expanded steerable kernels
+    /// store it.
     ///
     /// Regular fields are in the layout of [`hadamard_transform`](crate::hadamard_transform), where
     /// a ReLU is pointwise as in every other library. A side of another type stays in the irrep
@@ -102,7 +103,7 @@ impl OrdinaryConv<'_> {
         kernel
     }
 
-    /// Returns the bias in the regular basis: equal for all elements of a field.
+    /// Returns the bias `[C_out]` in the regular basis: equal for all elements of a field.
     ///
     /// # Panics
     /// As [`kernel`](OrdinaryConv::kernel).
@@ -112,7 +113,8 @@ impl OrdinaryConv<'_> {
         bias
     }
 
-    /// Returns the steerable kernel that is closest to a dense one in the irrep basis.
+    /// Returns the steerable kernel that is closest to the dense kernel `kernel`, which is in the
+    /// irrep basis.
     ///
     /// # Panics
     /// When `kernel` is not of the [`kernel_shape`](OrdinaryConv::kernel_shape).
@@ -135,7 +137,8 @@ impl OrdinaryConv<'_> {
         KernelProjection { params, lost_share: (rest / total.max(f64::MIN_POSITIVE)).sqrt() }
     }
 
-    /// Returns the steerable kernel that is closest to a dense one in the regular basis.
+    /// Returns the steerable kernel that is closest to the dense kernel `kernel`, which is in the
+    /// regular basis.
     ///
     /// # Panics
     /// As [`project_kernel`](OrdinaryConv::project_kernel).
@@ -184,7 +187,8 @@ impl OrdinaryConv<'_> {
         }
     }
 
-    /// Transforms both sides of a kernel between the irrep basis and the regular basis.
+    /// Transforms the output and the input channels of a kernel between the irrep basis and the
+    /// regular basis.
     fn change_basis<T: Real>(&self, kernel: &mut [T]) {
         let [_, in_dim, size, _] = self.kernel_shape();
         for per_output in kernel.chunks_exact_mut((in_dim * size * size).max(1)) {

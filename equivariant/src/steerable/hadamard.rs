@@ -48,7 +48,8 @@ pub fn hadamard_transform<T: Real>(group: Group, channels: &mut [T]) {
     hadamard_transform_pixels(group.order(), n, channels);
 }
 
-/// Returns the order and the number of fields of a type with a basis that the group permutes.
+/// Returns the number of channels per field and the number of fields of a field type with a basis
+/// that the group permutes.
 ///
 /// Trivial channels are fields of order 1. The result is `None` for other types.
 pub(crate) fn permuted_field_order_and_count(fields: FieldType) -> Option<(usize, usize)> {
@@ -59,8 +60,8 @@ pub(crate) fn permuted_field_order_and_count(fields: FieldType) -> Option<(usize
     Some((fields.group().order(), n))
 }
 
-/// Returns the order and the number of fields of a map with a basis that the group permutes;
-/// rejects other types.
+/// Returns the number of channels per field and the number of fields of a feature map with a basis
+/// that the group permutes; rejects other field types.
 pub(crate) fn require_permuted_fields(
     layer: &'static str,
     shape: Shape,
@@ -73,7 +74,8 @@ pub(crate) fn require_permuted_fields(
     })
 }
 
-/// Transforms n fields of this order in place at every pixel.
+/// Transforms the n fields of every pixel in place between the irrep basis and the regular basis; a
+/// field has `order` channels.
 pub(crate) fn hadamard_transform_pixels<T: Real>(order: usize, n: usize, pixels: &mut [T]) {
     match order {
         1 => {}
@@ -117,13 +119,13 @@ macro_rules! with_const_order {
 
 pub(crate) use with_const_order;
 
-/// Splits the channels of one pixel by irrep.
+/// Splits the channels of one pixel of n regular fields by irrep.
 #[inline(always)]
 pub(crate) fn split_by_irrep<T, const G: usize>(pixel: &[T], n: usize) -> [&[T]; G] {
     from_fn(|a| &pixel[a * n..][..n])
 }
 
-/// Splits the channels of one pixel by irrep, mutably.
+/// Splits the channels of one pixel of n regular fields by irrep, mutably.
 #[inline(always)]
 pub(crate) fn split_by_irrep_mut<T, const G: usize>(
     mut pixel: &mut [T],

@@ -1,10 +1,11 @@
-//! Taps of a kernel, folded into functions of a pure parity.
+//! Basis functions on the taps of a kernel, each of a pure parity under the group.
 
 use std::collections::BTreeMap;
 
 use symmetry::{FieldType, Group, Irrep};
 
-/// Orthonormal basis of the functions on k x k taps, each with the signs of one irrep of the group.
+/// Orthonormal basis of the functions on the k x k taps of a kernel, each with the signs of one
+/// irrep of the group.
 ///
 /// An orbit of taps {g t} carries, for every irrep a, the function sum_g a(g) delta(g t), unless
 /// the taps that g leaves in place cancel it. D2 folds along both axes, D1x and D1y along one, C2
@@ -22,7 +23,7 @@ pub(crate) struct TapBasis {
     pub basis_functions: Vec<TapFunction>,
 }
 
-/// Basis function on the taps.
+/// Basis function on the taps of a kernel, on which the group acts by the signs of one irrep.
 #[derive(Clone, Debug)]
 pub(crate) struct TapFunction {
     /// Irrep by whose signs the group acts on the function.
@@ -45,13 +46,15 @@ impl TapBasis {
         self.in_type.group().restrict_irrep(b * parity)
     }
 
-    /// Returns the first column, in the matrix of output irrep b, of the channels of a function.
+    /// Returns the first column, in the weight matrix of output irrep b, that belongs to basis
+    /// function `function`.
     pub fn first_column(&self, b: Irrep, function: usize) -> usize {
         let before = self.basis_functions[..function].iter();
         before.map(|f| self.in_type.multiplicity(self.input_irrep(b, f.parity))).sum()
     }
 
-    /// Returns the number of columns of the matrix of output irrep b; 0 if the group lacks b.
+    /// Returns the number of columns of the weight matrix of output irrep b; 0 if the group lacks
+    /// b.
     pub fn num_columns(&self, b: Irrep) -> usize {
         if self.in_type.group().restrict_irrep(b) == b {
             self.first_column(b, self.basis_functions.len())
@@ -61,8 +64,8 @@ impl TapBasis {
     }
 }
 
-/// Returns the function of this parity on the orbit of `tap`; `None` if it vanishes or `tap` is not
-/// the first of its orbit.
+/// Returns the basis function of this parity on the orbit of `tap`; `None` if it vanishes or `tap`
+/// is not the first of its orbit.
 fn folded(group: Group, size: usize, parity: Irrep, tap: [usize; 2]) -> Option<TapFunction> {
     let mut sums = BTreeMap::new();
     for &g in group.elements() {

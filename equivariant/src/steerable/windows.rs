@@ -1,4 +1,4 @@
-//! Positions of windows on an image.
+//! Positions of sliding windows on an image.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use crate::error::LayerError;
 use crate::shape::Shape;
 use crate::window::SlidingWindow;
 
-/// Windows of a convolution or of a pooling layer.
+/// Grid of the sliding windows of a convolution or of a pooling layer on an image.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct WindowGrid {
     pub kernel: SlidingWindow,
@@ -17,8 +17,8 @@ pub(crate) struct WindowGrid {
 }
 
 impl WindowGrid {
-    /// Creates the windows on a `[height, width]` image. They must sit symmetrically on the axes
-    /// that the group flips.
+    /// Creates the grid of windows on a `[height, width]` image. The windows must sit symmetrically
+    /// on the axes that the group flips.
     pub fn new(
         layer: &'static str,
         group: Group,
@@ -36,7 +36,8 @@ impl WindowGrid {
         Ok(WindowGrid { kernel, in_size, out_size: [rows?, columns?] })
     }
 
-    /// Creates the windows of a pooling, none of which may lie entirely in the padding.
+    /// Creates the grid of windows of a pooling layer, none of which may lie entirely in the
+    /// padding.
     pub fn for_pooling(
         layer: &'static str,
         shape: Shape,
@@ -56,7 +57,7 @@ impl WindowGrid {
         Ok(windows)
     }
 
-    /// Returns the shape of a map with a pixel for every window.
+    /// Returns the shape of a feature map with a pixel for every window.
     pub fn out_shape(&self, fields: FieldType) -> Shape {
         let [height, width] = self.out_size;
         Shape::image(height, width, fields)

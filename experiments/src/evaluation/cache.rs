@@ -7,7 +7,7 @@ use envs::TaskVariant;
 
 use learner::{Learner, PolicyEvaluation};
 
-/// Episodes of one policy: a variant, episodes in each environment, and the policy's index.
+/// Key of a cached evaluation: task variant, episodes in each environment, and policy index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct CacheKey {
     pub variant: TaskVariant,
@@ -15,8 +15,9 @@ pub(super) struct CacheKey {
     pub policy: usize,
 }
 
-/// Latest result for each key, with the fingerprint of the parameters that gave it. Evaluations
-/// play the same episodes every time, so equal parameters give equal results, to the bit.
+/// Cache of the latest evaluation for each key, with the fingerprint of the policy's parameters.
+/// Evaluations play the same episodes every time, so equal parameters give equal results, to the
+/// bit.
 #[derive(Debug, Default)]
 pub(super) struct EvaluationCache(HashMap<CacheKey, (u64, PolicyEvaluation)>);
 

@@ -13,7 +13,7 @@ pub const DORMANCY_THRESHOLD: f64 = 0.025;
 /// Dormant units of one policy's network, over the observations of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct DormantUnits {
-    /// Index of the policy.
+    /// Index of the policy whose network units are counted.
     pub policy: usize,
     /// Number of rectified units (ReLU) of the policy's network.
     #[serde(rename = "units")]
@@ -24,12 +24,12 @@ pub struct DormantUnits {
     pub dormant_count: usize,
 }
 
-/// Outputs of the units of each policy, by the policies' indices.
+/// Outputs of the network units of each policy during an evaluation, by the policies' indices.
 #[derive(Clone, Debug, Default)]
 pub(super) struct UnitActivities(BTreeMap<usize, UnitActivity>);
 
 impl UnitActivities {
-    /// Adds the outputs of a policy's units in one variant.
+    /// Adds the outputs of a policy's network units in one task variant.
     pub fn add(&mut self, policy: usize, activity: &UnitActivity) {
         self.0.entry(policy).or_default().add(activity);
     }

@@ -18,15 +18,16 @@ use super::Evaluator;
 /// [`EvaluationPlan::recognition_repeats`](crate::EvaluationPlan::recognition_repeats) times.
 pub const EPISODES_SHOWN: [usize; 3] = [1, 4, 20];
 
-/// Random stream of the seeds of the shown episodes, next to that of the learner's draws.
+/// Number of the ChaCha stream for the seeds of shown episodes, next to that of the learner's
+/// draws.
 const EPISODES: u64 = u64::MAX - 1;
 
-/// Count of one answer of a learner that was asked for the policy of a shown variant.
+/// Number of times that a learner named one policy for a task variant whose frames it was shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Recognition {
     /// Task group whose episodes were shown.
     pub group: TaskGroup,
-    /// Symmetry element of the shown variant.
+    /// Element of D2 (a flip, half turn or identity) that transforms the shown variant's scene.
     pub element: D2,
     /// Number of episodes shown each time the learner was asked.
     #[serde(rename = "episodes")]

@@ -1,4 +1,4 @@
-//! Scores of variants and groups.
+//! Scores of task variants and task groups in an evaluation.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ pub type OwnPolicies = BTreeMap<String, usize>;
 pub struct Score {
     /// Task group of the variant.
     pub group: TaskGroup,
-    /// Symmetry element of the variant.
+    /// Element of D2 (a flip, half turn or identity) that transforms the variant's scene.
     pub element: D2,
     /// `true` if the training stream shows the variant.
     #[serde(rename = "seen")]

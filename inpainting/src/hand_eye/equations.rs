@@ -1,7 +1,7 @@
 //! Normal equations of a least-squares problem with up to ten unknowns.
 
-/// Maximum number of unknowns: the camera's rotation (3) and position (3), the ball's offset in the
-/// hand (3), and the focal length.
+/// Maximum number of unknowns of a hand-eye calibration: the camera's rotation (3) and position
+/// (3), the ball's offset in the hand (3), and the focal length.
 pub(super) const UNKNOWNS: usize = 10;
 
 pub(super) type Vector = [f64; UNKNOWNS];
@@ -11,7 +11,8 @@ type Matrix = [[f64; UNKNOWNS]; UNKNOWNS];
 /// others are unknown, too. Beyond it, the result is mostly rounding.
 const MAX_INFLATION: f64 = 1e12;
 
-/// Normal equations: matrix and right-hand side. Only the first `free` unknowns take part.
+/// Normal equations of least squares: matrix and right-hand side. Only the first `free` unknowns
+/// take part.
 #[derive(Clone, Debug)]
 pub(super) struct NormalEquations {
     matrix: Matrix,
@@ -20,12 +21,13 @@ pub(super) struct NormalEquations {
 }
 
 impl NormalEquations {
-    /// Creates an empty system for the first `free` unknowns; the others are held at 0.
+    /// Creates normal equations without data for the first `free` unknowns; the others are held at
+    /// 0.
     pub fn new(free: usize) -> Self {
         Self { matrix: [[0.0; UNKNOWNS]; UNKNOWNS], right: [0.0; UNKNOWNS], free }
     }
 
-    /// Adds an equation: `row` times the unknowns is `value`.
+    /// Adds an equation of the least-squares problem: `row` times the unknowns is `value`.
     pub fn add(&mut self, row: &Vector, value: f64) {
         for (i, left) in row.iter().enumerate().take(self.free) {
             self.right[i] += left * value;
@@ -35,8 +37,8 @@ impl NormalEquations {
         }
     }
 
-    /// Solves for the unknowns, with the diagonal multiplied by 1 + `damping`; held ones are 0.
-    /// `None` if the equations do not determine them.
+    /// Solves for the unknowns, with the diagonal multiplied by 1 + `damping`; unknowns that are
+    /// held are 0. `None` if the equations do not determine the others.
     pub fn solve(&self, damping: f64) -> Option<Vector> {
         let scale = self.scale()?;
         let factor = self.factor(&scale, damping)?;
@@ -51,8 +53,8 @@ impl NormalEquations {
         Some(unknowns)
     }
 
-    /// Returns the variances of the unknowns for values of variance 1; held ones have 0. `None` if
-    /// the equations do not determine all unknowns.
+    /// Returns the variances of the unknowns for values of variance 1; unknowns that are held have
+    /// 0. `None` if the equations do not determine all unknowns.
     pub fn variances(&self) -> Option<Vector> {
         let scale = self.scale()?;
         let factor = self.factor(&scale, 0.0)?;
@@ -107,7 +109,7 @@ impl NormalEquations {
     }
 }
 
-/// Solves in place by forward and backward substitution with a lower factor.
+/// Solves for `x` in place by forward and backward substitution with a lower Cholesky factor.
 fn substitute(factor: &Matrix, x: &mut Vector, count: usize) {
     for row in 0..count {
         let known: f64 = (0..row).map(|k| factor[row][k] * x[k]).sum();

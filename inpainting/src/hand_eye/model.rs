@@ -20,22 +20,22 @@ pub(super) fn rotated(calibration: &Calibration, quarters: usize) -> Calibration
     }
 }
 
-/// Estimate of the unknowns, and its residuals.
+/// Estimate of the unknowns of a hand-eye calibration, and its residuals.
 #[derive(Clone, Debug)]
 pub(super) struct Fit<'a> {
     calibration: Calibration,
     settings: HandEyeSettings,
-    /// Estimate of the offset; the given one if it is known.
+    /// Estimate of the ball's offset in the hand; the given one if it is known.
     guess: DVec3,
     sightings: &'a [BallSighting],
-    /// Observed minus expected column and row (pixels).
+    /// Observed minus expected column and row of each ball (pixels).
     residuals: Vec<[f64; 2]>,
     cost: f64,
 }
 
 impl<'a> Fit<'a> {
-    /// Starts an estimate, an unknown offset at zero and the focal lengths as given. `None` if a
-    /// ball would be out of sight.
+    /// Creates the first estimate, with an unknown offset at zero and the focal lengths as given;
+    /// `None` if a ball would be out of sight.
     pub fn new(
         calibration: Calibration,
         settings: HandEyeSettings,
@@ -49,7 +49,7 @@ impl<'a> Fit<'a> {
         Self::at(calibration, settings, guess, sightings)
     }
 
-    /// Computes the residuals of an estimate. `None` if a ball would be out of sight.
+    /// Creates an estimate with its residuals; `None` if a ball would be out of sight.
     fn at(
         calibration: Calibration,
         settings: HandEyeSettings,
@@ -67,8 +67,8 @@ impl<'a> Fit<'a> {
         cost.is_finite().then_some(fit)
     }
 
-    /// Returns the estimate with the residuals of other sightings. `None` if one of their balls
-    /// would be out of sight.
+    /// Returns the same estimate with the residuals of other sightings; `None` if one of their
+    /// balls would be out of sight.
     pub fn with_sightings<'b>(&self, sightings: &'b [BallSighting]) -> Option<Fit<'b>> {
         Fit::at(self.calibration, self.settings, self.guess, sightings)
     }
@@ -83,12 +83,12 @@ impl<'a> Fit<'a> {
         self.guess
     }
 
-    /// Returns the settings.
+    /// Returns the settings of the hand-eye calibration.
     pub fn settings(&self) -> &HandEyeSettings {
         &self.settings
     }
 
-    /// Returns the sightings.
+    /// Returns the sightings of the ball that the estimate is fitted to.
     pub fn sightings(&self) -> &'a [BallSighting] {
         self.sightings
     }
@@ -98,13 +98,13 @@ impl<'a> Fit<'a> {
         self.cost
     }
 
-    /// Returns a copy with the current offset held.
+    /// Returns a copy in which the ball's current offset is held.
     pub fn with_known_offset(&self) -> Self {
         let offset = BallOffset::Known(self.guess);
         Self { settings: HandEyeSettings { ball_offset: offset, ..self.settings }, ..self.clone() }
     }
 
-    /// Returns a copy with the focal length among the unknowns, or held.
+    /// Returns a copy in which the focal length is one of the unknowns, or held.
     pub fn with_free_focal(&self, estimate_focal: bool) -> Self {
         Self {
             settings: HandEyeSettings { estimate_focal_length: estimate_focal, ..self.settings },
@@ -121,17 +121,19 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// Returns the number of unknowns.
+    /// Returns the number of unknowns that are not held.
     fn free(&self) -> usize {
         self.focal_index() + usize::from(self.settings.estimate_focal_length)
     }
 
-    /// Returns the number of equations beyond those that the unknowns take.
+    /// Returns the degrees of freedom of the residuals: the number of equations less that of the
+    /// unknowns.
     pub fn degrees_of_freedom(&self) -> f64 {
         (2 * self.residuals.len() - self.free()) as f64
     }
 
-    /// Returns the standard deviation (pixels) of the observations, estimated from the residuals.
+    /// Returns the standard deviation (pixels) of the observed ball positions, estimated from the
+    /// residuals.
     pub fn noise_sd(&self) -> f64 {
         (self.cost / self.degrees_of_freedom()).sqrt()
     }
@@ -147,8 +149,8 @@ impl<'a> Fit<'a> {
         equations
     }
 
-    /// Returns the derivatives of the column and of the row by the unknowns. The focal length's
-    /// unknown is its logarithm.
+    /// Returns the derivatives of a ball's column and row with respect to the unknowns. The focal
+    /// length's unknown is its logarithm.
     fn rows(&self, sighting: &BallSighting, residual: [f64; 2]) -> [Vector; 2] {
         let Extrinsics { rotation, translation } = self.calibration.extrinsics;
         let ball = sighting.hand_position + sighting.hand_rotation * self.guess;
@@ -172,7 +174,8 @@ impl<'a> Fit<'a> {
         })
     }
 
-    /// Returns the estimate after a step. `None` if a ball would then be out of sight.
+    /// Returns the estimate after a step of the unknowns; `None` if a ball would then be out of
+    /// sight.
     pub fn after_step(&self, step: &Vector) -> Option<Self> {
         let turn = DQuat::from_scaled_axis(DVec3::from_slice(&step[..3]));
         let old = DQuat::from_mat3(&self.calibration.extrinsics.rotation);
@@ -194,7 +197,7 @@ impl<'a> Fit<'a> {
         Self::at(calibration, self.settings, guess, self.sightings)
     }
 
-    /// Returns the residuals of all poses.
+    /// Returns the residuals of all arm poses.
     pub fn residuals(&self) -> Vec<Residual> {
         let pairs = self.sightings.iter().zip(&self.residuals);
         let residual = |(sighting, [right, down]): (&BallSighting, &[f64; 2])| {
@@ -237,13 +240,13 @@ impl<'a> Fit<'a> {
         self.residuals().into_iter().zip(limits)
     }
 
-    /// Returns `true` if no residual is beyond its limit.
+    /// Returns `true` if all residuals can be noise: none is beyond its limit.
     pub fn is_within_limits(&self) -> bool {
         self.limited_residuals().all(|(residual, limit)| residual.distance_px <= limit)
     }
 }
 
-/// Largest residual that counts as noise, in standard deviations.
+/// Largest residual of a hand-eye calibration that counts as noise, in standard deviations.
 pub(super) const LIMIT_SIGMAS: f64 = 4.0;
 /// Standard deviation (pixels) of the middle of a ball that is found by its outline.
 pub(super) const OUTLINE_SD: f64 = 0.2;
@@ -286,9 +289,9 @@ impl From<BallOffset> for HandEyeSettings {
 /// Observation of the ball in one pose of the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BallSighting {
-    /// Number of the pose, for messages.
+    /// Number of the arm pose, for messages.
     pub pose_number: usize,
-    /// Position of the hand by its joints (metres, world).
+    /// Position of the hand according to the arm's joints (metres, world).
     pub hand_position: DVec3,
     /// Rotation from the hand's axes to the world's.
     pub hand_rotation: DQuat,
@@ -299,16 +302,16 @@ pub struct BallSighting {
 /// Position of the ball in the hand's frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BallOffset {
-    /// Given offset.
+    /// Known offset of the ball in the hand's frame (metres).
     Known(DVec3),
     /// Offset that is solved for, which requires poses in which the hand turns about two axes.
     Unknown,
 }
 
-/// Distance of the ball of a pose from its expected position.
+/// Distance of the ball in one arm pose from its expected position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
-    /// Index of the hand's pose.
+    /// Number of the arm pose.
     pub pose_number: usize,
     /// Distance between seen and expected ball in the picture (pixels).
     pub distance_px: f64,

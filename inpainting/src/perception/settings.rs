@@ -10,9 +10,9 @@ use crate::inpainter::InpainterSettings;
 use crate::links::ArmLink;
 use crate::mark::GripperMark;
 
-/// Maximum oversampling.
+/// Maximum number of in-painting pixels along each side of a pixel of the policy.
 const MAX_OVERSAMPLING: usize = 15;
-/// Largest deviation of a component of the policy camera's axis from straight down.
+/// Largest deviation of a component of the policy camera's optical axis from straight down.
 const AXIS_TOLERANCE: f64 = 1e-9;
 
 /// Settings of a [`Perception`](crate::Perception).
@@ -31,7 +31,7 @@ pub struct PerceptionSettings {
     pub mask_margin_m: f64,
     /// Colour correction to the policy's picture of the table.
     pub colour_correction: ColorCorrection,
-    /// Mark over the gripper, as in the policy's training.
+    /// Mark that is drawn over the gripper, as in the policy's training.
     pub gripper_mark: GripperMark,
 }
 
@@ -110,7 +110,8 @@ impl PerceptionSettings {
         pixels.flatten().copied().collect()
     }
 
-    /// Downsamples to the policy's pixels, by the median of each square of in-painting pixels.
+    /// Downsamples a picture to the policy's pixels, by the median of each square of in-painting
+    /// pixels.
     pub(super) fn downsample(&self, painted: &[u8], out: &mut [u8]) {
         let (width, finer) = (self.policy_camera.intrinsics.width, self.oversampling);
         let line = 3 * width * finer;

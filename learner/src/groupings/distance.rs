@@ -7,8 +7,8 @@ use crate::error::LearnerError;
 
 use super::grouping::{Candidates, Grouping, GroupingDecision, Query};
 
-/// The paper's grouping: compares the rollout's first frames `O` with every policy's `B`, in that
-/// policy's own features, and takes the nearest policy within a threshold.
+/// Grouping of the paper: compares a rollout's first frames (`O`) with those that each policy keeps
+/// (`B`), in that policy's features, and takes the nearest policy within a threshold.
 #[derive(Clone, Copy, Debug)]
 pub struct Distance {
     threshold: f64,
@@ -38,7 +38,8 @@ impl Grouping for Distance {
     }
 }
 
-/// Largest number of episodes of a policy that [`nearest`] compares with.
+/// Largest number of episodes of each policy that [`nearest`] compares with a rollout; this bounds
+/// the time of the networks.
 const COMPARED: usize = 40;
 
 /// Returns the policy whose first frames are nearest to those of the rollout; 0 if `policies` is

@@ -1,4 +1,5 @@
-//! Grouping by evidence that no policy owns: pictures, motion and returns of whole episodes.
+//! Grouping by camera pictures, motion and returns of whole episodes, instead of features that a
+//! policy has learnt.
 
 use cluster::{Assignment, Decision};
 use evidence::{
@@ -19,7 +20,8 @@ use super::grouping::{
 #[derive(Debug)]
 pub struct Evident {
     recogniser: Recogniser,
-    /// Cache of picture features: a decision and the lesson after it use the same pictures.
+    /// Cache of picture features: a decision and the call of [`Grouping::learn`] after it use the
+    /// same pictures.
     album: Album,
 }
 
@@ -33,7 +35,7 @@ impl Evident {
     }
 
     /// Returns the summaries of episodes, without motion and returns if a policy other than
-    /// `policy` collected them, since those depend on who acts.
+    /// `policy` collected them, since those depend on the policy that acts.
     fn accounts(
         &mut self,
         episodes: Episodes<'_>,
@@ -50,9 +52,9 @@ impl Evident {
         Ok(accounts)
     }
 
-    /// Names the policy of episodes that are not used for training, by the policies'
-    /// probabilities. Episodes that are unusual for all policies, as images of another camera, are
-    /// compared in the policies' own features instead, which depend less on traces of in-painting.
+    /// Returns the most probable policy for episodes that are not used for training. Episodes that
+    /// are unusual for all policies, as images of another camera, are compared in the policies' own
+    /// features instead, which depend less on traces of in-painting.
     fn recognise(
         &self,
         accounts: &[Account],
@@ -126,8 +128,8 @@ impl Grouping for Evident {
         Ok(finding.into())
     }
 
-    /// Remembers a rollout, or merges two policies. Before that both act in the group: first the
-    /// one from another group, and if it serves this one, the policy of this group again.
+    /// Remembers a rollout, or merges two policies. Before a merge both act in the task group of
+    /// `policy`: first the other policy, and if it serves the group, `policy` again.
     fn learn(&mut self, lesson: Lesson<'_>, rng: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
         let (mut end, mut probe) = (None, None);
         match lesson {

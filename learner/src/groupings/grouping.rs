@@ -12,8 +12,8 @@ use crate::error::LearnerError;
 ///
 /// Policy 0 exists from the start and takes the very first rollout without a query.
 pub trait Grouping: Send {
-    /// Returns the experience that a decision of the grouping requires. The default needs the first
-    /// frames of one episode.
+    /// Returns the number and the kind of the episodes that the grouping needs for an assignment.
+    /// The default needs the first frames of one episode.
     fn needs(&self) -> Needs {
         Needs { episodes: 1, whole_episodes: false }
     }
@@ -58,7 +58,7 @@ pub trait Grouping: Send {
     }
 }
 
-/// Experience that a decision of a grouping requires.
+/// Number and kind of the episodes that a grouping needs to assign a rollout.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Needs {
     /// Number of episodes that a rollout must show, and that must be kept for a policy, at least 1.
@@ -82,25 +82,26 @@ pub enum Query<'a> {
     /// Request to confirm the policy that a decision named, from episodes that it collected itself.
     /// This query only follows a decision that demands a [`Trial`].
     Trial {
-        /// Decision that named the policy.
+        /// Earlier decision, which named the policy on trial.
         earlier: &'a GroupingDecision,
         /// `true` if the answer may be [`Decision::Undecided`], as for [`Query::Rollout`].
         can_wait: bool,
     },
 }
 
-/// Experience that a grouping can use: the first frames of a rollout and of every policy.
+/// Experience that a grouping can use: the first frames of a rollout and those that every policy
+/// keeps, and the whole episodes of the rollout.
 pub trait Candidates {
-    /// Returns for each policy the frames that it keeps and those of the rollout, in its own
-    /// features. This is slow, since networks embed every frame.
+    /// Returns for each policy the first frames that the policy keeps and those of the rollout, as
+    /// features of the policy's network. This is slow, since networks embed every frame.
     ///
     /// # Errors
     /// Errors of a network.
     fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError>;
 
-    /// Returns the frames of two policies, of at most `most` episodes each, and those of the
-    /// rollout. The first contest is in the present features of the first policy, the second one in
-    /// those of the second.
+    /// Returns the first frames that two policies keep, of at most `most` episodes each, and those
+    /// of the rollout, as points in feature space. The first contest is in the present features of
+    /// the first policy, the second one in those of the second.
     ///
     /// # Errors
     /// Errors of a network.
@@ -117,7 +118,7 @@ pub struct Episodes<'a> {
     pub spec: &'a EnvSpec,
     /// Index of the policy that acted in the episodes.
     pub collector: usize,
-    /// Episodes, for groupings that need whole ones; an unfinished one is marked as such.
+    /// Whole episodes, for groupings that need them; an unfinished one is marked as such.
     pub courses: &'a [Course],
 }
 
@@ -130,26 +131,29 @@ pub struct GroupingDecision {
     pub nearest: Option<usize>,
     /// Evidence for and against each policy; empty if nothing was compared.
     pub evidence: Vec<Evidence>,
-    /// Changepoint, in decisions of all environments, if the rollout shows two task groups. Only
-    /// the later group was judged, or in a trial only the earlier one, unless `group_changed`.
+    /// Changepoint, in decisions of all environments since the start of the rollout, if the rollout
+    /// shows two task groups. Only the later group was judged, or in a trial only the earlier one,
+    /// unless `group_changed`.
     pub cut: Option<usize>,
     /// `true` if the task group changed after the policy on trial was proposed: no policy may train
     /// on earlier rollouts.
     pub group_changed: bool,
-    /// Trial that the named policy must pass once it acts, before the decision is final.
+    /// Trial that the named policy must pass, with episodes that it collects, before the decision
+    /// is final.
     pub trial: Trial,
     /// `true` if the named policy is provisional: there is evidence against it, so it must not
     /// train before its trial.
     pub is_provisional: bool,
-    /// Indices of the policies that are rejected until the next iteration.
+    /// Indices of the policies that the evidence rejects for this task group, until the next
+    /// iteration.
     pub rejected: Vec<usize>,
-    /// Indices of the policies that the evidence accepts, the named one included, of a grouping
-    /// that merges policies.
+    /// Indices of the policies that the evidence accepts, the named one included; empty for
+    /// groupings that merge no policies.
     pub accepted: Vec<usize>,
 }
 
 impl From<Assignment> for GroupingDecision {
-    /// Converts a final decision on the whole rollout.
+    /// Converts an assignment into a final decision on the whole rollout.
     fn from(assignment: Assignment) -> Self {
         Self {
             nearest: assignment.nearest(),
@@ -197,18 +201,18 @@ pub enum Lesson<'a> {
     },
 }
 
-/// Instructions of a grouping to the learner after a lesson. They end training data at a
-/// changepoint, let a policy act as a probe, and name merged policies.
+/// Instructions of a grouping to the learner after a call of [`Grouping::learn`]. They end training
+/// data at a changepoint, let a policy act as a probe, and name merged policies.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Learned {
-    /// Changepoint, in decisions of all environments, if the end of the rollout shows another task
-    /// group; later steps must not be used for training.
+    /// Changepoint, in decisions of all environments since the start of the rollout, if its end
+    /// shows another task group; later steps must not be used for training.
     pub end: Option<usize>,
     /// Index of the policy that must act next for [`Needs::episodes`], since it may serve the same
     /// task group. The grouping receives its episodes as [`Lesson::Probes`].
     pub probe: Option<usize>,
-    /// Index of the policy that each one was merged into, if any; empty for groupings that merge no
-    /// policies.
+    /// For each policy, the index of the policy that it was merged into, if any; empty for
+    /// groupings that merge no policies.
     pub merged_into: Vec<Option<usize>>,
 }
 
@@ -222,7 +226,8 @@ pub struct Recognised {
 }
 
 impl From<&GroupingDecision> for Recognised {
-    /// Takes the named policy, or else the nearest one, or policy 0 if nothing was compared.
+    /// Takes the policy that the decision names, or else the nearest one, or policy 0 if nothing
+    /// was compared.
     fn from(decision: &GroupingDecision) -> Self {
         match decision.policy {
             Decision::Existing(policy) => Self { policy, fits: true },
@@ -234,7 +239,7 @@ impl From<&GroupingDecision> for Recognised {
 }
 
 impl Recognised {
-    /// Returns the index of the policy if the evidence accepts it.
+    /// Returns the index of the recognised policy; `None` if the evidence does not accept it.
     pub fn named(self) -> Option<usize> {
         self.fits.then_some(self.policy)
     }

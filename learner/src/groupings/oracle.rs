@@ -43,12 +43,12 @@ impl Labels {
     }
 }
 
-/// Grouping that creates one policy for each label of a task group, the only one that receives
-/// labels.
+/// Grouping that creates one policy for each ground-truth label of a task group; the other
+/// groupings receive no labels.
 #[derive(Debug)]
 pub struct Oracle {
     labels: Labels,
-    /// The label of each policy.
+    /// Label of the task group of each policy.
     known: Vec<String>,
 }
 
@@ -103,7 +103,7 @@ impl Grouping for Oracle {
     }
 }
 
-/// Returns the error of an oracle without a label.
+/// Returns the error of the grouping [`Oracle`] if no label was set.
 pub(super) fn unlabelled() -> LearnerError {
     LearnerError::InvalidSetting {
         name: "grouping",

@@ -14,25 +14,27 @@ use super::oracle::{Labels, Oracle, Single, unlabelled};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum GroupingSettings {
-    /// Pictures, motion and returns of whole episodes, which no policy owns, in one permutation
-    /// test.
+    /// Permutation test on camera pictures, motion and returns of whole episodes, which does not
+    /// use the policies' features.
     Evidence(RecogniserSettings),
-    /// The paper's rule: the nearest policy, unless it is farther than `d_epsilon`.
+    /// The paper's rule: the nearest policy in 1-Wasserstein distance, or a new policy if the
+    /// distance is above `d_epsilon`.
     Threshold {
-        /// Largest distance within a task group (`d_epsilon`), in the features' unit.
+        /// Largest distance (`d_epsilon`) at which a rollout belongs to a policy, in the unit of
+        /// the features.
         threshold: f64,
     },
     /// One policy for all task groups.
     Single,
     /// One policy for each ground-truth label of a task group. Only a run can give labels.
     Oracle,
-    /// Removed rule of earlier versions. Reports read it in the settings of their runs, but no
-    /// learner has it.
+    /// Removed grouping `calibrated` of earlier versions. Reports read it in the settings of their
+    /// runs, but no learner has it.
     #[serde(rename = "calibrated")]
     Removed(RemovedSettings),
 }
 
-/// Settings of the removed rule, which are ignored.
+/// Settings of the removed grouping `calibrated`, which are ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RemovedSettings {}
 

@@ -31,7 +31,7 @@ pub struct PolicyCollection<S: PolicyCollectionSettings> {
     settings: S,
     spec: EnvSpec,
     grouping: Box<dyn Grouping>,
-    /// The paper's collection of pairs of a policy and its `B`.
+    /// The paper's collection of pairs of a policy and its buffer `B` of first frames.
     policies: Vec<PolicyEntry<S>>,
     /// Index of the policy that acts.
     current: usize,
@@ -140,7 +140,8 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
     }
 }
 
-/// Policies and the rollout that is assigned to one of them.
+/// Policies with the first frames that they keep, and the rollout that is to be assigned to one of
+/// them.
 struct CandidateClouds<'a, S: PolicyCollectionSettings> {
     policies: &'a mut [PolicyEntry<S>],
     frames: &'a [FirstFrames],

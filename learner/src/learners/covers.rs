@@ -28,7 +28,7 @@ pub type Covers = PolicyCollection<CoversSettings>;
 pub struct CoversSettings {
     /// Sizes and initial values of each policy's network.
     pub network: NetworkSettings,
-    /// Settings of each policy's update by PPO.
+    /// Settings of the PPO that trains each policy.
     pub ppo: PpoSettings,
     /// Rule that chooses the policy that a rollout belongs to.
     pub grouping: GroupingSettings,
@@ -43,14 +43,14 @@ pub struct CoversSettings {
     /// ([`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation)).
     pub noise_correlation: f32,
     /// Number of episodes whose first frames are kept for each policy, a uniform sample; `None`
-    /// keeps all of them. The paper's `B` does, but then memory and transport problems grow with
-    /// the stream.
+    /// keeps all of them. The paper's `B` keeps all, but then memory and transport problems grow
+    /// with the number of rollouts.
     pub buffer_episodes: Option<usize>,
     /// Use of a rollout that another policy is assigned to than the one that collected it.
     pub handover: Handover,
     /// Initial parameters of a new policy.
     pub new_policy: NewPolicyInit,
-    /// Seed of all random draws of the learner.
+    /// Seed of all random numbers of the learner.
     pub seed: u64,
     /// Device that policies train on, which is not stored in files of settings.
     #[serde(skip)]
@@ -93,7 +93,7 @@ impl CoversSettings {
         }
     }
 
-    /// Creates the update of `policy` on the chosen device.
+    /// Creates the PPO algorithm that trains `policy` on the chosen device.
     fn ppo(&self, policy: &ActorCriticPolicy) -> Result<Ppo, RlError> {
         match &self.device {
             LearningDevice::Cpu => Ppo::new(self.ppo.clone(), policy),
@@ -147,7 +147,7 @@ impl PolicyCollectionSettings for CoversSettings {
     }
 }
 
-/// Training by PPO, on one rollout at a time.
+/// Training of one policy by PPO, on one rollout at a time.
 pub struct PpoTraining {
     ppo: Ppo,
 }

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use crate::error::LearnerError;
 
-/// Device that the updates of policies run on.
+/// Opened device on which policies are trained.
 ///
 /// No settings file or checkpoint contains the device, so a run can continue on another one; its
 /// provenance names the GPU. Devices round sums differently, so results are bit-identical on one
@@ -106,7 +106,7 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
     })
 }
 
-/// Returns `true` if the first adapter is a GPU.
+/// Returns `true` if the first adapter of `wgpu` is a hardware GPU.
 #[cfg(feature = "wgpu")]
 fn hardware() -> bool {
     let adapters = rl::gpu::available_adapters();

@@ -1,4 +1,4 @@
-//! The trait of all learners, and the reports that they give.
+//! Trait of all learners, with the reports of their iterations and evaluations.
 
 use std::fmt;
 use std::path::Path;
@@ -20,10 +20,10 @@ pub trait Learner: Send {
     /// Errors of the environment, a policy or a grouping.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, LearnerError>;
 
-    /// Finds the policy for what `env` runs from the first frames of this many episodes, or,
-    /// without a number, of as many as it needs; learns nothing.
+    /// Returns the policy that fits the tasks of `env`, judged by new episodes: exactly `episodes`,
+    /// or for `None` as many as the learner needs; learns nothing.
     ///
-    /// All draws come from `rng`, so that looking does not change what is learnt next.
+    /// All random numbers come from `rng`, so that recognition does not change what is learnt next.
     ///
     /// # Errors
     /// Errors of the environment, a policy or a grouping.
@@ -48,7 +48,8 @@ pub trait Learner: Send {
     ) -> Result<PolicyEvaluation, LearnerError>;
 
     /// Returns all parameters of policy `index` that [`Learner::evaluate_policy`] depends on, so
-    /// that one which has not changed need not perform again. The default is `None`.
+    /// that a policy whose parameters have not changed need not be evaluated again. The default is
+    /// `None`.
     fn policy_parameters(&self, _index: usize) -> Option<&[f32]> {
         None
     }
@@ -84,7 +85,7 @@ pub trait Learner: Send {
     ) -> Result<Vec<u8>, LearnerError>;
 
     /// Writes a checkpoint that holds the learner and a note of the caller's to the file at `path`.
-    /// It appears whole or not at all, also after a power cut;
+    /// The file appears whole or not at all, also after a power cut;
     /// [`LearnerSettings::load_for_acting`](super::LearnerSettings::load_for_acting) reads it.
     ///
     /// # Errors
@@ -110,17 +111,18 @@ pub struct PolicyEvaluation {
 pub struct Iteration {
     /// Index of the policy that trained.
     pub policy: usize,
-    /// `true` if that policy was created in this iteration.
+    /// `true` if the policy that trained was created in this iteration.
     pub policy_created: bool,
     /// Evidence for and against each policy that the grouping compared; empty for learners and
     /// groupings that compare nothing.
     pub evidence: Vec<Evidence>,
     /// Number of rollouts that the grouping left undecided, so that no policy trained on them.
     pub discarded: usize,
-    /// Index of the policy that each one was merged into, if any; empty for learners and groupings
-    /// that merge no policies.
+    /// For each policy, the index of the policy that it was merged into, if any; empty for learners
+    /// and groupings that merge no policies.
     pub merged_into: Vec<Option<usize>>,
-    /// Number of decisions taken in the iteration in all environments, discarded ones included.
+    /// Number of decisions taken in the iteration in all environments, those of discarded rollouts
+    /// included.
     pub decisions: usize,
     /// Returns and successes of the rollout that was trained on.
     pub rollout_stats: RolloutStats,
@@ -135,7 +137,7 @@ pub struct Iteration {
 pub struct IterationSeconds {
     /// Seconds of the collection of rollouts: the environments and the policy's decisions.
     pub collection: f64,
-    /// Seconds of the assignment to a policy: features, distances and permutations.
+    /// Seconds of the assignment of rollouts to policies: features, distances and permutations.
     pub assignment: f64,
     /// Seconds of the policy update.
     pub update: f64,
@@ -144,13 +146,13 @@ pub struct IterationSeconds {
 /// Part of a learner that a checkpoint holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CheckpointExtent {
-    /// All of the learner: the copy learns on to the same bits.
+    /// All of the learner: a copy that is trained further gets bit-identical parameters.
     Everything,
-    /// Enough of the learner to act and to recognise: policies, and the first frames of at most
-    /// this many episodes each. A copy that learns on starts with fresh optimisers.
+    /// Enough of the learner to act and to recognise task groups: policies, and a limited number of
+    /// first frames each. A copy that is trained further starts with fresh optimisers.
     Policies {
-        /// Number of episodes for each policy, at least as many as the grouping needs to recognise
-        /// a task group.
+        /// Largest number of episodes whose first frames are kept for each policy; at least as many
+        /// as the grouping needs to recognise a task group.
         episodes_per_policy: usize,
     },
 }
@@ -166,8 +168,8 @@ pub enum Metric {
 }
 
 impl fmt::Display for Metric {
-    /// The cell of a table: the shortest decimal that reads back to the same bits; numbers of
-    /// several policies are joined by semicolons, and one that was not measured is empty.
+    /// Writes the cell of a table: the shortest decimal that reads back to the same bits; numbers
+    /// of several policies are joined by semicolons, and one that was not measured is empty.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Number(value) => write!(f, "{value}"),
@@ -214,7 +216,8 @@ impl Metrics {
 const DISTANCES: &str = "distances";
 const HEIRS: &str = "heirs";
 
-/// Column of one number for each policy, and how the number is read from a test.
+/// Name of a log column with one number for each policy, and the function that reads the number
+/// from a permutation test.
 type TestColumn = (&'static str, fn(&PermutationTest) -> f64);
 
 const TEST_COLUMNS: [TestColumn; 5] = [
@@ -225,14 +228,14 @@ const TEST_COLUMNS: [TestColumn; 5] = [
     ("tail_p_values", |test| test.tail_p_value),
 ];
 
-/// Returns the names of columns with one number for each policy, also while there is one policy
-/// only.
+/// Returns the names of the log columns with one number for each policy, also while there is one
+/// policy only.
 pub fn per_policy_column_names() -> impl Iterator<Item = &'static str> {
     let tests = TEST_COLUMNS.into_iter().map(|(name, _)| name);
     [DISTANCES, HEIRS].into_iter().chain(tests)
 }
 
-/// Largest number of rollouts of an iteration that may be left undecided.
+/// Largest number of rollouts of an iteration that the grouping may leave undecided.
 // Groups that all change at once need one each. The bound prevents an endless iteration.
 const MOST_DISCARDED: usize = 16;
 
@@ -242,8 +245,8 @@ impl Iteration {
         self.discarded < MOST_DISCARDED
     }
 
-    /// Logs the evidence of the grouping, the policy that each one was merged into where policies
-    /// are merged, and the update.
+    /// Logs the evidence of the grouping, the merged policies if any, and the values `update` of
+    /// the training.
     pub(super) fn log_metrics(&mut self, update: Vec<(String, f64)>) {
         let (metrics, evidence) = (&mut self.metrics, &self.evidence);
         metrics.add_number("looks", (1 + self.discarded) as f64);

@@ -1,7 +1,7 @@
 //! Off-policy learners: collections of policies that are trained by soft actor-critic from replays.
 //!
-//! With one policy for everything this is CLEAR, with a context 3RL; with COVERS's grouping every
-//! group of tasks has a policy and a replay of its own.
+//! With one policy for all tasks this is CLEAR, with a context also 3RL; with COVERS's grouping
+//! every group of tasks has a policy and a replay buffer of its own.
 
 mod frame_codec;
 mod replay_checkpoint;
@@ -35,13 +35,14 @@ pub type OffPolicy = PolicyCollection<OffPolicySettings>;
 pub struct OffPolicySettings {
     /// Sizes and initial values of each policy's network.
     pub network: NetworkSettings,
-    /// Memory of the last steps of an episode, for the actor and the critics; no memory if null.
+    /// Recurrent context (GRU) of the last steps of an episode, for the actor and the critics; none
+    /// if null.
     pub context: Option<ContextSettings>,
-    /// Settings of each policy's update by soft actor-critic.
+    /// Settings of the soft actor-critic that trains each policy.
     pub sac: SacSettings,
     /// Largest number of steps that each policy's replay buffer holds.
     pub capacity: usize,
-    /// Number of decisions of each policy with uniformly drawn actions, until its replay holds as
+    /// Number of decisions with uniformly random actions, until a policy's replay buffer holds as
     /// many.
     pub warm_up: u64,
     /// Number of last channels of a picture that do not change during an episode. The replay stores
@@ -63,7 +64,7 @@ pub struct OffPolicySettings {
     pub buffer_episodes: Option<usize>,
     /// Initial parameters of a new policy; its replay buffer is empty.
     pub new_policy: NewPolicyInit,
-    /// Seed of all random draws of the learner.
+    /// Seed of all random numbers of the learner.
     pub seed: u64,
 }
 
@@ -102,7 +103,8 @@ impl OffPolicySettings {
     }
 
     /// Returns the settings of 3RL as COVERS compares with it: CLEAR with a context of the last
-    /// five steps. Windows are longer, since their steps share the observations that contexts read.
+    /// five steps. Windows (sequences of consecutive steps of a minibatch) are longer, since their
+    /// steps share the observations that contexts read.
     pub fn three_rl() -> Self {
         let clear = Self::clear();
         Self {
@@ -133,7 +135,7 @@ impl OffPolicySettings {
         }
     }
 
-    /// Returns the settings of one policy's replay in environments of `spec`.
+    /// Returns the settings of one policy's replay buffer in environments of `spec`.
     fn replay(&self, spec: &EnvSpec) -> ReplaySettings {
         ReplaySettings {
             capacity: self.capacity,
@@ -193,13 +195,14 @@ impl PolicyCollectionSettings for OffPolicySettings {
     }
 }
 
-/// Training by soft actor-critic from a replay of the latest steps of one policy's rollouts.
+/// Training of one policy by soft actor-critic from a replay buffer of the latest steps of its
+/// rollouts.
 pub struct SacTraining {
     sac: Sac,
     replay: ReplayBuffer,
-    /// [`OffPolicySettings::warm_up`].
+    /// Number of decisions with uniformly random actions ([`OffPolicySettings::warm_up`]).
     warm_up: u64,
-    /// [`OffPolicySettings::newest_steps`].
+    /// Number of last steps that count as newest ([`OffPolicySettings::newest_steps`]).
     newest_steps: u64,
 }
 

@@ -1,4 +1,4 @@
-//! Registry of learners: settings that name one.
+//! Registry of learners: settings of every kind of learner.
 
 use std::path::Path;
 
@@ -15,10 +15,10 @@ use super::device::{DeviceChoice, LearningDevice};
 use super::learner::Learner;
 use super::off_policy::OffPolicySettings;
 
-/// Learner from a file, and the file's note.
+/// Learner read from a checkpoint, and the caller's note in it.
 type Loaded = Result<(Box<dyn Learner>, String), LearnerError>;
 
-/// Evaluates an expression for the settings, of whichever learner they are.
+/// Evaluates an expression with the settings of a learner of any kind.
 macro_rules! each {
     ($learner:expr, $settings:ident => $result:expr) => {
         match $learner {
@@ -34,8 +34,8 @@ macro_rules! each {
 pub enum LearnerSettings {
     /// A collection of policies trained by PPO: COVERS and the paper's PPO baselines.
     Covers(CoversSettings),
-    /// A policy, or a collection of them, trained by soft actor-critic from replays: CLEAR, 3RL and
-    /// what came after.
+    /// A policy, or a collection of them, trained by soft actor-critic from replay buffers: CLEAR,
+    /// 3RL and equivariant policies.
     OffPolicy(OffPolicySettings),
 }
 
@@ -95,12 +95,12 @@ impl LearnerSettings {
         each!(self, settings => settings.common())
     }
 
-    /// Returns the seed of all random draws of the learner.
+    /// Returns the seed of all random numbers of the learner.
     pub fn seed(&self) -> u64 {
         self.common().seed
     }
 
-    /// Changes the seed of all random draws of the learner.
+    /// Changes the seed of all random numbers of the learner.
     pub fn set_seed(&mut self, seed: u64) {
         each!(self, settings => settings.seed = seed);
     }
@@ -146,8 +146,8 @@ impl LearnerSettings {
         }
     }
 
-    /// Takes the removed rule of assignment that a run of an earlier version had, if these settings
-    /// have the rule that replaces it.
+    /// Takes over the removed grouping `calibrated` from the settings of a run of an earlier
+    /// version, if `self` has the grouping that replaces it.
     pub fn take_removed_grouping(&mut self, run: &Self) {
         let removed = run.common().grouping;
         if matches!(removed, GroupingSettings::Removed(_))
@@ -180,7 +180,8 @@ impl LearnerSettings {
         }
     }
 
-    /// Returns `true` if distances of a rollout and of its permutations have one unit.
+    /// Returns `true` if the Wasserstein distances of a rollout and those of its permutation test
+    /// have one unit.
     pub fn permuted_distances_are_comparable(&self) -> bool {
         !matches!(self.common().grouping, GroupingSettings::Evidence(_))
     }

@@ -10,16 +10,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::LearnerError;
 
-/// Format of files, which increases with every change that older versions could not read.
+/// Number of the checkpoint's file format, which increases with every change that older versions
+/// could not read.
 pub(super) const FORMAT_VERSION: u32 = 5;
-/// The key of the header.
+/// Metadata key of a safetensors file under which the JSON header is stored.
 const KEY: &str = "covers";
-/// The array that holds the checksum.
+/// Name of the array that holds the checksum of the file.
 const CHECKSUM: &str = "checksum";
-/// Bytes of a safetensors file before its header: the header's length.
+/// Number of bytes of a safetensors file before its header: those of the header's length.
 const LENGTH_BYTES: usize = 8;
 
-/// The header as it is written.
+/// JSON header of a checkpoint as it is written: format number and contents.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Envelope<H> {
@@ -27,7 +28,7 @@ struct Envelope<H> {
     header: H,
 }
 
-/// The part of the header that every version can read.
+/// Part of a checkpoint's JSON header that every version can read: the format number.
 #[derive(Deserialize)]
 struct Format {
     format: u32,
@@ -62,7 +63,7 @@ impl Tensor {
         }
     }
 
-    /// Rejects numbers that are not finite.
+    /// Rejects an array with numbers that are not finite.
     fn check(&self, path: &Path) -> Result<(), LearnerError> {
         if self.dtype != Dtype::F32 {
             return Ok(());
@@ -86,7 +87,8 @@ impl Tensor {
     }
 }
 
-/// Returns the bytes of a file with a header and arrays. Equal contents give equal bytes.
+/// Returns the bytes of a checkpoint file with a header and arrays. Equal contents give equal
+/// bytes.
 ///
 /// # Errors
 /// [`LearnerError::NotFinite`], [`LearnerError::Write`] for the file at `path`, which is not
@@ -104,7 +106,7 @@ pub(super) fn encode_tensor_file(
     seal(bytes).map_err(|error| LearnerError::cannot_write(path, error))
 }
 
-/// Returns the bytes of a file whose checksum is still zero.
+/// Returns the bytes of a checkpoint file whose checksum is still zero.
 fn serialize(tensors: &[Tensor], header: String) -> Result<Vec<u8>, SafeTensorError> {
     let space = Tensor::bytes(CHECKSUM.to_owned(), vec![4], vec![0; 4]);
     let mut views = Vec::with_capacity(tensors.len() + 1);
@@ -117,7 +119,7 @@ fn serialize(tensors: &[Tensor], header: String) -> Result<Vec<u8>, SafeTensorEr
     safetensors::serialize(views, Some(metadata))
 }
 
-/// Writes the checksum into its place.
+/// Writes the checksum of a checkpoint file into its array.
 fn seal(mut bytes: Vec<u8>) -> Result<Vec<u8>, SafeTensorError> {
     let (length, metadata) = SafeTensors::read_metadata(&bytes)?;
     let Some(range) = checksum_range(length, &metadata) else {
@@ -128,7 +130,7 @@ fn seal(mut bytes: Vec<u8>) -> Result<Vec<u8>, SafeTensorError> {
     Ok(bytes)
 }
 
-/// Returns the place of the checksum in a file with a header of this length.
+/// Returns the byte range of the checksum in a file whose header has `length` bytes.
 fn checksum_range(length: usize, metadata: &Metadata) -> Option<Range<usize>> {
     let (from, to) = metadata.info(CHECKSUM)?.data_offsets;
     let start = length + LENGTH_BYTES;

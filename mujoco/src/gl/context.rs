@@ -1,4 +1,4 @@
-//! Common parts of EGL and OSMesa.
+//! OpenGL contexts: the parts that EGL and OSMesa share.
 
 use std::cell::Cell;
 use std::ffi::{CStr, c_int, c_void};
@@ -9,15 +9,15 @@ use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_NOW};
 
 use crate::error::ContextError;
 
-/// OpenGL context of this crate.
+/// OpenGL context that this crate has made, by EGL or OSMesa.
 pub(super) trait Context {
-    /// Makes this context the thread's current one, unless it is already.
+    /// Makes this OpenGL context the thread's current one, unless it is already.
     fn make_current(&self) -> Result<PreviousContext, ContextError>;
     /// Returns the address of an OpenGL function; NULL if it is unknown.
     fn function(&self, name: &CStr) -> *const c_void;
 }
 
-/// Context of the embedding program that was current before one of this crate's.
+/// OpenGL context of the embedding program that was current before one of this crate's.
 ///
 /// If none was current, or one of this crate's, there is nothing to restore: a context of this
 /// crate stays current, so that the next picture of the same renderer needs no switch.
@@ -35,14 +35,14 @@ impl PreviousContext {
         Self(Some(Box::new(restore)))
     }
 
-    /// Makes the context current again.
+    /// Makes the embedding program's OpenGL context current again.
     pub(crate) fn restore(self) -> Result<(), ContextError> {
         self.0.map_or(Ok(()), |restore| restore())
     }
 }
 
 thread_local! {
-    /// Context of this crate that was last made current on this thread.
+    /// OpenGL context of this crate that was last made current on this thread.
     static LAST: Cell<*mut c_void> = const { Cell::new(ptr::null_mut()) };
 }
 
@@ -50,19 +50,20 @@ pub(super) fn remember(context: *mut c_void) {
     LAST.set(context);
 }
 
-/// Returns `true` if the thread's current `context` is one that this crate left current.
+/// Returns `true` if `context`, the thread's current one, is an OpenGL context that this crate left
+/// current.
 pub(super) fn is_ours(context: *mut c_void) -> bool {
     LAST.get() == context
 }
 
-/// Forgets a context before it is destroyed, since a foreign context may get its address.
+/// Forgets an OpenGL context before it is destroyed, since a foreign context may get its address.
 pub(super) fn forget(context: *mut c_void) {
     if is_ours(context) {
         remember(ptr::null_mut());
     }
 }
 
-/// Makes a library that has provided a context visible to MuJoCo.
+/// Makes an OpenGL library that has provided a context visible to MuJoCo.
 pub(super) fn publish(library: &str) -> Result<(), ContextError> {
     // SAFETY: the library is loaded already; this only widens the visibility of its symbols.
     let visible = unsafe { Library::open(Some(library), RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE) };

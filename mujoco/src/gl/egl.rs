@@ -1,4 +1,4 @@
-//! EGL, loaded at run time.
+//! OpenGL contexts by EGL, which is loaded at run time.
 
 use std::ffi::{CStr, c_void};
 use std::mem;
@@ -36,7 +36,7 @@ const CONFIG: [egl::Int; 13] = [
     egl::NONE,
 ];
 
-/// Kind of EGL display.
+/// Kind of EGL display: without a surface, or on a graphics device.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Platform {
     Surfaceless,
@@ -54,7 +54,7 @@ pub(super) struct EglContext {
 }
 
 impl EglContext {
-    /// Creates a context without making it current.
+    /// Creates an EGL context without making it current.
     pub(super) fn new(library: &str, platform: Platform) -> Result<Self, ContextError> {
         let egl = open(library)?;
         let display = connect(&egl, platform)?;
@@ -85,7 +85,7 @@ impl EglContext {
         self.egl.get_current_context() == Some(self.context)
     }
 
-    /// Returns a restorer of the thread's current context.
+    /// Returns a restorer of `context`, the thread's current EGL context.
     fn previous(&self, context: egl::Context) -> PreviousContext {
         let egl = Rc::clone(&self.egl);
         let display = egl.get_current_display().unwrap_or(self.display);
@@ -143,7 +143,7 @@ fn open(library: &str) -> Result<Egl, ContextError> {
     unsafe { Egl::load_required_from(opened.into()) }.map_err(library_error(library))
 }
 
-/// Creates a context of desktop OpenGL; the thread's choice of API is preserved.
+/// Creates an EGL context of desktop OpenGL; the thread's choice of API is preserved.
 fn create_context(
     egl: &Egl,
     display: egl::Display,
@@ -200,7 +200,7 @@ fn initialised(
     Ok(display)
 }
 
-/// Lists graphics devices with `eglQueryDevicesEXT`.
+/// Returns the graphics devices that `eglQueryDevicesEXT` lists.
 fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, ContextError> {
     type QueryDevices =
         unsafe extern "system" fn(egl::Int, *mut *mut c_void, *mut egl::Int) -> egl::Boolean;

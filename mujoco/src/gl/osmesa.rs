@@ -1,4 +1,4 @@
-//! OSMesa, loaded at run time.
+//! OpenGL contexts by OSMesa (software), which is loaded at run time.
 
 use std::ffi::{CStr, c_char, c_int, c_void};
 use std::ptr::{self, NonNull};
@@ -48,7 +48,7 @@ pub(super) struct OsMesaContext {
 }
 
 impl OsMesaContext {
-    /// Creates a context without making it current.
+    /// Creates an OSMesa context without making it current.
     pub(super) fn new(library: &str) -> Result<Self, ContextError> {
         if is_visible(c"eglGetProcAddress") {
             return Err(ContextError::LinkedToEgl);
@@ -111,7 +111,7 @@ impl Drop for OsMesaContext {
 }
 
 impl Functions {
-    /// Returns the thread's current context; NULL if there is none.
+    /// Returns the thread's current OSMesa context; NULL if there is none.
     fn current(&self) -> Raw {
         // SAFETY: takes nothing.
         unsafe { (self.get_current)() }

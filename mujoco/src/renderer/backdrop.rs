@@ -1,4 +1,4 @@
-//! Drawing over a backdrop: static geoms are drawn once, moving ones over them.
+//! Drawing over a backdrop: static geoms are drawn once, and moving ones over their picture.
 
 use super::{CameraView, Renderer, check_opengl};
 use crate::data::Data;
@@ -6,27 +6,28 @@ use crate::error::RenderError;
 use crate::ids::RendererId;
 use crate::raw;
 
-/// Picture and depth of the geoms that no joint moves, from one camera.
+/// Picture and depth buffer of the geoms that no joint moves, from one camera.
 ///
 /// A backdrop belongs to the renderer that drew it.
 #[derive(Clone, Debug, Default)]
 pub struct Backdrop {
-    /// Renderer and view of the picture; `None` if there is no complete picture.
+    /// Renderer and camera of the backdrop's picture; `None` if there is no complete picture.
     source: Option<(RendererId, CameraView)>,
-    /// `true` if one of its geoms is transparent. Geoms that move behind it cannot be drawn over
-    /// it.
+    /// `true` if a geom of the backdrop is transparent. Geoms that move behind it cannot be drawn
+    /// over the backdrop.
     transparent: bool,
-    /// Poses of camera and lights.
+    /// Poses of camera and lights when the backdrop was drawn.
     viewpoint: Viewpoint,
-    /// Picture `[H, W, 3]`, bottom row first, in the view's mirror.
+    /// Picture `[height, width, 3]` of the static geoms, bottom row first, reflected in the mirror
+    /// of the view.
     rgb: Vec<u8>,
-    /// Depth `[H, W]` in OpenGL's units.
+    /// Depth buffer `[height, width]` of the static geoms, in OpenGL's units.
     depth: Vec<f32>,
-    /// Last picture over the backdrop, `[H, W, 3]`.
+    /// Last picture of all geoms over the backdrop, `[height, width, 3]`.
     last: Vec<u8>,
-    /// Poses of the moving geoms in the last picture.
+    /// Poses of the moving geoms in the last picture over the backdrop.
     last_poses: Vec<Pose>,
-    /// `true` if the last picture is complete and shows those poses.
+    /// `true` if the last picture over the backdrop is complete and shows `last_poses`.
     complete: bool,
 }
 
@@ -102,7 +103,7 @@ impl Renderer {
         })
     }
 
-    /// Returns the view of a backdrop that this renderer has drawn.
+    /// Returns the camera and mirror of a backdrop that this renderer has drawn.
     fn view_of(&self, backdrop: &Backdrop) -> Result<CameraView, RenderError> {
         let (drawn_by, view) = backdrop.source.ok_or(RenderError::NoBackdrop)?;
         if drawn_by == self.id() {
@@ -112,7 +113,7 @@ impl Renderer {
         }
     }
 
-    /// Updates the last picture over `backdrop` to the scene.
+    /// Draws the moving geoms of the scene over `backdrop`, into its last picture.
     fn draw_over(&mut self, backdrop: &mut Backdrop, view: CameraView) -> Result<(), RenderError> {
         // stays `false` after an error, so that the next call does not reuse the picture
         backdrop.complete = false;
@@ -144,7 +145,8 @@ impl Renderer {
             && !self.viewpoint_changed(backdrop)
     }
 
-    /// Returns `true` if moving geoms cannot be drawn over static ones.
+    /// Returns `true` if moving geoms cannot be drawn over the picture of static ones, so that all
+    /// must be rendered.
     fn needs_full_render(&self, backdrop: &Backdrop) -> bool {
         let transparent = || backdrop.transparent || self.is_transparent();
         let elsewhere = || self.viewpoint_changed(backdrop);
@@ -178,13 +180,14 @@ impl Renderer {
     }
 }
 
-/// Returns `true` if all numbers are equal bit for bit. The loop has no branches.
+/// Returns `true` if the numbers of two lists are equal bit for bit. The loop has no branches.
 fn same_bits(a: &[f32], b: &[f32]) -> bool {
     let differences = a.iter().zip(b).map(|(a, b)| a.to_bits() ^ b.to_bits());
     differences.fold(0, |all, difference| all | difference) == 0
 }
 
-/// Keeps the pixels of `rgb` that are nearer than the backdrop, and copies the others from it.
+/// Keeps the pixels of `rgb` that are nearer to the camera than the backdrop, and copies the others
+/// from the backdrop.
 fn compose(rgb: &mut [u8], backdrop: &[u8], depth: &[f32], backdrop_depth: &[f32]) {
     let pixels = rgb.chunks_exact_mut(3).zip(backdrop.chunks_exact(3));
     for ((pixel, behind), (near, far)) in pixels.zip(depth.iter().zip(backdrop_depth)) {

@@ -5,7 +5,7 @@ use crate::error::RenderError;
 use crate::ids::CameraId;
 use crate::raw;
 
-/// Reflection in which the scene is drawn; the finished picture is flipped back.
+/// Reflection in which a scene is drawn; the finished picture is flipped back.
 ///
 /// The picture shows the scene as it is, whatever the mirror. Only decisions of OpenGL that depend
 /// on handedness differ: an edge through the exact middle of a pixel belongs to the shape on one
@@ -68,7 +68,7 @@ fn reverse_rows(pixels: &mut [[u8; 3]], width: usize) {
 }
 
 impl Renderer {
-    /// Reflects the scene in the planes through the camera's axis.
+    /// Reflects MuJoCo's scene in the planes through the camera's axis that `mirror` names.
     pub(super) fn reflect_scene(&mut self, mirror: Mirror) -> Result<(), RenderError> {
         if mirror == Mirror::default() {
             return Ok(());
@@ -99,7 +99,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Rejects geoms that no motion brings to their mirror image.
+    /// Rejects geoms of the scene that are not mirror-symmetric: no motion brings them to their
+    /// mirror image.
     fn check_shapes(&self, mirror: Mirror) -> Result<(), RenderError> {
         let asymmetric = |geom: &&raw::mjvGeom| {
             !MIRROR_SYMMETRIC.contains(&geom.type_.cast_unsigned()) || geom.texid >= 0
@@ -116,7 +117,7 @@ impl Renderer {
     }
 }
 
-/// Shapes that are symmetric in any plane through their axes.
+/// Types of geoms that are symmetric in any plane through their axes.
 const MIRROR_SYMMETRIC: [raw::mjtGeom; 6] = [
     raw::mjGEOM_PLANE,
     raw::mjGEOM_SPHERE,
@@ -141,8 +142,8 @@ fn reflect_geom(geom: &mut raw::mjvGeom, point: [f32; 3], normal: [f32; 3]) {
     }
 }
 
-/// Reflects `value` in the plane through `point`. The result is exact if the plane contains the
-/// origin and is perpendicular to an axis.
+/// Reflects the point `value` in the plane through `point` with the given normal. The result is
+/// exact if the plane contains the origin and is perpendicular to an axis.
 fn reflect(value: &mut [f32; 3], point: [f32; 3], normal: [f32; 3]) {
     let height: f32 = (0..3).map(|i| (value[i] - point[i]) * normal[i]).sum();
     for i in 0..3 {

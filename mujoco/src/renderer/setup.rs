@@ -1,4 +1,4 @@
-//! Initialisation of MuJoCo's drawing structs.
+//! Initialisation of MuJoCo's structs for rendering.
 
 use std::mem::MaybeUninit;
 
@@ -7,7 +7,7 @@ use crate::ids::CameraId;
 use crate::model::Model;
 use crate::raw;
 
-/// Creates MuJoCo's drawing context, with an off-screen buffer of the given size.
+/// Creates MuJoCo's rendering context, with an off-screen buffer of `width` x `height` pixels.
 pub(super) fn make_drawing(
     model: &Model,
     width: usize,

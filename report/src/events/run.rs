@@ -1,4 +1,4 @@
-//! Conversion of a run's tables to events.
+//! Conversion of a run's tables to TensorBoard events.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ffi::OsString;
@@ -18,12 +18,12 @@ use super::summary::{EventFile, EventTime};
 /// Name of an event file. TensorBoard finds files by the part `tfevents`. A fixed name, and seconds
 /// of learning as wall-clock times, make files of equal runs equal but for these seconds.
 const FILE: &str = "events.out.tfevents.0.covers";
-/// Columns that hold the time of a row, not a value.
+/// Names of columns that hold the time of a table's row, not a value.
 const TIME_COLUMNS: [&str; 3] = ["rollout", "rollouts", "decisions"];
-/// Columns of scores. Scores of the group's own policy are empty before it has one.
+/// Names of the columns of scores. Scores of the group's own policy are empty before it has one.
 const SCORE_COLUMNS: [&str; 6] =
     ["success", "success_at_end", "reward", "own_success", "own_success_at_end", "own_reward"];
-/// Time before the first rollout.
+/// Time of events before the first rollout.
 const START: EventTime = EventTime { step: 0, learning_seconds: 0.0 };
 
 /// Writes the event file of each run, finished or not, to a folder of the run's name in `folder`,
@@ -93,15 +93,15 @@ fn events(run: &RunFolder) -> Result<Vec<u8>, RunError> {
     Ok(file.into_bytes())
 }
 
-/// Adds a cell of a table if it is a number.
+/// Adds a table's cell as a scalar event if the cell is a number.
 fn add_number(file: &mut EventFile, time: EventTime, name: &str, cell: &str) {
     if let Some(value) = number(cell) {
         file.add_scalar(time, name, value);
     }
 }
 
-/// Adds a cell that holds one number for each policy, separated by semicolons: a scalar for each
-/// policy, and their histogram.
+/// Adds events for a cell that holds one number for each policy, separated by semicolons: a scalar
+/// for each policy, and their histogram.
 fn add_list(file: &mut EventFile, time: EventTime, name: &str, cell: &str) {
     let values: Vec<Option<f64>> = cell.split(';').map(number).collect();
     for (policy, value) in values.iter().enumerate() {
@@ -113,7 +113,7 @@ fn add_list(file: &mut EventFile, time: EventTime, name: &str, cell: &str) {
     file.add_histogram(time, name, &known);
 }
 
-/// Parses a cell: a finite number, or 0 and 1 for `false` and `true`; `None` for other text.
+/// Parses a table's cell: a finite number, or 0 and 1 for `false` and `true`; else `None`.
 fn number(cell: &str) -> Option<f64> {
     match cell {
         "false" => Some(0.0),
@@ -122,7 +122,7 @@ fn number(cell: &str) -> Option<f64> {
     }
 }
 
-/// Adds the scores of variants, and their means by group.
+/// Adds events for the scores of task variants, and for their means by group.
 fn scores(table: &Rows, clock: &Clock, file: &mut EventFile) {
     let mut groups: BTreeMap<(usize, String), Vec<f64>> = BTreeMap::new();
     for row in &table.rows {
@@ -157,11 +157,11 @@ fn picture(run: &RunFolder, file: &mut EventFile) -> Result<(), RunError> {
     Ok(())
 }
 
-/// Decisions and seconds of learning by numbers of rollouts, for the rollouts in `metrics.csv`.
+/// Decisions and seconds of learning after each rollout of `metrics.csv`, by number of rollouts.
 struct Clock(BTreeMap<usize, EventTime>);
 
 impl Clock {
-    /// Joins the rows of both tables by their rollouts.
+    /// Joins the rows of `metrics.csv` and `timings.csv` by their rollouts.
     fn of(metrics: &Rows, timings: &Rows) -> Self {
         // not by their order: either table may have gaps or begin later
         let seconds = timings.rows.iter().filter_map(|row| {
@@ -214,7 +214,7 @@ impl Rows {
         Ok(Self { names, lists, rows })
     }
 
-    /// Returns a cell; empty if there is no such column.
+    /// Returns the cell of a row in the column `name`; empty if there is no such column.
     fn cell<'a>(&self, row: &'a StringRecord, name: &str) -> &'a str {
         let column = self.names.iter().position(|column| column == name);
         column.and_then(|column| row.get(column)).unwrap_or("")
@@ -226,7 +226,7 @@ impl Rows {
         rollout.map_or(0, |rollout| rollout.saturating_add(1))
     }
 
-    /// Returns the cells of a row with their names, without the columns of its time.
+    /// Returns the cells of a row with the names of their columns, without [`TIME_COLUMNS`].
     fn values<'a>(&'a self, row: &'a StringRecord) -> impl Iterator<Item = (&'a str, &'a str)> {
         let cells = self.names.iter().zip(row);
         cells.filter(|(name, _)| !TIME_COLUMNS.contains(name))

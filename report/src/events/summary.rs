@@ -4,7 +4,7 @@
 use crc::{CRC_32_ISCSI, Crc};
 use prost::Message;
 
-/// Time of an event.
+/// Time of a TensorBoard event, as decisions and seconds of learning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct EventTime {
     /// Decisions since the run began.
@@ -13,7 +13,7 @@ pub(super) struct EventTime {
     pub learning_seconds: f64,
 }
 
-/// Record of an event file.
+/// Record of a TensorBoard event file.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct Event {
     #[prost(double, tag = "1")]
@@ -50,10 +50,10 @@ pub(super) struct Image {
     pub height: i32,
     #[prost(int32, tag = "2")]
     pub width: i32,
-    /// Number of channels: 3 for red, green and blue.
+    /// Number of channels of the image: 3 for red, green and blue.
     #[prost(int32, tag = "3")]
     pub colorspace: i32,
-    /// Bytes of a PNG file.
+    /// Bytes of the image as a PNG file.
     #[prost(bytes = "vec", tag = "4")]
     pub encoded: Vec<u8>,
 }
@@ -76,7 +76,7 @@ pub(super) struct Histogram {
     pub bucket: Vec<f64>,
 }
 
-/// Event file that grows in memory.
+/// TensorBoard event file that grows in memory.
 pub(super) struct EventFile(Vec<u8>);
 
 impl EventFile {
@@ -100,14 +100,14 @@ impl EventFile {
         });
     }
 
-    /// Adds a number.
+    /// Adds an event with one number.
     pub fn add_scalar(&mut self, time: EventTime, tag: &str, value: f64) {
         let value =
             Value { tag: tag.to_owned(), simple_value: Some(value as f32), ..Value::default() };
         self.value(time, value);
     }
 
-    /// Adds an image from the bytes of a PNG file of size `[height, width]`.
+    /// Adds an event with an image from the bytes of a PNG file of size `[height, width]`.
     pub fn add_image(&mut self, time: EventTime, tag: &str, [height, width]: [u32; 2], png: &[u8]) {
         let image = Image {
             height: height as i32,
@@ -119,8 +119,8 @@ impl EventFile {
         self.value(time, value);
     }
 
-    /// Adds the distribution of numbers. Each number has a bucket of its own that ends at it, so
-    /// nothing is lost. No event is added for an empty slice.
+    /// Adds an event with the histogram of numbers. Each number has a bucket of its own that ends
+    /// at it, so nothing is lost. No event is added for an empty slice.
     pub fn add_histogram(&mut self, time: EventTime, tag: &str, values: &[f64]) {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -145,7 +145,7 @@ impl EventFile {
     }
 }
 
-/// Checksum of the record format: CRC32C (Castagnoli).
+/// Checksum algorithm of an event file's records: CRC32C (Castagnoli).
 const CHECKSUM: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 /// Constant that masks a rotated checksum, as TensorFlow does: the CRC of data that contains its
 /// own CRC would be a weak checksum (tensorflow/core/lib/hash/crc32c.h).
@@ -155,8 +155,9 @@ fn masked(bytes: &[u8]) -> u32 {
     CHECKSUM.checksum(bytes).rotate_right(15).wrapping_add(MASK)
 }
 
-/// Appends a record: its length (u64), the masked checksum of the length (u32), its bytes, and
-/// their masked checksum, all little-endian (tensorflow/core/lib/io/record_writer.h).
+/// Appends a record to an event file: its length (u64), the masked checksum of the length (u32),
+/// its bytes, and their masked checksum, all little-endian
+/// (tensorflow/core/lib/io/record_writer.h).
 fn append_record(file: &mut Vec<u8>, bytes: &[u8]) {
     let length = (bytes.len() as u64).to_le_bytes();
     file.extend(length);

@@ -14,17 +14,19 @@ use crate::ppo::minibatch::{Device, MAX_LOG_RATIO, Minibatch, Update};
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, PpoTotals};
 
-/// Numbers in a row of the log, whose first row is the state of the update.
+/// Number of values in a row of the GPU's log: a first row for the state of the update, then one
+/// for each minibatch.
 const ROW: usize = 8;
-/// Number of partial sums of squares, equal to the number of threads that add them up.
+/// Number of partial sums of the gradient's squared components, equal to the number of threads that
+/// add them up.
 const SQUARES: usize = 64;
 
-/// A GPU as a [`Device`]. It queues all minibatches without waiting for results; once the KL
-/// divergence stops the update, the remaining minibatches have no effect.
+/// A GPU as a [`Device`] of PPO updates. It queues all minibatches without waiting for results;
+/// once the KL divergence stops the update, the remaining minibatches have no effect.
 pub(super) struct Gpu {
     device: equivariant::gpu::Device,
     schedule: Schedule,
-    /// Kernels, compiled at the first update and again for larger sizes.
+    /// Kernels of the update, compiled at the first update and again for larger sizes.
     compiled: Option<Compiled>,
 }
 
@@ -34,14 +36,16 @@ struct Compiled {
     program: Program,
 }
 
-/// The minibatches of all epochs, in order.
+/// Minibatches of all epochs of an update, in order.
 #[derive(Default)]
 struct Schedule {
-    /// Index and advantage of each drawn decision, as two words.
+    /// Index in the rollout and normalised advantage of each decision of each minibatch, as two
+    /// 32-bit words.
     draws: Vec<u32>,
-    /// Start among the draws and length of each minibatch.
+    /// Position of the first decision among all `draws`, and number of decisions, of each
+    /// minibatch.
     minibatches: Vec<(usize, usize)>,
-    /// Random generator after the shuffle of each minibatch's epoch.
+    /// State of the random generator after the shuffle of each minibatch's epoch.
     generators: Vec<ChaCha8Rng>,
 }
 
@@ -116,7 +120,7 @@ impl Compiled {
         Ok(Self { size, graph, program })
     }
 
-    /// Copies parameters, moments, the rollout and its minibatches to the device.
+    /// Copies parameters, Adam's moments, the rollout and its minibatches to the GPU.
     fn write(&self, update: &Update, schedule: &Schedule) {
         let Graph { plan, slots, moments } = &self.graph;
         let network = update.policy.network();
@@ -137,7 +141,7 @@ impl Compiled {
         self.program.write_floats(slots.log, &vec![0.0; log_len(schedule)]);
     }
 
-    /// Queues every minibatch.
+    /// Queues the kernels of every minibatch on the GPU.
     fn submit(&self, update: &Update, schedule: &Schedule) {
         let [encoder, heads] = update.groups().map(|group| group.learning_rate);
         for (index, &(start, samples)) in schedule.minibatches.iter().enumerate() {
@@ -154,7 +158,8 @@ impl Compiled {
         }
     }
 
-    /// Waits for the minibatches and copies their results to the policy, optimiser and generator.
+    /// Waits for the queued minibatches and copies their results to the policy, optimiser and
+    /// random generator.
     fn read(&self, update: &mut Update, schedule: &Schedule) -> Result<PpoTotals, RlError> {
         let Graph { plan, slots, moments: [first, second] } = &self.graph;
         let [params, first, second] =
@@ -177,7 +182,7 @@ impl Compiled {
 }
 
 impl PpoTotals {
-    /// Adds the rows of a log up to the end of the update.
+    /// Adds the sums that the GPU logged for each minibatch, up to the one that ended the update.
     fn add_log(&mut self, log: &[f32], epochs: usize) -> Result<(), RlError> {
         let rows = log.chunks_exact(ROW).skip(1);
         let per_epoch = rows.len() / epochs;
@@ -223,7 +228,8 @@ fn log_len(schedule: &Schedule) -> usize {
     ROW * (schedule.minibatches.len() + 1)
 }
 
-/// Returns the action (irrep-major), log-probability and return of every decision.
+/// Returns a row for every decision of the rollout: action (irrep-major), log-probability and
+/// return.
 fn decisions(network: &ActorCritic<f32>, update: &Update) -> Vec<f32> {
     let order = &network.action_order;
     let made = update.buffer.decisions();
@@ -236,7 +242,7 @@ fn decisions(network: &ActorCritic<f32>, update: &Update) -> Vec<f32> {
     rows.collect()
 }
 
-/// Sizes of an update, for which buffers are allocated.
+/// Sizes of a PPO update, for which GPU buffers are allocated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Size {
     /// Number of decisions of the rollout.
@@ -247,20 +253,21 @@ struct Size {
     minibatches: usize,
 }
 
-/// The plan of an update and its buffers.
+/// Kernels of a PPO update in a [`Plan`] for a GPU, and the buffers that they share with the CPU.
 struct Graph {
     plan: Plan,
     slots: Slots,
-    /// Adam's first and second moment.
+    /// GPU buffers of Adam's first and second moment.
     moments: [BufferSlot; 2],
 }
 
-/// Buffers that the CPU writes and reads, besides the parameters.
+/// GPU buffers of a PPO update that the CPU writes and reads, besides parameters and moments.
 #[derive(Clone, Copy)]
 struct Slots {
-    /// Observations of the rollout, and the draws from them.
+    /// Buffers of the rollout's observations, and of the minibatches' decisions, which refer to
+    /// them by index.
     observed: DeviceObservations,
-    /// Action (irrep-major), log-probability and return of each decision of the rollout.
+    /// Buffer of action (irrep-major), log-probability and return of each decision of the rollout.
     decisions: BufferSlot,
     /// Buffer of statistics: the state of the update, then one row for each minibatch.
     log: BufferSlot,
@@ -300,7 +307,7 @@ impl Slots {
     }
 }
 
-/// Creates the kernel for the loss and its gradient with respect to the network's outputs.
+/// Creates the GPU kernel for the PPO loss and its gradient with respect to the network's outputs.
 fn loss(
     plan: &Plan,
     network: &ActorCritic<f32>,
@@ -339,7 +346,8 @@ fn loss(
     Ok(step)
 }
 
-/// Creates the two kernels for the norm of the gradient.
+/// Creates the two GPU kernels for the norm of the gradient: partial sums of squares, and their
+/// total.
 fn norms(
     plan: &Plan,
     settings: &PpoSettings,
@@ -362,7 +370,7 @@ fn norms(
     [sums, norm]
 }
 
-/// Creates the kernel for a step of Adam.
+/// Creates the GPU kernel for a step of Adam.
 fn optimiser(
     plan: &Plan,
     settings: &PpoSettings,

@@ -14,16 +14,16 @@ use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, PpoTotals};
 use crate::ppo::symmetry_loss::{TransformedSamples, symmetry_loss};
 
-/// Samples of one training chunk. A minibatch of 64 then has 8 chunks to keep the cores busy;
-/// smaller chunks take a quarter more time.
+/// Number of decisions that one thread processes at a time (a chunk) in training. A minibatch of 64
+/// then has 8 chunks to keep the cores busy; smaller chunks take a quarter more time.
 const TRAINING_CHUNK: usize = 8;
 
-/// Cap of the log probability ratio, so that sums over a minibatch stay finite in f32 (e^60 is
-/// about 1e26). A single decision at the cap puts the KL estimate above any limit, which ends the
-/// update before a step on it.
+/// Cap of the logarithm of the probability ratio of new and old policy, so that sums over a
+/// minibatch stay finite in f32 (e^60 is about 1e26). A single decision at the cap puts the KL
+/// estimate above any limit, which ends the update before a step on it.
 pub(super) const MAX_LOG_RATIO: f64 = 60.0;
 
-/// A device that computes the minibatches of an update.
+/// A device, CPU or GPU, that computes losses and gradients of the minibatches of an update.
 pub(super) trait Device: Send + Sync {
     /// Returns the summed losses of a minibatch and the gradient of their mean with respect to the
     /// parameters; `None` if the device queues the minibatch and takes its step itself.
@@ -36,8 +36,8 @@ pub(super) trait Device: Send + Sync {
         minibatch: &Minibatch,
     ) -> Result<Option<(LossSums, &mut [f32])>, RlError>;
 
-    /// Finishes queued minibatches and writes the results to policy, optimiser and generator;
-    /// `None` if the device does not queue.
+    /// Finishes queued minibatches and writes the results to policy, optimiser and random
+    /// generator; `None` if the device does not queue.
     ///
     /// # Errors
     /// [`RlError::NotFinite`] for a loss or a gradient that is infinite or NaN, and errors of the
@@ -45,7 +45,7 @@ pub(super) trait Device: Send + Sync {
     fn finish(&mut self, update: &mut Update) -> Result<Option<PpoTotals>, RlError>;
 }
 
-/// Inputs and state of an update in progress.
+/// Inputs and state of a PPO update in progress.
 pub(super) struct Update<'a> {
     pub settings: &'a PpoSettings,
     pub optimiser: &'a mut Adam,
@@ -55,7 +55,8 @@ pub(super) struct Update<'a> {
     pub rng: &'a mut ChaCha8Rng,
 }
 
-/// Values derived from the rollout, `[T, N]` each; kept between updates to reuse the allocations.
+/// Advantages, returns and actions of a rollout of T steps of N environments, `[T, N, ...]` each;
+/// kept between updates to reuse the allocations.
 #[derive(Default)]
 pub(super) struct Batch {
     pub advantages: Vec<f32>,
@@ -67,8 +68,9 @@ pub(super) struct Batch {
 }
 
 impl<'a> Update<'a> {
-    /// Returns the two parameter groups of the optimiser with their learning rates. The encoder has
-    /// its own rate, since its changes under the critic's loss move the actor, too.
+    /// Returns the two parameter groups of the optimiser, image encoder and all others, with their
+    /// learning rates. The encoder has its own rate, since its changes under the critic's loss move
+    /// the actor, too.
     pub fn groups(&self) -> [ParamGroup; 2] {
         let group = |range, learning_rate| ParamGroup { range, learning_rate };
         let (network, settings) = (self.policy.network(), self.settings);
@@ -112,7 +114,7 @@ pub(super) struct Decision<'a> {
     pub log_prob: f64,
     /// Advantage of the action, normalised over the minibatch.
     pub advantage: f64,
-    /// Return, the target of the value function.
+    /// Return of the decision, the target of the value function.
     pub ret: f64,
 }
 
@@ -123,7 +125,7 @@ pub(super) struct Output<'a> {
     pub mean: &'a [f64],
     /// Logarithms of the policy's standard deviations, `[A]`.
     pub log_std: &'a [f64],
-    /// Value V(s) by the critic in training.
+    /// State value V(s) by the critic in training.
     pub value: f64,
 }
 
@@ -137,7 +139,7 @@ pub(super) struct Minibatch<'a> {
     pub returns: &'a [f32],
     /// Indices of the minibatch's decisions in the rollout, `[B]`.
     pub indices: &'a [usize],
-    /// Normalised advantages of these decisions, `[B]`.
+    /// Normalised advantages of the minibatch's decisions, `[B]`.
     pub advantages: &'a [f64],
     pub weights: LossWeights,
     /// Transformed samples of the rollout; `None` without a symmetry loss.
@@ -145,9 +147,9 @@ pub(super) struct Minibatch<'a> {
 }
 
 impl Minibatch<'_> {
-    /// Runs the samples at positions `range` of the minibatch forward and backward. Adds their
-    /// share of the gradient of the mean loss to `gradient` and returns the sums of their loss
-    /// terms.
+    /// Runs the network forward and backward on the decisions at positions `range` of the
+    /// minibatch. Adds their share of the gradient of the mean loss to `gradient` and returns the
+    /// sums of their loss terms.
     pub fn chunk<T: Scalar>(
         &self,
         network: &ActorCritic<T>,
@@ -174,7 +176,8 @@ impl Minibatch<'_> {
         sums
     }
 
-    /// Sums the loss terms of a chunk and leaves their gradients in the workspace.
+    /// Sums the loss terms of the decisions at positions `range`, and writes the gradients with
+    /// respect to the network's outputs to the workspace.
     fn loss<T>(&self, range: Range<usize>, w: &mut Workspace<T>) -> LossSums {
         let width = w.log_std.len();
         // the mean is over the whole minibatch, not the chunk: chunk gradients are only added

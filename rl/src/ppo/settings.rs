@@ -14,42 +14,42 @@ use crate::ppo::symmetry_loss::SymmetryLoss;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PpoSettings {
-    /// Discount of the next decision's value, in [0, 1].
+    /// Discount factor gamma of the next decision's value, in [0, 1].
     pub gamma: f32,
-    /// Decay of generalised advantage estimation, in [0, 1].
+    /// Decay factor lambda of generalised advantage estimation, in [0, 1].
     pub lambda: f32,
-    /// Passes over the rollout in one update, at least 1.
+    /// Number of passes over the rollout in one update, at least 1.
     pub epochs: usize,
-    /// Decisions in a minibatch, at least 2 (one decision has no advantage to normalise).
+    /// Number of decisions in a minibatch, at least 2 (one decision has no advantage to normalise).
     pub minibatch: usize,
     /// Half-width of the interval around 1 to which the probability ratio is clipped, in (0, 1).
     pub clip: f32,
-    /// Weight of the squared value error, at least 0.
+    /// Weight in the loss of the squared error of the value function, at least 0.
     pub value_weight: f32,
-    /// Weight of the entropy bonus, at least 0.
+    /// Weight in the loss of the entropy bonus, at least 0.
     pub entropy_weight: f32,
-    /// Maximum Euclidean norm of the gradient over all parameters, above 0; a longer one is scaled
-    /// down to it.
+    /// Maximum Euclidean norm of the gradient over all parameters, above 0; a longer gradient is
+    /// scaled down to it.
     pub max_grad_norm: f32,
     /// Target KL divergence from the collecting policy, in nats, above 0; the update stops at 1.5
     /// times this value.
     pub max_kl: f32,
-    /// Adam's step size for everything but the encoder, above 0.
+    /// Adam's step size for all parameters but those of the image encoder, above 0.
     pub head_learning_rate: f32,
-    /// Adam's step size for the image encoder, above 0.
+    /// Adam's step size for the parameters of the image encoder, above 0.
     pub encoder_learning_rate: f32,
     /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
-    /// Minimum log_std, in [-10, 2]: smaller ones are raised to it after each gradient step, so
-    /// that exploration cannot vanish. [`Ppo::new`](crate::Ppo::new) rejects a policy that starts
-    /// below.
+    /// Minimum log_std, the logarithm of an action component's standard deviation, in [-10, 2]:
+    /// smaller values are raised to it after each gradient step, so that exploration cannot vanish.
+    /// [`Ppo::new`](crate::Ppo::new) rejects a policy that starts below.
     ///
     /// The default is from CleanRL's soft actor-critic (`LOG_STD_MIN = -5`): noise of 0.7 % of an
     /// action's unit. Training stays far above it; the published policies end between -1.4 and
     /// -0.4. Much below -10, actions in f32 are too coarse for their own density.
     pub min_log_std: f32,
-    /// Loss for outputs that break a symmetry; none by default. Needs the CPU, and a second forward
-    /// and backward pass for every decision.
+    /// Additional loss for outputs of the policy that break a symmetry; none by default. Needs the
+    /// CPU, and a second forward and backward pass for every decision.
     pub symmetry: Option<SymmetryLoss>,
 }
 
@@ -124,8 +124,8 @@ impl PpoSettings {
         require_count("minibatch", self.minibatch, 2, "at least 2")
     }
 
-    /// Rejects standard deviations below the floor, to which the first step would raise them
-    /// however small the gradient is.
+    /// Rejects a log_std below [`PpoSettings::min_log_std`], to which the first gradient step would
+    /// raise it however small the gradient is.
     pub(super) fn check_floor(&self, log_std: &[f32]) -> Result<(), RlError> {
         let min_log_std = self.min_log_std;
         match log_std.iter().find(|&&log_std| log_std < min_log_std) {

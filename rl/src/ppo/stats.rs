@@ -2,26 +2,26 @@
 
 use crate::algorithm::{Metrics, named, sums};
 
-/// Weights of the terms of the loss.
+/// Weights of the terms of the PPO loss, and the clip interval of its surrogate.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LossWeights {
-    /// Half-width of the ratio's clip interval.
+    /// Half-width of the interval around 1 to which the probability ratio is clipped.
     pub clip_coef: f64,
-    /// Weight of the squared value error.
+    /// Weight in the loss of the squared error of the value function.
     pub vf_coef: f64,
-    /// Weight of the entropy bonus.
+    /// Weight in the loss of the entropy bonus.
     pub ent_coef: f64,
-    /// Weight of the symmetry loss.
+    /// Weight of the symmetry loss in the total loss.
     pub symmetry: f64,
 }
 
-/// Statistics of an update. Losses and diagnostics are means over all decisions of all minibatches
-/// that were run.
+/// Statistics of one PPO update. Losses and diagnostics are means over all decisions of all
+/// minibatches that were run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PpoStats {
-    /// Actor loss: the negated clipped surrogate.
+    /// Actor loss: the negated clipped surrogate objective of PPO.
     pub policy_loss: f64,
-    /// Squared error of the value function.
+    /// Squared error of the value function against the returns, without its weight.
     pub value_loss: f64,
     /// Entropy of the action distribution in nats.
     pub entropy: f64,
@@ -46,8 +46,8 @@ pub struct PpoStats {
 }
 
 impl Metrics for PpoStats {
-    /// Returns the fields in order. The components of `log_std` are `log_std_0`, `log_std_1`, ...;
-    /// `symmetry_loss` comes last, if there is one.
+    /// Returns the statistics in the order of the struct's fields. The components of `log_std` are
+    /// `log_std_0`, `log_std_1`, ...; `symmetry_loss` comes last, if there is one.
     fn metrics(&self) -> Vec<(String, f64)> {
         let mut all = named!(
             self: policy_loss, value_loss, entropy, approx_kl, clip_fraction, explained_variance,
@@ -61,11 +61,11 @@ impl Metrics for PpoStats {
 }
 
 sums! {
-    /// Sums over decisions of the loss's terms and of the diagnostics.
+    /// Sums over decisions of the terms of the PPO loss and of the diagnostics.
     LossSums: samples, policy_loss, value_loss, entropy, approx_kl, clip_fraction, symmetry_loss
 }
 
-/// Running sums of an update.
+/// Running sums of a PPO update: losses, gradient norms, gradient steps and epochs.
 #[derive(Default)]
 pub(crate) struct PpoTotals {
     pub losses: LossSums,
@@ -75,7 +75,8 @@ pub(crate) struct PpoTotals {
 }
 
 impl PpoTotals {
-    /// Returns the statistics; `values` and `returns` `[T, N]` are from before the update.
+    /// Returns the statistics of the update; `values` and `returns` `[T, N]` are from before the
+    /// update.
     pub fn stats(&self, values: &[f32], returns: &[f32], log_std: &[f32]) -> PpoStats {
         let mean = |sum: f64| sum / self.losses.samples;
         PpoStats {
@@ -95,7 +96,8 @@ impl PpoTotals {
     }
 }
 
-/// Returns 1 - Var(return - value) / Var(return); 0 if the returns do not vary.
+/// Returns the critic's explained variance, 1 - Var(return - value) / Var(return); 0 if the returns
+/// do not vary.
 fn explained_variance(values: &[f32], returns: &[f32]) -> f64 {
     let total = variance(returns.iter().map(|&r| f64::from(r)));
     let residual = variance(returns.iter().zip(values).map(|(&r, &v)| f64::from(r) - f64::from(v)));

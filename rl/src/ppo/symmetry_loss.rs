@@ -52,7 +52,8 @@ impl SymmetryLoss {
         require_weight("symmetry.weight", self.weight)
     }
 
-    /// Draws a group element for each decision of the rollout and transforms its observation.
+    /// Draws a random group element for each decision of the rollout and transforms the decision's
+    /// observation by it.
     pub(super) fn draw(&self, buffer: &RolloutBuffer, rng: &mut ChaCha8Rng) -> TransformedSamples {
         // the identity comes first
         let others = &self.group.elements()[1..];
@@ -74,8 +75,8 @@ pub(super) struct TransformedSamples {
 }
 
 impl TransformedSamples {
-    /// Runs the transformed samples at `indices` forward, after a forward pass over the original
-    /// ones, whose transformed outputs it leaves in `d_mean` and `d_value` as targets.
+    /// Runs the network forward on the transformed observations at `indices`, after a forward pass
+    /// over the original ones, whose transformed outputs stay in `d_mean` and `d_value` as targets.
     pub fn forward<T: Scalar>(
         &self,
         network: &ActorCritic<T>,
@@ -105,8 +106,8 @@ impl TransformedSamples {
     }
 }
 
-/// Returns the summed, unweighted loss of n transformed samples, and replaces the targets in
-/// `d_mean` and `d_value` by the gradient of the loss, times its weight and `scale`.
+/// Returns the summed, unweighted symmetry loss of n transformed samples, and replaces the targets
+/// in `d_mean` and `d_value` by the gradient of the loss, times its weight and `scale`.
 pub(super) fn symmetry_loss<T>(
     n: usize,
     weights: &LossWeights,

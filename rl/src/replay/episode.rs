@@ -2,17 +2,18 @@
 
 use crate::env::{EnvSpec, StepOutcome};
 
-/// Steps that an episode keeps as history after they left the replay buffer; more than the 64 steps
-/// that a recurrent context may read.
+/// Number of steps that an episode keeps as history after they left the replay buffer; more than
+/// the 64 steps that a recurrent context may read.
 const HISTORY: usize = 256;
 
-/// Lengths of the arrays of one step.
+/// Sizes of the data of one step: pixels and channels of the image, components of vector and
+/// action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Sizes {
     pub pixels: usize,
-    /// Channels of a pixel that may change during an episode.
+    /// Number of channels of a pixel that may change during an episode.
     pub moving: usize,
-    /// Channels of a pixel that stay the same during an episode.
+    /// Number of channels of a pixel that stay the same during an episode.
     pub still: usize,
     pub vector: usize,
     pub action: usize,
@@ -52,9 +53,11 @@ impl Sizes {
 /// an episode longer than the buffer are removed.
 #[derive(Clone, Default)]
 pub(super) struct Episode {
-    /// Still channels of the episode's images, `[H, W, S]`.
+    /// Still channels of the episode's images, `[H, W, S]` for S channels that do not change in an
+    /// episode.
     pub still: Vec<u8>,
-    /// Moving channels of the episode's images, `[T + 1, H, W, C - S]`.
+    /// Moving channels of the episode's images, `[T + 1, H, W, C - S]` for S still ones of C
+    /// channels.
     pub moving: Vec<u8>,
     /// Observation vectors of the episode, `[T + 1, D]`.
     pub vectors: Vec<f32>,
@@ -147,7 +150,7 @@ impl Episode {
         sizes.still == 0 || sizes.split(image).all(|(_, still)| own.next() == Some(still))
     }
 
-    /// Returns `true` if this observation is the last one of the episode.
+    /// Returns `true` if `image` and `vector` are the last observation of the episode.
     pub fn ends_with(&self, sizes: &Sizes, image: &[u8], vector: &[f32]) -> bool {
         let last = &self.moving[self.steps() * sizes.moving_len()..];
         let mut own = last.chunks(sizes.moving.max(1));
@@ -173,7 +176,7 @@ impl Episode {
         }
     }
 
-    /// Returns the number of bytes allocated for the arrays.
+    /// Returns the number of bytes allocated for the episode.
     pub fn bytes(&self) -> usize {
         let floats = [&self.vectors, &self.actions, &self.rewards].map(Vec::capacity);
         let bytes = self.still.capacity() + self.moving.capacity();

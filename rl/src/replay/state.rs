@@ -13,24 +13,27 @@ use crate::replay::{ReplayBuffer, ReplaySettings, StepId};
 pub struct ReplayState<'a> {
     /// Number of steps ever recorded, dropped ones included.
     pub num_recorded: u64,
-    /// Number of the recorded steps that lie before the mark; all later ones count as newest.
+    /// Number of recorded steps older than the newest experience ([`ReplayBuffer::start_newest`]).
     pub num_before_newest: u64,
-    /// Index in `episodes` of each environment's running episode, `[N]`; `None` where none is
-    /// running.
+    /// Index in `stored_episodes` of each environment's running episode, `[N]`; `None` where none
+    /// is running.
     pub running_episodes: Vec<Option<u32>>,
-    /// Index in `episodes` and position in the episode of every held step, the oldest first.
+    /// Index of the episode in `stored_episodes` and position in the episode of every step that the
+    /// buffer holds, the oldest first.
     pub step_order: Vec<[u32; 2]>,
     /// Stored episodes, in the order in which they began.
     pub stored_episodes: Vec<EpisodeState<'a>>,
 }
 
 /// One episode of a [`ReplayState`]: T steps and the T + 1 observations around them. May be empty
-/// if none of its steps is held.
+/// if the buffer holds none of its steps.
 #[derive(Clone, Copy, Default, PartialEq)]
 pub struct EpisodeState<'a> {
-    /// Still channels of the episode's images, `[H, W, S]`.
+    /// Still channels of the episode's images, `[H, W, S]` for S channels that do not change in an
+    /// episode.
     pub still: &'a [u8],
-    /// Moving channels of the episode's images, `[T + 1, H, W, C - S]`.
+    /// Moving channels of the episode's images, `[T + 1, H, W, C - S]` for S still ones of C
+    /// channels.
     pub moving: &'a [u8],
     /// Observation vectors of the episode, `[T + 1, D]`.
     pub vectors: &'a [f32],
@@ -148,7 +151,8 @@ impl ReplayState<'_> {
         Ok(())
     }
 
-    /// Checks that the held steps of an episode are its last ones, each once and in order.
+    /// Checks that the steps that the buffer holds of each episode are its last ones, each once and
+    /// in order.
     fn check_order(&self) -> Result<(), RlError> {
         let mut next: Vec<Option<u32>> = vec![None; self.stored_episodes.len()];
         let expected = "the last steps of its episodes, in order";
@@ -174,7 +178,7 @@ impl EpisodeState<'_> {
         self.still.is_empty() && self.moving.is_empty() && self.vectors.is_empty()
     }
 
-    /// Returns the positions of the stored steps in the episode.
+    /// Returns the range of positions that the stored steps have in the episode.
     fn steps(&self) -> std::ops::Range<u32> {
         self.removed..self.removed.saturating_add(self.rewards.len() as u32)
     }

@@ -1,4 +1,5 @@
-//! Context of the heads: a GRU over the last steps before an observation.
+//! Recurrent context of actor and critics: a GRU over the last steps of the episode before an
+//! observation.
 
 use equivariant::{Concat, FieldType, Gru, GruWorkspace, Scalar, Shape};
 use rand::Rng;
@@ -8,41 +9,48 @@ use crate::env::EnvSpec;
 use crate::error::{RlError, require};
 use crate::sac::settings::ContextSettings;
 
-/// Computes the input of a head: the observation's fields h, followed by the state of a GRU over
-/// the last steps of the episode if there is a context. A step's item is [h, action, reward].
+/// Layer that computes the input of an actor or critic: the observation's fields h, followed by the
+/// state of a GRU over the last steps of the episode if there is a context. The GRU's input for a
+/// step, its item, is [h, action, reward].
 pub(crate) struct ContextReader {
     fields: FieldType,
     context: Option<Context>,
 }
 
-/// Layers of a context.
+/// Layers of a recurrent context: the GRU, and the concatenations before and after it.
 struct Context {
     gru: Gru,
-    /// Concatenation of h with (action, reward).
+    /// Concatenation of an observation's fields h with (action, reward), the GRU's input for a
+    /// step.
     item: Concat,
-    /// Natural index of every irrep-major component of (action, reward).
+    /// Index in natural order of each component of (action, reward) in irrep-major order (sorted by
+    /// irrep).
     order: Vec<usize>,
-    /// Concatenation of h with the GRU's state.
+    /// Concatenation of an observation's fields h with the GRU's state, the input of an actor or
+    /// critic.
     widened: Concat,
-    /// Maximum number of steps.
+    /// Maximum number of steps that the GRU reads.
     length: usize,
 }
 
-/// GRU inputs `[M, I]` of M distinct steps.
+/// GRU inputs (items) `[M, I]` of M distinct steps, I numbers each.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ContextItems<T>(Vec<T>);
 
-/// Indices of the items of the last steps before each of n samples.
+/// Last steps before each of n observations, as indices of their GRU inputs (items) in
+/// [`ContextItems`].
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ContextSteps {
-    /// Indices of items, `[L, n]`; the last `lengths[i]` rows of column i are valid.
+    /// Indices of GRU inputs, `[L, n]` for up to L steps before each of n observations; for
+    /// observation i, the last `lengths[i]` of the L are valid.
     reads: Vec<usize>,
-    /// Number of steps of each sample, `[n]`.
+    /// Number of steps before each observation that the GRU reads, `[n]`.
     lengths: Vec<usize>,
 }
 
 impl ContextSteps {
-    /// Prepares for `samples` samples with at most `length` steps each, and removes all steps.
+    /// Removes all steps, and prepares for `samples` observations with at most `length` steps
+    /// before each.
     pub fn clear(&mut self, length: usize, samples: usize) {
         self.reads.clear();
         self.reads.resize(length * samples, 0);
@@ -50,8 +58,8 @@ impl ContextSteps {
         self.lengths.resize(samples, 0);
     }
 
-    /// Adds a step before those of sample `slot`: steps are added in reverse order. Steps beyond
-    /// the maximum length are ignored.
+    /// Adds the step with GRU input `item` before the steps of observation `slot`: steps are added
+    /// in reverse order. Steps beyond the maximum length are ignored.
     pub fn prepend(&mut self, slot: usize, item: usize) {
         let samples = self.lengths.len();
         let before = self.reads.len() / samples - self.lengths[slot];
@@ -63,13 +71,13 @@ impl ContextSteps {
     }
 }
 
-/// Buffers of a context reader for up to a fixed number of samples.
+/// Buffers of a [`ContextReader`]'s passes over up to a fixed number of observations.
 #[derive(Clone, Debug)]
 pub(crate) struct ContextPass<T> {
     gru: Option<GruWorkspace<T>>,
-    /// Input of a head, `[N, S]`.
+    /// Input of the actor or critic, `[N, S]` for N observations and S channels.
     pub state: Vec<T>,
-    /// Gradient with respect to `state`, written before the backward pass.
+    /// Gradient of the loss with respect to `state`, written before the backward pass.
     pub d_state: Vec<T>,
     d_out: Vec<T>,
     d_fields: Vec<T>,
@@ -85,13 +93,13 @@ impl ContextReader {
         Ok(Self { fields, context: context.transpose()? })
     }
 
-    /// Returns the field type of a head's input.
+    /// Returns the field type of the input of an actor or critic, which the reader computes.
     pub fn out_type(&self) -> FieldType {
         let context = self.context.as_ref();
         context.map_or(self.fields, |context| context.widened.out_shape().fields)
     }
 
-    /// Returns L, the maximum number of steps; 0 without a context.
+    /// Returns L, the maximum number of steps that the GRU reads; 0 without a context.
     pub fn length(&self) -> usize {
         self.context.as_ref().map_or(0, |context| context.length)
     }
@@ -120,14 +128,15 @@ impl ContextReader {
         }
     }
 
-    /// Resizes `items` to `count` zeros.
+    /// Resizes `items` to the GRU inputs of `count` steps, all zeros.
     pub fn clear<T: Scalar>(&self, count: usize, items: &mut ContextItems<T>) {
         let width = self.context.as_ref().map_or(0, Context::item_len);
         items.0.clear();
         items.0.resize(count * width, T::ZERO);
     }
 
-    /// Writes the item of a step from its fields, and its action and reward in natural order.
+    /// Writes the GRU input of a step from its observation's fields, and its action and reward in
+    /// natural order.
     pub fn write<T: Scalar>(
         &self,
         index: usize,
@@ -145,7 +154,8 @@ impl ContextReader {
         context.item.forward(fields, &tail, item);
     }
 
-    /// Fills `state` for samples with the fields `[n, h]` and the steps before them.
+    /// Computes `state`, the input of an actor or critic, for n observations: from their fields
+    /// `[n, h]` and the steps before them.
     pub fn forward<T: Scalar>(
         &self,
         params: &[T],
@@ -171,9 +181,10 @@ impl ContextReader {
         }
     }
 
-    /// Adds the gradient with respect to the parameters to `dparams`, from `d_state` of the n
-    /// samples of the last forward pass; returns that of their fields, `[n, h]`. The fields of the
-    /// steps before get no gradient: the encoder is not trained through the context.
+    /// Adds the gradient with respect to the GRU's parameters to `dparams`, from `d_state` of the n
+    /// observations of the last forward pass; returns the gradient with respect to their fields,
+    /// `[n, h]`. The fields of the steps before get no gradient: the encoder is not trained through
+    /// the context.
     pub fn backward<'a, T: Scalar>(
         &self,
         params: &[T],
@@ -218,7 +229,7 @@ impl Context {
         })
     }
 
-    /// Returns I, the length of a step's item.
+    /// Returns I, the length of the GRU's input for a step.
     fn item_len(&self) -> usize {
         self.item.out_shape().len()
     }

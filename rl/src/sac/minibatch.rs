@@ -1,4 +1,5 @@
-//! Minibatches of SAC: random draws, the fields of all observations needed, and gradient buffers.
+//! Minibatches of SAC: sampled steps and noise, encoding of their observations, and buffers of the
+//! passes.
 
 use std::ops::Range;
 
@@ -15,28 +16,33 @@ use crate::sac::network::SacNetwork;
 use crate::sac::settings::SacSettings;
 use crate::trunk::{LayerBuffers, TrunkPass};
 
-/// Returns the number of steps of one training chunk: 8 as in PPO, or a window's steps if they are
-/// more, since steps share observations only within a chunk; at most 32, because the memory of a
-/// workspace grows with it.
+/// Returns the number of steps that one thread processes at a time (a chunk) in training: 8 as in
+/// PPO, or the `window` of consecutive steps ([`SacSettings::window`]) if that is more, since steps
+/// share observations only within a chunk; at most 32, because the memory of a workspace grows with
+/// it.
 pub(super) fn training_chunk(window: usize) -> usize {
     window.clamp(8, 32)
 }
 
-/// Random draws for a minibatch, kept between steps to reuse the allocations.
+/// Randomly drawn steps, group elements and noise of a minibatch, kept between gradient steps to
+/// reuse the allocations.
 #[derive(Default)]
 pub(super) struct Draws {
-    /// First step of each window.
+    /// Index in the replay buffer of the first step of each window of consecutive steps.
     pub indices: Vec<usize>,
-    /// Start of the window and offset in it of each step, `[B]`.
+    /// Index of the window's first step, and offset in the window, of each of the minibatch's B
+    /// steps, `[B]`.
     pub steps: Vec<(usize, usize)>,
-    /// Group element of each step, `[B]`, the same within a window.
+    /// Group element that transforms each step, `[B]`, the same for all steps of a window.
     pub elements: Vec<D2>,
-    /// Noise of the actor at the current and at the next observations, `[B, A]` each.
+    /// Standard normal noise of the actor at the current, and at the next observations, `[B, A]`
+    /// each.
     pub noise: [Vec<f32>; 2],
 }
 
 impl Draws {
-    /// Draws a minibatch: first the windows, then their group elements, then both noises.
+    /// Draws a minibatch: first the windows of consecutive steps, then their group elements, then
+    /// the actor's noise.
     pub fn draw(&mut self, settings: &SacSettings, replay: &ReplayBuffer, rng: &mut ChaCha8Rng) {
         let (batch, window) = (settings.batch, settings.window);
         let windows = batch.div_ceil(window);
@@ -57,7 +63,8 @@ impl Draws {
         }
     }
 
-    /// Returns the drawn minibatch.
+    /// Returns the drawn minibatch, with discount and loss weights from `settings` and temperature
+    /// `alpha`.
     pub fn batch<'a>(
         &'a self,
         settings: &SacSettings,
@@ -80,28 +87,29 @@ impl Draws {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Batch<'a> {
     pub replay: &'a ReplayBuffer,
-    /// Steps of the minibatch, `[B]`: an index in the buffer, and the number of steps after it.
+    /// Steps of the minibatch, `[B]`: the index in the replay buffer of the window's first step,
+    /// and the offset in the window.
     pub steps: &'a [(usize, usize)],
     /// Group element that transforms each step, `[B]`.
     pub elements: &'a [D2],
     /// Standard normal noise `[B, A]` of the actor at the current, and at the next observations.
     pub noise: [&'a [f32]; 2],
     pub gamma: f64,
-    /// Temperature, the weight of the entropy.
+    /// Temperature alpha, the weight of the entropy in the actor's objective.
     pub alpha: f64,
-    /// Weight of behavioural cloning.
+    /// Weight of the behavioural cloning loss in the actor's loss.
     pub cloning: f64,
 }
 
 impl<'a> Batch<'a> {
-    /// Returns the step at a position of the minibatch, and the element that transforms it.
+    /// Returns the step at a position of the minibatch, and the group element that transforms it.
     pub fn step(&self, position: usize) -> (ReplayStep<'a>, D2) {
         let (index, further) = self.steps[position];
         let step = self.replay.get(index).wrapping_later(further);
         (step, self.elements[position])
     }
 
-    /// Returns the action `[A]` of a step, transformed by g.
+    /// Returns the action `[A]` of a step, transformed by the group element `g`.
     pub fn action<T: Scalar>(&self, network: &SacNetwork<T>, step: ReplayStep, g: D2) -> Vec<f32> {
         transform_vector(g, step.action(), &network.spec().action_irreps)
     }
@@ -111,8 +119,8 @@ impl<'a> Batch<'a> {
         1.0 / self.steps.len() as f64
     }
 
-    /// Computes the fields of all observations that the steps at positions `range` need, each once,
-    /// and passes the steps before them to the contexts.
+    /// Computes the trunk's fields of all observations that the steps at positions `range` need,
+    /// each once, and passes the steps before them to the recurrent contexts.
     pub fn load<T: Scalar>(
         &self,
         network: &SacNetwork<T>,
@@ -151,8 +159,8 @@ impl<'a> Batch<'a> {
         self.distribute_fields(network, range, w);
     }
 
-    /// Copies the fields of the next observations, and writes the context items of the steps before
-    /// each observation.
+    /// Copies the trunk's fields of the next observations, and writes the GRU inputs (items) of the
+    /// steps before each observation.
     fn distribute_fields<T: Scalar>(
         &self,
         network: &SacNetwork<T>,
@@ -203,7 +211,7 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// Returns the steps before `step` that a context may read, the last one first.
+/// Returns the steps before `step` that a recurrent context may read, the last one first.
 fn earlier_steps<'r, T: Scalar>(
     network: &SacNetwork<T>,
     step: ReplayStep<'r>,
@@ -211,7 +219,8 @@ fn earlier_steps<'r, T: Scalar>(
     (1..=network.reader.length()).map_while(move |count| step.earlier(count))
 }
 
-/// Loads an observation, transformed by g, into a slot; `image` holds its pixels.
+/// Loads an observation, transformed by the group element `g`, into a slot of `pass`; `image` holds
+/// its pixels.
 fn load_transformed<T: Scalar>(
     network: &SacNetwork<T>,
     slot: usize,
@@ -229,24 +238,28 @@ fn load_transformed<T: Scalar>(
     network.trunk.load_sample(slot, image, &vector, pass);
 }
 
-/// Key of an encoded observation: its index in the replay buffer and its group element.
+/// Key of an encoded observation: its identifier in the replay buffer and the group element that
+/// transforms it.
 pub(crate) type ObservationKey = (StepId, D2);
 
-/// Activations, gradients and scratch memory of up to K steps, allocated once.
+/// Activations, gradients and scratch memory of a [`SacNetwork`]'s passes over up to K steps,
+/// allocated once.
 pub(crate) struct SacWorkspace<T> {
-    /// Pass over the observations acted on.
+    /// Buffers of the trunk's pass over the observations acted on.
     pub current: TrunkPass<T>,
-    /// Pass over all other observations: the next ones, and those of the steps before.
+    /// Buffers of the trunk's pass over all other observations: the next ones, and those of the
+    /// steps before.
     pub others: TrunkPass<T>,
     /// Keys of the observations of `current`, then of `others`.
     pub observed: Vec<ObservationKey>,
-    /// Positions in `observed` of each step's next observation and of the steps before it.
+    /// Positions in `observed` of each step's next observation and of the observations of the steps
+    /// before it.
     pub sources: Vec<usize>,
-    /// Fields of the next observations, `[K, h]`.
+    /// Fields of the trunk for the next observations, `[K, h]`.
     pub next_fields: Vec<T>,
-    /// Context item of the step at each observation in `observed`.
+    /// GRU input (item) of the step at each observation in `observed`.
     pub items: ContextItems<T>,
-    /// Steps before the current, and before the next observations.
+    /// Steps before the current, and before the next observations, that the GRUs read.
     pub before: [ContextSteps; 2],
     pub actor_reader: ContextPass<T>,
     pub critic_reader: ContextPass<T>,
@@ -262,9 +275,10 @@ pub(crate) struct SacWorkspace<T> {
     /// Actions in irrep-major order, and the gradient with respect to a critic's state input.
     pub irreps: Vec<T>,
     pub d_state: Vec<T>,
-    /// Targets of the critics, `[K]`.
+    /// Targets y of the critics' loss, `[K]`.
     pub next_q_values: Vec<f64>,
-    /// Critic gradients of the actor's loss, which must not train the critics.
+    /// Gradient of the actor's loss with respect to the critics' parameters, which must not train
+    /// the critics.
     pub discarded: Vec<T>,
     /// Scratch memory for one image.
     pub image: Vec<u8>,
@@ -303,14 +317,14 @@ impl<T: Scalar> SacNetwork<T> {
 }
 
 impl<T: Scalar> SacWorkspace<T> {
-    /// Returns the index and value of the critic with the smaller Q-value for the action of a slot.
+    /// Returns the index and value of the critic with the smaller Q-value for the action in `slot`.
     pub fn min_qf(&self, slot: usize) -> (usize, f64) {
         let [qf1, qf2] = [0, 1].map(|qf: usize| self.critics[qf].y[slot].to_f64());
         if qf2 < qf1 { (1, qf2) } else { (0, qf1) }
     }
 
-    /// Records the position of an observation's fields; returns its slot in `others` if it is new
-    /// and must be loaded there. `n` is the number of current observations.
+    /// Records the position of an observation in `observed`; returns its slot in `others` if the
+    /// observation is new and must be loaded there. `n` is the number of current observations.
     pub fn locate(&mut self, observed: ObservationKey, n: usize) -> Option<usize> {
         let known = self.observed.iter().position(|&other| other == observed);
         let source = known.unwrap_or(self.observed.len());

@@ -14,7 +14,7 @@ use crate::sac::context::ContextReader;
 use crate::sac::settings::ContextSettings;
 use crate::trunk::{HasTrunk, ParamAllocator, Trunk, head};
 
-/// Actor and twin critics on shared equivariant features.
+/// Network of soft actor-critic: actor and twin critics on shared equivariant features.
 ///
 /// ```text
 /// image  [H, W, C] -> Encoder ------+
@@ -41,16 +41,19 @@ pub struct SacNetwork<T> {
     pub(super) reader: ContextReader,
     pub(super) actor: Sequential<T>,
     pub(super) critic: Sequential<T>,
-    /// Concatenation of the reader's output and the action, the input of a critic.
+    /// Concatenation of the context reader's output and the action, the input of a critic.
     pub(super) joined: Concat,
-    /// Natural index of every irrep-major component of the action.
+    /// Index in natural order of each component of the action in irrep-major order (sorted by
+    /// irrep).
     pub(super) action_order: Vec<usize>,
-    /// Natural index of every irrep-major component of (mean, log_std).
+    /// Index in natural order of each component of (mean, log_std) in irrep-major order (sorted by
+    /// irrep).
     pub(super) output_order: Vec<usize>,
     context: Option<ContextSettings>,
 }
 
-/// Ranges of each part's parameters in the flat slice.
+/// Ranges of the parameters of actor, critics and their context readers in the network's flat
+/// parameter slice.
 #[derive(Clone, Debug)]
 pub(super) struct Parts {
     pub actor_reader: Range<usize>,
@@ -58,7 +61,8 @@ pub(super) struct Parts {
     pub critics: CriticParts,
 }
 
-/// Ranges of the critics' parameters, in the network's slice or in the targets' own slice.
+/// Ranges of the critics' parameters, in the network's flat parameter slice or in that of the
+/// target critics.
 #[derive(Clone, Debug)]
 pub(super) struct CriticParts {
     pub reader: Range<usize>,
@@ -111,7 +115,8 @@ impl<T: Scalar> SacNetwork<T> {
         self.critic_params().end
     }
 
-    /// Returns the range of the critics' parameters, of which the targets are a lagging copy.
+    /// Returns the range of the critics' parameters, of which the target critics are a lagging
+    /// copy.
     pub fn critic_params(&self) -> Range<usize> {
         let critics = self.parts().critics;
         critics.reader.start..critics.twins[1].end
@@ -127,12 +132,12 @@ impl<T: Scalar> SacNetwork<T> {
         self.context
     }
 
-    /// Returns the spec that the network was built for.
+    /// Returns the sizes and irreps of observations and actions that the network was built for.
     pub fn spec(&self) -> &EnvSpec {
         &self.trunk.spec
     }
 
-    /// Draws the initial values of all parameters of the network. Weights before a ReLU have gain
+    /// Samples the initial values of all parameters of the network. Weights before a ReLU have gain
     /// sqrt(2), the last layers the gains of the settings, and GRUs gain 1. Biases are zero, except
     /// those of log_std, which give the initial log_std of the settings.
     pub fn init_params(&self, rng: &mut dyn Rng) -> Vec<T> {
@@ -153,7 +158,7 @@ impl<T: Scalar> SacNetwork<T> {
         params
     }
 
-    /// Reorders outputs of the actor, `[n, 2 A]`, to natural order.
+    /// Reorders outputs of the actor, `[n, 2 A]`, from irrep-major to natural order.
     pub(super) fn natural_output(&self, from: &[T], to: &mut [f64]) {
         let width = self.output_order.len();
         for (target, output) in to.chunks_exact_mut(width).zip(from.chunks_exact(width)) {
@@ -163,8 +168,8 @@ impl<T: Scalar> SacNetwork<T> {
         }
     }
 
-    /// Returns the maximum number of steps that an actor remembers and the length of their fields;
-    /// zeros without a context.
+    /// Returns the maximum number of steps that the actor remembers and the length of each step's
+    /// fields h; zeros without a context.
     pub(super) fn remembered(&self) -> [usize; 2] {
         match self.reader.length() {
             0 => [0; 2],
@@ -181,7 +186,7 @@ impl<T: Scalar> SacNetwork<T> {
         }
     }
 
-    /// Returns the ranges of the target critics' parameters in their own slice.
+    /// Returns the ranges of the target critics' parameters in the slice that holds only these.
     pub(super) fn target_parts(&self) -> CriticParts {
         self.critic_parts(ParamAllocator::new())
     }
@@ -200,7 +205,8 @@ impl<T> HasTrunk<T> for SacNetwork<T> {
     }
 }
 
-/// Returns the hidden fields of critics that read the same fields as the actor.
+/// Returns the field type of the hidden layer of critics that read the same fields as the actor;
+/// rejects other critics.
 fn joint_fields(settings: &NetworkSettings) -> Result<FieldType, RlError> {
     match settings.critic {
         CriticSettings::Joint { fields } => Ok(settings.regular_field_type(fields)),

@@ -23,8 +23,8 @@ pub(super) struct Losses<'a, T> {
 }
 
 impl<T: Scalar> Losses<'_, T> {
-    /// Runs the steps at positions `range` of the minibatch forward and backward. Adds their share
-    /// of the gradient to `gradient` and returns the sums of their loss terms.
+    /// Runs the network forward and backward on the steps at positions `range` of the minibatch.
+    /// Adds their share of the gradient to `gradient` and returns the sums of their loss terms.
     pub fn chunk(
         &self,
         range: Range<usize>,
@@ -60,7 +60,7 @@ impl<T: Scalar> Losses<'_, T> {
         self.run_critics(n, self.targets, &parts, w);
     }
 
-    /// Runs the critics on the stored actions at the current observations.
+    /// Runs the critics on the replay buffer's actions at the current observations.
     fn run_stored(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (parts, width) = (network.parts().critics, network.action_order.len());
@@ -88,8 +88,8 @@ impl<T: Scalar> Losses<'_, T> {
         self.run_critics(n, self.params, &parts.critics, w);
     }
 
-    /// Adds the gradient of the critics' loss with respect to the critics, and writes that with
-    /// respect to the trunk's fields for its backward pass.
+    /// Adds the gradient of the critics' loss with respect to their parameters to `gradient`, and
+    /// writes the gradient with respect to the trunk's fields for the trunk's backward pass.
     fn critics_backward(&self, n: usize, w: &mut SacWorkspace<T>, gradient: &mut [T]) {
         let (network, parts) = (self.network, self.network.parts().critics);
         for (qf, own) in w.critics.iter_mut().zip(&parts.twins) {
@@ -103,7 +103,8 @@ impl<T: Scalar> Losses<'_, T> {
         w.current.d_fields()[..d_fields.len()].copy_from_slice(d_fields);
     }
 
-    /// Adds the gradient of the actor's loss and of behavioural cloning; returns the cloning loss.
+    /// Adds the gradients of the actor's loss and of behavioural cloning with respect to the
+    /// actor's parameters to `gradient`; returns the cloning loss.
     fn actor_backward(
         &self,
         range: &Range<usize>,
@@ -128,7 +129,7 @@ impl<T: Scalar> Losses<'_, T> {
         cloning
     }
 
-    /// Runs the actor on its reader's state; draws actions with their log-probabilities.
+    /// Runs the actor on its context reader's output; samples actions with their log-probabilities.
     fn run_actor(&self, range: &Range<usize>, noise: &[f32], w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let width = network.action_order.len();
@@ -144,7 +145,7 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Runs both critics on their reader's state and the n actions.
+    /// Runs both critics on their context reader's output and the n actions.
     fn run_critics(&self, n: usize, params: &[T], parts: &CriticParts, w: &mut SacWorkspace<T>) {
         let network = self.network;
         let width = network.action_order.len();
@@ -164,8 +165,8 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Sums the gradients with respect to both critics' inputs, and splits the sum into those of
-    /// the reader's state and of the actions.
+    /// Sums the gradients with respect to both critics' inputs, and splits the sum into the
+    /// gradients with respect to the context reader's output and the actions.
     fn split_gradient(&self, n: usize, w: &mut SacWorkspace<T>) {
         let network = self.network;
         let width = network.action_order.len();
@@ -185,8 +186,9 @@ impl<T: Scalar> Losses<'_, T> {
         }
     }
 
-    /// Computes the gradient with respect to the actor's output from that of the actions, and adds
-    /// that of behavioural cloning; returns the cloning loss.
+    /// Computes the gradient of the actor's loss with respect to the actor's output from that with
+    /// respect to the actions, and adds the gradient of behavioural cloning; returns the cloning
+    /// loss.
     fn output_gradient(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) -> f64 {
         let network = self.network;
         let width = network.action_order.len();

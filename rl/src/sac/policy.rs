@@ -30,7 +30,8 @@ use crate::trunk::{HasTrunkPass, LayerBuffers, TrunkPass};
 /// episode.
 pub type SacPolicy = NetworkPolicy<SacNetwork<f32>, SacForwardBuffers>;
 
-/// Buffers of a policy's forward pass over one chunk.
+/// Buffers of a [`SacPolicy`]'s forward pass over one chunk, the observations that a thread
+/// processes at a time.
 pub struct SacForwardBuffers {
     pub(super) trunk: TrunkPass<f32>,
     pub(super) items: ContextItems<f32>,
@@ -40,7 +41,8 @@ pub struct SacForwardBuffers {
 }
 
 impl SacPolicy {
-    /// Builds the network for `spec` and draws its parameters from the stream of `seed`.
+    /// Builds the network for `spec` and samples its initial parameters with a generator seeded by
+    /// `seed`.
     ///
     /// # Errors
     /// Errors of [`SacNetwork::new`].
@@ -72,9 +74,10 @@ impl SacPolicy {
         Ok(Self::from_parts(Arc::new(network), params, SacForwardBuffers::new))
     }
 
-    /// Fills `outputs` with rows of mean and raw log_std `[2 A]` and the fields that a context
-    /// remembers, which it also stores in `memory`; returns the length of a row. `what` and `got`
-    /// are name and length of the caller's output array.
+    /// Runs the network on N observations: fills `outputs` with rows `[2 A + h]` of mean, raw
+    /// log_std and the h fields that a context remembers, which are also stored in `memory`;
+    /// returns the length of a row. `what` and `got` are name and length of the caller's output
+    /// array.
     fn run(
         &mut self,
         observations: &Observations,
@@ -129,7 +132,7 @@ impl SacForwardBuffers {
         self.actor.forward(&network.actor, of(parts.actor), n);
     }
 
-    /// Passes the remembered steps of a range of environments to the context.
+    /// Passes the remembered steps of a range of environments to the GRU of the context.
     fn recall(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
         let (reader, range) = (&chunk.network.reader, chunk.range.clone());
         let episodes = || memory.envs.iter().skip(range.start).take(range.len());
@@ -147,7 +150,8 @@ impl SacForwardBuffers {
         }
     }
 
-    /// Writes rows of mean, raw log_std and, if `row` is longer, fields.
+    /// Writes a row of `row` numbers for each observation: mean, raw log_std and, if `row` is
+    /// longer, fields.
     fn write(&self, network: &SacNetwork<f32>, row: usize, rows: &mut [f64]) {
         let width = network.output_order.len();
         let fields = self.trunk.fields();
@@ -195,7 +199,7 @@ impl Actor for SacPolicy {
         Ok(())
     }
 
-    /// Writes the tanh of the Gaussian's means.
+    /// Writes the tanh of the Gaussian's means, `[N, A]`, to `out`.
     fn mean_actions(
         &mut self,
         observations: &Observations,
@@ -258,23 +262,23 @@ impl ExportPolicy for SacPolicy {
 /// [`RolloutState::reset`](crate::RolloutState::reset).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {
-    /// Maximum number of remembered steps.
+    /// Maximum number of steps that are remembered of each episode.
     length: usize,
-    /// Number of components of an observation's fields.
+    /// Number of components of the fields h of one observation; 0 without a context.
     pub(super) fields: usize,
     pub(super) envs: Vec<EpisodeMemory>,
 }
 
-/// Memory of one running episode.
+/// Memory of one running episode of a [`SacPolicy`] with a context.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct EpisodeMemory {
-    /// The last steps, the oldest first.
+    /// Last steps of the episode that the policy remembers, the oldest first.
     pub past: VecDeque<PastStep>,
-    /// Fields of the last observation decided on, until its step is complete.
+    /// Fields h of the last observation that the policy decided on, until the step is complete.
     pub seen: Vec<f32>,
 }
 
-/// A remembered step.
+/// A remembered step of an episode: its observation's fields h, its action and its reward.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct PastStep {
     pub fields: Vec<f32>,
@@ -283,7 +287,8 @@ pub(super) struct PastStep {
 }
 
 impl History {
-    /// Creates a memory of up to `length` steps, with `fields` components each.
+    /// Creates a memory of up to `length` steps, with `fields` components each, for each of `envs`
+    /// environments.
     pub(super) fn new([length, fields]: [usize; 2], envs: usize) -> Self {
         let envs = if length == 0 { 0 } else { envs };
         Self { length, fields, envs: vec![EpisodeMemory::default(); envs] }
@@ -347,7 +352,7 @@ impl MeasureActivity for SacPolicy {
     }
 }
 
-/// Returns the sum of the outputs of both critics' units at the mean actions.
+/// Returns the sum of the outputs of each ReLU unit of both critics at the mean actions.
 fn critic_activation_sums(chunk: &Chunk<SacNetwork<f32>>, w: &SacForwardBuffers) -> Vec<Vec<f64>> {
     let (network, params, n) = (chunk.network, chunk.params, chunk.range.len());
     let (parts, width) = (network.parts().critics, network.action_order.len());

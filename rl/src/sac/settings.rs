@@ -6,9 +6,9 @@ use symmetry::Group;
 use crate::error::{RlError, require, require_positive, require_share, require_weight};
 use crate::ppo::settings::PpoSettings;
 
-/// Maximum size of a minibatch.
+/// Maximum number of steps in a minibatch that settings may ask for.
 const MAX_BATCH: usize = 1 << 16;
-/// Maximum number of gradient steps for one recorded step.
+/// Maximum number of gradient steps for one recorded step that settings may ask for.
 const MAX_UPDATES_PER_STEP: f32 = 1000.0;
 
 /// Settings of [`crate::Sac`]. [`SacSettings::paper`] is the default.
@@ -17,7 +17,7 @@ const MAX_UPDATES_PER_STEP: f32 = 1000.0;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SacSettings {
-    /// Discount of the next decision's value, in [0, 1].
+    /// Discount factor gamma of the next decision's value, in [0, 1].
     pub gamma: f32,
     /// Number of steps in a minibatch, 1 to 65536.
     pub batch: usize,
@@ -43,27 +43,28 @@ pub struct SacSettings {
     pub learning_rate: f32,
     /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
-    /// Maximum magnitude of each component of the gradient, above 0; larger ones are clipped.
+    /// Maximum magnitude of each component of the gradient, above 0; larger components are clipped
+    /// to it.
     pub max_gradient: f32,
     /// Rate in (0, 1] at which target critics move towards the critics at each gradient step
     /// (Polyak averaging).
     pub tau: f32,
-    /// Temperature alpha, the weight of the entropy.
+    /// Temperature alpha, the weight of the entropy in the actor's objective: fixed or learned.
     pub temperature: Temperature,
     /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
     /// the last [`ReplayBuffer::start_newest`](crate::ReplayBuffer::start_newest); the others are
     /// drawn from all. Rounded to whole windows: for 512 steps in windows of four, to a multiple of
     /// 1 / 128.
     pub newest_share: f32,
-    /// Group for data augmentation: a random element transforms images, vectors and actions of each
-    /// window. C1 for none.
+    /// Symmetry group for data augmentation: a random element transforms images, vectors and
+    /// actions of each window. C1 for none.
     pub augmentation: Group,
     /// Weight of behavioural cloning, at least 0: of the squared distance between the actor's mean
-    /// action and the stored one (Fujimoto and Gu, NeurIPS 2021, equation 3).
+    /// action and the action in the replay buffer (Fujimoto and Gu, NeurIPS 2021, equation 3).
     pub cloning_weight: f32,
 }
 
-/// Temperature alpha, the weight of the entropy.
+/// Temperature alpha, the weight of the entropy in the actor's objective: fixed or learned.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Temperature {
@@ -140,7 +141,7 @@ impl SacSettings {
 }
 
 impl Temperature {
-    /// Returns the initial value if it is learned, otherwise 1, whose logarithm is 0.
+    /// Returns the initial temperature alpha if it is learned, otherwise 1, whose logarithm is 0.
     pub(super) fn initial(self) -> f32 {
         match self {
             Self::Learned { initial, .. } => initial,
@@ -166,8 +167,8 @@ impl Default for SacSettings {
     }
 }
 
-/// Settings of a context: a GRU ([`equivariant::Gru`]) over the last steps of the episode. The
-/// default is that of 3RL in COVERS (Liu et al., CoRL 2023, appendix).
+/// Settings of a recurrent context of actor and critics: a GRU ([`equivariant::Gru`]) over the last
+/// steps of the episode. The default is that of 3RL in COVERS (Liu et al., CoRL 2023, appendix).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ContextSettings {

@@ -2,18 +2,19 @@
 
 use crate::algorithm::{Metrics, named, sums};
 
-/// Statistics of an update: means over all steps of all minibatches. If there were none, as during
-/// the burn-in, `steps` is 0 and the means are zeros without a meaning, so that every row of a log
-/// has the same columns, and numbers in all of them.
+/// Statistics of one update of soft actor-critic: means over all steps of all minibatches. If there
+/// were none, as during the burn-in, `steps` is 0 and the means are zeros without a meaning, so
+/// that every row of a log has the same columns, and numbers in all of them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SacStats {
     /// Halved squared error of the Q-values, summed over both critics.
     pub critic_loss: f64,
     /// Loss of the actor, without behavioural cloning.
     pub actor_loss: f64,
-    /// Squared distance of the mean action from the stored one, summed over components.
+    /// Squared distance of the actor's mean action from the action in the replay buffer, summed
+    /// over components.
     pub cloning_loss: f64,
-    /// Mean Q-value of the stored actions, over both critics.
+    /// Mean Q-value of the actions in the replay buffer, over both critics.
     pub value: f64,
     /// Estimated entropy of actions in nats.
     pub entropy: f64,
@@ -30,7 +31,7 @@ pub struct SacStats {
 }
 
 impl Metrics for SacStats {
-    /// Returns the fields in order.
+    /// Returns the statistics in the order of the struct's fields.
     fn metrics(&self) -> Vec<(String, f64)> {
         named!(
             self: critic_loss, actor_loss, cloning_loss, value, entropy, temperature, grad_norm,
@@ -40,11 +41,11 @@ impl Metrics for SacStats {
 }
 
 sums! {
-    /// Sums over steps of the losses' terms and of the diagnostics.
+    /// Sums over steps of the terms of SAC's losses and of the diagnostics.
     SacSums: samples, critic_loss, actor_loss, cloning_loss, value, log_pi
 }
 
-/// Running sums of an update.
+/// Running sums of an update of soft actor-critic: losses, gradient norms and gradient steps.
 #[derive(Default)]
 pub(crate) struct SacTotals {
     pub sums: SacSums,

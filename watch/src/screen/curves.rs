@@ -1,4 +1,5 @@
-//! Curves of a run: a colour for each group, a line for each visit, a dot for each evaluation.
+//! Curves of reward and success of a run: a colour for each group, a line for each visit, a dot for
+//! each evaluation.
 
 use ratatui::Frame;
 use ratatui::layout::Rect;
@@ -11,7 +12,7 @@ use experiments::{RolloutRow, RunData, ScoreRow};
 use super::StreamProgress;
 use super::panels::group_colour;
 
-/// Quantity that a curve shows.
+/// Quantity of a run, such as its reward, that a curve on the screen shows.
 pub struct CurveQuantity {
     title: &'static str,
     /// Upper end of the vertical axis, which begins at 0.
@@ -20,7 +21,7 @@ pub struct CurveQuantity {
     score: fn(&ScoreRow) -> f64,
 }
 
-/// Mean reward of a rollout's episodes, at most 500.
+/// Mean return of a rollout's episodes on the paper's scale, at most 500.
 pub const REWARD: CurveQuantity = CurveQuantity {
     title: "reward of 500",
     largest: 500.0,
@@ -35,14 +36,14 @@ pub const SUCCESS: CurveQuantity = CurveQuantity {
     score: |row| row.success,
 };
 
-/// Points of one colour: a line or dots.
+/// Points of one colour in a chart: a line or dots.
 struct Line {
     colour: Color,
     points: Vec<(f64, f64)>,
     kind: GraphType,
 }
 
-/// Draws a quantity over the decisions of the whole stream.
+/// Draws the curve of a quantity over the decisions of the whole stream.
 pub fn draw_curve(figure: &CurveQuantity, run: &RunData, frame: &mut Frame, area: Rect) {
     let stream = StreamProgress::after_rollouts(run, 0).total_decisions as f64;
     let newest = run.rollouts.last().map_or(0.0, |row| row.decisions as f64);
@@ -71,7 +72,7 @@ pub fn draw_curve(figure: &CurveQuantity, run: &RunData, frame: &mut Frame, area
     frame.render_widget(chart, area);
 }
 
-/// Returns a line for each visit of a group: its rollouts, in order.
+/// Returns a line for each visit of the stream to a group: the visit's rollouts, in order.
 fn visits(figure: &CurveQuantity, run: &RunData) -> Vec<Line> {
     let same = |one: &RolloutRow, other: &RolloutRow| one.group == other.group;
     let visits = run.rollouts.chunk_by(same);

@@ -1,4 +1,4 @@
-//! Distances of the latest rollout to the stored rollouts of each policy.
+//! Panel of the distances of the latest rollout to the stored rollouts of each policy.
 
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -11,10 +11,10 @@ use experiments::text::format_number;
 
 use super::panels::{draw_distance_ratios, policy_colour};
 
-/// Length of a bar (cells); the threshold is at the middle.
+/// Length of a bar that shows a distance (terminal cells); the threshold is at the middle.
 const BAR: usize = 20;
 
-/// Minimum height (rows) of a panel that also shows earlier rollouts.
+/// Minimum height (terminal rows) of the panel of distances to show earlier rollouts, too.
 const WITH_RATIOS: u16 = 14;
 
 /// Draws a row for each policy that the latest rollout was compared with: the distance, the
@@ -71,8 +71,8 @@ pub fn draw_distances(run: &RunData, frame: &mut Frame, area: Rect) {
     }
 }
 
-/// Returns a bar that is full at twice the threshold, or a dash if the ratio is not a number of 0
-/// or more.
+/// Formats a distance over its threshold as a bar that is full at twice the threshold, or as a dash
+/// if the ratio is not a number of 0 or more.
 fn bar(ratio: Option<f64>) -> String {
     let Some(ratio) = ratio.filter(|ratio| ratio.is_finite() && *ratio >= 0.0) else {
         return "-".to_owned();

@@ -1,4 +1,4 @@
-//! Layout of the screen: more panels on larger terminals.
+//! Layout of the screen that shows a run: more panels on larger terminals.
 
 use std::time::Duration;
 
@@ -17,26 +17,26 @@ use super::panels::{
 };
 use super::{StreamProgress, curves, distances};
 
-/// Minimum columns and rows of a screen with every panel. Long names are cut at this width.
+/// Minimum columns and rows of a terminal for every panel. Long names are cut at this width.
 const LARGE: [u16; 2] = [100, 30];
-/// Minimum rows between headline and footline for a screen with tables.
+/// Minimum terminal rows between headline and footline for a screen with tables.
 const MEDIUM: u16 = 20;
-/// Minimum columns for two curves side by side.
+/// Minimum terminal columns for two curves side by side.
 const TWO_CURVES: u16 = 70;
-/// Height of the tables (rows).
+/// Height of the tables of groups and distances (terminal rows).
 const TABLES: u16 = 8;
-/// Height of the two strips with their frame (rows).
+/// Height of the two strips of rollouts, by group and by policy, with their frame (terminal rows).
 const STRIPS: u16 = 4;
 
 /// Contents of the terminal screen that shows a run.
 pub struct ScreenContents<'a> {
     pub run: &'a RunData,
     pub finished: bool,
-    /// Time since the latest change of the tables.
+    /// Time since the latest change of the run's tables.
     pub time_since_change: Option<Duration>,
-    /// Picture with its title.
+    /// Camera picture to show, with its title.
     pub picture: Option<(String, Picture)>,
-    /// Help for the keys, or a message.
+    /// Help for the keys, or a message, in the footline.
     pub key_help: &'a str,
 }
 
@@ -98,7 +98,7 @@ fn footline(shown: &ScreenContents<'_>) -> String {
     format!("{}{newest}", shown.key_help)
 }
 
-/// Formats seconds in hours and minutes, minutes or seconds.
+/// Formats a duration (seconds) in hours and minutes, minutes or seconds.
 fn duration(seconds: f64) -> String {
     let whole = seconds as u64;
     match (whole / 3600, whole / 60 % 60) {
@@ -108,7 +108,7 @@ fn duration(seconds: f64) -> String {
     }
 }
 
-/// Draws curves, strips, tables and the picture.
+/// Draws the body of a large screen: curves, strips of rollouts, tables and the camera picture.
 fn large(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     let rows = [Constraint::Fill(3), Constraint::Length(STRIPS), Constraint::Fill(2)];
     let [top, middle, bottom] = Layout::vertical(rows).areas(area);
@@ -128,7 +128,7 @@ fn large(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     }
 }
 
-/// Draws curves, strips and tables.
+/// Draws the body of a medium screen: curves, strips of rollouts and tables.
 fn medium(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     let rows = [Constraint::Fill(1), Constraint::Length(STRIPS), Constraint::Length(TABLES)];
     let [top, middle, bottom] = Layout::vertical(rows).areas(area);
@@ -145,7 +145,7 @@ fn medium(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     }
 }
 
-/// Draws the strips without a frame, and the reward below them if there is room.
+/// Draws the body of a small screen: strips of rollouts, and below them the reward if it fits.
 fn small(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     let rows = [Constraint::Length(2), Constraint::Fill(1)];
     let [top, bottom] = Layout::vertical(rows).areas(area);

@@ -19,9 +19,9 @@ use super::StreamProgress;
 
 /// Luminance (0 to 255) of a background above which black text is easier to read than white.
 const LIGHT: f64 = 110.0;
-/// Largest ratio on the chart of ratios; larger ones are drawn at this height.
+/// Upper end of the chart of distances over their thresholds; larger ratios are drawn there.
 const LARGEST_RATIO: f64 = 4.0;
-/// Columns of the names in front of the strips.
+/// Width of the names in front of the strips of rollouts (terminal columns).
 const NAMES: u16 = 7;
 
 /// Returns the colour of a group by its place in the schedule, as in reports.
@@ -98,7 +98,7 @@ pub fn draw_rollout_strips(run: &RunData, area: Rect, buffer: &mut Buffer) {
     draw_strip("policy", policies, lines.next(), buffer);
 }
 
-/// Draws a name and characters on their colours; nothing if there is no line left.
+/// Draws a strip of rollouts: a name, and characters on their colours; nothing without a line left.
 fn draw_strip(
     name: &str,
     characters: impl Iterator<Item = (char, Color)>,
@@ -141,7 +141,7 @@ pub fn draw_distance_ratios(run: &RunData, frame: &mut Frame, area: Rect) {
     frame.render_widget(chart, area);
 }
 
-/// Returns the decisions and the ratio of each rollout's distance to one policy.
+/// Returns the decisions at each rollout, and its distance to one policy over the threshold.
 fn ratios(run: &RunData, policy: usize) -> Vec<(f64, f64)> {
     let rows = run.rollouts.iter().filter_map(|row| {
         let threshold = run.thresholds(row).get(policy).copied()??;
@@ -164,8 +164,8 @@ pub fn fit_picture(picture: &Picture, area: Rect) -> Rect {
     Rect::new(area.x, area.y, across as u16, (down / 2) as u16)
 }
 
-/// Draws a picture in half blocks. It is stretched to the area, so the area should be that of
-/// [`fit_picture`].
+/// Draws a picture with half-block characters, two pixels in each. It is stretched to the area, so
+/// the area should be that of [`fit_picture`].
 pub fn draw_picture(picture: &Picture, area: Rect, buffer: &mut Buffer) {
     let (across, down) = (usize::from(area.width), 2 * usize::from(area.height));
     for y in 0..down / 2 {

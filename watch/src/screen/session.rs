@@ -21,7 +21,7 @@ use super::RunSnapshot;
 use super::draw::{ScreenContents, draw_run_screen};
 use super::terminal::{Screen, terminal_error};
 
-/// Polling interval of keys, signals and tables.
+/// Polling interval of keys, signals and the run's tables.
 const TICK: Duration = Duration::from_millis(200);
 /// Time after a request to quit in which `q` is not a second request: a key that is held repeats.
 const HELD: Duration = Duration::from_secs(2);
@@ -107,9 +107,9 @@ struct Viewer {
 }
 
 impl Viewer {
-    /// Draws until the run is over. The first request to quit stops the run, the second one ends
-    /// the process. Tables that cannot be read do not stop the run: the screen keeps the older
-    /// ones.
+    /// Draws the screen until the run is over. The first request to quit stops the run, the second
+    /// one ends the process. Tables that cannot be read do not stop the run: the screen keeps the
+    /// older ones.
     fn view(mut self, over: &AtomicBool) -> Result<(), RunError> {
         // without a screen nobody could stop the run, so it stops when this function ends
         let _stop = StopOnDrop(self.stop.clone());
@@ -178,7 +178,7 @@ fn contact_sheet(snapshot: &RunSnapshot) -> Option<Picture> {
     Picture::from_png(&bytes)
 }
 
-/// Returns the first picture of an episode of the current group, with a title.
+/// Returns the first camera picture of an episode of the current group, with a title.
 fn current_group(snapshot: &RunSnapshot, sheet: Option<&Picture>) -> Option<(String, Picture)> {
     let run = &snapshot.run;
     let group = &run.rollouts.last()?.last_group;
@@ -190,7 +190,7 @@ fn current_group(snapshot: &RunSnapshot, sheet: Option<&Picture>) -> Option<(Str
 
 /// Listener for requests to quit, by a key or a signal.
 struct QuitListener {
-    /// Number of the last signal; 0 if there was none since the last call.
+    /// Number of the last signal from the operating system; 0 without one since the last call.
     signal: Arc<AtomicUsize>,
     /// `true` if keys come from standard input; otherwise they come from the controlling terminal.
     from_stdin: bool,
@@ -245,8 +245,8 @@ impl QuitListener {
     }
 }
 
-/// Returns `true` if a request to quit with this code counts, `since` being the time since the
-/// first one. Code 0 is that of `q`.
+/// Returns `true` if a request to quit with the exit code `code` counts, `since` being the time
+/// since the first one. Code 0 is that of `q`.
 fn counts(code: u8, since: Option<Duration>) -> bool {
     code != 0 || since.is_none_or(|since| since >= HELD)
 }

@@ -66,7 +66,7 @@ impl Drop for Screen {
     }
 }
 
-/// Converts an error of the terminal.
+/// Converts an error of the terminal to a [`RunError`].
 pub fn terminal_error(error: io::Error) -> RunError {
     RunError::cannot_write(Path::new("the terminal"), error)
 }
@@ -92,7 +92,7 @@ fn keep(messages: PanicMessages) {
     }));
 }
 
-/// Returns the collected messages and stops collecting.
+/// Returns the collected messages of panics and stops collecting.
 fn release(messages: &PanicMessages) -> Vec<String> {
     messages.lock().ok().and_then(|mut messages| messages.take()).unwrap_or_default()
 }

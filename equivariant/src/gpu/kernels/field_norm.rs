@@ -1,4 +1,4 @@
-//! Kernels of field normalisation.
+//! GPU kernels of field normalisation.
 
 use symmetry::Irrep;
 
@@ -10,20 +10,21 @@ use crate::gpu::step::{BufferSlot, KernelStep, RowCount, WorkgroupCount};
 use crate::layers::field_norm::VARIANCE_EPSILON;
 use crate::layers::layer::NormStatistics;
 
-/// Normalisation with its buffers.
+/// Field normalisation on a GPU with its buffers.
 struct FieldNorm<'a> {
     moments: &'a NormStatistics,
     x: Tensor,
     channels: ChannelLayout,
     /// Number of fields with a mean and a bias.
     centred: usize,
-    /// Index of the first parameter.
+    /// Index of the normalisation's first parameter in the GPU buffer.
     base: usize,
-    /// Mean and reciprocal of the standard deviation of each part and field.
+    /// Buffer of the mean and the reciprocal standard deviation of each field, for each part of the
+    /// batch with its own statistics.
     kept: BufferSlot,
 }
 
-/// Adds the kernels of a normalisation from `x` to `y`.
+/// Adds the kernels of a field normalisation from map `x` to map `y`.
 pub(super) fn add(plan: &mut Plan, moments: &NormStatistics, x: &Tensor, y: &Tensor) {
     let fields = x.shape.fields;
     let channels = match fields.num_regular_fields() {
@@ -51,7 +52,7 @@ pub(super) fn add(plan: &mut Plan, moments: &NormStatistics, x: &Tensor, y: &Ten
 }
 
 impl FieldNorm<'_> {
-    /// Returns the number of parts of the batch that have their own statistics.
+    /// Returns the number of parts of the batch that have their own mean and variance.
     fn parts(&self) -> RowCount {
         match self.moments {
             NormStatistics::Batch => RowCount::Fixed(1),

@@ -1,4 +1,4 @@
-//! Folds of patches: the orbits of the taps and the layout of the parameters.
+//! Folds of im2col patches on a GPU: the orbits of the taps and the layout of the parameters.
 
 use std::collections::BTreeSet;
 
@@ -7,35 +7,36 @@ use symmetry::{FieldType, Irrep};
 use crate::gpu::channels::ChannelLayout;
 use crate::steerable::dense::OrdinaryConv;
 
-/// Folds of the patches of a linear map, in the order in which kernels read them.
+/// Folds of a convolution's patches (signed sums over orbits of taps), in the order in which GPU
+/// kernels read them.
 pub(super) struct Folds<'a> {
     dense: &'a OrdinaryConv<'a>,
     in_type: FieldType,
     order: usize,
     /// `true` if the input has trivial channels only; all folds of an orbit then form one field.
     pub is_input_trivial: bool,
-    /// Number of input fields; of channels if they are trivial.
+    /// Number of input fields, or of input channels if these are trivial.
     pub num_input_fields: usize,
     orbits: Vec<Orbit>,
     /// Number of fields of a folded patch.
     pub fields_per_patch: usize,
 }
 
-/// Taps that the group maps to one another, folded together.
+/// Orbit of taps of a kernel, which the group maps to one another.
 #[derive(Clone, Copy, Debug)]
 struct Orbit {
-    /// Row and column of its first tap.
+    /// Row and column of the orbit's first tap.
     tap: [usize; 2],
-    /// Number of its taps, and of its parities.
+    /// Number of the orbit's taps, and of its parities.
     len: usize,
-    /// Bit mask of the parities, by their positions in the group's list of irreps.
+    /// Bit mask of the orbit's parities, by their positions in the group's list of irreps.
     parities: u32,
-    /// Index of its first entry in a folded patch.
+    /// Index of the orbit's first entry in a folded patch.
     first: usize,
 }
 
 impl<'a> Folds<'a> {
-    /// Creates the folds of a map; `direct` is `true` if a patch is a single pixel.
+    /// Creates the folds of a linear map; `direct` is `true` if a patch is a single pixel.
     pub fn new(dense: &'a OrdinaryConv<'a>, direct: bool) -> Folds<'a> {
         let in_type = dense.in_shape.fields;
         let order = in_type.group().order();
@@ -57,7 +58,7 @@ impl<'a> Folds<'a> {
         self.orbits.len()
     }
 
-    /// Adds the orbits of all taps, in the order of their first taps.
+    /// Adds the orbits of all taps of the window, in the order of their first taps.
     fn add_orbits(&mut self) {
         let functions = &self.dense.taps.basis_functions;
         let starts: BTreeSet<[usize; 2]> =
@@ -72,13 +73,14 @@ impl<'a> Folds<'a> {
         }
     }
 
-    /// Returns the position of an irrep in its group's list.
+    /// Returns the position of an irrep in its group's list of irreps.
     fn position(&self, irrep: Irrep) -> usize {
         let irreps = self.in_type.group().irreps();
         irreps.iter().position(|&a| a == irrep).unwrap_or(0)
     }
 
-    /// Returns the entry of a folded patch that holds the first channel of a function on the taps.
+    /// Returns the entry of a folded patch that holds the first channel of the basis function of
+    /// parity `parity` on the orbit of `tap`.
     fn entry(&self, tap: [usize; 2], parity: Irrep) -> usize {
         let Some(orbit) = self.orbits.iter().find(|orbit| orbit.tap == tap) else {
             unreachable!("every function starts with the first tap of an orbit")
@@ -88,8 +90,8 @@ impl<'a> Folds<'a> {
         orbit.first + skipped * self.num_input_fields
     }
 
-    /// Returns the position of every parameter of the layer among `[entry, output field, irrep]`;
-    /// the bias has an entry of its own at the end.
+    /// Returns the position of every parameter of the layer in the GPU's layout `[entry of a folded
+    /// patch, output field, irrep]`; the bias has an entry of its own at the end.
     pub fn param_positions(&self) -> Vec<usize> {
         let OrdinaryConv { taps, blocks, .. } = self.dense;
         let (out_type, in_type) = (self.dense.out_shape.fields, self.in_type);
@@ -115,7 +117,8 @@ impl<'a> Folds<'a> {
         places
     }
 
-    /// Returns the `Orbit`s of `window.wgsl`, with the factor that makes the fold orthonormal.
+    /// Returns the table of all orbits, each as a struct `Orbit` of `window.wgsl`, with the factor
+    /// that makes the fold orthonormal.
     pub fn orbit_table(&self) -> Vec<u32> {
         let rows = self.orbits.iter().map(|orbit| {
             let scale = (orbit.len as f64).sqrt() / self.order as f64;
@@ -127,7 +130,8 @@ impl<'a> Folds<'a> {
         rows.flatten().collect()
     }
 
-    /// Returns the `Tap`s of `window.wgsl`, row-major.
+    /// Returns the table of all taps of the window, row-major, each as a struct `Tap` of
+    /// `window.wgsl`.
     pub fn tap_table(&self) -> Vec<u32> {
         let size = self.dense.window.size;
         let elements = self.in_type.group().elements();

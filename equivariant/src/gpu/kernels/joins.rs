@@ -1,11 +1,11 @@
-//! Kernels for the points where networks branch and join.
+//! GPU kernels for the points where networks branch and join.
 
 use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernels::pointwise::each_field;
 use crate::gpu::plan::{Plan, Tensor};
 use crate::gpu::step::{BufferSlot, KernelStep};
 
-/// Adds the kernels that copy both maps into their direct sum, and the gradients back.
+/// Adds the kernels that copy two feature maps into their direct sum, and the gradients back.
 pub(super) fn concat(plan: &mut Plan, inputs: &[Tensor; 2], y: &Tensor) {
     let pixels = y.shape.num_pixels();
     let [first, second] =
@@ -23,7 +23,7 @@ pub(super) fn concat(plan: &mut Plan, inputs: &[Tensor; 2], y: &Tensor) {
     plan.add_kernels(forward, backward);
 }
 
-/// Returns a kernel that copies fields from one layout to another.
+/// Returns a GPU kernel that copies the fields of a map from one channel layout to another.
 fn copy(
     from: &ChannelLayout,
     x: BufferSlot,
@@ -36,7 +36,7 @@ fn copy(
     step.add_wgsl(include_str!("../wgsl/copy.wgsl"))
 }
 
-/// Adds the kernel that sums the gradients of both consumers of a map.
+/// Adds the kernel that sums the gradients of a feature map from both layers that read it.
 pub(super) fn fork(plan: &mut Plan, x: &Tensor, readers: &[Tensor; 2]) {
     let [first, second] = readers.each_ref().map(|reader| reader.gradient);
     let (Some(first), Some(second), Some(dx)) = (first, second, x.gradient) else {

@@ -1,4 +1,4 @@
-//! Kernels of convolutions and linear layers: folds, products and their gradients.
+//! GPU kernels of convolutions and linear layers: folds, products and their gradients.
 
 use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernels::folds::Folds;
@@ -11,15 +11,15 @@ use crate::gpu::step::{BufferSlot, KernelStep, RowCount};
 use crate::steerable::dense::OrdinaryConv;
 use crate::window::SlidingWindow;
 
-/// Maximum number of partial gradients of the parameters, each over a part of the output pixels.
+/// Maximum number of partial parameter gradients of a layer, each over a part of the output pixels.
 const MAX_SLICES: usize = 256;
-/// Target for the number of workgroups of a weight gradient: several for each processor of a large
-/// GPU.
+/// Target for the number of workgroups of a weight gradient's kernel: several for each processor of
+/// a large GPU.
 const TARGET_GROUPS: usize = 1024;
-/// Window of a map that needs no fold.
+/// Window of one pixel, for which a linear map needs no folded patches.
 const PIXEL: SlidingWindow = SlidingWindow::new(1, 1, 0);
 
-/// Linear map with its buffers.
+/// Convolution or linear layer on a GPU with its buffers.
 struct Linear<'a> {
     folds: Folds<'a>,
     window: SlidingWindow,
@@ -28,15 +28,16 @@ struct Linear<'a> {
     order: usize,
     input: ChannelLayout,
     output: ChannelLayout,
-    /// Index of the first parameter, in fields.
+    /// Index of the layer's first parameter in the GPU buffer, in fields.
     base: usize,
-    /// Folded patches; `None` if a patch is a single pixel.
+    /// Buffer of the folded patches; `None` if a patch is a single pixel.
     folded: Option<BufferSlot>,
-    /// Bit masks of the numbers of each output field that the ReLU passes; `None` without a ReLU.
+    /// Buffer of bit masks of the numbers of each output field that the ReLU passes; `None` without
+    /// a ReLU.
     masks: Option<BufferSlot>,
 }
 
-/// Adds the kernels of a linear map, with a ReLU after it if `rectified`.
+/// Adds the kernels of a convolution or linear layer, with a ReLU after it if `rectified`.
 pub(super) fn add(plan: &mut Plan, dense: &OrdinaryConv, x: &Tensor, y: &Tensor, rectified: bool) {
     let linear = Linear::new(plan, dense, x, y, rectified);
     let fold = linear.folded.map(|folded| linear.fold(plan, folded));
@@ -83,7 +84,8 @@ impl<'a> Linear<'a> {
         self.y.shape.num_pixels()
     }
 
-    /// Returns a kernel on windows with a thread for each of `places` places and each input field.
+    /// Returns a kernel on the convolution's windows, with a thread for each of `places` places of
+    /// a sample and each input field.
     fn windowed(&self, label: &'static str, places: usize) -> KernelStep {
         let step = each_field(label, &self.input, places);
         let step = step.add_u32_constants([("ENTRIES", self.folds.fields_per_patch)]);
@@ -115,7 +117,8 @@ impl<'a> Linear<'a> {
         Product { order: self.order, rows, cols, depth, num_slices: 1, rows_are_neighbours: false }
     }
 
-    /// Adds the folded patches, or the pixels if they need no fold, as `input_at(row, entry)`.
+    /// Adds the WGSL function `input_at(row, entry)`, which reads the folded patch of an output
+    /// pixel, or the pixel if it needs no fold.
     fn patches(&self, step: KernelStep) -> KernelStep {
         let function =
             |body| format!("fn input_at(row: u32, entry: u32) -> Field {{ return {body}; }}");
@@ -161,7 +164,8 @@ impl<'a> Linear<'a> {
         }
     }
 
-    /// Adds the output gradient, back through the ReLU, as `d_output(row, field)`.
+    /// Adds the WGSL function `d_output(row, field)`, which reads the output gradient, back through
+    /// the ReLU.
     fn output_gradient(&self, step: KernelStep, dy: BufferSlot) -> KernelStep {
         let step = self.output.add_input_map(step, "dy", dy);
         match self.masks {
@@ -251,7 +255,8 @@ impl<'a> Linear<'a> {
     }
 }
 
-/// Returns the WGSL function that reads the input at a tap of a window; zero in the padding.
+/// Returns the text of a WGSL function that reads the input at a tap of a window; zero in the
+/// padding.
 fn seen(element: &str, value: &str) -> String {
     format!(
         "fn seen(row: u32, tap: vec2<u32>, field: u32) -> {element} {{

@@ -1,4 +1,4 @@
-//! Sums of partial gradients.
+//! GPU kernel that sums partial parameter gradients.
 
 use std::ops::Range;
 
@@ -6,7 +6,8 @@ use crate::gpu::kernels::product::row_count_function;
 use crate::gpu::plan::Plan;
 use crate::gpu::step::{BufferSlot, KernelStep, RowCount, WorkgroupCount};
 
-/// Returns the kernel that adds up partial gradients of the parameters `params`.
+/// Returns the GPU kernel that sums the gradients of the parameters `params` over the `parts` parts
+/// of the batch.
 pub(super) fn sum(
     plan: &Plan,
     partial: BufferSlot,

@@ -1,4 +1,4 @@
-//! Kernels of layers that treat every field of every pixel separately.
+//! GPU kernels of layers that treat every field of every pixel separately.
 
 use crate::gpu::channels::ChannelLayout;
 use crate::gpu::plan::{Plan, Tensor};
@@ -20,7 +20,7 @@ pub(super) fn each_field(
     .add_wgsl(include_str!("../wgsl/each_field.wgsl"))
 }
 
-/// Returns the layout of the fields that the group permutes in the regular basis.
+/// Returns the channel layout of a map's fields that the group permutes in the regular basis.
 pub(super) fn permuted_channels(x: &Tensor) -> ChannelLayout {
     let fields = x.shape.fields;
     match permuted_field_order_and_count(fields) {
@@ -29,7 +29,7 @@ pub(super) fn permuted_channels(x: &Tensor) -> ChannelLayout {
     }
 }
 
-/// Map of the batch with the layout of its fields.
+/// Feature map of a batch on a GPU with the channel layout of its fields.
 #[derive(Clone, Copy)]
 pub(super) struct Map<'a> {
     tensor: &'a Tensor,
@@ -42,8 +42,8 @@ impl<'a> Map<'a> {
     }
 }
 
-/// Adds the kernels of a layer. The first computes y from x, the second the gradient with respect
-/// to x from x and the gradient with respect to y.
+/// Adds the forward and the backward kernel of a layer without parameters. The first computes y
+/// from x, the second the gradient with respect to x from x and the gradient with respect to y.
 pub(super) fn passes(plan: &mut Plan, x: Map, y: Map, kernels: [KernelStep; 2]) {
     let [forward, backward] =
         kernels.map(|step| x.channels.add_input_map(step, "x", x.tensor.values));
@@ -54,7 +54,7 @@ pub(super) fn passes(plan: &mut Plan, x: Map, y: Map, kernels: [KernelStep; 2]) 
     plan.add_kernels(vec![forward], backward.into_iter().collect());
 }
 
-/// Adds the kernels of a ReLU.
+/// Adds the GPU kernels of a ReLU from map `x` to map `y`.
 pub(super) fn relu(plan: &mut Plan, x: &Tensor, y: &Tensor) {
     let channels = permuted_channels(x);
     let texts = [
@@ -66,7 +66,7 @@ pub(super) fn relu(plan: &mut Plan, x: &Tensor, y: &Tensor) {
     passes(plan, Map::new(x, &channels), Map::new(y, &channels), kernels);
 }
 
-/// Adds the kernels of a group max-pooling.
+/// Adds the GPU kernels of a maximum over the group from map `x` to map `y`.
 pub(super) fn group_max_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
     let backward = include_str!("../wgsl/group_max_pool_backward.wgsl");
     let texts = [
@@ -76,7 +76,7 @@ pub(super) fn group_max_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
     group_pool(plan, x, y, texts, |step| step);
 }
 
-/// Adds the kernels of a group mean-pooling.
+/// Adds the GPU kernels of a mean over the group from map `x` to map `y`.
 pub(super) fn group_mean_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
     let scale = (x.shape.fields.group().order() as f64).sqrt().recip();
     let backward = include_str!("../wgsl/group_mean_pool_backward.wgsl");
@@ -87,7 +87,7 @@ pub(super) fn group_mean_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
     group_pool(plan, x, y, texts, |step| step.add_f32_constant("SCALE", scale));
 }
 
-/// Adds kernels with these names and texts that reduce each regular field to one number.
+/// Adds kernels with the names and WGSL texts `texts` that reduce each regular field to one number.
 fn group_pool(
     plan: &mut Plan,
     x: &Tensor,
@@ -102,7 +102,7 @@ fn group_pool(
     passes(plan, Map::new(x, &of_x), Map::new(y, &of_y), kernels);
 }
 
-/// Returns the gradients of input and output if both are needed.
+/// Returns the buffers of the gradients with respect to `x` and `y` if both are needed.
 pub(super) fn gradients(x: &Tensor, y: &Tensor) -> Option<[BufferSlot; 2]> {
     Some([x.gradient?, y.gradient?])
 }

@@ -1,4 +1,4 @@
-//! Kernels of pooling over windows.
+//! GPU kernels of pooling over sliding windows.
 
 use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernels::pointwise::{Map, each_field, gradients, passes, permuted_channels};
@@ -7,7 +7,7 @@ use crate::gpu::plan::{Plan, Tensor};
 use crate::gpu::step::BufferSlot;
 use crate::window::SlidingWindow;
 
-/// Adds the kernels of a max-pooling.
+/// Adds the GPU kernels of a max-pooling over sliding windows from map `x` to map `y`.
 pub(super) fn max_pool(plan: &mut Plan, kernel: SlidingWindow, x: &Tensor, y: &Tensor) {
     let channels = permuted_channels(x);
     let step = |label, pixels| {
@@ -22,7 +22,8 @@ pub(super) fn max_pool(plan: &mut Plan, kernel: SlidingWindow, x: &Tensor, y: &T
     passes(plan, Map::new(x, &channels), Map::new(y, &channels), [forward, backward]);
 }
 
-/// Adds the kernels of an average-pooling, which treats channels of any type separately.
+/// Adds the GPU kernels of an average-pooling over sliding windows, which treats channels of any
+/// type separately.
 pub(super) fn average_pool(plan: &mut Plan, kernel: SlidingWindow, x: &Tensor, y: &Tensor) {
     let channels = ChannelLayout::single_channel_fields(x.shape.fields.dim());
     let weight = (kernel.size as f64).powi(2).recip();

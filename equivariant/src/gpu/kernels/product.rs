@@ -1,20 +1,21 @@
-//! Products of matrices of fields.
+//! Products of matrices of fields on a GPU.
 
 use crate::gpu::step::{KernelStep, RowCount, WORKGROUP_THREADS, WorkgroupCount};
 
-/// Number of terms of a sum that a workgroup loads at once.
+/// Number of terms of a matrix product's sums that a workgroup loads at once.
 const TILE_DEPTH: usize = 8;
-/// Columns of a thread.
+/// Number of columns of a matrix product that a thread computes.
 const COLS_EACH: usize = 2;
 
-/// Product of two matrices, whose operands `product.wgsl` reads through functions.
+/// Product of two matrices of fields on a GPU, whose operands `product.wgsl` reads through
+/// functions.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Product {
     pub order: usize,
     pub rows: RowCount,
     pub cols: usize,
     pub depth: RowCount,
-    /// Number of parts of the sum, computed by separate workgroups.
+    /// Number of parts into which the sums over `depth` are cut, computed by separate workgroups.
     pub num_slices: usize,
     /// `true` if neighbouring rows of the left factor are adjacent in memory, `false` if its
     /// columns are.
@@ -22,7 +23,8 @@ pub(super) struct Product {
 }
 
 impl Product {
-    /// Returns the kernel without its buffers and the functions that access them.
+    /// Returns the GPU kernel of the product, without its buffers and the functions that access
+    /// them.
     pub fn kernel(self, label: &'static str) -> KernelStep {
         let tile = self.tile();
         let work = WorkgroupCount::per_tile_of_rows(
@@ -46,7 +48,8 @@ impl Product {
             .add_wgsl(&tile.text())
     }
 
-    /// Returns the number of workgroups of each slice, for a fixed number of rows.
+    /// Returns the number of workgroups for each part of the sums, for a product with a fixed
+    /// number of rows.
     pub fn workgroups_per_slice(self) -> usize {
         let tile = self.tile();
         WorkgroupCount::per_tile_of_rows(self.rows, tile.rows(), tile.col_tiles).num_workgroups(0)
@@ -73,7 +76,7 @@ impl Product {
     }
 }
 
-/// Part of a product that a workgroup computes.
+/// Part of a matrix product that a workgroup computes.
 #[derive(Clone, Copy)]
 struct Tile {
     row_threads: usize,
@@ -87,8 +90,9 @@ impl Tile {
         self.row_threads * self.rows_each
     }
 
-    /// Returns the kernel with the loops over a thread's values unrolled. Arrays with computed
-    /// indices would be in memory, which made products up to 37 times slower on an H200.
+    /// Returns the WGSL text of the product with the loops over a thread's values unrolled. Arrays
+    /// with computed indices would be in memory, which made products up to 37 times slower on an
+    /// H200.
     fn text(self) -> String {
         let results = || (0..self.rows_each).flat_map(|i| (0..COLS_EACH).map(move |j| (i, j)));
         let lefts = 0..(TILE_DEPTH * self.rows()).div_ceil(WORKGROUP_THREADS);
@@ -148,7 +152,7 @@ impl Tile {
     }
 }
 
-/// Returns a WGSL function that returns a number of rows.
+/// Returns the text of a WGSL function `name` that returns the number `rows` for the current batch.
 pub(super) fn row_count_function(name: &str, rows: RowCount) -> String {
     format!("fn {name}() -> u32 {{ return {}; }}", rows.wgsl_expression())
 }

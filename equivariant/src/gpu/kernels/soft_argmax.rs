@@ -1,4 +1,4 @@
-//! Kernels of the spatial soft-argmax.
+//! GPU kernels of the spatial soft-argmax.
 
 use symmetry::Irrep;
 
@@ -7,7 +7,7 @@ use crate::gpu::kernels::pointwise::{each_field, gradients, permuted_channels};
 use crate::gpu::plan::{Plan, Tensor};
 use crate::gpu::step::{KernelStep, ReductionOp, WorkgroupCount};
 
-/// Adds the kernels of a soft-argmax from `x` to `y`.
+/// Adds the kernels of a spatial soft-argmax from map `x` to keypoints `y`.
 pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
     let channels = permuted_channels(x);
     let keypoints = keypoints(&channels, x, y);
@@ -52,7 +52,8 @@ pub(super) fn add(plan: &mut Plan, temperature: f64, x: &Tensor, y: &Tensor) {
     plan.add_kernels(vec![forward], backward.into_iter().collect());
 }
 
-/// Returns the layouts of the fields of x and of y in the output.
+/// Returns the channel layouts of the keypoints' x coordinates and of their y coordinates in the
+/// output.
 fn keypoints(channels: &ChannelLayout, x: &Tensor, y: &Tensor) -> [ChannelLayout; 2] {
     let (n, order, to) = (channels.num_fields(), channels.numbers_per_field(), y.shape.fields);
     let group = x.shape.fields.group();
@@ -66,7 +67,7 @@ fn keypoints(channels: &ChannelLayout, x: &Tensor, y: &Tensor) -> [ChannelLayout
     [at(vec![range(Irrep::X).start]), at(vec![range(Irrep::Y).end - n])]
 }
 
-/// Adds the signs by which the group's elements flip x and y.
+/// Adds the signs by which the group's elements flip x and y to a kernel, as WGSL constants.
 fn signs(step: KernelStep, channels: &ChannelLayout, x: &Tensor) -> KernelStep {
     let elements = x.shape.fields.group().elements();
     let named = [("SIGNS_X", Irrep::X), ("SIGNS_Y", Irrep::Y)];

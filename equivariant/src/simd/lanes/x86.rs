@@ -7,7 +7,7 @@ use pulp::{NullaryFnOnce, cast};
 
 use crate::simd::lanes::{Block, LANES, Lanes, WithLanes};
 
-/// Computation on AVX-512, or on AVX2 and FMA.
+/// Computation together with the instruction set on which it runs: AVX-512, or AVX2 and FMA.
 pub(super) struct On<S, W> {
     pub simd: S,
     pub work: W,

@@ -33,7 +33,8 @@ use super::episodes::{FirstFrames, ObservedEpisodes, courses, first_frames};
 use super::settings::{NewPolicyInit, PolicyCollectionSettings, RolloutOf, Training};
 use super::{CandidateClouds, PolicyCollection, PolicyEntry};
 
-/// Interval between measurements of a network's units, in decisions of an episode.
+/// Number of decisions of an episode from one measurement of the activity of a network's units to
+/// the next, during an evaluation.
 // One measurement costs about as much as a decision with its picture.
 const BETWEEN_LOOKS: usize = 10;
 
@@ -184,7 +185,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Ok(observed)
     }
 
-    /// Takes from a rollout what the grouping looks at.
+    /// Returns the first frames of a rollout's episodes, and the whole episodes if the grouping
+    /// needs them.
     pub(super) fn observed_episodes_in(&self, rollout: &RolloutOf<S>) -> ObservedEpisodes {
         ObservedEpisodes {
             frames: first_frames(rollout, self.settings.common().first_frames),
@@ -192,7 +194,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         }
     }
 
-    /// Takes the whole episodes of a rollout, where the grouping needs them.
+    /// Returns the whole episodes of a rollout if the grouping needs them, else none.
     pub(super) fn courses_in(&self, rollout: &RolloutOf<S>) -> Vec<Course> {
         if self.grouping.needs().whole_episodes { courses(rollout) } else { Vec::new() }
     }
@@ -230,13 +232,13 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Ok(decision)
     }
 
-    /// Tests for a first rollout: policy 0 has taken one.
+    /// Returns `true` if a rollout was assigned to policy 0, the first one of all.
     fn has_trained(&self) -> bool {
         self.policies[0].buffer.seen() > 0
     }
 
-    /// Makes the assigned policy current, creates it if it is new, and gives it the frames (lines
-    /// 11 to 14); returns `true` if it is new.
+    /// Makes the assigned policy current, creates it if it is new, and adds `frames` to its buffer
+    /// (lines 11 to 14); returns `true` if it is new.
     pub(super) fn make_current(
         &mut self,
         decision: &GroupingDecision,
@@ -257,7 +259,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Ok(self.current == policies)
     }
 
-    /// Returns the policy that a new one is copied from, if it is.
+    /// Returns the index of the policy whose parameters a new policy copies; `None` for random
+    /// ones.
     fn parent(&self, decision: &GroupingDecision) -> Result<Option<usize>, LearnerError> {
         match (self.settings.common().new_policy, decision.nearest) {
             (NewPolicyInit::Random, _) => Ok(None),
@@ -270,7 +273,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         }
     }
 
-    /// Updates the current policy with the rollout (line 15); returns the values to log.
+    /// Trains the current policy on the rollout (line 15); returns the values to log.
     fn update(
         &mut self,
         seconds: &mut IterationSeconds,
@@ -283,8 +286,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Ok(logged)
     }
 
-    /// Collects new episodes that are not used for training: exactly this many, or at least as many
-    /// as the grouping needs.
+    /// Collects new episodes that are not used for training: exactly `episodes`, or for `None` at
+    /// least as many as the grouping needs.
     fn watch(
         &mut self,
         env: &mut dyn VectorEnv,

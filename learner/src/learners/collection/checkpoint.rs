@@ -21,7 +21,7 @@ use super::episodes::FirstFrames;
 use super::settings::{PolicyCollectionSettings, Training};
 use super::{Generators, PolicyCollection, PolicyEntry};
 
-/// Name of the array that holds the note.
+/// Name of the checkpoint array that holds the caller's note.
 // Not in the header: that of a safetensors file has at most 100 MB, and a note grows with its run.
 const NOTE: &str = "note";
 
@@ -40,7 +40,7 @@ pub fn read_checkpoint_note(path: &Path) -> Result<String, LearnerError> {
     file.text(NOTE)
 }
 
-/// Everything that is not an array.
+/// Part of a checkpoint that is stored as JSON: everything that is not an array.
 #[derive(Serialize, Deserialize)]
 #[serde(
     deny_unknown_fields,
@@ -57,14 +57,14 @@ struct Header<'a, S: Clone> {
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct EntryHeader {
-    /// Counters of the policy update by name; `None` if its state was left out.
+    /// Counters of the training algorithm by name; `None` if its state was left out.
     counters: Option<BTreeMap<String, u64>>,
-    /// Episodes offered to the buffer so far.
+    /// Number of episodes whose first frames were offered to the policy's buffer so far.
     seen: u64,
 }
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
-    /// Returns the bytes of the learner's file, with a note of the caller's.
+    /// Returns the bytes of a checkpoint file of the learner, with a note of the caller's.
     pub(super) fn to_bytes(
         &self,
         path: &Path,
@@ -86,7 +86,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         encode_tensor_file(path, &header, &tensors)
     }
 
-    /// Rejects an extent with too few frames for a copy to recognise groups.
+    /// Rejects a checkpoint with first frames of too few episodes to recognise task groups.
     fn check_extent(&self, extent: CheckpointExtent) -> Result<(), LearnerError> {
         match extent {
             CheckpointExtent::Policies { episodes_per_policy: episodes }
@@ -222,7 +222,7 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
         counters.into_iter().map(owned).collect()
     }
 
-    /// Returns the episodes that are saved.
+    /// Returns the first frames of the episodes that a checkpoint of this extent holds.
     fn kept(&self, extent: CheckpointExtent) -> &[FirstFrames] {
         let all = self.buffer.episodes();
         match extent {
@@ -257,7 +257,7 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
     }
 }
 
-/// The arrays of an open file, and the sizes that they must fit.
+/// Arrays of an open checkpoint file, and the environments and settings that their shapes must fit.
 struct Arrays<'a, S> {
     file: TensorFile<'a>,
     spec: &'a EnvSpec,
@@ -308,7 +308,7 @@ impl<S: PolicyCollectionSettings> Arrays<'_, S> {
         training.restore_extra_tensors(&self.file, &name(""))
     }
 
-    /// Reads the frames that a policy keeps.
+    /// Reads the first frames that a policy keeps from a checkpoint.
     fn episodes(
         &self,
         image_name: &str,

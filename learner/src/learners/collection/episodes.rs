@@ -11,7 +11,8 @@ use crate::error::LearnerError;
 
 /// First observations of one episode.
 pub(super) struct FirstFrames {
-    /// Decisions of all environments between the start of the rollout and the episode.
+    /// Number of decisions of all environments from the start of the rollout to that of the
+    /// episode.
     began: usize,
     count: usize,
     observations: Observations,
@@ -23,18 +24,18 @@ impl FirstFrames {
         Self { began: 0, count, observations }
     }
 
-    /// Returns the number of observations.
+    /// Returns the number of first frames.
     pub(super) fn count(&self) -> usize {
         self.count
     }
 
-    /// Returns the observations.
+    /// Returns the observations of the first frames.
     pub(super) fn observations(&self) -> &Observations {
         &self.observations
     }
 }
 
-/// Experience that one assignment uses.
+/// Episodes of a rollout that an assignment to a policy uses.
 #[derive(Default)]
 pub(super) struct ObservedEpisodes {
     /// First frames of the episodes: the paper's `O`.
@@ -51,7 +52,7 @@ impl ObservedEpisodes {
     }
 
     /// Removes first frames of episodes that began before a changepoint, which belong to the
-    /// earlier task group. Without later frames all stay.
+    /// earlier task group. If all episodes began before it, all stay.
     pub fn drop_before_changepoint(&mut self, cut: Option<usize>) {
         // `None` is less than any `Some`, so without a changepoint all frames are later
         let is_later = |episode: &FirstFrames| Some(episode.began) >= cut;
@@ -85,11 +86,11 @@ pub trait Rollout {
 
 /// Step of one environment in a rollout.
 pub struct StepView<'a> {
-    /// Picture `[H, W, C]` that the policy acted on.
+    /// Picture `[height, width, channels]` that the policy acted on.
     pub image: &'a [u8],
-    /// Observation vector `[D]` that the policy acted on.
+    /// Observation vector that the policy acted on.
     pub vector: &'a [f32],
-    /// Action executed in the step, `[A]`.
+    /// Action executed in the step, one entry per action dimension.
     pub action: &'a [f32],
     /// Reward of the step.
     pub reward: f32,
@@ -130,7 +131,7 @@ struct Span {
     is_whole: bool,
 }
 
-/// Returns the spans of all episodes, one environment after the other.
+/// Returns the steps of every episode of a rollout, one environment after the other.
 fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
     let mut spans = Vec::new();
     for env in 0..rollout.spec().num_envs {
@@ -146,7 +147,7 @@ fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
     spans
 }
 
-/// Takes the first `k` observations of every episode that shows as many.
+/// Returns the first `k` observations of every episode that has at least `k`.
 pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames> {
     let (envs, mut episodes) = (rollout.spec().num_envs, Vec::new());
     for Span { env, steps, .. } in spans(rollout) {
@@ -167,7 +168,7 @@ pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames
     episodes
 }
 
-/// Takes every episode of the rollout.
+/// Returns every episode of the rollout, unfinished ones included.
 pub(super) fn courses<R: Rollout>(rollout: &R) -> Vec<Course> {
     let (envs, mut courses) = (rollout.spec().num_envs, Vec::new());
     for span in spans(rollout) {

@@ -79,22 +79,24 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         }
     }
 
-    /// Returns `true` if the named policy may train on a rollout of another one. A rollout of two
-    /// groups is discarded, and a provisional policy must act before it trains.
+    /// Returns `true` if the policy that `decision` names may train on a rollout of another policy.
+    /// A rollout of two groups is discarded, and a provisional policy must act before it trains.
     fn may_reuse(&self, decision: &GroupingDecision) -> bool {
         self.settings.common().handover == Handover::Reuse
             && decision.cut.is_none()
             && !decision.is_provisional
     }
 
-    /// Prepares the rollout of another policy for training the current one.
+    /// Prepares the stored rollout, which another policy collected, for training the current
+    /// policy.
     fn adapt_rollout(&mut self) -> Result<(), LearnerError> {
         let policy = &mut self.policies[self.current].policy;
         Ok(S::Training::adapt_rollout(policy, &mut self.rollout)?)
     }
 
-    /// Asks the grouping whether the current policy, which `decision` named, stays after it acted.
-    /// Otherwise `decision` becomes the answer, and the policy that it names current.
+    /// Asks the grouping to confirm the current policy, which `decision` named, from episodes that
+    /// it collected. If the answer differs, `decision` becomes the answer, and the policy that it
+    /// names becomes current.
     fn passes_trial(
         &mut self,
         observed: ObservedEpisodes,
@@ -119,7 +121,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     }
 
     /// Lets the current policy act for as many episodes as the grouping needs, at least one in each
-    /// environment. Returns `None` if that takes as long as a rollout or the horizon is unknown.
+    /// environment. Returns `None` if that takes at least as many steps as a rollout, or if the
+    /// horizon is unknown.
     fn probe(
         &mut self,
         env: &mut dyn VectorEnv,
@@ -163,9 +166,9 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Ok(learned)
     }
 
-    /// Lets policies act that may also serve the group of the current one, until the grouping has
-    /// decided on a merge. One of the two continues for both, with its parameters, optimiser and
-    /// index.
+    /// Lets policies act that may serve the same task group as the current one, until the grouping
+    /// has decided on a merge. One of the two continues for both, with its parameters, optimiser
+    /// and index.
     pub(super) fn merge_duplicates(
         &mut self,
         env: &mut dyn VectorEnv,

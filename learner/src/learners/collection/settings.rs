@@ -17,7 +17,7 @@ use super::episodes::Rollout;
 pub trait PolicyCollectionSettings:
     Clone + PartialEq + Serialize + DeserializeOwned + Send + 'static
 {
-    /// Type of the training of the policies.
+    /// Algorithm that trains a policy, with its state.
     type Training: Training;
 
     /// Returns the settings that do not depend on the training algorithm.
@@ -29,7 +29,7 @@ pub trait PolicyCollectionSettings:
     /// Images that the network cannot take, or a setting out of range.
     fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<PolicyOf<Self>, RlError>;
 
-    /// Creates a policy for the environments of `spec` with these parameters.
+    /// Creates a policy for the environments of `spec` with the parameters `params`.
     ///
     /// # Errors
     /// Errors of [`PolicyCollectionSettings::new_policy`], and parameters that are not the
@@ -72,7 +72,7 @@ pub trait Training: Sized + Send + 'static {
     /// Type of the storage of a rollout until it is assigned to a policy.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
 
-    /// Prepares `rollout` for a collection with this policy.
+    /// Prepares `rollout` for being filled by the policy that this training belongs to.
     fn prepare_rollout(&self, _rollout: &mut Self::Rollout) {}
 
     /// Prepares a rollout that another policy collected for training `policy`.
@@ -82,7 +82,8 @@ pub trait Training: Sized + Send + 'static {
     fn adapt_rollout(policy: &mut Self::Policy, rollout: &mut Self::Rollout)
     -> Result<(), RlError>;
 
-    /// Trains `policy` on the rollouts since the last call; returns the values to log.
+    /// Trains `policy` on the rollouts that were collected since the last call; returns the values
+    /// to log.
     ///
     /// # Errors
     /// Errors of the algorithm.
@@ -102,8 +103,8 @@ pub trait Training: Sized + Send + 'static {
     /// A state of another algorithm or network.
     fn restore_algorithm(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
 
-    /// Returns all other arrays that the next update depends on, under names that begin with
-    /// `prefix`.
+    /// Returns all arrays besides [`Training::algorithm_state`] that the next training step depends
+    /// on, under names that begin with `prefix`.
     fn extra_tensors(&self, _prefix: &str) -> Vec<Tensor> {
         Vec::new()
     }
@@ -136,18 +137,19 @@ pub struct CommonSettings {
     pub handover: Handover,
     /// Initial parameters of a new policy.
     pub new_policy: NewPolicyInit,
-    /// Seed of all random draws of the learner.
+    /// Seed of all random numbers of the learner.
     pub seed: u64,
 }
 
 impl CommonSettings {
-    /// Returns the largest number of episodes in a buffer.
+    /// Returns the largest number of episodes whose first frames a policy keeps.
     pub(super) fn buffer_capacity(&self) -> usize {
         self.buffer_episodes.unwrap_or(usize::MAX)
     }
 
-    /// Returns the decisions of each environment in a rollout, after checking that the settings fit
-    /// the environments and each other. A buffer must hold `min_episodes` for the grouping.
+    /// Returns the number of decisions of each environment in a rollout, after checking that the
+    /// settings fit the environments and each other. A buffer must hold `min_episodes` for the
+    /// grouping.
     pub(super) fn steps_per_env(
         &self,
         spec: &EnvSpec,
@@ -183,11 +185,11 @@ impl CommonSettings {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Handover {
-    /// The assigned policy collects a new rollout and learns from it. Of the old rollout, only the
-    /// first frames are kept, in its buffer. The decisions of both rollouts count.
+    /// New rollout: the assigned policy collects it and learns from it. Of the old rollout, only
+    /// the first frames are kept, in its buffer. The decisions of both rollouts count.
     #[default]
     CollectAgain,
-    /// The assigned policy learns from the old rollout with its own log-probabilities and values
+    /// Same rollout: the assigned policy learns from it with its own log-probabilities and values
     /// ([`RolloutBuffer::reevaluate`](rl::RolloutBuffer::reevaluate)), unless it shows two task
     /// groups.
     Reuse,
@@ -200,6 +202,6 @@ pub enum NewPolicyInit {
     /// Random parameters, as in the paper.
     #[default]
     Random,
-    /// Copy of the parameters of the nearest policy, its exploration included.
+    /// Copy of the parameters of the nearest policy, those of its exploration noise included.
     Copy,
 }

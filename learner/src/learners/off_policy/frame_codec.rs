@@ -1,10 +1,10 @@
-//! Lossless compression of a replay's pictures in a checkpoint.
+//! Lossless compression of the pictures of a replay buffer in a checkpoint.
 //!
 //! Most pixels of a table do not change from one picture to the next. So every picture is written
 //! as its difference (xor) from the one before it, the first one as differences of neighbouring
 //! pixels, and runs of zeros as their lengths.
 
-/// Zeros that end a run of other bytes.
+/// Zero bytes that end a run of non-zero bytes in the run-length code of [`shorten`].
 // A shorter gap costs less than the two lengths of another run.
 const GAP: [u8; 4] = [0; 4];
 
@@ -18,7 +18,7 @@ pub struct FrameSizes {
 }
 
 impl FrameSizes {
-    /// Appends the packed pictures to `out`, and overwrites `pictures` with differences.
+    /// Appends the compressed pictures to `out`, and overwrites `pictures` with their differences.
     pub fn pack(self, pictures: &mut [u8], out: &mut Vec<u8>) {
         let (first, _) = pictures.split_at_mut(self.picture_bytes.min(pictures.len()));
         let first = first.len();
@@ -33,7 +33,8 @@ impl FrameSizes {
         shorten(pictures, out);
     }
 
-    /// Fills `pictures` from the front of `packed` and returns the rest; `None` if it does not fit.
+    /// Fills `pictures` with the decompressed front of `packed` and returns the rest of `packed`;
+    /// `None` if the data does not fit.
     pub fn unpack<'a>(self, packed: &'a [u8], pictures: &mut [u8]) -> Option<&'a [u8]> {
         let rest = lengthen(packed, pictures)?;
         let first = self.picture_bytes.min(pictures.len());
@@ -48,13 +49,14 @@ impl FrameSizes {
     }
 }
 
-/// Replaces a picture by its difference from another one, or the difference by the picture.
+/// Replaces a picture by its difference (xor) from `other`, or the difference by the picture.
 fn differ(picture: &mut [u8], other: &[u8]) {
     let pairs = picture.iter_mut().zip(other);
     pairs.for_each(|(own, byte)| *own ^= byte);
 }
 
-/// Writes runs as the number of zeros, the number of other bytes, and the latter.
+/// Writes `bytes` in a run-length code: each run is a number of zeros, a number of other bytes, and
+/// these bytes.
 fn shorten(mut bytes: &[u8], out: &mut Vec<u8>) {
     while !bytes.is_empty() {
         let (zeros, rest) = bytes.split_at(leading_zeros(bytes));
@@ -95,7 +97,7 @@ fn lengthen<'a>(mut packed: &'a [u8], mut out: &mut [u8]) -> Option<&'a [u8]> {
 }
 
 /// Writes a length as LEB128: seven bits in each byte, the lowest first; the highest bit marks that
-/// more follow.
+/// more bytes follow.
 fn write_length(mut length: usize, out: &mut Vec<u8>) {
     while length >= 0x80 {
         out.push(length as u8 | 0x80);

@@ -1,4 +1,4 @@
-//! Replays in checkpoints.
+//! Conversion of replay buffers into arrays of a checkpoint, and back.
 
 use rl::{EpisodeState, ReplayBuffer, ReplayState, StepOutcome};
 
@@ -7,11 +7,13 @@ use crate::learners::tensor_file::{Tensor, TensorFile};
 
 use super::frame_codec::FrameSizes;
 
-/// Index of the running episode of an environment that has none.
+/// Value that stands for the episode index of an environment without a running episode.
 const NONE: u64 = u64::MAX;
-/// Upper bound of the observations that contexts of running episodes need.
+/// Upper bound of the number of observations that contexts of running episodes need; limits the
+/// memory that a damaged file can claim.
 const CONTEXTS: usize = 100_000;
-/// Number of scalars that are written for every episode.
+/// Number of scalars that are written for every episode: steps, removed steps, outcome, and a flag
+/// of contents.
 const FIELDS: usize = 4;
 
 /// Returns the contents of a replay buffer as arrays whose names begin with `prefix`.
@@ -55,7 +57,7 @@ fn numbers(episode: &EpisodeState<'_>) -> [u64; FIELDS] {
     [steps, removed, outcome, is_there]
 }
 
-/// Sizes of a replay's arrays.
+/// Sizes of the arrays of a replay buffer, per observation or step.
 struct Sizes {
     frames: FrameSizes,
     still: usize,
@@ -77,7 +79,7 @@ impl Sizes {
     }
 }
 
-/// Packs the pictures of all episodes.
+/// Compresses the pictures of all episodes.
 fn pack(replay: &ReplayBuffer, state: &ReplayState<'_>) -> Vec<u8> {
     let frames = Sizes::new(replay).frames;
     let (mut packed, mut pictures) = (Vec::new(), Vec::new());
@@ -130,7 +132,7 @@ pub fn read_replay(
     restored.map_err(|error| file.damaged(format!("`{}`: {error}", name("episodes"))))
 }
 
-/// Arrays of all episodes, one after the other.
+/// Arrays of all stored episodes of a replay buffer, one episode after the other.
 struct Episodes<'a> {
     sizes: &'a Sizes,
     rows: Vec<Row>,
@@ -140,7 +142,7 @@ struct Episodes<'a> {
     rewards: Vec<f32>,
 }
 
-/// Scalars of an episode, which its arrays do not hold.
+/// Scalars of a stored episode that its arrays do not hold.
 struct Row {
     steps: usize,
     removed: u32,
@@ -164,23 +166,23 @@ impl Row {
         })
     }
 
-    /// Returns the number of stored observations.
+    /// Returns the number of stored observations of the episode.
     fn frames(&self) -> usize {
         if self.is_there { self.steps + 1 } else { 0 }
     }
 
-    /// Returns the number of bytes of still channels.
+    /// Returns the number of bytes of the episode's picture channels that do not change.
     fn still(&self, sizes: &Sizes) -> usize {
         if self.is_there { sizes.still } else { 0 }
     }
 
-    /// Returns the number of bytes of all channels.
+    /// Returns the number of bytes of the episode's pictures, all channels together.
     fn pictures(&self, sizes: &Sizes) -> usize {
         self.still(sizes) + self.frames() * sizes.frames.picture_bytes
     }
 }
 
-/// Reads the scalars of episodes; `None` if they do not have this many steps in total.
+/// Reads the scalars of episodes; `None` if the episodes do not have `steps` steps in total.
 fn rows(numbers: &[u64], steps: usize) -> Option<Vec<Row>> {
     let (numbers, _) = numbers.as_chunks::<FIELDS>();
     let rows: Vec<Row> = numbers.iter().copied().map(Row::new).collect::<Option<_>>()?;

@@ -1,21 +1,22 @@
-//! Rollout that is stored until it is assigned to a replay.
+//! Rollout that is stored until it is assigned to a policy and its replay buffer.
 
 use rl::{Actor, EnvSpec, Experience, Observations, ReplayBuffer, RlError, SacPolicy, Transition};
 
 use crate::learners::collection::{Rollout, StepView};
 
-/// Collections since the last [`StagedRollout::commit_to`], each of which begins with a reset.
+/// Steps collected since the last [`StagedRollout::commit_to`], in collections that each begin with
+/// a reset of the environments.
 pub struct StagedRollout {
     spec: EnvSpec,
     steps: usize,
-    /// Decisions at the beginning whose actions are drawn uniformly.
+    /// Number of next decisions whose actions are uniformly random.
     uniform: u64,
     collections: Vec<Vec<Step>>,
-    /// Actions of the step that is being collected, `[N, A]`.
+    /// Actions of the step that is being collected, `[number of environments, action dimensions]`.
     actions: Vec<f32>,
 }
 
-/// One step of N environments.
+/// One step of all environments.
 struct Step {
     observations: Observations,
     actions: Vec<f32>,
@@ -28,7 +29,7 @@ impl StagedRollout {
         Self { spec: spec.clone(), steps, uniform: 0, collections: Vec::new(), actions: Vec::new() }
     }
 
-    /// Draws the actions of the next `decisions` decisions uniformly from [-1, 1].
+    /// Makes the actions of the next `decisions` decisions uniformly random in [-1, 1].
     pub fn draw_uniform_actions(&mut self, decisions: u64) {
         self.uniform = decisions;
     }
@@ -46,7 +47,7 @@ impl StagedRollout {
         Ok(())
     }
 
-    /// Returns the last collection.
+    /// Returns the steps of the last collection.
     fn last(&self) -> &[Step] {
         self.collections.last().map_or(&[], Vec::as_slice)
     }
