@@ -163,8 +163,9 @@ fn joint_line(joint: &JointCheck) -> String {
 
 #[cfg(test)]
 mod tests {
-    use crate::program::Program;
     use clap::Parser;
+
+    use crate::program::Program;
 
     /// Returns the exit code and the output of `covers robot` with these arguments.
     fn printed(words: &[&str]) -> (u8, String) {
@@ -189,8 +190,8 @@ mod tests {
         let degrees = std::fs::read_to_string(gen3).unwrap().replace("2.24", "128");
         let path = std::env::temp_dir().join(format!("covers-robot-{}.urdf", std::process::id()));
         std::fs::write(&path, degrees).unwrap();
-        let (failed, warned) = printed(&["check", path.to_str().unwrap()]);
-        assert!(failed == 1 && warned.contains("128 rad: is the file in degrees"), "{warned}");
+        let (failed, wrong) = printed(&["check", path.to_str().unwrap()]);
+        assert!(failed == 1 && wrong.contains("128 rad: is the file in degrees"), "{wrong}");
         std::fs::remove_file(path).unwrap();
     }
 

@@ -1,5 +1,5 @@
 //! What the workspace depends on: licences, crates in several versions, and which crate imports
-//! which. Every check is also shown made-up metadata that it must refuse.
+//! which. Every check is also shown made-up crates that it must refuse.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
@@ -64,19 +64,15 @@ fn imports() -> BTreeMap<&'static str, Vec<&'static str>> {
     rows.collect()
 }
 
+/// The crates of the workspace, as their manifests state them.
 #[derive(Deserialize)]
-struct Metadata {
+struct Workspace {
     packages: Vec<Package>,
-    workspace_members: Vec<String>,
-    resolve: Resolve,
 }
 
 #[derive(Deserialize)]
 struct Package {
-    id: String,
     name: String,
-    version: String,
-    license: Option<String>,
     dependencies: Vec<Dependency>,
 }
 
@@ -86,29 +82,6 @@ struct Dependency {
     name: String,
     kind: Option<String>,
     path: Option<String>,
-}
-
-#[derive(Deserialize)]
-struct Resolve {
-    nodes: Vec<Node>,
-}
-
-#[derive(Deserialize)]
-struct Node {
-    id: String,
-    deps: Vec<Edge>,
-}
-
-/// A dependency as cargo resolved it.
-#[derive(Deserialize)]
-struct Edge {
-    pkg: String,
-    dep_kinds: Vec<EdgeKind>,
-}
-
-#[derive(Deserialize)]
-struct EdgeKind {
-    kind: Option<String>,
 }
 
 /// What cargo prints for these arguments at the root of the workspace.
@@ -121,31 +94,19 @@ fn cargo(arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// The resolved graph for this machine. Packages of other targets are left out, because a build
-/// here does not download them.
-fn workspace() -> Metadata {
-    let version = cargo(&["-vV"]);
-    let host = version.lines().find_map(|line| line.strip_prefix("host: "));
-    let arguments = [
-        "metadata",
-        "--format-version=1",
-        "--locked",
-        "--offline",
-        "--filter-platform",
-        host.unwrap(),
-    ];
-    let json = cargo(&arguments);
-    serde_json::from_str(&json).unwrap()
+/// Lines of cargo's tree of packages, for this machine. Packages of other targets are left out,
+/// because a build here does not download them.
+fn tree(options: &[&str]) -> String {
+    cargo(&[&["tree", "--prefix", "none", "--locked", "--offline"], options].concat())
 }
 
-/// Packages whose licence no choice among `LICENCES` satisfies, and the licence.
-fn refused(metadata: &Metadata) -> Vec<String> {
-    let packages = metadata.packages.iter();
-    let stated = packages.map(|package| (package, package.license.as_deref().unwrap_or("none")));
-    stated
-        .filter(|(_, licence)| !acceptable(licence))
-        .map(|(package, licence)| format!("{} {}: {licence}", package.name, package.version))
-        .collect()
+/// Packages whose licence no choice among `LICENCES` satisfies, and the licence, which a tab
+/// divides from the package in each line.
+fn refused(tree: &str) -> BTreeSet<String> {
+    let lines = tree.lines().map(|line| line.trim_end_matches(" (*)"));
+    let stated = lines.filter_map(|line| line.split_once('\t'));
+    let refused = stated.filter(|(_, licence)| !acceptable(licence));
+    refused.map(|(package, licence)| format!("{package}: {licence}")).collect()
 }
 
 /// Whether allowed licences alone satisfy an SPDX expression, or the older form `MIT/Apache-2.0`.
@@ -160,34 +121,18 @@ fn acceptable(expression: &str) -> bool {
     expression.is_ok_and(|expression| expression.evaluate(allowed))
 }
 
-/// Packages that a build of the workspace's libraries and programs compiles, tests left out.
-fn compiled(metadata: &Metadata) -> BTreeSet<&str> {
-    let nodes: BTreeMap<&str, &Node> =
-        metadata.resolve.nodes.iter().map(|n| (&n.id[..], n)).collect();
-    let mut open: Vec<&str> = metadata.workspace_members.iter().map(|id| &id[..]).collect();
-    let mut found = BTreeSet::new();
-    while let Some(id) = open.pop() {
-        if found.insert(id) {
-            let edges = nodes[id].deps.iter();
-            let built = edges.filter(|edge| edge.dep_kinds.iter().any(|k| !is_dev(&k.kind)));
-            open.extend(built.map(|edge| &edge.pkg[..]));
-        }
-    }
-    found
+/// Names and versions of the crates that a build of these packages compiles, tests left out.
+pub fn compiled(packages: &[&str]) -> BTreeSet<(String, String)> {
+    let tree = tree(&[&["--edges", "normal,build"], packages].concat());
+    let lines = tree.lines().map(|line| line.split(' ').map(str::to_owned));
+    lines.filter_map(|mut words| Some((words.next()?, words.next()?))).collect()
 }
 
-fn is_dev(kind: &Option<String>) -> bool {
-    kind.as_deref() == Some("dev")
-}
-
-/// Names of compiled crates that occur in several versions, and in how many.
-fn several_versions(metadata: &Metadata) -> Vec<(&str, usize)> {
-    let compiled = compiled(metadata);
+/// Names of crates that occur in several versions, and in how many.
+fn several_versions(crates: &BTreeSet<(String, String)>) -> Vec<(&str, usize)> {
     let mut versions: BTreeMap<&str, usize> = BTreeMap::new();
-    for package in &metadata.packages {
-        if compiled.contains(&package.id[..]) {
-            *versions.entry(&package.name).or_default() += 1;
-        }
+    for (name, _) in crates {
+        *versions.entry(name).or_default() += 1;
     }
     versions.into_iter().filter(|&(_, n)| n > 1).collect()
 }
@@ -201,13 +146,7 @@ fn short(name: &str) -> &str {
 }
 
 /// Imports between workspace crates that the table does not have, and crates that it does not list.
-fn forbidden(metadata: &Metadata) -> Vec<String> {
-    let members = metadata.packages.iter();
-    let members = members.filter(|package| metadata.workspace_members.contains(&package.id));
-    members.flat_map(forbidden_of).collect()
-}
-
-fn forbidden_of(package: &Package) -> Vec<String> {
+fn forbidden(package: &Package) -> Vec<String> {
     let name = short(&package.name);
     let table = imports();
     let Some(code) = table.get(name) else {
@@ -217,7 +156,8 @@ fn forbidden_of(package: &Package) -> Vec<String> {
     let ours = package.dependencies.iter().filter(|d| d.path.is_some());
     let wrong = ours.filter(|d| {
         let imported = short(&d.name);
-        let for_tests = is_dev(&d.kind) && tests.is_some_and(|(_, own)| own.contains(&imported));
+        let is_dev = d.kind.as_deref() == Some("dev");
+        let for_tests = is_dev && tests.is_some_and(|(_, own)| own.contains(&imported));
         !code.contains(&imported) && !for_tests
     });
     wrong.map(|d| format!("{name} imports {}", short(&d.name))).collect()
@@ -225,39 +165,23 @@ fn forbidden_of(package: &Package) -> Vec<String> {
 
 #[test]
 fn every_licence_is_allowed() {
-    let metadata = workspace();
-    assert!(metadata.packages.len() > 100, "the graph is incomplete");
-    assert_eq!(refused(&metadata), [""; 0]);
+    let tree = tree(&["--workspace", "--format", "{p}\t{l}"]);
+    assert!(tree.lines().count() > 100, "the graph is incomplete");
+    assert_eq!(refused(&tree), BTreeSet::new());
 }
 
 #[test]
 fn crates_in_several_versions_are_known() {
-    let metadata = workspace();
-    assert_eq!(several_versions(&metadata), SEVERAL_VERSIONS);
+    assert_eq!(several_versions(&compiled(&["--workspace"])), SEVERAL_VERSIONS);
 }
 
 #[test]
 fn crates_import_what_the_table_says() {
     assert!(imports().len() > 15, "{:?}", imports());
-    assert_eq!(forbidden(&workspace()), [""; 0]);
-}
-
-/// Package `name` of version `version`, as cargo's metadata has it.
-fn package(name: &str, version: &str, licence: &str, dependencies: &str) -> String {
-    format!(
-        r#"{{"id": "{name} {version}", "name": "{name}", "version": "{version}",
-            "license": {licence}, "dependencies": [{dependencies}]}}"#
-    )
-}
-
-/// A workspace with one member, which the packages and the nodes of the graph must include.
-fn made_up(member: &str, packages: &[String], nodes: &str) -> Metadata {
-    let packages = packages.join(", ");
-    let json = format!(
-        r#"{{"packages": [{packages}], "workspace_members": ["{member}"],
-            "resolve": {{"nodes": [{nodes}]}}}}"#
-    );
-    serde_json::from_str(&json).unwrap()
+    let json = cargo(&["metadata", "--format-version=1", "--no-deps", "--locked", "--offline"]);
+    let workspace: Workspace = serde_json::from_str(&json).unwrap();
+    let wrong: Vec<String> = workspace.packages.iter().flat_map(forbidden).collect();
+    assert_eq!(wrong, [""; 0]);
 }
 
 #[test]
@@ -280,45 +204,29 @@ fn expressions_of_licences_are_read() {
 
 #[test]
 fn a_forbidden_or_missing_licence_is_found() {
-    let packages = [
-        package("good", "1.0.0", "\"MIT\"", ""),
-        package("bad", "2.0.0", "\"GPL-3.0-only\"", ""),
-        package("silent", "3.0.0", "null", ""),
-    ];
-    let metadata = made_up("good 1.0.0", &packages, "");
-    let expected = ["bad 2.0.0: GPL-3.0-only", "silent 3.0.0: none"];
-    assert_eq!(refused(&metadata), expected);
+    let tree = "good v1.0.0\tMIT\nbad v2.0.0\tGPL-3.0-only (*)\n\nsilent v3.0.0\t\n";
+    let expected = ["bad v2.0.0: GPL-3.0-only", "silent v3.0.0: "];
+    assert_eq!(refused(tree), expected.map(str::to_owned).into());
 }
 
 #[test]
-fn a_second_version_is_found_unless_only_tests_need_it() {
-    let packages = [("covers", "0.1.0"), ("a", "1.0.0"), ("a", "2.0.0")];
-    let packages = packages.map(|(name, version)| package(name, version, "\"MIT\"", ""));
-    let graph = |kind: &str| {
-        format!(
-            r#"{{"id": "a 1.0.0", "deps": []}}, {{"id": "a 2.0.0", "deps": []}},
-               {{"id": "covers 0.1.0", "deps": [
-                   {{"pkg": "a 1.0.0", "dep_kinds": [{{"kind": null}}]}},
-                   {{"pkg": "a 2.0.0", "dep_kinds": [{{"kind": {kind}}}]}}]}}"#
-        )
-    };
-    for (kind, expected) in [("null", 1), ("\"build\"", 1), ("\"dev\"", 0)] {
-        let metadata = made_up("covers 0.1.0", &packages, &graph(kind));
-        assert_eq!(several_versions(&metadata).len(), expected, "{kind}");
-    }
+fn a_second_version_is_found() {
+    let crates = [("a", "v1.0.0"), ("a", "v2.0.0"), ("b", "v1.0.0")];
+    let crates = crates.map(|(name, version)| (name.to_owned(), version.to_owned()));
+    assert_eq!(several_versions(&BTreeSet::from(crates)), [("a", 2)]);
 }
 
 #[test]
 fn a_forbidden_import_is_found() {
-    let import = |from: &str, to: &str, kind: &str| {
-        let dependency = format!(r#"{{"name": "{to}", "kind": {kind}, "path": "/{to}"}}"#);
-        let packages = [package(from, "0.1.0", "\"MIT\"", &dependency)];
-        forbidden(&made_up(&format!("{from} 0.1.0"), &packages, "")).join("")
+    let import = |from: &str, to: &str, kind: Option<&str>| {
+        let (kind, path) = (kind.map(str::to_owned), Some(format!("/{to}")));
+        let dependencies = vec![Dependency { name: to.to_owned(), kind, path }];
+        forbidden(&Package { name: from.to_owned(), dependencies }).join("")
     };
-    assert_eq!(import("covers-rl", "covers-envs", "null"), "rl imports envs");
-    assert_eq!(import("covers-rs", "covers-mujoco", "null"), "covers imports mujoco");
-    let wrong = import("covers-envs", "covers-inpainting", "null");
+    assert_eq!(import("covers-rl", "covers-envs", None), "rl imports envs");
+    assert_eq!(import("covers-rs", "covers-mujoco", None), "covers imports mujoco");
+    let wrong = import("covers-envs", "covers-inpainting", None);
     assert_eq!(wrong, "envs imports inpainting");
-    assert_eq!(import("covers-envs", "covers-inpainting", "\"dev\""), "");
-    assert_eq!(import("covers-python", "covers-rl", "null"), "python is not in the table");
+    assert_eq!(import("covers-envs", "covers-inpainting", Some("dev")), "");
+    assert_eq!(import("covers-python", "covers-rl", None), "python is not in the table");
 }

@@ -124,11 +124,12 @@ fn message(folder: &Path) -> String {
 #[test]
 fn damaged_recordings_are_refused_by_name() {
     type Damage = fn(&mut Vec<u8>);
-    let cases: [(&str, &str, Damage); 8] = [
+    let cases: [(&str, &str, Damage); 9] = [
         ("qvel", "`qvel` is missing among", Vec::clear),
         ("qvel", "more or fewer values than its shape says", |bytes| {
             bytes.truncate(bytes.len() - 8);
         }),
+        ("qvel", "its last number is cut", |bytes| bytes.extend([0; 7])),
         ("qvel", "its header ends early", |bytes| bytes.truncate(40)),
         ("qvel", "does not begin as an npy file", |bytes| bytes[0] = b'x'),
         ("qvel", "holds values of kind `<f4`", |bytes| {

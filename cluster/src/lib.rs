@@ -5,9 +5,9 @@
 //!
 //! - Distances. [`wasserstein1`] is the exact 1-Wasserstein distance with Euclidean ground cost and
 //!   equal weights, [`wasserstein1_gradient`] its gradient in the points. [`Wasserstein`] takes any
-//!   weights and reuses its memory. [`transport()`] and [`Solver`] solve the same problem on a given
-//!   cost matrix. Each answer carries potentials that prove it optimal, and [`certify`] checks the
-//!   proof before the answer is returned.
+//!   weights and reuses its memory. [`transport()`] and [`Solver`] solve the same problem on a
+//!   given cost matrix. Each answer carries potentials that prove it optimal, and [`certify`]
+//!   checks the proof before the answer is returned.
 //! - Comparison. [`joint_test`] is a permutation test of several sources of evidence, by whole
 //!   episodes, and [`change_test`] one for a changepoint. [`assign_by_threshold`] is the paper's
 //!   rule of assignment. [`lead`] compares two groups from as little as one frame.

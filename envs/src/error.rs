@@ -31,8 +31,8 @@ pub enum EnvError {
     },
     /// Embodiment whose name is neither built in nor registered.
     #[error(
-        "unknown embodiment `{name}`: expected one of {}, or the path of an arm's `.urdf` or `.json`",
-        known.join(", ")
+        "unknown embodiment `{name}`: expected one of {}, or the path of an arm's `.urdf` or \
+         `.json`", known.join(", ")
     )]
     UnknownEmbodiment {
         /// Embodiment name that is unknown.
@@ -188,30 +188,8 @@ pub enum EnvError {
         source: std::io::Error,
     },
     /// Robot arm from a file that cannot do the tasks, wherever its base stands.
-    #[error(
-        "the arm `{name}` cannot bring its hand, pointing down, to all places of the tasks. With its \
-         base at {base} m it reaches {reached} of {places}; the next one, {missed} m, is {distance:.2} \
-         m from there, and the hand is at most {reach:.2} m from the first joint. Use an arm with a \
-         longer reach, or correct `hand`, `approach_axis` or `base_position` in a JSON file of its \
-         settings"
-    )]
-    OutOfReach {
-        /// Name of the robot arm.
-        name: String,
-        /// Number of places of the tasks that the hand reaches, one after the other, before the
-        /// missed one.
-        reached: usize,
-        /// Number of places that the hand must reach for the tasks.
-        places: usize,
-        /// Position of the arm's base from which the hand reaches the most places (metres).
-        base: glam::DVec3,
-        /// First place of the tasks that the hand does not reach (metres).
-        missed: glam::DVec3,
-        /// Distance of the missed place from the arm's base (metres).
-        distance: f64,
-        /// Bound on the distance of the hand from the first joint (metres).
-        reach: f64,
-    },
+    #[error(transparent)]
+    OutOfReach(#[from] Box<ReachShortfall>),
     /// Fingers in the file of a robot arm that cannot be used.
     #[error("the fingers {} and {} cannot be used: {reason}", .fingers[0], .fingers[1])]
     InvalidFingers {
@@ -235,6 +213,32 @@ pub enum EnvError {
     /// Error of off-screen rendering.
     #[error(transparent)]
     Render(#[from] mujoco::RenderError),
+}
+
+/// Places of the tasks that an arm does not reach.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "the arm `{name}` cannot bring its hand, pointing down, to all places of the tasks. With its \
+     base at {base} m it reaches {reached} of {places}; the next one, {missed} m, is {distance:.2} \
+     m from there, and the hand is at most {reach:.2} m from the first joint. Use an arm with a \
+     longer reach, or correct `hand`, `approach_axis` or `base_position` in a JSON file of its \
+     settings"
+)]
+pub struct ReachShortfall {
+    /// Name of the robot.
+    pub name: String,
+    /// Number of places that the hand reaches, one after the other, before the missed one.
+    pub reached: usize,
+    /// Number of places that the tasks need.
+    pub places: usize,
+    /// Position of the base from which the hand reaches the most (metres).
+    pub base: glam::DVec3,
+    /// First place that is not reached (metres).
+    pub missed: glam::DVec3,
+    /// Distance of that place from the base (metres).
+    pub distance: f64,
+    /// Bound on the distance of the hand from the first joint (metres).
+    pub reach: f64,
 }
 
 impl EnvError {

@@ -70,7 +70,7 @@ pub use camera::{Camera, ExtraView, Light, Mark, ObservationPictures, RGB_CHANNE
 pub use control::{Control, PHYSICS_STEPS_PER_CONTROL_STEP};
 pub use embodiment::Embodiment;
 pub use embodiment_spec::{EmbodimentParts, EmbodimentSpec};
-pub use error::EnvError;
+pub use error::{EnvError, ReachShortfall};
 pub use layout::{HAND_TARGET_START, Layout};
 pub use messages::{EnvCommand, EnvFailure};
 pub use mujoco::{self, Backdrop};

@@ -177,8 +177,8 @@ fn settings_hold_the_path_of_an_arm_and_its_file_the_rest() {
     let missing = Embodiment::from_file(&folder.0.join("none.urdf")).unwrap();
     let message = missing.arm().unwrap_err().to_string();
     assert!(message.contains("cannot read") && message.contains("none.urdf"), "{message}");
-    let no_file = Embodiment::SAWYER.arm().unwrap_err().to_string();
-    assert!(no_file.contains("`embodiment` is sawyer"), "{no_file}");
+    let without_servos = Embodiment::SAWYER.arm().unwrap_err().to_string();
+    assert!(without_servos.contains("`embodiment` is sawyer"), "{without_servos}");
     assert!(Embodiment::from_file(Path::new("arm.xacro")).is_err());
 }
 

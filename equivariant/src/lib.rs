@@ -18,28 +18,7 @@
 //!   rayon pool, with the same bits for any number of threads. Large convolutions of a single image
 //!   use two threads of the pool that they run in.
 //!
-//! ```
-//! use equivariant::{
-//!     Group, Layer, LayerError, LayerSignature, R2Conv, Relu, Sequential, SlidingWindow,
-//!     equivariance_error,
-//! };
-//! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-//!
-//! let kernel = SlidingWindow { size: 4, stride: 2, padding: 1 };
-//! let conv = R2Conv::new(Group::D2.trivial_type(3), Group::D2.regular_type(4), kernel, [8, 8])?;
-//! let relu = Relu::new(conv.out_shape())?;
-//! let net: Sequential<f32> = Sequential::new(vec![Box::new(conv), Box::new(relu)])?;
-//!
-//! let mut rng = ChaCha8Rng::seed_from_u64(1);
-//! let mut params = vec![0.0; net.num_params()];
-//! net.init(&mut rng, &mut params);
-//! assert!(equivariance_error(&net, &params, 4, &mut rng) < 1e-5);
-//! # Ok::<(), LayerError>(())
-//! ```
-
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;
+#![doc = include_str!("../README.md")]
 
 mod chunks;
 mod error;

@@ -54,9 +54,10 @@ pub enum Trial {
     /// A few episodes of the named policy first, as many as a decision needs and at least one in
     /// each environment, since several policies may fit; then one rollout.
     Episodes,
-    /// No trial before the named policy trains, since it would come too late: the task group changed
-    /// while another policy was on trial. The named policy trains on the rollout of that one. If
-    /// that one only acted for a few episodes, the named policy collects a rollout for review.
+    /// No trial before the named policy trains, since it would come too late: the task group
+    /// changed while another policy was on trial. The named policy trains on the rollout of that
+    /// one. If that one only acted for a few episodes, the named policy collects a rollout for
+    /// review.
     Waived,
 }
 
@@ -219,11 +220,11 @@ impl Recogniser {
         Ok(opinion.is_rejected())
     }
 
-    /// Decides which policy one rollout of `situation.collector` belongs to. `Existing` with another
-    /// policy, and `New`, ask for a rollout of that policy and for [`Recogniser::review`]. A rollout
-    /// that is too little to decide is held, and judged together with the next one that looks like
-    /// it. `Undecided`, if `situation` allows it, asks for another rollout; no policy may train on
-    /// this one. After a changepoint, only the later episodes count.
+    /// Decides which policy one rollout of `situation.collector` belongs to. `Existing` with
+    /// another policy, and `New`, ask for a rollout of that policy and for [`Recogniser::review`].
+    /// A rollout that is too little to decide is held, and judged together with the next one that
+    /// looks like it. `Undecided`, if `situation` allows it, asks for another rollout; no policy
+    /// may train on this one. After a changepoint, only the later episodes count.
     ///
     /// # Errors
     /// [`EvidenceError::NoPolicy`] for a collector above [`policies`](Self::policies); too few
@@ -266,8 +267,8 @@ impl Recogniser {
     }
 
     /// Creates the policy that a decision asks for, which remembers the pictures and vectors of the
-    /// episodes. If there are `max_policies` already, the most similar one is named instead, without
-    /// a trial. If too many wait for their first training, the episodes are held.
+    /// episodes. If there are `max_policies` already, the most similar one is named instead,
+    /// without a trial. If too many wait for their first training, the episodes are held.
     fn open(&mut self, case: Case, finding: Finding) -> Result<Finding> {
         if finding.decision != Decision::New {
             return Ok(finding);
@@ -537,7 +538,8 @@ impl Recogniser {
     /// Returns the number of episodes, sorted by time, before a changepoint; `None` if there is
     /// none. Episodes that began together stay together.
     ///
-    /// Only the latest summaries are tested, twice as many as a policy remembers, to bound the time.
+    /// Only the latest summaries are tested, twice as many as a policy remembers, to bound the
+    /// time.
     fn find_cut(&self, accounts: &[&Account], rng: &mut impl Rng) -> Result<Option<usize>> {
         let RecogniserSettings { memory, min_episodes, permutations, .. } = self.settings;
         let latest = &accounts[accounts.len().saturating_sub(2 * memory)..];

@@ -49,7 +49,8 @@ impl Recogniser {
     /// # Errors
     /// Errors of the deserialiser, a state of another format or with unknown fields, numbers that
     /// are not finite, lists of different lengths, unknown policy indices, merges in a circle, a
-    /// policy or held rollout without episodes or with more than `memory`. Nothing is replaced then.
+    /// policy or held rollout without episodes or with more than `memory`. Nothing is replaced
+    /// then.
     pub fn restore<'de, D: Deserializer<'de>>(&mut self, state: D) -> Result<(), D::Error> {
         let state: State<Vec<Memory>, VecDeque<Held>> = State::deserialize(state)?;
         let (memories, held) = (state.policies, state.held);

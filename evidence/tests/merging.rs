@@ -6,8 +6,8 @@ use worlds::WorldKind;
 
 use crate::common::{accounts, knowing, look, rng, rollout, said, settle, stream};
 
-/// Two policies that trained on one group become one, and two that did not stay two; a merged one is
-/// not proposed while others will do.
+/// Two policies that trained on one group become one, and two that did not stay two; a merged one
+/// is not proposed while others will do.
 #[test]
 fn policies_that_serve_one_group_are_merged() {
     let kind = WorldKind::Target;

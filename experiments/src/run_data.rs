@@ -458,18 +458,7 @@ mod tests {
     #[test]
     fn a_group_is_named_once_wherever_its_rows_are() {
         let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
-        let row = |group: &str| ScoreRow {
-            rollouts: 1,
-            decisions: 500,
-            group: group.to_owned(),
-            element: D2::Identity.to_string(),
-            seen_in_training: true,
-            episodes: 1,
-            success: 0.5,
-            success_at_end: 0.5,
-            reward: 100.0,
-            ..ScoreRow::default()
-        };
+        let row = |group: &str| ScoreRow { group: group.to_owned(), ..ScoreRow::default() };
         run.scores = ["b", "a", "b"].map(row).to_vec();
         assert_eq!(run.scored_groups(), ["b", "a"]);
     }

@@ -80,12 +80,7 @@ impl Extrinsics {
         let orthonormal = (rotation * rotation.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-6);
         let holds = orthonormal && rotation.determinant() > 0.0;
         require_that(holds, "rotation", rotation, "an orthonormal matrix of determinant 1")?;
-        require_that(
-            has_valid_coordinates(*translation),
-            "translation",
-            translation,
-            VALID_COORDINATES,
-        )
+        require_valid_coordinates("translation", *translation)
     }
 }
 
@@ -95,6 +90,13 @@ pub(crate) const VALID_COORDINATES: &str = "three numbers of metres, each at mos
 /// Returns `true` if a point is finite and no coordinate exceeds [`MAX_COORDINATE`].
 pub(crate) fn has_valid_coordinates(point: DVec3) -> bool {
     point.abs().cmple(DVec3::splat(MAX_COORDINATE)).all()
+}
+
+pub(crate) fn require_valid_coordinates(
+    name: &'static str,
+    point: DVec3,
+) -> Result<(), InpaintingError> {
+    require_that(has_valid_coordinates(point), name, &point, VALID_COORDINATES)
 }
 
 /// Calibrated camera without distortion, with the projection matrix `K [R | t]`.

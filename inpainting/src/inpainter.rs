@@ -3,7 +3,9 @@
 
 use glam::DVec3;
 
-use crate::camera::{PinholeCamera, VALID_COORDINATES, has_valid_coordinates};
+use crate::camera::{
+    PinholeCamera, VALID_COORDINATES, has_valid_coordinates, require_valid_coordinates,
+};
 use crate::color::ColorCorrection;
 use crate::error::{InpaintingError, check_picture_size, require_nonnegative_metres, require_that};
 use crate::links::{ArmLink, Capsule};
@@ -106,12 +108,7 @@ impl Inpainter {
         let index = joints.iter().position(|joint| !has_valid_coordinates(*joint));
         let value = index.map_or_else(String::new, |i| format!("{} at {i}", joints[i]));
         require_that(index.is_none(), "joint positions", &value, VALID_COORDINATES)?;
-        require_that(
-            has_valid_coordinates(gripper),
-            "gripper position",
-            &gripper,
-            VALID_COORDINATES,
-        )?;
+        require_valid_coordinates("gripper position", gripper)?;
         let ends = self.settings.arm_links.iter().flat_map(|link| link.end_joints);
         let last = ends.max().unwrap_or(0);
         let known = last < joints.len() || self.settings.arm_links.is_empty();

@@ -10,5 +10,6 @@ mod trials;
 
 #[path = "../../rl/tests/common/guess.rs"]
 mod guess;
+#[allow(dead_code, reason = "the tests of rl use more of it")]
 #[path = "../../rl/tests/common/toy.rs"]
 mod toy;

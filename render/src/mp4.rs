@@ -49,16 +49,8 @@ impl Ffmpeg {
             .args(["-s", &size, "-r", &rate, "-i", "-", "-an"])
             // yuv420p halves the resolution of colours, so width and height must be even
             .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"])
-            .args([
-                "-c:v",
-                "libx264",
-                "-pix_fmt",
-                "yuv420p",
-                "-movflags",
-                "+faststart",
-                "-f",
-                "mp4",
-            ])
+            .args(["-c:v", "libx264", "-pix_fmt", "yuv420p"])
+            .args(["-movflags", "+faststart", "-f", "mp4"])
             .arg(file);
         let last = film.frames.last().into_iter().cycle();
         let held = last.take(usize::from(HOLD_DELAYS) - 1);

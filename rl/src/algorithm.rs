@@ -2,7 +2,7 @@
 
 use rand_chacha::ChaCha8Rng;
 
-use crate::error::RlError;
+use crate::error::{RlError, require_saved};
 
 /// Largest value allowed for a counter in an algorithm's saved state: f64 represents every integer
 /// up to 2^53 exactly.
@@ -77,8 +77,25 @@ impl AlgorithmState<'_> {
             let (got, expected) = (self.describe(), own.describe());
             return Err(RlError::StateMismatch { got, expected });
         }
-        self.tensors.iter().try_for_each(|(name, values)| check_saved_params(name, values))?;
-        self.counters.iter().try_for_each(|&(name, count)| check_counter(name, count))
+        self.require_all("finite numbers", |_, value| value.is_finite())?;
+        self.counters.iter().try_for_each(|&(name, count)| {
+            let expected = "a count of at most 2^53";
+            require_saved(name, count as f64, expected, count <= MAX_COUNTER)
+        })
+    }
+
+    /// Rejects numbers in the arrays that are not `allowed` in the array of this name.
+    fn require_all(
+        &self,
+        expected: &'static str,
+        allowed: impl Fn(&str, f32) -> bool,
+    ) -> Result<(), RlError> {
+        for &(name, values) in &self.tensors {
+            for &value in values {
+                require_saved(name, value.into(), expected, allowed(name, value))?;
+            }
+        }
+        Ok(())
     }
 
     /// Returns names and lengths of the arrays in the state, and names of its counters.
@@ -101,41 +118,10 @@ impl AlgorithmState<'_> {
     }
 }
 
-fn check_saved_params(name: &str, values: &[f32]) -> Result<(), RlError> {
-    match values.iter().find(|value| !value.is_finite()) {
-        Some(&value) => Err(RlError::InvalidStateNumber {
-            name: name.to_owned(),
-            value: value.into(),
-            expected: "finite numbers",
-        }),
-        None => Ok(()),
-    }
-}
-
-fn check_counter(name: &str, count: u64) -> Result<(), RlError> {
-    if count <= MAX_COUNTER {
-        return Ok(());
-    }
-    Err(RlError::InvalidStateNumber {
-        name: name.to_owned(),
-        value: count as f64,
-        expected: "a count of at most 2^53",
-    })
-}
-
 /// Rejects a saved state with negative numbers in the arrays called `names`. These hold second
 /// moments of Adam: the root of a negative one would be NaN at the next step.
 pub(crate) fn check_not_negative(state: &AlgorithmState, names: &[&str]) -> Result<(), RlError> {
-    let arrays = state.tensors.iter().filter(|(name, _)| names.contains(name));
-    let mut numbers = arrays.flat_map(|(name, values)| values.iter().map(move |v| (name, v)));
-    match numbers.find(|&(_, &value)| value < 0.0) {
-        Some((&name, &value)) => Err(RlError::InvalidStateNumber {
-            name: name.to_owned(),
-            value: value.into(),
-            expected: "no negative number",
-        }),
-        None => Ok(()),
-    }
+    state.require_all("no negative number", |name, value| !names.contains(&name) || value >= 0.0)
 }
 
 /// Declares a struct of `f64` sums with a method `add` that adds another such struct field by

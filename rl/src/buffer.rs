@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::distributions::ActionNoise;
 use crate::env::{EnvSpec, Observations, StepOutcome, Transition};
-use crate::error::{RlError, check_all_finite, check_finite, check_len};
+use crate::error::{RlError, check_all_finite, check_finite, check_len, require_count};
 use crate::gae::{GaeInputs, gae};
 use crate::policy::{Decisions, EvaluateActions, OnPolicyActor, ValueFunction};
 use crate::rollout::Experience;
@@ -409,13 +409,7 @@ impl RolloutBuffer {
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::InvalidSetting`] for 0 steps.
     pub fn truncate(&mut self, steps: usize) -> Result<(), RlError> {
         self.check_finished()?;
-        if steps == 0 {
-            return Err(RlError::InvalidSetting {
-                name: "steps",
-                value: 0.0,
-                expected: "at least 1",
-            });
-        }
+        require_count("steps", steps, 1, "at least 1")?;
         if steps >= self.steps {
             return Ok(());
         }

@@ -56,7 +56,7 @@ impl DeviceObservations {
         draws: usize,
     ) -> Self {
         let spec = network.spec();
-        let encoder = network.trunk.parts().encoder;
+        let encoder = network.trunk.encoder.as_ref();
         let picture = encoder.map_or(0, |encoder| encoder.in_shape().len());
         let bytes = observations.saturating_mul(picture);
         let components = observations.saturating_mul(spec.vector_irreps.len());
@@ -75,12 +75,11 @@ impl DeviceObservations {
         images: &[u8],
         vectors: &[f32],
     ) {
-        let parts = network.trunk.parts();
         // a blind network has no buffer for images, even if the environment has some
-        if parts.encoder.is_some() {
+        if network.trunk.encoder.is_some() {
             program.write_bytes(self.images, &network.trunk.centre_on_canvas(images));
         }
-        let order = parts.vector_order;
+        let order = &network.trunk.vector_order;
         let rows = vectors.chunks_exact(order.len().max(1));
         let components: Vec<f32> =
             rows.flat_map(|vector| order.iter().map(|&i| vector[i])).collect();
@@ -95,22 +94,22 @@ pub(crate) fn add_network(
     network: &ActorCritic<f32>,
     observed: DeviceObservations,
 ) -> Result<NetworkOutputs, GpuError> {
-    let parts = network.trunk.parts();
-    let image = parts.encoder.map(|layers| plan.add_input(layers.in_shape()));
-    let vector = parts.vector.map(|layers| plan.add_input(layers.in_shape()));
+    let trunk = &network.trunk;
+    let image = trunk.encoder.as_ref().map(|layers| plan.add_input(layers.in_shape()));
+    let vector = trunk.vector.as_ref().map(|layers| plan.add_input(layers.in_shape()));
     let gather = gather(plan, observed, image, vector);
     plan.add_kernels(vec![gather], Vec::new());
-    let top = match (parts.encoder, image) {
+    let top = match (&trunk.encoder, image) {
         (Some(layers), Some(x)) => Some(plan.add_layer(layers, x)?),
         _ => None,
     };
     // parameters are laid out in the order in which layers are added: the encoder's come first
     let heads = plan.num_device_params();
-    let fields = match (parts.vector, vector) {
+    let fields = match (&trunk.vector, vector) {
         (Some(layers), Some(x)) => Some(plan.add_layer(layers, x)?),
         _ => None,
     };
-    let h = match (parts.concat, top, fields) {
+    let h = match (&trunk.concat, top, fields) {
         (Some(concat), Some(top), Some(fields)) => plan.add_concat(concat, [top, fields]),
         (_, Some(alone), None) | (_, None, Some(alone)) => alone,
         _ => unreachable!("a trunk has an input, and joins two"),
@@ -119,7 +118,7 @@ pub(crate) fn add_network(
     let [of_actor, of_critic] = plan.add_fork(h);
     let mean = plan.add_layer(&network.actor, of_actor)?;
     let of_critic = match network.settings().critic {
-        CriticSettings::Pooled { .. } => plan.add_layer(parts.pool, of_critic)?,
+        CriticSettings::Pooled { .. } => plan.add_layer(&trunk.pool, of_critic)?,
         CriticSettings::Joint { .. } => of_critic,
     };
     let value = plan.add_layer(&network.critic, of_critic)?;

@@ -187,6 +187,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::fixtures::slope;
 
     #[test]
     fn normals_have_unit_moments() {
@@ -270,78 +271,20 @@ mod tests {
         sample_tanh_gaussian(&OUTPUT, &NOISE, &mut action);
         tanh_gaussian_gradient(&OUTPUT, &NOISE, &action, &weights, c, &mut d_output);
         for (i, got) in d_output.into_iter().enumerate() {
-            let [low, high] = [-1e-6, 1e-6].map(|h| {
-                let mut moved = OUTPUT;
-                moved[i] += h;
-                loss(&moved)
-            });
-            let slope = (high - low) / 2e-6;
+            let slope = slope(&mut OUTPUT.clone(), i, 1e-6, loss);
             assert!((got - slope).abs() < 1e-8, "{i}: {got} {slope}");
         }
     }
 
-    const ENVS: usize = 500;
-    const STEPS: usize = 6;
-
-    /// Draws `STEPS` rows `[N, 2]`, in which environment 0 begins an episode with the fourth.
-    fn rows(correlation: f32) -> Vec<Vec<f32>> {
-        let mut noise = ActionNoise::independent(ENVS, 2);
-        noise.set_correlation(correlation).unwrap();
-        let mut rng = ChaCha8Rng::seed_from_u64(7);
-        let draw = |t| {
-            if t == 3 {
-                noise.forget_episode(0);
-            }
-            noise.draw(&mut rng).to_vec()
-        };
-        (0..STEPS).map(draw).collect()
-    }
-
-    fn moment(a: &[f32], b: &[f32]) -> f64 {
-        let products = a.iter().zip(b).map(|(&x, &y)| f64::from(x) * f64::from(y));
-        products.sum::<f64>() / a.len() as f64
-    }
-
-    /// 1000 numbers: standard errors of the moments are at most 0.045.
-    #[test]
-    fn every_step_is_standard_and_steps_are_correlated_as_set() {
-        for correlation in [0.0, 0.5, 0.9] {
-            let rows = rows(correlation);
-            for (t, row) in rows.iter().enumerate() {
-                assert!(moment(row, &[1.0; 2 * ENVS]).abs() < 0.14, "{correlation}");
-                for (k, later) in rows[t..].iter().enumerate() {
-                    let (seen, expected) =
-                        (moment(row, later), f64::from(correlation).powi(k as i32));
-                    assert!((seen - expected).abs() < 0.18, "{correlation} {k}: {seen}");
-                }
-            }
-        }
-    }
-
+    /// The recursion with a correlation is tested with the collection of rollouts.
     #[test]
     fn without_correlation_it_is_what_the_generator_says() {
-        let mut rng = ChaCha8Rng::seed_from_u64(7);
-        for row in rows(0.0) {
-            let mut plain = [0.0; 2 * ENVS];
-            standard_normals(&mut rng, &mut plain);
-            assert_eq!(row, plain);
-        }
-    }
-
-    /// By hand from the generator's numbers, at c = 0.6, so that sqrt(1 - c^2) = 0.8.
-    #[test]
-    fn an_episode_begins_afresh_in_its_environment_alone() {
-        let rows = rows(0.6);
-        let mut rng = ChaCha8Rng::seed_from_u64(7);
-        let mut expected = vec![0.0_f64; 2 * ENVS];
-        for (t, row) in rows.iter().enumerate() {
-            let mut fresh = [0.0; 2 * ENVS];
-            standard_normals(&mut rng, &mut fresh);
-            for (i, (x, &e)) in expected.iter_mut().zip(&fresh).enumerate() {
-                let begins = t == 0 || (t == 3 && i < 2);
-                *x = if begins { f64::from(e) } else { 0.6 * *x + 0.8 * f64::from(e) };
-                assert!((*x - f64::from(row[i])).abs() < 1e-5, "step {t}, number {i}");
-            }
+        let mut noise = ActionNoise::independent(50, 2);
+        let [mut rng, mut own] = [7, 7].map(ChaCha8Rng::seed_from_u64);
+        for _ in 0..3 {
+            let mut plain = [0.0; 100];
+            standard_normals(&mut own, &mut plain);
+            assert_eq!(noise.draw(&mut rng), plain);
         }
     }
 

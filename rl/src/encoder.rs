@@ -109,15 +109,25 @@ impl EncoderSettings {
     /// `image` `[height, width, channels]` are centred.
     ///
     /// # Errors
-    /// [`RlError::ImageCannotBeCentred`] if the image cannot be centred in a square.
+    /// [`RlError::UnsupportedImageSize`] if the image cannot be centred in a square.
     pub(crate) fn canvas_shape(&self, image: [usize; 3]) -> Result<[usize; 3], RlError> {
-        // these do not end in one pixel, so images need not be square
-        if matches!(self, Self::Keypoints { .. } | Self::Blind) {
-            return Ok(image);
-        }
+        let (encoder, fields) = match self {
+            Self::Strided { fields } => ("strided", fields),
+            Self::Pooled { fields, .. } => ("pooled", fields),
+            // these do not end in one pixel, so images need not be square
+            Self::Keypoints { .. } | Self::Blind => return Ok(image),
+        };
         let [height, width, channels] = image;
         if !(height + width).is_multiple_of(2) {
-            return Err(RlError::ImageCannotBeCentred { height, width });
+            let expected = "a square, or sides that differ by an even number".to_owned();
+            let halvings = fields.len();
+            return Err(RlError::UnsupportedImageSize {
+                height,
+                width,
+                encoder,
+                halvings,
+                expected,
+            });
         }
         let side = height.max(width);
         Ok([side, side, channels])

@@ -357,26 +357,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn new_arrays_fit_their_spec() {
-        assert!(Transition::new(&spec()).check(&spec()).is_ok());
-        assert_eq!(Observations::new(&spec()).images.len(), 3 * 32);
-    }
-
-    #[test]
-    fn a_short_array_is_refused_with_both_numbers() {
-        let mut observations = Observations::new(&spec());
-        observations.vectors.pop();
-        let message = observations.check(&spec(), 3).unwrap_err().to_string();
-        assert!(message.contains("vectors: got 5 values, expected 6 ([N, D])"), "{message}");
-        let mut transition = Transition::new(&spec());
-        transition.rewards.push(0.0);
-        assert!(matches!(
-            transition.check(&spec()),
-            Err(RlError::ShapeMismatch { what: "rewards", got: 4, expected: 3, .. })
-        ));
-    }
-
     /// What holds at the end of a step held within it.
     #[test]
     fn success_at_the_end_without_success_is_refused() {
@@ -404,14 +384,5 @@ mod tests {
         partial.image_shape[2] = 0;
         assert!(matches!(partial.check(), Err(RlError::EmptySpec { field: "image_shape" })));
         assert!(spec().check().is_ok());
-    }
-
-    #[test]
-    fn both_ends_end() {
-        assert!(
-            !StepOutcome::Running.is_ended()
-                && StepOutcome::Terminated.is_ended()
-                && StepOutcome::Truncated.is_ended()
-        );
     }
 }

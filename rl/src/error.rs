@@ -119,7 +119,8 @@ pub enum RlError {
     /// Images of a size that the encoder cannot process.
     #[error(
         "images of {height} x {width} pixels do not fit the {encoder} encoder with {halvings} \
-         halvings: expected {expected}; resize the images or change NetworkSettings::encoder"
+         halvings: expected {expected}; crop or resize the images or change \
+         NetworkSettings::encoder"
     )]
     UnsupportedImageSize {
         /// Height of the images in pixels.
@@ -132,17 +133,6 @@ pub enum RlError {
         halvings: usize,
         /// Image sizes that the encoder accepts, in words.
         expected: String,
-    },
-    /// Images that cannot be centred in a square.
-    #[error(
-        "images of {height} x {width} pixels: expected a square, or height and width that differ \
-         by an even number; crop or resize them"
-    )]
-    ImageCannotBeCentred {
-        /// Height of the images in pixels.
-        height: usize,
-        /// Width of the images in pixels.
-        width: usize,
     },
     /// Environment, policy or experience made for different environments.
     #[error(
@@ -407,6 +397,19 @@ pub(crate) fn require(
         return Ok(());
     }
     Err(RlError::InvalidSetting { name, value: f64::from(value), expected })
+}
+
+/// Rejects a number of a saved state that is not `allowed`.
+pub(crate) fn require_saved(
+    name: &str,
+    value: f64,
+    expected: &'static str,
+    allowed: bool,
+) -> Result<(), RlError> {
+    if allowed {
+        return Ok(());
+    }
+    Err(RlError::InvalidStateNumber { name: name.to_owned(), value, expected })
 }
 
 /// Maximum width of a layer, in fields or channels, that settings may ask for; a field type has at

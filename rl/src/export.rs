@@ -1,7 +1,5 @@
 //! Export of policies as ordinary dense layers, for programs without equivariant ones.
 
-use std::ops::Range;
-
 use equivariant::{
     LayerKind, LayerSignature, OrdinaryConv, Sequential, SlidingWindow, hadamard_transform,
 };
@@ -133,7 +131,7 @@ pub(crate) struct ExportedTrunk {
 /// # Errors
 /// [`RlError::NotExportable`] for keypoints and for images that are not square.
 pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk, RlError> {
-    let (group, parts, spec) = (trunk.settings.group, trunk.parts(), &trunk.spec);
+    let (group, spec) = (trunk.settings.group, &trunk.spec);
     let refused = match trunk.settings.encoder {
         EncoderSettings::Keypoints { .. } => Some("an encoder of keypoints"),
         EncoderSettings::Strided { .. } | EncoderSettings::Pooled { .. }
@@ -144,20 +142,20 @@ pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk,
         _ => None,
     };
     // an environment without images has no encoder, whatever the setting says
-    if let (Some(part), Some(_)) = (refused, parts.encoder) {
+    if let (Some(part), Some(_)) = (refused, &trunk.encoder) {
         return Err(RlError::NotExportable { part });
     }
     let channels: Vec<usize> = (0..spec.image_shape[2]).collect();
-    let export = |layers: Option<&Sequential<f32>>, own, order| {
+    let export = |layers: &Option<Sequential<f32>>, own, order| {
         let bases = [ChannelBasis::Natural(order), ChannelBasis::Regular];
-        layers.map(|layers| chain(group, layers, &params[own], bases)).transpose()
+        layers.as_ref().map(|layers| chain(group, layers, &params[own], bases)).transpose()
     };
     let fields = |layers: &Sequential<f32>| layers.out_shape().len() / group.order();
-    let joined = [parts.encoder, parts.vector].map(|layers| layers.map_or(0, fields));
+    let joined = [&trunk.encoder, &trunk.vector].map(|layers| layers.as_ref().map_or(0, fields));
     let vector = trunk.encoder_params().end..trunk.num_params();
     Ok(ExportedTrunk {
-        image: export(parts.encoder, trunk.encoder_params(), &channels)?,
-        vector: export(parts.vector, vector, parts.vector_order)?,
+        image: export(&trunk.encoder, trunk.encoder_params(), &channels)?,
+        vector: export(&trunk.vector, vector, &trunk.vector_order)?,
         joined: ChannelBasis::Joined(joined),
     })
 }
@@ -174,18 +172,15 @@ pub(crate) fn chain(
     [input, output]: [ChannelBasis<'_>; 2],
 ) -> Result<Vec<ExportedLayer>, RlError> {
     let all = layers.layers();
-    let mut start = 0;
     let mut exported = Vec::new();
     for (index, layer) in all.iter().enumerate() {
-        let own: Range<usize> = start..start + layer.num_params();
-        start = own.end;
         let bases = [
             if index == 0 { input } else { ChannelBasis::Regular },
             if index + 1 == all.len() { output } else { ChannelBasis::Regular },
         ];
         let kind = layer.kind();
         exported.push(match kind.as_ordinary_conv() {
-            Some(dense) => linear(group, &dense, &params[own], bases),
+            Some(dense) => linear(group, &dense, &params[layers.param_range(index)], bases),
             None => weightless(&kind)?,
         });
     }

@@ -86,6 +86,17 @@ pub fn marked(newest: usize) -> ReplayBuffer {
     replay
 }
 
+/// Returns the derivative of `loss` with respect to number `i` by central differences of step `h`.
+pub fn slope(at: &mut [f64], i: usize, h: f64, mut loss: impl FnMut(&[f64]) -> f64) -> f64 {
+    let centre = at[i];
+    let [high, low] = [centre + h, centre - h].map(|moved| {
+        at[i] = moved;
+        loss(at)
+    });
+    at[i] = centre;
+    (high - low) / (2.0 * h)
+}
+
 /// Returns random observations of `samples` environments.
 pub fn observations(samples: usize) -> Observations {
     let (spec, mut rng) = (spec(), ChaCha8Rng::seed_from_u64(5));

@@ -30,65 +30,7 @@
 //! `docs/ppo.md` lists every detail of PPO with its value, its source and the function that
 //! implements it.
 //!
-//! ```
-//! use rl::{
-//!     ActorCriticPolicy, Algorithm, BoxedEnvError, EnvSpec, NetworkSettings, Observations,
-//! StepOutcome, Ppo,
-//!     PpoSettings, RlError, RolloutBuffer, RolloutState, Transition, VectorEnv, collect,
-//! };
-//! use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
-//! use symmetry::Irrep;
-//!
-//! /// Two points on a line that are paid for moving towards its centre.
-//! struct Line(EnvSpec, Vec<f32>);
-//!
-//! impl VectorEnv for Line {
-//!     fn spec(&self) -> &EnvSpec {
-//!         &self.0
-//!     }
-//!
-//!     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
-//!         out.vectors.copy_from_slice(&self.1);
-//!         Ok(())
-//!     }
-//!
-//!     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
-//!         for (i, x) in self.1.iter_mut().enumerate() {
-//!             *x = (*x + 0.1 * actions[i].clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
-//!             out.rewards[i] = 1.0 - x.abs();
-//!             out.outcomes[i] = StepOutcome::Running;
-//!             out.success_at_end[i] = x.abs() < 0.1;
-//!             out.success[i] = out.success_at_end[i];
-//!         }
-//!         out.observations.vectors.copy_from_slice(&self.1);
-//!         Ok(())
-//!     }
-//! }
-//!
-//! let spec = EnvSpec {
-//!     num_envs: 2,
-//!     image_shape: EnvSpec::NO_IMAGE,
-//!     vector_irreps: vec![Irrep::X],
-//!     action_irreps: vec![Irrep::X],
-//! };
-//! let mut env = Line(spec.clone(), vec![0.5, -0.7]);
-//! let mut policy = ActorCriticPolicy::new(&NetworkSettings::default(), &spec, 0)?;
-//! let mut ppo = Ppo::new(PpoSettings::default(), &policy)?;
-//! let mut buffer = RolloutBuffer::new(&spec, 16)?;
-//! let mut rng = ChaCha8Rng::seed_from_u64(0);
-//! let mut state = RolloutState::reset(&mut env, &policy)?;
-//! for _ in 0..2 {
-//!     let rollout = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng)?;
-//!     let update = ppo.update(&mut policy, &buffer, &mut rng)?;
-//!     assert_eq!(rollout.decisions, 32);
-//!     assert!(update.approx_kl < 0.1);
-//! }
-//! # Ok::<(), RlError>(())
-//! ```
-
-#[cfg(doctest)]
-#[doc = include_str!("../README.md")]
-struct Readme;
+#![doc = include_str!("../README.md")]
 
 mod activity;
 mod adam;

@@ -55,10 +55,9 @@ impl<T: Scalar> ActorCritic<T> {
     /// environments is ignored.
     ///
     /// # Errors
-    /// [`RlError::UnsupportedImageSize`] or [`RlError::ImageCannotBeCentred`] for images on which
-    /// the convolutions would not be exactly equivariant, [`RlError::InvalidSetting`] and
-    /// [`RlError::EmptySpec`] for sizes of zero, [`RlError::NoObservationInput`] for a network with
-    /// neither images nor vectors as input.
+    /// [`RlError::UnsupportedImageSize`] for images on which the convolutions would not be exactly
+    /// equivariant, [`RlError::InvalidSetting`] and [`RlError::EmptySpec`] for sizes of zero,
+    /// [`RlError::NoObservationInput`] for a network with neither images nor vectors as input.
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec) -> Result<Self, RlError> {
         let trunk = Trunk::new(settings, spec)?;
         let action = FieldType::from_irreps(settings.group, &spec.action_irreps);
@@ -405,7 +404,8 @@ mod tests {
     #[test]
     fn images_that_no_square_can_centre_are_refused_with_both_sides() {
         let error = ActorCritic::<f32>::new(&NetworkSettings::default(), &spec([48, 63, 6])).err();
-        let named = matches!(error, Some(RlError::ImageCannotBeCentred { height: 48, width: 63 }));
+        let named =
+            matches!(error, Some(RlError::UnsupportedImageSize { height: 48, width: 63, .. }));
         assert!(named, "{error:?}");
     }
 

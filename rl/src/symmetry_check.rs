@@ -70,7 +70,7 @@ pub fn check_symmetry(
             return Ok(());
         }
     }
-    let term = features.terms[worst];
+    let term = &features.terms[worst];
     Err(RlError::SymmetryViolated {
         what: features.name(term),
         irrep: features.irrep(term),
@@ -78,22 +78,19 @@ pub fn check_symmetry(
     })
 }
 
-/// A quantity of one step whose mean over episodes is tested against zero. Indices are those of the
-/// features of an observation (see [`FeatureExtractor`]) and of the components of the action.
+/// Factor of a quantity of one step whose mean over episodes is tested against zero. Indices are
+/// those of the features of an observation (see [`FeatureExtractor`]) and of the components of the
+/// action.
 #[derive(Clone, Copy, Debug)]
-enum Term {
+enum Factor {
     /// Feature of the observation: a component of its vector or a moment of its image.
     View(usize),
-    /// Product of two features of the observation (vector components or image moments).
-    ViewPair(usize, usize),
-    /// Feature of the observation (a vector component or an image moment) times the reward.
-    ViewReward(usize),
-    /// Component of the action times the change of a feature of the observation in the step.
-    ActionChange(usize, usize),
-    /// Component of the action times a feature of the observation and the reward.
-    ActionViewReward(usize, usize),
-    /// Component of the action times the reward of the step.
-    ActionReward(usize),
+    /// Change of a feature of the observation in the step.
+    Change(usize),
+    /// Component of the action.
+    Action(usize),
+    /// Reward of the step.
+    Reward,
 }
 
 /// Quantities of an environment's steps that change their sign under the group, and their
@@ -107,7 +104,8 @@ struct FeatureExtractor {
     /// Irrep of each feature of an observation: of the components of its vector, then of the
     /// moments of its image.
     view: Vec<Irrep>,
-    terms: Vec<Term>,
+    /// Quantities, each a product of these factors.
+    terms: Vec<Vec<Factor>>,
 }
 
 impl FeatureExtractor {
@@ -116,53 +114,47 @@ impl FeatureExtractor {
         let view: Vec<Irrep> = spec.vector_irreps.iter().copied().chain(moments).collect();
         let mut features = Self { spec: spec.clone(), terms: Vec::new(), view };
         let (views, actions) = (0..features.view.len(), 0..spec.action_irreps.len());
-        let mut terms: Vec<Term> = views.clone().map(Term::View).collect();
-        terms.extend(views.clone().map(Term::ViewReward));
-        terms.extend(actions.clone().map(Term::ActionReward));
+        let mut terms: Vec<_> = views.clone().map(|i| vec![Factor::View(i)]).collect();
+        terms.extend(views.clone().map(|i| vec![Factor::View(i), Factor::Reward]));
+        terms.extend(actions.clone().map(|a| vec![Factor::Action(a), Factor::Reward]));
         for i in views.clone() {
-            terms.extend((i + 1..views.end).map(|j| Term::ViewPair(i, j)));
+            terms.extend((i + 1..views.end).map(|j| vec![Factor::View(i), Factor::View(j)]));
         }
-        for a in actions {
-            terms.extend(views.clone().map(|i| Term::ActionChange(a, i)));
-            terms.extend(views.clone().map(|i| Term::ActionViewReward(a, i)));
+        for a in actions.map(Factor::Action) {
+            terms.extend(views.clone().map(|i| vec![a, Factor::Change(i)]));
+            terms.extend(views.clone().map(|i| vec![a, Factor::View(i), Factor::Reward]));
         }
         // only for quantities that change their sign does symmetry imply a mean of zero
         let acts = |irrep: Irrep| group.elements().iter().any(|&g| irrep.sign(g) < 0);
-        terms.retain(|&term| acts(features.irrep(term)));
+        terms.retain(|term| acts(features.irrep(term)));
         features.terms = terms;
         features
     }
 
-    /// Returns the irrep that gives the sign by which the quantity `term` changes under a group
-    /// element.
-    fn irrep(&self, term: Term) -> Irrep {
-        match term {
-            Term::View(i) | Term::ViewReward(i) => self.view[i],
-            Term::ViewPair(i, j) => self.view[i] * self.view[j],
-            Term::ActionChange(a, i) | Term::ActionViewReward(a, i) => {
-                self.spec.action_irreps[a] * self.view[i]
-            }
-            Term::ActionReward(a) => self.spec.action_irreps[a],
-        }
+    /// Returns the irrep that gives the sign by which the product of the factors `term` changes
+    /// under a group element.
+    fn irrep(&self, term: &[Factor]) -> Irrep {
+        let irreps = term.iter().map(|&factor| match factor {
+            Factor::View(i) | Factor::Change(i) => self.view[i],
+            Factor::Action(a) => self.spec.action_irreps[a],
+            Factor::Reward => Irrep::Trivial,
+        });
+        irreps.fold(Irrep::Trivial, |product, irrep| product * irrep)
     }
 
-    /// Returns the name of the quantity `term` for an error message.
-    fn name(&self, term: Term) -> String {
+    /// Returns the name of the product of the factors `term` for an error message.
+    fn name(&self, term: &[Factor]) -> String {
         let view = |i: usize| match i.checked_sub(self.spec.vector_irreps.len()) {
             None => format!("vector component {i} ({})", self.view[i]),
             Some(k) => format!("moment {} of channel {} of the image", self.view[i], k / 4),
         };
-        let action = |a: usize| format!("action component {a} ({})", self.spec.action_irreps[a]);
-        match term {
-            Term::View(i) => view(i),
-            Term::ViewPair(i, j) => format!("{} times {}", view(i), view(j)),
-            Term::ViewReward(i) => format!("{} times the reward", view(i)),
-            Term::ActionChange(a, i) => format!("{} times the change of {}", action(a), view(i)),
-            Term::ActionViewReward(a, i) => {
-                format!("{} times {} times the reward", action(a), view(i))
-            }
-            Term::ActionReward(a) => format!("{} times the reward", action(a)),
-        }
+        let names = term.iter().map(|&factor| match factor {
+            Factor::View(i) => view(i),
+            Factor::Change(i) => format!("the change of {}", view(i)),
+            Factor::Action(a) => format!("action component {a} ({})", self.spec.action_irreps[a]),
+            Factor::Reward => "the reward".to_owned(),
+        });
+        names.collect::<Vec<_>>().join(" times ")
     }
 
     /// Runs the environments with random actions and returns the sums of all tested quantities over
@@ -203,7 +195,7 @@ impl FeatureExtractor {
                     reward: f64::from(transition.rewards[i]),
                 };
                 let terms = sums[i].iter_mut().zip(&self.terms);
-                terms.for_each(|(sum, &term)| *sum += step_views.value(term));
+                terms.for_each(|(sum, term)| *sum += step_views.value(term));
                 views[i] = next;
                 running[i].length += 1;
                 if ended {
@@ -255,7 +247,7 @@ impl FeatureExtractor {
         norms: &[f64],
         elements: &[D2],
     ) -> Option<(usize, f64)> {
-        let ratio = |(k, &term): (usize, &Term)| {
+        let ratio = |(k, term): (usize, &Vec<Factor>)| {
             let irrep = self.irrep(term);
             let signed = |(sums, &g): (&Vec<f64>, &D2)| f64::from(irrep.sign(g)) * sums[k];
             let sum = episodes.iter().zip(elements).map(signed).sum::<f64>();
@@ -276,16 +268,13 @@ struct StepViews<'a> {
 }
 
 impl StepViews<'_> {
-    fn value(&self, term: Term) -> f64 {
-        let (before, reward) = (self.before, self.reward);
-        let action = |a: usize| f64::from(self.action[a]);
-        match term {
-            Term::View(i) => before[i],
-            Term::ViewPair(i, j) => before[i] * before[j],
-            Term::ViewReward(i) => before[i] * reward,
-            Term::ActionChange(a, i) => action(a) * (self.after[i] - before[i]),
-            Term::ActionViewReward(a, i) => action(a) * before[i] * reward,
-            Term::ActionReward(a) => action(a) * reward,
-        }
+    fn value(&self, term: &[Factor]) -> f64 {
+        let values = term.iter().map(|&factor| match factor {
+            Factor::View(i) => self.before[i],
+            Factor::Change(i) => self.after[i] - self.before[i],
+            Factor::Action(a) => f64::from(self.action[a]),
+            Factor::Reward => self.reward,
+        });
+        values.product()
     }
 }

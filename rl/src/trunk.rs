@@ -33,28 +33,15 @@ pub struct Trunk<T> {
     pub spec: EnvSpec,
     /// Height, width and channels of the image encoder's input, on which images are centred.
     canvas: [usize; 3],
-    encoder: Option<Sequential<T>>,
-    vector: Option<Sequential<T>>,
+    pub encoder: Option<Sequential<T>>,
+    pub vector: Option<Sequential<T>>,
     /// Layer that concatenates the regular fields of image and vector; `None` unless there are
     /// both.
-    concat: Option<Concat>,
-    pool: GroupMaxPool,
+    pub concat: Option<Concat>,
+    pub pool: GroupMaxPool,
     /// Index in natural order of each component of the observation vector in irrep-major order
     /// (sorted by irrep).
-    vector_order: Vec<usize>,
-}
-
-/// Layers of a [`Trunk`], for running them on a GPU or exporting them.
-pub struct TrunkLayers<'a, T> {
-    pub encoder: Option<&'a Sequential<T>>,
-    pub vector: Option<&'a Sequential<T>>,
-    /// Layer that concatenates the regular fields of image and vector; `None` unless there are
-    /// both.
-    pub concat: Option<&'a Concat>,
-    pub pool: &'a GroupMaxPool,
-    /// Index in natural order of each component of the observation vector in irrep-major order
-    /// (sorted by irrep).
-    pub vector_order: &'a [usize],
+    pub vector_order: Vec<usize>,
 }
 
 /// Activations, gradients and scratch memory of a [`Trunk`]'s passes over up to a fixed number of
@@ -150,16 +137,6 @@ impl<T: Scalar> Trunk<T> {
             vector.init(rng, &mut params[self.vector_params()]);
         }
         params
-    }
-
-    pub fn parts(&self) -> TrunkLayers<'_, T> {
-        TrunkLayers {
-            encoder: self.encoder.as_ref(),
-            vector: self.vector.as_ref(),
-            concat: self.concat.as_ref(),
-            pool: &self.pool,
-            vector_order: &self.vector_order,
-        }
     }
 
     /// Allocates buffers for passes of the trunk over up to `capacity` samples.

@@ -2,34 +2,11 @@
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{
-    BoxedEnvError, EnvSpec, Experience, Observations, RlError, RolloutState, Transition, VectorEnv,
-    collect, evaluate,
-};
+use rl::{EnvSpec, Experience, Observations, RlError, RolloutState, Transition, collect, evaluate};
 
 use crate::common::unseeing::{Acting, Ages, Unseeing};
 
 const ENVS: usize = 3;
-
-/// Fails the test when it is to execute anything but a finite action in every environment.
-struct Strict(Ages);
-
-impl VectorEnv for Strict {
-    fn spec(&self) -> &EnvSpec {
-        self.0.spec()
-    }
-
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
-        self.0.reset(out)
-    }
-
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
-        assert_eq!(actions.len(), ENVS, "the environment sees {actions:?}");
-        let finite = actions.iter().all(|a| a.is_finite());
-        assert!(finite, "the environment sees {actions:?}");
-        self.0.step(actions, out)
-    }
-}
 
 /// Does the same everywhere.
 struct Constant(f32);
@@ -87,8 +64,8 @@ impl Experience<Acting<Constant>> for Sieve {
     }
 }
 
-fn env() -> Strict {
-    Strict(Ages::new(&[3; ENVS]))
+fn env() -> Ages {
+    Ages::new(&[3; ENVS])
 }
 
 /// Collects with these actions at every step.

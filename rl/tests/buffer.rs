@@ -56,16 +56,6 @@ fn a_buffer_is_read_only_when_finished() {
     assert_eq!(returns, [1.0 + 2.0 + 10.0, 1.0 + 2.0 + 20.0, 2.0 + 10.0, 2.0 + 20.0]);
 }
 
-#[test]
-fn a_reward_that_is_not_a_number_is_refused() {
-    let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
-    let mut transition = Transition::new(&spec());
-    transition.rewards[1] = f32::NAN;
-    let result =
-        buffer.push(&Observations::new(&spec()), &Decisions::new(&spec()), &transition, &[0.0; 2]);
-    assert!(matches!(result, Err(RlError::NotFinite { what: "a reward", .. })));
-}
-
 /// Settings can ask for any number; allocating it would end the program.
 #[test]
 fn a_rollout_that_no_memory_holds_is_refused() {

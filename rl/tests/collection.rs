@@ -3,9 +3,9 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, BoxedEnvError, Decisions, EncoderSettings, EnvSpec, Experience,
-    NetworkSettings, Observations, OnPolicyActor, RlError, RolloutBuffer, RolloutState,
-    RolloutStats, StepOutcome, Transition, ValueFunction, VectorEnv, collect, evaluate,
+    ActorCriticPolicy, BoxedEnvError, EncoderSettings, EnvSpec, Experience, NetworkSettings,
+    Observations, RlError, RolloutBuffer, RolloutState, RolloutStats, StepOutcome, Transition,
+    VectorEnv, collect, evaluate,
 };
 use symmetry::Irrep;
 
@@ -97,53 +97,13 @@ fn the_error_of_an_environment_is_handed_on() {
     assert_eq!(error.to_string(), "the environment failed: the table fell over");
 }
 
-/// A policy whose actions are the noise.
-struct Echo;
-
-impl Actor for Echo {
-    type Memory = ();
-
-    fn new_memory(&self, _: usize) {}
-
-    fn act(
-        &mut self,
-        _: &Observations,
-        (): &mut (),
-        _: &mut ChaCha8Rng,
-        _: &mut [f32],
-    ) -> Result<(), RlError> {
-        unreachable!("a rollout buffer asks for decisions")
-    }
-
-    fn mean_actions(
-        &mut self,
-        _: &Observations,
-        (): &mut (),
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        out.fill(0.0);
-        Ok(())
-    }
-}
-
-impl ValueFunction for Echo {
-    fn values(&mut self, _: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        out.fill(0.0);
-        Ok(())
-    }
-}
-
-impl OnPolicyActor for Echo {
-    fn decide(
-        &mut self,
-        _: &Observations,
-        (): &mut (),
-        noise: &[f32],
-        out: &mut Decisions,
-    ) -> Result<(), RlError> {
-        out.actions.copy_from_slice(noise);
-        Ok(())
-    }
+/// A policy whose actions are the noise: all of its parameters are 0, also log_std.
+fn echo(spec: &EnvSpec) -> ActorCriticPolicy {
+    let settings =
+        NetworkSettings { encoder: EncoderSettings::Blind, ..NetworkSettings::default() };
+    let mut policy = ActorCriticPolicy::new(&settings, spec, 0).unwrap();
+    policy.params_mut().fill(0.0);
+    policy
 }
 
 /// The noise `[T, N]` of two rollouts of five steps, one after the other, in environments with
@@ -152,11 +112,12 @@ fn noise(correlation: f32) -> Vec<f32> {
     let mut env = Ages::new(&[3, 4]);
     let buffer = RolloutBuffer::new(env.spec(), 5).unwrap();
     let mut buffer = buffer.with_noise_correlation(correlation).unwrap();
-    let mut state = RolloutState::reset(&mut env, &Echo).unwrap();
+    let mut policy = echo(env.spec());
+    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut out = Vec::new();
     for _ in 0..2 {
-        collect(&mut env, &mut Echo, &mut buffer, &mut state, &mut rng).unwrap();
+        collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
         out.extend_from_slice(&buffer.decisions().actions);
     }
     out
@@ -186,7 +147,7 @@ fn outcomes_of_other_environments_are_refused() {
     let from = Observations::new(env.spec());
     let mut to = Transition::new(env.spec());
     to.outcomes = vec![StepOutcome::Terminated; 3];
-    let error = buffer.record(&mut Echo, &from, &to).unwrap_err();
+    let error = buffer.record(&mut echo(env.spec()), &from, &to).unwrap_err();
     assert!(matches!(error, RlError::ShapeMismatch { .. }), "{error}");
 }
 

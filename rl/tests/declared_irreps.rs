@@ -3,47 +3,16 @@
 use Irrep::{Trivial, X, XY, Y};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{BoxedEnvError, EnvSpec, Observations, RlError, Transition, VectorEnv, check_symmetry};
+use rl::{EnvSpec, Observations, RlError, check_symmetry};
 use symmetry::{Group, Irrep};
 
 use crate::common::guess::Guess;
 use crate::common::toy::{Toy, Toys};
 use crate::common::{PIXELS, PointReach};
 
-/// An environment that declares other irreps than it has.
-struct Declared<E> {
-    env: E,
-    spec: EnvSpec,
-}
-
-impl<E: VectorEnv> Declared<E> {
-    fn new(env: E, vector: &[Irrep], action: &[Irrep]) -> Self {
-        let spec = EnvSpec {
-            vector_irreps: vector.to_vec(),
-            action_irreps: action.to_vec(),
-            ..env.spec().clone()
-        };
-        Self { env, spec }
-    }
-}
-
-impl<E: VectorEnv> VectorEnv for Declared<E> {
-    fn spec(&self) -> &EnvSpec {
-        &self.spec
-    }
-
-    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
-        self.env.reset(out)
-    }
-
-    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
-        self.env.step(actions, out)
-    }
-}
-
 /// Checks 100 environments for two episodes of the point that reaches a goal.
 fn checked(vector: &[Irrep], action: &[Irrep], group: Group, seed: u64) -> Result<(), RlError> {
-    let mut env = Declared::new(PointReach::new(100, seed), vector, action);
+    let mut env = PointReach::new(100, seed).declaring(vector, action);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     check_symmetry(&mut env, group, 20, &mut rng)
 }
@@ -94,7 +63,7 @@ fn the_message_names_the_quantity_and_its_irrep() {
 #[test]
 fn a_dependence_of_rewards_alone_is_seen() {
     for (vector, refused) in [(X, false), (Trivial, true), (Y, true)] {
-        let mut env = Declared::new(Guess::new(100, true, 1), &[vector], &[X]);
+        let mut env = Guess::new(100, true, 1).declaring(&[vector], &[X]);
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let checked = check_symmetry(&mut env, Group::D2, 24, &mut rng);
         assert_eq!(checked.is_err(), refused, "{vector:?}: {checked:?}");

@@ -3,13 +3,13 @@
 use rl::{
     Actor, Algorithm, ContextSettings, CriticSettings, EncoderSettings, EnvSpec, Metrics,
     NetworkSettings, Observations, PpoSettings, ReplayBuffer, ReplaySettings, RlError, Sac,
-    SacPolicy, SacSettings, Temperature, VectorEnv, evaluate,
+    SacPolicy, SacSettings, Temperature, VectorEnv,
 };
 use symmetry::Group;
 
+use crate::common::PointReach;
 use crate::common::parts::joint;
 use crate::common::sac::{ENVS, Run, network, replay_settings, settings};
-use crate::common::{EPISODE, PointReach};
 
 const CONTEXT: ContextSettings = ContextSettings { size: 8, length: 3 };
 const LEARNED: Temperature = Temperature::Learned { initial: 0.1, target: -1.0 };
@@ -242,16 +242,6 @@ fn a_learned_temperature_approaches_the_entropy_that_is_asked_for() {
     assert!(after(1.0) > 0.1 && after(-5.0) < 0.1);
     let fixed = Run::new(&network(EncoderSettings::Blind), None, settings(), replay_settings());
     assert_eq!(fixed.sac.temperature(), f64::from(0.005f32));
-}
-
-#[test]
-fn an_evaluation_runs_whole_episodes_with_a_context() {
-    let mut run = busy();
-    learn(&mut run, 2);
-    let mut rounds = || evaluate(&mut PointReach::new(ENVS, 4), &mut run.policy, 2).unwrap();
-    let stats = rounds();
-    assert_eq!(stats.decisions, 2 * ENVS * EPISODE);
-    assert_eq!(stats, rounds(), "no noise, hence the same episodes");
 }
 
 fn small_spec() -> EnvSpec {

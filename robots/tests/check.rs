@@ -38,7 +38,7 @@ fn values_in_other_units_are_named() {
             "<mass value=\"4000\"/>",
             "4005.700 kg together: is the file in grams",
         ),
-        ("xyz=\"0 0 0.35\"", "xyz=\"0 0 350\"", "m long: is the file in millimetres"),
+        ("xyz=\"0 0 0.25\"", "xyz=\"0 0 250\"", "m long: is the file in millimetres"),
         ("size=\"0.1 0.12 0.3\"", "size=\"100 120 300\"", "link `column` are"),
         ("lower=\"-2.5\"", "lower=\"-143\"", "`swing` turns as far as 143 rad: is the file in deg"),
         (
@@ -122,8 +122,8 @@ fn a_file_of_settings_names_the_urdf_beside_it() {
     assert_eq!((file.hand(&robot), file.approach_axis(&robot).unwrap()), ("tip", DVec3::Y));
     assert!(robot.check(Some("tip")).unwrap().problems.is_empty());
     let axis = read(r#"{"urdf": "arm.urdf", "approach_axis": [0, 0, 0]}"#).unwrap();
-    let message = axis.approach_axis(&robot).unwrap_err().to_string();
-    assert!(message.contains("`approach_axis` is 0"), "{message}");
+    let refused = axis.approach_axis(&robot).unwrap_err().to_string();
+    assert!(refused.contains("`approach_axis` is 0"), "{refused}");
     let unknown = read(r#"{"urdf": "arm.urdf", "hnad": "tip"}"#).unwrap_err().to_string();
     assert!(unknown.contains("arm.json") && unknown.contains("`hnad`"), "{unknown}");
     let plain = RobotFile::read(&folder.join("arm.urdf")).unwrap();

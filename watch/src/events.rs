@@ -192,11 +192,7 @@ mod tests {
                 decisions: 500 * rollouts,
                 group: "goal-reach".to_owned(),
                 element: element.to_string(),
-                seen_in_training: true,
-                episodes: 5,
                 success: 0.5,
-                success_at_end: 0.5,
-                reward: 100.0,
                 ..ScoreRow::default()
             });
         }

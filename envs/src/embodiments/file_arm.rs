@@ -158,8 +158,8 @@ fn mounting_frame(axis: DVec3) -> Pose {
     Pose { position: MOUNT * axis, rotation: along(axis, axis.any_orthonormal_vector()) }
 }
 
-/// Adds a gripper with fixed claws, of the sizes of the Sawyer arm's, whose hand is at `frame` on the
-/// link `hand`.
+/// Adds a gripper with fixed claws, of the sizes of the Sawyer arm's, whose hand is at `frame` on
+/// the link `hand`.
 fn with_gripper(
     robot: RobotDescription,
     hand: &str,

@@ -6,7 +6,7 @@ use std::time::Duration;
 use glam::{DQuat, DVec3};
 use robots::{Chain, IkSettings, OrientationConstraint, Pose, RobotDescription};
 
-use crate::error::EnvError;
+use crate::error::{EnvError, ReachShortfall};
 use crate::layout::HAND_TARGET_START;
 
 /// Places of the hand in the tasks, in one quadrant (metres): those that scripted experts come to
@@ -90,7 +90,7 @@ impl Placing<'_> {
         }
         match best.missed {
             None => Ok(best),
-            Some(missed) => Err(EnvError::OutOfReach {
+            Some(missed) => Err(EnvError::OutOfReach(Box::new(ReachShortfall {
                 name: self.robot.name().to_owned(),
                 reached: best.reached,
                 places: places().count(),
@@ -98,12 +98,12 @@ impl Placing<'_> {
                 missed,
                 distance: missed.distance(best.base.position),
                 reach: Chain::new(self.robot, self.hand)?.reach(),
-            }),
+            }))),
         }
     }
 
-    /// Returns the ready posture with the base at `base`: the first one that holds the hand still at
-    /// all places, or else the best one. `None` if the hand does not point down over the centre.
+    /// Returns the ready posture with the base at `base`: the first one that holds the hand still
+    /// at all places, or else the best one. `None` if the hand does not point down over the centre.
     fn posture(&self, base: Pose) -> Result<Option<PlacedArm>, EnvError> {
         let robot = self.robot.clone().with_base_pose(base)?;
         let chain = Chain::new(&robot, self.hand)?;
@@ -161,8 +161,8 @@ pub(super) fn mounted(quarter_turns: usize) -> DQuat {
 }
 
 impl PlacedArm {
-    /// Moves the hand from the centre to all places, up to the first one that it does not reach, and
-    /// notes how fast it is there.
+    /// Moves the hand from the centre to all places, up to the first one that it does not reach,
+    /// and notes how fast it is there.
     fn visit(&mut self, robot: &RobotDescription, chain: &Chain, rotation: DQuat) {
         self.missed = places().find(|&place| {
             let solved = solve(chain, place, rotation, &self.ready, self.orientation);

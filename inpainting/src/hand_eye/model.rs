@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 use glam::{DMat3, DQuat, DVec3};
 
 use crate::calibration::Calibration;
-use crate::camera::{Extrinsics, VALID_COORDINATES, has_valid_coordinates};
+use crate::camera::{Extrinsics, require_valid_coordinates};
 use crate::error::{InpaintingError, require_that};
 
 use super::equations::{NormalEquations, UNKNOWNS, Vector};
@@ -273,12 +273,7 @@ impl HandEyeSettings {
         let expected = "at most 0.1 metres and at least 1e-6 (`--arm-accuracy` is in millimetres)";
         require_that((1e-6..=0.1).contains(&accuracy), "accuracy of the arm", &accuracy, expected)?;
         match self.ball_offset {
-            BallOffset::Known(offset) => require_that(
-                has_valid_coordinates(offset),
-                "offset of the ball",
-                &offset,
-                VALID_COORDINATES,
-            ),
+            BallOffset::Known(offset) => require_valid_coordinates("offset of the ball", offset),
             BallOffset::Unknown => Ok(()),
         }
     }

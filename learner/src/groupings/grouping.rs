@@ -141,8 +141,8 @@ pub struct GroupingDecision {
     /// Trial that the named policy must pass, with episodes that it collects, before the decision
     /// is final.
     pub trial: Trial,
-    /// `true` if the named policy is provisional: there is evidence against it, so it must not train
-    /// before its trial.
+    /// `true` if the named policy is provisional: there is evidence against it, so it must not
+    /// train before its trial.
     pub is_provisional: bool,
     /// Indices of the policies that the evidence rejects for this task group, until the next
     /// iteration.

@@ -109,8 +109,15 @@ impl PpoSettings {
     pub fn check(&self) -> Result<(), RlError> {
         require_share("gamma", self.gamma)?;
         require_share("lambda", self.lambda)?;
-        self.check_loss()?;
-        self.check_steps()?;
+        require_weight("value_weight", self.value_weight)?;
+        require_weight("entropy_weight", self.entropy_weight)?;
+        let clip_fits = self.clip > 0.0 && self.clip < 1.0;
+        require("clip", self.clip, "a number in (0, 1)", clip_fits)?;
+        require_positive("max_grad_norm", self.max_grad_norm)?;
+        require_positive("max_kl", self.max_kl)?;
+        require_positive("head_learning_rate", self.head_learning_rate)?;
+        require_positive("encoder_learning_rate", self.encoder_learning_rate)?;
+        require_positive("adam_epsilon", self.adam_epsilon)?;
         self.symmetry.map_or(Ok(()), |symmetry| symmetry.check())?;
         require_log_std("min_log_std", self.min_log_std)?;
         require_count("epochs", self.epochs, 1, "at least 1")?;
@@ -125,21 +132,6 @@ impl PpoSettings {
             Some(&log_std) => Err(RlError::LogStdBelowMinimum { log_std, min_log_std }),
             None => Ok(()),
         }
-    }
-
-    fn check_loss(&self) -> Result<(), RlError> {
-        require_weight("value_weight", self.value_weight)?;
-        require_weight("entropy_weight", self.entropy_weight)?;
-        let allowed = self.clip > 0.0 && self.clip < 1.0;
-        require("clip", self.clip, "a number in (0, 1)", allowed)
-    }
-
-    fn check_steps(&self) -> Result<(), RlError> {
-        require_positive("max_grad_norm", self.max_grad_norm)?;
-        require_positive("max_kl", self.max_kl)?;
-        require_positive("head_learning_rate", self.head_learning_rate)?;
-        require_positive("encoder_learning_rate", self.encoder_learning_rate)?;
-        require_positive("adam_epsilon", self.adam_epsilon)
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::fmt;
 
 use crate::env::{EnvSpec, StepOutcome};
-use crate::error::{RlError, check_all_finite, check_len};
+use crate::error::{RlError, check_all_finite, check_len, require_saved};
 use crate::replay::episode::{Episode, Sizes};
 use crate::replay::{ReplayBuffer, ReplaySettings, StepId};
 
@@ -129,24 +129,24 @@ impl ReplayState<'_> {
         self.stored_episodes.iter().try_for_each(|episode| episode.check(&replay.sizes))?;
         let held = self.num_recorded.min(replay.settings.capacity as u64);
         let expected = "as many as were recorded, up to the capacity";
-        require("replay.order", self.step_order.len(), expected, |len| {
-            len as u64 == held && self.num_recorded <= u64::from(u32::MAX)
-        })?;
-        let marked = self.num_before_newest as usize;
+        let len = self.step_order.len() as u64;
+        let complete = len == held && self.num_recorded <= u64::from(u32::MAX);
+        require_saved("replay.order", len as f64, expected, complete)?;
+        let marked = self.num_before_newest;
         let expected_marked = "a number of steps that were recorded";
-        require("replay.marked", marked, expected_marked, |_| {
-            self.num_before_newest <= self.num_recorded
-        })?;
+        let recorded = marked <= self.num_recorded;
+        require_saved("replay.marked", marked as f64, expected_marked, recorded)?;
         self.check_order()?;
         let expected_running = "at least one environment";
-        require("replay.running", self.running_episodes.len(), expected_running, |n| n > 0)?;
+        let envs = self.running_episodes.len();
+        require_saved("replay.running", envs as f64, expected_running, envs > 0)?;
         for (env, &running) in self.running_episodes.iter().enumerate() {
             let Some(number) = running else { continue };
             let episode = self.stored_episodes.get(number as usize);
             let runs = episode.is_some_and(|e| !e.outcome.is_ended() && !e.is_empty());
             let alone = !self.running_episodes[..env].contains(&running);
             let expected_episodes = "episodes that have not ended, each of one environment";
-            require("replay.running", number as usize, expected_episodes, |_| runs && alone)?;
+            require_saved("replay.running", number.into(), expected_episodes, runs && alone)?;
         }
         Ok(())
     }
@@ -160,13 +160,13 @@ impl ReplayState<'_> {
             let steps = self.stored_episodes.get(episode as usize).map(EpisodeState::steps);
             let stored = steps.is_some_and(|steps| steps.contains(&step));
             let fits = stored && next[episode as usize].is_none_or(|next| next == step);
-            require("replay.order", step as usize, expected, |_| fits)?;
+            require_saved("replay.order", step.into(), expected, fits)?;
             next[episode as usize] = Some(step + 1);
         }
         for (episode, following) in self.stored_episodes.iter().zip(next) {
             let end = episode.steps().end;
             let whole = following.is_none_or(|following| following == end);
-            require("replay.order", end as usize, expected, |_| whole)?;
+            require_saved("replay.order", end.into(), expected, whole)?;
         }
         Ok(())
     }
@@ -186,7 +186,7 @@ impl EpisodeState<'_> {
     fn check(&self, sizes: &Sizes) -> Result<(), RlError> {
         let steps = self.rewards.len();
         let most = (u32::MAX - self.removed) as usize;
-        require("replay.episode", steps, "fewer than 2^32 steps", |n| n < most)?;
+        require_saved("replay.episode", steps as f64, "fewer than 2^32 steps", steps < most)?;
         let frames = if self.is_empty() { 0 } else { steps + 1 };
         let still = frames.min(1) * sizes.still_len();
         let moving = frames * sizes.moving_len();
@@ -201,16 +201,4 @@ impl EpisodeState<'_> {
         check_all_finite("a saved action", self.actions)?;
         check_all_finite("a saved reward", self.rewards)
     }
-}
-
-fn require(
-    name: &str,
-    value: usize,
-    expected: &'static str,
-    allowed: impl FnOnce(usize) -> bool,
-) -> Result<(), RlError> {
-    if allowed(value) {
-        return Ok(());
-    }
-    Err(RlError::InvalidStateNumber { name: name.to_owned(), value: value as f64, expected })
 }

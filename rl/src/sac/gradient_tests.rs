@@ -7,7 +7,7 @@ use symmetry::{D2, Group};
 use super::*;
 use crate::encoder::EncoderSettings;
 use crate::env::{Observations, transform_vector};
-use crate::fixtures::{network, replay, settings, spec, strided};
+use crate::fixtures::{network, replay, settings, slope, spec, strided};
 use crate::policy::{Actor, ActorMemory};
 use crate::replay::ReplayBuffer;
 use crate::sac::minibatch::Batch;
@@ -102,19 +102,17 @@ fn check_gradient(network: SacNetwork<f64>) {
     let actors = parts.actor_reader.start..parts.actor.end;
     let (_, gradient, _) = case.run(&replay);
     let from = if case.network.context().is_some() { case.network.trunk.params().end } else { 0 };
+    let mut params = case.params.clone();
     let scale = gradient.iter().fold(1.0, |m: f64, g| m.max(g.abs()));
     // a wrong formula is wrong nearly everywhere
     for i in (from..gradient.len()).step_by(7) {
-        let centre = case.params[i];
-        let mut at = |h: f64| {
-            case.params[i] = centre + h;
+        let slope = slope(&mut params, i, 1e-6, |moved| {
+            case.params.copy_from_slice(moved);
             let (sums, ..) = case.run(&replay);
             let actor = sums.actor_loss + CLONING * sums.cloning_loss;
             let loss = if actors.contains(&i) { actor } else { sums.critic_loss };
             loss / STEPS.len() as f64
-        };
-        let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
-        case.params[i] = centre;
+        });
         let error = (slope - gradient[i]).abs();
         assert!(error < 1e-7 * scale, "{i}: {} {slope}", gradient[i]);
     }

@@ -74,10 +74,10 @@ impl<T: Scalar> SacNetwork<T> {
     /// environments is ignored.
     ///
     /// # Errors
-    /// [`RlError::UnsupportedImageSize`] or [`RlError::ImageCannotBeCentred`] for images on which
-    /// the convolutions would not be exactly equivariant, [`RlError::EmptySpec`] for empty sizes,
-    /// and [`RlError::InvalidSetting`] for sizes out of range, for a [`CriticSettings::Pooled`],
-    /// which cannot take an action as input, and for a log_std outside the distribution's range.
+    /// [`RlError::UnsupportedImageSize`] for images on which the convolutions would not be exactly
+    /// equivariant, [`RlError::EmptySpec`] for empty sizes, and [`RlError::InvalidSetting`] for
+    /// sizes out of range, for a [`CriticSettings::Pooled`], which cannot take an action as input,
+    /// and for a log_std outside the distribution's range.
     pub fn new(
         settings: &NetworkSettings,
         context: Option<ContextSettings>,

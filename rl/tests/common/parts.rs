@@ -8,7 +8,7 @@ use rl::{
     NetworkSettings, Observations, RlError, RolloutBuffer, RolloutState, StepOutcome, Transition,
     VectorEnv, collect,
 };
-use symmetry::{D2, Irrep};
+use symmetry::{D2, Group, Irrep};
 
 use crate::common::PointReach;
 
@@ -55,7 +55,7 @@ pub fn push(buffer: &mut RolloutBuffer, parts: &Parts) -> Result<(), RlError> {
 
 pub fn rolled_out(env: &mut dyn VectorEnv) -> Result<(), RlError> {
     let mut policy = policy();
-    let mut buffer = RolloutBuffer::new(env.spec(), 2)?;
+    let mut buffer = RolloutBuffer::new(env.spec(), 3)?;
     let mut state = RolloutState::reset(env, &policy)?;
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     collect(env, &mut policy, &mut buffer, &mut state, &mut rng).map(|_| ())
@@ -145,7 +145,27 @@ pub fn random_observations(spec: &EnvSpec, rng: &mut ChaCha8Rng) -> Observations
 
 /// Largest difference relative to the largest entry.
 pub fn error(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
     let size = largest(b.iter().map(|x| x.abs()));
     assert!(size > 0.0, "an output that is all zero proves nothing");
     largest(a.iter().zip(b).map(|(x, y)| (x - y).abs())) / size
+}
+
+/// Largest relative error that is rounding.
+pub const TOLERANCE: f32 = 1e-5;
+
+/// Checks that `errors` under an element of D2 are rounding for those of `group` and far above it
+/// for all others, so that no output is equivariant by accident.
+pub fn assert_equivariant_under_only<const N: usize>(
+    group: Group,
+    what: &str,
+    mut errors: impl FnMut(D2) -> [f32; N],
+) {
+    for g in D2::ALL {
+        let errors = errors(g);
+        let right = |&error: &f32| {
+            if group.contains(g) { error < TOLERANCE } else { error > 100.0 * TOLERANCE }
+        };
+        assert!(errors.iter().all(right), "{what}, {group}, {g}: {errors:?}");
+    }
 }

@@ -1,6 +1,7 @@
 //! Environments of toy tasks, which step together.
 
 use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
+use symmetry::Irrep;
 
 /// A task in N environments, whose episodes all last as long.
 pub trait Toy {
@@ -30,6 +31,13 @@ impl<T: Toy> Toys<T> {
     pub fn of(task: T, spec: EnvSpec) -> Self {
         let ages = vec![0; spec.num_envs];
         Self { spec, task, ages }
+    }
+
+    /// Declares other irreps than the task has.
+    pub fn declaring(mut self, vector: &[Irrep], action: &[Irrep]) -> Self {
+        self.spec.vector_irreps = vector.to_vec();
+        self.spec.action_irreps = action.to_vec();
+        self
     }
 
     fn restart(&mut self, n: usize) {

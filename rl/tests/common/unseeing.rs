@@ -72,7 +72,8 @@ impl<U: Unseeing> OnPolicyActor for Acting<U> {
 
 /// Environment n ends its episodes after `lengths[n]` steps, by turns with a termination and a
 /// time-out. The reward is 1 where an action says how many steps of the episode were taken before,
-/// and 0 elsewhere. Pictures and vectors are all zero, so only a memory can tell.
+/// and 0 elsewhere. Pictures and vectors are all zero, so only a memory can tell. Fails the test when
+/// it is to execute anything but a finite action in every environment.
 pub struct Ages {
     spec: EnvSpec,
     lengths: Vec<usize>,
@@ -110,6 +111,8 @@ impl VectorEnv for Ages {
     }
 
     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
+        let right = actions.len() == self.ages.len() && actions.iter().all(|a| a.is_finite());
+        assert!(right, "the environment sees {actions:?}");
         *out = Transition::new(&self.spec);
         for (n, age) in self.ages.iter_mut().enumerate() {
             out.rewards[n] = f32::from(u8::from(actions[n] == *age as f32));

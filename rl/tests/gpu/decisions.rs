@@ -10,8 +10,11 @@ use rl::{
 };
 use symmetry::{D2, Group, Irrep};
 
+use crate::common::parts::{
+    error as deviation, random_observations, transform_vector, transformed,
+};
 use crate::common::{EPISODE, PointReach};
-use crate::{TOLERANCE, deviation, device};
+use crate::{TOLERANCE, device};
 
 /// Observations in a test, and how many of them fit the device at a time.
 const OBSERVATIONS: usize = 7;
@@ -60,11 +63,7 @@ fn there(network: &NetworkSettings) -> DevicePolicy {
 }
 
 fn observations() -> Observations {
-    let mut rng = ChaCha8Rng::seed_from_u64(11);
-    let mut out = Observations::new(&spec(OBSERVATIONS));
-    out.images.fill_with(|| rng.random());
-    out.vectors.fill_with(|| rng.random_range(-1.0..1.0));
-    out
+    random_observations(&spec(OBSERVATIONS), &mut ChaCha8Rng::seed_from_u64(11))
 }
 
 /// Mean actions and values.
@@ -131,24 +130,6 @@ fn means_values_and_samples_are_those_of_decisions() {
     }
 }
 
-/// The observations changed by an element of D2.
-fn moved(g: D2) -> Observations {
-    let EnvSpec { image_shape: image, vector_irreps: vector, .. } = spec(1);
-    let [h, w, c] = image;
-    let from = observations();
-    let images = from.images.chunks(h * w * c);
-    Observations {
-        images: images.flat_map(|pixels| g.transform_image(pixels, h, w, c)).collect(),
-        vectors: transform_vector(&from.vectors, &vector, g),
-    }
-}
-
-fn transform_vector(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
-    let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
-    let rows = rows.iter().zip(signs.cycle());
-    rows.map(|(x, sign)| x * sign).collect()
-}
-
 #[test]
 fn mirrored_observations_get_mirrored_means_and_the_same_values() {
     let [network, plain] =
@@ -156,7 +137,7 @@ fn mirrored_observations_get_mirrored_means_and_the_same_values() {
     let errors = |any: &NetworkSettings, g| {
         let mut policy = there(any);
         let [mean, value] = outputs(&mut policy, &observations());
-        let [mean_g, value_g] = outputs(&mut policy, &moved(g));
+        let [mean_g, value_g] = outputs(&mut policy, &transformed(&spec(1), &observations(), g, g));
         let mean = transform_vector(&mean, &spec(1).action_irreps, g);
         [deviation(&mean_g, &mean), deviation(&value_g, &value)]
     };

@@ -19,13 +19,3 @@ fn device() -> &'static Device {
     static DEVICE: OnceLock<Device> = OnceLock::new();
     DEVICE.get_or_init(|| Device::open(None).unwrap())
 }
-
-/// The largest difference over the largest magnitude.
-fn deviation(got: &[f32], expected: &[f32]) -> f32 {
-    assert_eq!(got.len(), expected.len());
-    let largest = |values: &mut dyn Iterator<Item = f32>| {
-        values.fold(0.0, |m: f32, v| if v > m || v.is_nan() { v } else { m })
-    };
-    let differences = got.iter().zip(expected).map(|(a, b)| (a - b).abs());
-    largest(&mut { differences }) / largest(&mut expected.iter().map(|v| v.abs()))
-}

@@ -9,8 +9,9 @@ use rl::{
 };
 use symmetry::Group;
 
+use crate::common::parts::error as deviation;
 use crate::common::{EPISODE, PointReach};
-use crate::{TOLERANCE, deviation, device};
+use crate::{TOLERANCE, device};
 
 const ENVS: usize = 9;
 

@@ -61,7 +61,7 @@ fn narrowed(whole: [f64; 2], own: [f64; 2], multiplier: f64, offset: f64) -> Opt
     if own[0] > own[1] || whole[0] > whole[1] {
         return None;
     }
-    let led = led(whole, multiplier, offset);
+    let led = ordered(whole.map(|end| multiplier * end + offset));
     let is_range = own[0] < own[1];
     if is_range && own[0] - ROUNDING <= led[0] && led[1] <= own[1] + ROUNDING {
         return Some(whole);
@@ -73,11 +73,6 @@ fn narrowed(whole: [f64; 2], own: [f64; 2], multiplier: f64, offset: f64) -> Opt
     let allowed = ordered(own.map(|end| (end - offset) / multiplier));
     let range = [whole[0].max(allowed[0]), whole[1].min(allowed[1])];
     (range[1] - range[0] > ROUNDING).then_some(range)
-}
-
-/// Returns the range of a follower's positions while the followed joint moves through `whole`.
-fn led(whole: [f64; 2], multiplier: f64, offset: f64) -> [f64; 2] {
-    ordered(whole.map(|end| multiplier * end + offset))
 }
 
 fn ordered([a, b]: [f64; 2]) -> [f64; 2] {

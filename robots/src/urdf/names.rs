@@ -15,19 +15,17 @@ const MAX_NAME: usize = 200;
 
 /// Rejects files with too many links, joints or shapes, which could exhaust the memory.
 pub(super) fn check_counts(file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
-    let links = ("the robot".to_owned(), "link", file.links.len(), 1, MAX_LINKS);
-    let joints = ("the robot".to_owned(), "joint", file.joints.len(), 0, MAX_LINKS);
-    let counts = file.links.iter().map(|link| {
+    let check = |place: &str, kind, count, least, limit| {
+        let place = place.to_owned();
+        let error = DescriptionError::CountOutOfRange { place, kind, count, least, limit };
+        if (least..=limit).contains(&count) { Ok(()) } else { Err(error) }
+    };
+    check("the robot", "link", file.links.len(), 1, MAX_LINKS)?;
+    check("the robot", "joint", file.joints.len(), 0, MAX_LINKS)?;
+    file.links.iter().try_for_each(|link| {
         let place = format!("the link `{}`", link.name);
-        (place, "collision shape", link.collision.len(), 0, MAX_SHAPES)
-    });
-    let mut counts = [links, joints].into_iter().chain(counts);
-    match counts.find(|(_, _, count, least, limit)| !(least..=limit).contains(&count)) {
-        None => Ok(()),
-        Some((place, kind, count, least, limit)) => {
-            Err(DescriptionError::CountOutOfRange { place, kind, count, least, limit })
-        }
-    }
+        check(&place, "collision shape", link.collision.len(), 0, MAX_SHAPES)
+    })
 }
 
 /// Reports names that are empty, too long, unprintable or not unique. `true` if there are none.

@@ -296,35 +296,46 @@ fn is_axis(text: &str) -> bool {
     all::<3>(text, bounded) && !all::<3>(text, |number| number.abs() < SHORTEST_AXIS)
 }
 
+/// Returns the value of an attribute, or its default where it is missing or, which is reported,
+/// wrong.
+fn value<'a>(
+    element: &str,
+    attribute: &str,
+    node: Option<Node<'a, 'a>>,
+    report: &mut Report,
+) -> &'a str {
+    let (default, holds, expected) = rule(element, attribute);
+    let Some(node) = node else {
+        return default;
+    };
+    // such a joint has no ends, whatever its `<limit>` says
+    let around = node.parent().and_then(|around| around.attribute("type"));
+    let is_unused = around == Some("continuous") && ["lower", "upper"].contains(&attribute);
+    let Some(stated) = node.attribute(attribute).filter(|_| !is_unused) else {
+        if REQUIRED_ATTRIBUTES.contains(&attribute) {
+            reject(report, node, "", format!("has no `{attribute}`; add it"));
+        }
+        return default;
+    };
+    let problem = unexpected(stated, expected);
+    if !holds(stated) {
+        reject(report, node, attribute, problem);
+        return default;
+    }
+    if SIZE_ATTRIBUTES.contains(&attribute) && is_small(stated) {
+        report.small_size(line(node), &format!("{} {problem}", place(node, attribute)));
+    }
+    stated
+}
+
 /// Writes an element with what is read of it; without `node`, one of default values.
 fn write(text: &mut String, name: &str, node: Option<Node>, report: &mut Report) {
     let read = READ.iter().find(|(names, ..)| names.split('|').any(|of| of == name));
     let (_, attributes, children) = read.unwrap_or(&("", &[], &[]));
     *text += &format!("<{name}");
-    // such a joint has no ends, whatever its `<limit>` says
-    let around = node.and_then(|node| node.parent());
-    let is_endless = around.and_then(|around| around.attribute("type")) == Some("continuous");
     for attribute in *attributes {
-        let (default, holds, expected) = rule(name, attribute);
-        let stated = node.and_then(|node| node.attribute(*attribute));
-        let stated = stated.filter(|_| !(is_endless && ["lower", "upper"].contains(attribute)));
-        let value = stated.filter(|value| holds(value));
-        match (node, stated) {
-            (Some(node), Some(stated)) if value.is_none() => {
-                reject(report, node, attribute, unexpected(stated, expected));
-            }
-            (Some(node), Some(stated))
-                if SIZE_ATTRIBUTES.contains(attribute) && is_small(stated) =>
-            {
-                let problem = unexpected(stated, expected);
-                report.small_size(line(node), &format!("{} {problem}", place(node, attribute)));
-            }
-            (Some(node), None) if REQUIRED_ATTRIBUTES.contains(attribute) => {
-                reject(report, node, "", format!("has no `{attribute}`; add it"));
-            }
-            _ => (),
-        }
-        *text += &format!(" {attribute}=\"{}\"", xml_escaped(value.unwrap_or(default)));
+        let value = value(name, attribute, node, report);
+        *text += &format!(" {attribute}=\"{}\"", xml_escaped(value));
     }
     text.push('>');
     // what a fixed joint says of its motion is often wrong, and never needed
