@@ -40,7 +40,7 @@ fn values_in_other_units_are_named() {
         ),
         ("xyz=\"0 0 0.25\"", "xyz=\"0 0 250\"", "m long: is the file in millimetres"),
         ("size=\"0.1 0.12 0.3\"", "size=\"100 120 300\"", "link `column` are"),
-        ("lower=\"-2.5\"", "lower=\"-143\"", "`swing` turns as far as 143 rad: is the file in deg"),
+        ("lower=\"-3\"", "lower=\"-172\"", "`twist` turns as far as 172 rad: is the file in deg"),
         (
             "velocity=\"1.5\"",
             "velocity=\"86\"",
