@@ -328,7 +328,7 @@ fn frames_need_no_mass() {
         <child link="tip"/></joint></robot>"#
     ));
     let ignored =
-        |link: &str| format!("line 1: `<inertial>` of the link `{link}`: ignored, because ");
+        |name: &str| format!("line 1: `<inertial>` of the link `{name}`: ignored, because ");
     assert_eq!(
         arm.notes(),
         [
