@@ -63,11 +63,11 @@ impl Drop for Folder {
 
 /// An octahedron whose corners are this far from its middle.
 fn octahedron(radius: f64) -> Vec<u8> {
-    let corner = |[x, y, z]: [f64; 3]| format!("v {x} {y} {z}\n");
+    let vertex = |[x, y, z]: [f64; 3]| format!("v {x} {y} {z}\n");
     let r = radius;
     let corners = [[r, 0.0, 0.0], [0.0, r, 0.0], [0.0, 0.0, r]];
-    let opposite = corners.map(|place| place.map(|number| -number));
-    corners.into_iter().chain(opposite).map(corner).collect::<String>().into_bytes()
+    let opposite = corners.map(|corner| corner.map(|number| -number));
+    corners.into_iter().chain(opposite).map(vertex).collect::<String>().into_bytes()
 }
 
 /// The radius (millimetres) of the sphere around the mesh of the carriage.
@@ -219,19 +219,21 @@ fn meshes_that_cannot_be_read_are_named() {
     assert!(arm.missing_shapes()[0].contains("without its folder"));
 }
 
-/// Points beyond 1e6 are read where their scale makes them small.
+/// Points beyond 1e6 are read where their scale makes them small, and the other way round.
 #[test]
 fn points_are_checked_after_scaling() {
     let folder = Folder::new("scaled");
     folder.write("ball.obj", &octahedron(5e7));
     assert_eq!(radius(&folder.with_mesh("../../ball.obj", &folder.settings())), 5e7);
-    let scale = "0.001 0.001 0.001";
-    folder.write("ball.obj", b"v 1 0 0\nv 1e-3 inf 0");
-    let mesh = format!("<mesh filename=\"../../ball.obj\" scale=\"{scale}\"/>");
-    let urdf = SIX_JOINT.replace("<sphere radius=\"0.05\"/>", &mesh);
-    let arm = folder.read_with(&urdf.replace(scale, "1e6 1e6 1e6"), &folder.settings()).unwrap();
-    assert!(arm.missing_shapes()[0].contains("inf"), "{:?}", arm.missing_shapes());
-    folder.write("ball.obj", b"v 2 0 0");
-    let far = folder.read_with(&urdf.replace(scale, "1e6 1e6 1e6"), &folder.settings()).unwrap();
-    assert!(far.missing_shapes()[0].contains("[2000000, 0, 0]"), "{:?}", far.missing_shapes());
+    let mesh = "<mesh filename=\"../../ball.obj\" scale=\"1e6 1e6 1e6\"/>";
+    let urdf = SIX_JOINT.replace("<sphere radius=\"0.05\"/>", mesh);
+    for (points, words) in [
+        ("v 1 0 0\nv 1e-3 inf 0", "[1000, inf, 0], as scaled"),
+        ("v 1e303 0 0", "[inf, 0, 0], as scaled"),
+        ("v 2 0 0", "[2000000, 0, 0], as scaled"),
+    ] {
+        folder.write("ball.obj", points.as_bytes());
+        let arm = folder.read_with(&urdf, &folder.settings()).unwrap();
+        assert!(arm.missing_shapes()[0].contains(words), "{:?}", arm.missing_shapes());
+    }
 }

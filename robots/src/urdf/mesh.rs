@@ -271,9 +271,16 @@ mod tests {
         let mut binary = vec![7; 84 + 12];
         binary.extend(corners.as_flattened().iter().flat_map(|number| number.to_le_bytes()));
         binary.extend([0; 2]);
-        for (name, bytes) in
-            [("a.STL", binary), ("a.stl", text.into_bytes()), ("a.obj", object.into_bytes())]
-        {
+        let mut padded = binary.clone();
+        padded[80..84].copy_from_slice(&1_u32.to_le_bytes());
+        padded.extend([7; 3]);
+        for (name, bytes) in [
+            ("a.STL", binary),
+            ("a.stl", padded),
+            ("a.stl", text.to_uppercase().into_bytes()),
+            ("a.stl", text.into_bytes()),
+            ("a.obj", object.into_bytes()),
+        ] {
             let found = points(Path::new(name), bytes, &mut Report::default());
             assert_eq!(found.unwrap(), expected, "{name}");
         }
@@ -296,6 +303,13 @@ mod tests {
             let found = points(Path::new(name), bytes.into(), &mut Report::default());
             let error = found.unwrap_err();
             assert!(error.contains(words), "{error}");
+        }
+        // two triangles, of which one is cut off
+        let mut cut = vec![0; 84 + 50 + 49];
+        for (stated, words) in [(2, "183 bytes do not hold 2 triangles"), (0, "do not hold 0")] {
+            cut[80] = stated;
+            let error = points(Path::new("a.stl"), cut.clone(), &mut Report::default());
+            assert!(error.unwrap_err().contains(words));
         }
     }
 }
