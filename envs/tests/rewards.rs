@@ -37,6 +37,9 @@ fn measurement(tcp: [f64; 3], object: [f64; 3], aperture: f64) -> Measurement {
         tcp: DVec3::from_array(tcp),
         aperture,
         object: DVec3::from_array(object),
+        // read by tasks with loose objects only
+        tip: DVec3::ZERO,
+        pads: [0.0; 2],
     }
 }
 

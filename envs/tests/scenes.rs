@@ -32,7 +32,7 @@ fn a_figure_that_is_no_number_is_not_dropped() {
 fn everything_in_every_scene_has_a_name() {
     for layout in Layout::ALL {
         for embodiment in Embodiment::BUILT_IN {
-            for group in TaskGroup::STANDARD {
+            for group in TaskGroup::ALL {
                 let scene =
                     Scene::new_in_layout(layout, group, embodiment, Camera::default()).unwrap();
                 let unnamed = scene.model.unnamed_objects();

@@ -22,9 +22,12 @@ pub enum RecordingError {
     /// File whose name does not contain a task.
     #[error(
         "its name says no task: expected ENGINE_TASK_POLICY.npz, \
-         where TASK is one of reach, button-press, drawer-close, plate-slide"
+         where TASK is one of Meta-World's: {}", known.join(", ")
     )]
-    UnknownTask,
+    UnknownTask {
+        /// Meta-World's names of the tasks.
+        known: Vec<&'static str>,
+    },
     /// Missing array.
     #[error("the array `{name}` is missing among those of the archive: {}", known.join(", "))]
     Missing {
