@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Records Meta-World on MuJoCo 2.2.2 anew: benches/peers/record_metaworld.sh FOLDER   (the repository's: tests/recordings)
+# Records Meta-World on MuJoCo 2.2.2 anew: benches/peers/record_metaworld.sh FOLDER [TASK ...]   (the repository's: tests/recordings)
 # The wheel of mujoco 2.2.2 exists for Python 3.10; name that interpreter in PYTHON where it is not called python3.10.
 set -euo pipefail
-folder=${1:?usage: record_metaworld.sh FOLDER}
+folder=${1:?usage: record_metaworld.sh FOLDER [TASK ...]}
 here=$(cd "$(dirname "$0")" && pwd)
 venv=${CARGO_TARGET_DIR:-target}/peers/metaworld
 if [ ! -e "$venv/ready" ]; then
@@ -12,4 +12,5 @@ if [ ! -e "$venv/ready" ]; then
   "$venv/bin/pip" install --quiet --no-deps metaworld==3.1.1
   touch "$venv/ready"
 fi
-exec "$venv/bin/python" "$here/record_metaworld.py" "$folder"
+shift
+exec "$venv/bin/python" "$here/record_metaworld.py" "$folder" "$@"

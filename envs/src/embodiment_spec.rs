@@ -23,7 +23,8 @@ pub struct EmbodimentParts {
     pub mjcf: Cow<'static, str>,
     /// Names and texts of the files that parts of a scene include. `contacts.xml` declares the
     /// classes `surroundings` and `table_contact` and the default collisions, `drawer_stop.xml`
-    /// stops a closed drawer, and `puck.xml` declares the collision shapes of the puck.
+    /// stops a closed drawer, and `puck.xml`, `block.xml` and `peg_contacts.xml` declare the
+    /// collision shapes of objects that move freely.
     pub included_files: Vec<(&'static str, Cow<'static, str>)>,
 }
 

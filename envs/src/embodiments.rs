@@ -39,7 +39,7 @@ impl EmbodimentSpec for Hand {
     }
 
     fn parts(&self) -> Result<EmbodimentParts, EnvError> {
-        let included = parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "hand");
+        let included = parts!(["block.xml", "contacts.xml", "drawer_stop.xml", "peg_contacts.xml", "puck.xml"] in "hand");
         Ok(parts(part!("hand.xml").1, &included))
     }
 
@@ -76,7 +76,7 @@ impl EmbodimentSpec for Sawyer {
     }
 
     fn parts(&self) -> Result<EmbodimentParts, EnvError> {
-        let included = parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "sawyer");
+        let included = parts!(["block.xml", "contacts.xml", "drawer_stop.xml", "peg_contacts.xml", "puck.xml"] in "sawyer");
         Ok(parts(part!("sawyer.xml").1, &included))
     }
 

@@ -15,10 +15,20 @@ use crate::task::{MetaWorldSpec, TaskGroup};
 /// above the centre, clear of an open drawer.
 pub const HAND_TARGET_START: DVec3 = DVec3::new(0.0, 0.0, 0.22);
 
-const SYMMETRIC: [Mjcf<'static>; 4] =
-    parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "symmetric");
-const META_WORLD: [Mjcf<'static>; 4] =
-    parts!(["left_finger.xml", "plunger.xml", "handle.xml", "bars.xml"] in "metaworld");
+/// Expands to the files of one layout's folder that other parts include by name.
+macro_rules! layout_parts {
+    ($folder:literal) => {
+        parts!([
+            "bars.xml", "cabinet.xml", "door_leaf.xml", "faucet_base.xml", "faucet_handle.xml",
+            "handle.xml", "left_finger.xml", "loose_block.xml", "lying_box.xml", "peg.xml",
+            "peg_box.xml", "plunger.xml", "window_frame.xml",
+            "window_pane.xml"
+        ] in $folder)
+    };
+}
+
+const SYMMETRIC: &[Mjcf<'static>] = &layout_parts!("symmetric");
+const META_WORLD: &[Mjcf<'static>] = &layout_parts!("metaworld");
 
 /// Number of physics steps in which a hand comes to rest at its start: 10 s.
 const SETTLED: usize = 4000;
@@ -136,8 +146,8 @@ impl Layout {
     /// Returns the MJCF files that parts of a scene in this layout include by name.
     pub(crate) fn included_files(self) -> &'static [Mjcf<'static>] {
         match self {
-            Self::Symmetric => &SYMMETRIC,
-            Self::MetaWorld => &META_WORLD,
+            Self::Symmetric => SYMMETRIC,
+            Self::MetaWorld => META_WORLD,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Table-top manipulation tasks with D2 variants on MuJoCo, seen by a top-down camera.
 //!
 //! A group of tasks ([`TaskGroup`]) has four variants that are images of one another under
-//! [`symmetry::D2`] ([`TaskVariant`]). The crate has four groups; a program adds its own by
+//! [`symmetry::D2`] ([`TaskVariant`]). The crate has fourteen groups; a program adds its own by
 //! implementing [`Task`]. A learner observes the table without the arm, a disc at the gripper, and
 //! the episode's first picture or a close-up of the table below the hand ([`ExtraView`]).
 //!

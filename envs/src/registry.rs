@@ -1,8 +1,11 @@
-//! Named task groups: the paper's four, and those that a program adds.
+//! Named task groups: the paper's four, those of Meta-World's MT10, and those that a program adds.
 
 use crate::error::EnvError;
 use crate::task::TaskGroup;
-use crate::tasks::{ButtonPress, DrawerClose, GoalReach, PlateSlide};
+use crate::tasks::{
+    ButtonPress, ButtonPressTopdown, DoorClose, DoorOpen, DrawerClose, DrawerOpen, FaucetClose,
+    GoalReach, PegInsertSide, PickPlace, PlateSlide, Push, WindowClose, WindowOpen,
+};
 
 impl TaskGroup {
     /// Task group of moving the fingertips to a goal that the vector observation contains and
@@ -15,9 +18,61 @@ impl TaskGroup {
     /// Task group of sliding a puck into a goal cage.
     pub const PLATE_SLIDE: Self = Self::from_task(&PlateSlide);
 
+    /// Task group of sliding a window open.
+    pub const WINDOW_OPEN: Self = Self::from_task(&WindowOpen);
+    /// Task group of sliding a window shut.
+    pub const WINDOW_CLOSE: Self = Self::from_task(&WindowClose);
+    /// Task group of pulling the door of a cabinet open.
+    pub const DOOR_OPEN: Self = Self::from_task(&DoorOpen);
+    /// Task group of pushing the door of a cabinet shut.
+    pub const DOOR_CLOSE: Self = Self::from_task(&DoorClose);
+    /// Task group of pulling a drawer open.
+    pub const DRAWER_OPEN: Self = Self::from_task(&DrawerOpen);
+    /// Task group of pushing a button that faces up into its box.
+    pub const BUTTON_PRESS_TOPDOWN: Self = Self::from_task(&ButtonPressTopdown);
+    /// Task group of turning the handle of a faucet.
+    pub const FAUCET_CLOSE: Self = Self::from_task(&FaucetClose);
+    /// Task group of sliding a block to a mark.
+    pub const PUSH: Self = Self::from_task(&Push);
+    /// Task group of carrying a block to a mark in the air.
+    pub const PICK_PLACE: Self = Self::from_task(&PickPlace);
+    /// Task group of inserting a peg into a box from the side.
+    pub const PEG_INSERT_SIDE: Self = Self::from_task(&PegInsertSide);
+
     /// All four task groups of the COVERS paper, in the order in which reports list them.
     pub const STANDARD: [Self; 4] =
         [Self::GOAL_REACH, Self::BUTTON_PRESS, Self::DRAWER_CLOSE, Self::PLATE_SLIDE];
+    /// Task groups of Meta-World's MT10, in its order.
+    pub const MT10: [Self; 10] = [
+        Self::GOAL_REACH,
+        Self::PUSH,
+        Self::PICK_PLACE,
+        Self::DOOR_OPEN,
+        Self::DRAWER_OPEN,
+        Self::DRAWER_CLOSE,
+        Self::BUTTON_PRESS_TOPDOWN,
+        Self::PEG_INSERT_SIDE,
+        Self::WINDOW_OPEN,
+        Self::WINDOW_CLOSE,
+    ];
+
+    /// All task groups of this crate: the standard ones first.
+    pub const ALL: [Self; 14] = [
+        Self::GOAL_REACH,
+        Self::BUTTON_PRESS,
+        Self::DRAWER_CLOSE,
+        Self::PLATE_SLIDE,
+        Self::WINDOW_OPEN,
+        Self::WINDOW_CLOSE,
+        Self::DOOR_OPEN,
+        Self::DOOR_CLOSE,
+        Self::DRAWER_OPEN,
+        Self::BUTTON_PRESS_TOPDOWN,
+        Self::FAUCET_CLOSE,
+        Self::PUSH,
+        Self::PICK_PLACE,
+        Self::PEG_INSERT_SIDE,
+    ];
 
     /// Rejects a task group whose name is not in kebab-case.
     ///
@@ -56,6 +111,16 @@ impl TaskRegistry {
     /// Creates a registry of [`TaskGroup::STANDARD`].
     pub fn standard() -> Self {
         Self { groups: TaskGroup::STANDARD.to_vec() }
+    }
+
+    /// Creates a registry of [`TaskGroup::MT10`].
+    pub fn mt10() -> Self {
+        Self { groups: TaskGroup::MT10.to_vec() }
+    }
+
+    /// Creates a registry of [`TaskGroup::ALL`].
+    pub fn all() -> Self {
+        Self { groups: TaskGroup::ALL.to_vec() }
     }
 
     /// Adds a task group to the registry, under its name.
@@ -150,6 +215,18 @@ mod tests {
             assert!(refusal.contains("kebab-case"), "{refusal}");
         }
         assert_eq!(registry, TaskRegistry::standard());
+    }
+
+    #[test]
+    fn every_group_has_a_name_of_its_own() {
+        let all = TaskRegistry::all();
+        let names: std::collections::HashSet<_> =
+            all.groups().iter().map(|group| group.name()).collect();
+        assert_eq!(names.len(), 14);
+        assert_eq!(all.groups()[..4], TaskGroup::STANDARD);
+        for group in TaskRegistry::mt10().groups() {
+            assert_eq!(all.get(group.name()).unwrap(), *group);
+        }
     }
 
     #[test]

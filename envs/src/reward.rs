@@ -11,6 +11,12 @@ pub fn long_tail_reward(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 1.0 / (9.0 * d * d + 1.0))
 }
 
+/// Returns the long-tailed reward of a value that should be in `[low, high]`: 1 there, and beyond
+/// either bound as in [`long_tail_reward`]. `margin` has the unit of the value.
+pub fn long_tail_between(value: f64, [low, high]: [f64; 2], margin: f64) -> f64 {
+    long_tail_reward((low - value).max(value - high), 0.0, margin)
+}
+
 /// Returns the Gaussian reward of a distance: 1 up to `bound`, then `0.1^(d^2)`, with d as in
 /// [`long_tail_reward`].
 pub fn gaussian_reward(distance: f64, bound: f64, margin: f64) -> f64 {
@@ -45,6 +51,13 @@ mod tests {
             assert!((f(0.25, 0.05, 0.2) - 0.1).abs() < 1e-12);
             assert_eq!(f(0.06, 0.05, 0.0), 0.0);
         }
+    }
+
+    #[test]
+    fn a_value_between_its_bounds_earns_one_and_either_side_decays_alike() {
+        let reward = |value| long_tail_between(value, [0.25, 0.5], 0.5);
+        assert_eq!([0.25, 0.3, 0.5].map(reward), [1.0; 3]);
+        assert_eq!([-0.25, 1.0].map(reward), [0.1; 2]);
     }
 
     #[test]

@@ -26,6 +26,8 @@ const MAIN: &str = "scene.xml";
 const TASK: &str = "task.xml";
 const ADDITION: &str = "addition.xml";
 const ARENA: Mjcf<'static> = part!("arena.xml");
+/// Parts that files of tasks and layouts include.
+const OBJECTS: [Mjcf<'static>; 2] = [part!("button_box.xml"), part!("peg_channel.xml")];
 /// Name of the MJCF file with the embodiment's part.
 const EMBODIMENT: &str = "embodiment.xml";
 
@@ -41,11 +43,15 @@ pub struct Scene {
     pub embodiment: Embodiment,
     /// Compiled MuJoCo model of the scene.
     pub model: Arc<Model>,
+    /// Model with mirrored objects, for tasks whose objects are handed.
+    pub(crate) mirrored_model: Option<Arc<Model>>,
     /// Camera above the centre of the table.
     pub camera: Camera,
     pub(crate) camera_id: CameraId,
     /// Position of the hand's target when an episode starts (metres).
     pub(crate) hand_target_start: DVec3,
+    /// Lowest and highest corner of the box that holds the hand's target (metres).
+    pub(crate) target_bounds: [DVec3; 2],
     /// Meta-World's settings of the task, if the layout follows them.
     meta_world: Option<MetaWorldSpec<'static>>,
     pub(crate) hand: BodyId,
@@ -55,12 +61,18 @@ pub struct Scene {
     pub(crate) object: Option<MocapId>,
     pub(crate) goal: Option<MocapId>,
     pub(crate) object_body: Option<BodyId>,
+    /// Body of the task's second point.
+    pub(crate) tip_body: Option<BodyId>,
+    /// Bodies whose y the fingers' pads have: the pads, or the claws of hands without them.
+    pub(crate) pad_bodies: [BodyId; 2],
     /// Offset from the origin of `object_body` to the task's reference point (metres, canonical
     /// frame).
     pub(crate) object_offset: DVec3,
     pub(crate) goal_observable: bool,
     /// Addresses in `qpos` and start positions of the joints that do not start at zero.
     pub(crate) start_joints: Vec<(usize, f64)>,
+    /// Free joint of the task's object, if it is loose.
+    pub(crate) loose_joint: Option<LooseJoint>,
     /// Address in `qpos` of the position of Meta-World's loose cylinder, if the scene has it.
     pub(crate) decoy_qpos_address: Option<usize>,
     /// State in which every episode starts.
@@ -96,6 +108,10 @@ impl Scene {
         embodiment.check_name()?;
         let meta_world = layout.meta_world_spec(group)?;
         let hand_target_start = meta_world.map_or(HAND_TARGET_START, |spec| spec.hand_target);
+        let mut target_bounds = layout.target_bounds();
+        if let Some(spec) = &meta_world {
+            target_bounds[0].z = spec.lowest_target;
+        }
         let settling = layout.settling(hand_target_start, embodiment.spec())?;
         let parts = group.task().parts();
         check_parts(&parts)?;
@@ -107,6 +123,7 @@ impl Scene {
             group,
             embodiment,
             hand_target_start,
+            target_bounds,
             meta_world,
             decoy_qpos_address: meta_world.and_then(|spec| decoy(&model, &spec)),
             camera,
@@ -115,7 +132,14 @@ impl Scene {
             claw_bodies: [model.body("right_claw")?, model.body("left_claw")?],
             tip_sites: [model.site("right_tip")?, model.site("left_tip")?],
             hand_target: mocap("hand_target")?,
-            object: parts.mjcf.map(|_| mocap("object")).transpose()?,
+            object: parts
+                .mjcf
+                .filter(|_| parts.loose_joint.is_none())
+                .map(|_| mocap("object"))
+                .transpose()?,
+            loose_joint: loose_joint(&model, &parts)?,
+            tip_body: parts.tip_body.map(|name| model.body(name)).transpose()?,
+            pad_bodies: [pad(&model, "right")?, pad(&model, "left")?],
             // a scene may lack the body `goal`, but one that exists must be a mocap body
             goal: model.body("goal").ok().map(|_| mocap("goal")).transpose()?,
             object_body: parts.object_body.map(|name| model.body(name)).transpose()?,
@@ -124,6 +148,7 @@ impl Scene {
             start_joints: addresses(&model, parts.start_joints)?,
             start_state,
             controller,
+            mirrored_model: parts.handed.then(|| mirrored(&model, &parts)),
             model,
         })
     }
@@ -225,10 +250,41 @@ fn compile(
     parts.push((MAIN, &main));
     // the files that the parts above include by name
     parts.extend(embodiment_parts.included_files.iter().map(|(name, text)| (*name, &text[..])));
+    parts.extend(OBJECTS);
     parts.extend(layout.included_files());
     let files: Vec<(&str, &[u8])> =
         parts.iter().map(|&(name, text)| (name, text.as_bytes())).collect();
     Ok(Model::from_files(MAIN, &files)?)
+}
+
+/// Returns the model with mirrored objects.
+fn mirrored(model: &Model, parts: &TaskParts<'_>) -> Arc<Model> {
+    let placed = ["object", "goal"].into_iter().filter_map(|name| model.body(name).ok());
+    let joint = parts.loose_joint.and_then(|name| model.joint(name).ok());
+    let loose = joint.map(|joint| model.joint_body(joint));
+    Arc::new(model.reflected(&placed.chain(loose).collect::<Vec<_>>()))
+}
+
+/// Addresses of a free joint.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LooseJoint {
+    /// Address in `qpos` of position (3) and orientation (4).
+    pub qpos: usize,
+    /// Address in `qvel` of linear and angular velocity (3 each).
+    pub qvel: usize,
+}
+
+fn loose_joint(model: &Model, parts: &TaskParts<'_>) -> Result<Option<LooseJoint>, EnvError> {
+    let Some(name) = parts.loose_joint else { return Ok(None) };
+    let joint = model.joint(name)?;
+    let (qpos, qvel) = (model.joint_qpos_address(joint), model.joint_dof_address(joint));
+    Ok(Some(LooseJoint { qpos, qvel }))
+}
+
+/// Returns the body of the pad on a side of the gripper, or of the claw if it has none.
+fn pad(model: &Model, side: &str) -> Result<BodyId, EnvError> {
+    let claw = || model.body(&format!("{side}_claw"));
+    Ok(model.body(&format!("{side}_pad")).or_else(|_| claw())?)
 }
 
 /// Returns the addresses in `qpos` of the named joints, with the given positions.

@@ -76,6 +76,10 @@ pub struct TableTop {
     scene: Arc<Scene>,
     control: Control,
     data: Data,
+    /// Simulation of the scene's other model, if it has two.
+    other_data: Option<Data>,
+    /// `true` if `data` is of the model with mirrored objects.
+    mirrored: bool,
     episode: Option<Episode>,
 }
 
@@ -87,7 +91,8 @@ impl TableTop {
     pub fn new(scene: Arc<Scene>, control: Control) -> Result<Self, EnvError> {
         control.check()?;
         let data = Data::new(Arc::clone(&scene.model));
-        Ok(Self { scene, control, data, episode: None })
+        let other_data = scene.mirrored_model.as_ref().map(|model| Data::new(Arc::clone(model)));
+        Ok(Self { scene, control, data, other_data, mirrored: false, episode: None })
     }
 
     /// Returns the scene of the environment.
@@ -132,6 +137,7 @@ impl TableTop {
         check_placement(&placement)?;
         // ended first, so that a failure below leaves no episode on a half-set state
         self.end_episode();
+        self.choose_model(element);
         self.data.restore_state(&scene.start_state)?;
         self.put_objects(element, &placement)?;
         self.data.forward_kinematics()?;
@@ -151,6 +157,18 @@ impl TableTop {
         Ok(())
     }
 
+    /// Exchanges the simulations if `element` mirrors the objects and the present one does not, or
+    /// the other way round.
+    fn choose_model(&mut self, element: D2) {
+        let mirrors = element.flips_x() != element.flips_y();
+        if let Some(other) = &mut self.other_data
+            && mirrors != self.mirrored
+        {
+            std::mem::swap(&mut self.data, other);
+            self.mirrored = mirrors;
+        }
+    }
+
     /// Moves object and goal to `placement`, and the task's joints to their start positions.
     fn put_objects(&mut self, element: D2, placement: &Placement) -> Result<(), EnvError> {
         let scene = &self.scene;
@@ -163,6 +181,13 @@ impl TableTop {
         }
         for &(address, position) in &scene.start_joints {
             self.data.qpos_mut()[address] = position;
+        }
+        if let Some(joint) = scene.loose_joint {
+            let position = map_point(element, placement.object).to_array();
+            let pose = &mut self.data.qpos_mut()[joint.qpos..][..7];
+            pose[..3].copy_from_slice(&position);
+            pose[3..].copy_from_slice(&orientation_quat(element));
+            self.data.qvel_mut()[joint.qvel..][..6].fill(0.0);
         }
         if let Some(address) = scene.decoy_qpos_address {
             let position = map_point(element, placement.object).to_array();
@@ -197,6 +222,7 @@ impl TableTop {
                 expected: key.describe(&key),
             });
         }
+        self.choose_model(snapshot.episode.element);
         self.data.restore_state(&snapshot.simulation)?;
         self.data.forward_kinematics()?;
         self.episode = Some(snapshot.episode.clone());
@@ -243,7 +269,7 @@ impl TableTop {
         move_by: DVec3,
         finger: f64,
     ) -> Result<StepReward, EnvError> {
-        let [low, high] = self.scene.layout.target_bounds();
+        let [low, high] = self.scene.target_bounds;
         episode.target = (episode.target + move_by).clamp(low, high);
         if let Some(controller) = &episode.controller {
             episode.target = controller.within_lead(episode.target, self.hand_position());
@@ -358,15 +384,17 @@ impl TableTop {
     fn measure(&self, element: D2, placement: &Placement) -> Measurement {
         let [right, left] =
             self.scene.tip_sites.map(|site| DVec3::from_array(self.data.site_position(site)));
-        let object = match self.scene.object_body {
-            Some(body) => map_point(element, DVec3::from_array(self.data.body_position(body))),
-            None => placement.object,
-        };
+        let at = |body| map_point(element, DVec3::from_array(self.data.body_position(body)));
+        let object = self.scene.object_body.map_or(placement.object, at) + self.scene.object_offset;
+        let [low, high] = self.scene.pad_bodies.map(|body| at(body).y);
         Measurement {
             hand: map_point(element, self.hand_position()),
             tcp: map_point(element, (right + left) / 2.0),
             aperture: self.aperture(),
-            object: object + self.scene.object_offset,
+            object,
+            tip: self.scene.tip_body.map_or(object, at),
+            // a flip exchanges the sides
+            pads: if element.flips_y() { [high, low] } else { [low, high] },
         }
     }
 }

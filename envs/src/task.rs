@@ -88,6 +88,11 @@ pub struct Measurement {
     pub aperture: f64,
     /// Position of the object's reference point (metres; see [`TaskParts::object_offset`]).
     pub object: DVec3,
+    /// Position of the object's second point (metres; see [`TaskParts::tip_body`]).
+    pub tip: DVec3,
+    /// Positions along y of the two finger pads (metres): first the one that is further to -y when
+    /// the hand does not turn.
+    pub pads: [f64; 2],
 }
 
 /// Start of an episode, in the canonical frame (metres).
@@ -126,9 +131,9 @@ pub struct StepReward {
 pub struct TaskParts<'a> {
     /// MJCF of the task's objects, a `<mujocoinclude>`; `None` for the bare table.
     ///
-    /// A mocap body `object` is required; it is moved to the placement's object. A mocap body
-    /// `goal` is optional. Both are rotated by half a turn in the variants that flip y, so
-    /// everything in them must be symmetric along x. Visible geoms are in group 1 and are boxes or
+    /// A mocap body `object` is required unless there is a [`loose_joint`](Self::loose_joint); it
+    /// is moved to the placement's object. A mocap body `goal` is optional. Both are rotated by half a turn in the variants that flip y, so
+    /// everything in them must be symmetric along x, or the task [`handed`](Self::handed). Visible geoms are in group 1 and are boxes or
     /// upright cylinders, which are drawn as exact mirror images; collision shapes are in group 4.
     /// Everything has a name. A geom that collides keeps the embodiment's `contype` and
     /// `conaffinity`; one that does not sets both to 0.
@@ -146,9 +151,18 @@ pub struct TaskParts<'a> {
     /// Offset from the origin of `object_body` to the task's reference point (metres, canonical
     /// frame); finite.
     pub object_offset: DVec3,
+    /// Name of another body whose position the task reads; if `None`, the reference point is read
+    /// twice.
+    pub tip_body: Option<&'a str>,
+    /// Name of a free joint, whose body starts at rest at the placement's object.
+    pub loose_joint: Option<&'a str>,
     /// Names of the joints that do not start at zero, with their start positions (metres, radians);
     /// finite.
     pub start_joints: &'a [(&'a str, f64)],
+    /// `true` if objects are not their own mirror images along x, for instance a door with its
+    /// hinges on the left. Variants that flip one axis then have mirrored objects, whose joints
+    /// keep their coordinates.
+    pub handed: bool,
     /// `true` if the goal is part of the vector observation; otherwise zeros take its place.
     pub goal_observable: bool,
 }
@@ -160,6 +174,8 @@ pub struct MetaWorldSpec<'a> {
     pub name: &'a str,
     /// Position of the hand's target when an episode starts (metres, world frame).
     pub hand_target: DVec3,
+    /// Lowest height of the hand's target (metres).
+    pub lowest_target: f64,
     /// Additional MJCF of the scene, a `<mujocoinclude>`. The name `decoy` is then reserved for a
     /// free joint, whose body starts at the placement's object.
     pub extra_mjcf: Option<&'a str>,

@@ -34,6 +34,31 @@ fn a_snapshot_of_another_scene_is_refused() {
     }
 }
 
+/// A door has its hinges on the left or on the right, and each is a model of its own.
+#[test]
+fn a_snapshot_brings_its_mirrored_objects_along() {
+    let mut mirrored = table(Layout::Symmetric, TaskGroup::DOOR_OPEN);
+    mirrored.reset(D2::FlipX, &mut rng()).unwrap();
+    let play = |table: &mut TableTop| {
+        for _ in 0..16 {
+            let action = table.expert_action().unwrap();
+            table.step(&action).unwrap();
+        }
+        table.measurement().unwrap()
+    };
+    play(&mut mirrored);
+    let saved = mirrored.save().unwrap();
+    let expected = play(&mut mirrored);
+    let mut plain = table(Layout::Symmetric, TaskGroup::DOOR_OPEN);
+    plain.reset(D2::Identity, &mut rng()).unwrap();
+    plain.restore(&saved).unwrap();
+    assert_eq!(play(&mut plain), expected);
+    plain.reset(D2::Identity, &mut rng()).unwrap();
+    play(&mut plain);
+    let twin = play(&mut plain);
+    assert!(twin.object.distance(expected.object) < 1e-12, "{twin:?} {expected:?}");
+}
+
 #[test]
 fn a_task_without_metaworld_figures_has_no_metaworld_scene() {
     let group = TaskGroup::from_task(Box::leak(Box::new(PushBlock::default())));

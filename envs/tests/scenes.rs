@@ -16,7 +16,7 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Scene {
 fn everything_in_every_scene_has_a_name() {
     for layout in Layout::ALL {
         for embodiment in Embodiment::BUILT_IN {
-            for group in TaskGroup::STANDARD {
+            for group in TaskGroup::ALL {
                 let scene =
                     Scene::new_in_layout(layout, group, embodiment, Camera::default()).unwrap();
                 let unnamed = scene.model.unnamed_objects();

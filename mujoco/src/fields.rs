@@ -60,6 +60,21 @@ impl<S, T, const N: usize> ArrayField<S, T, N> {
     }
 }
 
+impl<T, const N: usize> ArrayField<raw::mjModel, T, N> {
+    /// Returns the rows of an array of the model itself, for writing.
+    ///
+    /// # Safety
+    /// MuJoCo must have made `model`, and nobody may read or write the array while the result
+    /// lives.
+    pub(crate) unsafe fn own_rows_mut<'a>(&self, model: &'a mut raw::mjModel) -> &'a mut [[T; N]] {
+        match self.len(model) {
+            0 => &mut [],
+            // SAFETY: what `new` asks for, and the caller's promise.
+            len => unsafe { slice::from_raw_parts_mut((self.start)(model).cast(), len) },
+        }
+    }
+}
+
 /// Declares constants of type [`ArrayField`], and a table of them for a test of their lengths.
 macro_rules! fields {
     (
@@ -91,18 +106,33 @@ pub(crate) mod model {
         ACTUATOR_CTRLLIMITED = actuator_ctrllimited: [u8; nu, 1],
         ACTUATOR_CTRLRANGE = actuator_ctrlrange: [f64; nu, 2],
         BODY_INVWEIGHT0 = body_invweight0: [f64; nbody, 2],
+        BODY_IPOS = body_ipos: [f64; nbody, 3],
+        BODY_IQUAT = body_iquat: [f64; nbody, 4],
         BODY_MOCAPID = body_mocapid: [i32; nbody, 1],
+        BODY_PARENTID = body_parentid: [i32; nbody, 1],
+        BODY_POS = body_pos: [f64; nbody, 3],
+        BODY_QUAT = body_quat: [f64; nbody, 4],
         GEOM_BODYID = geom_bodyid: [i32; ngeom, 1],
         GEOM_CONAFFINITY = geom_conaffinity: [i32; ngeom, 1],
         GEOM_CONTYPE = geom_contype: [i32; ngeom, 1],
         GEOM_GROUP = geom_group: [i32; ngeom, 1],
+        GEOM_POS = geom_pos: [f64; ngeom, 3],
+        GEOM_QUAT = geom_quat: [f64; ngeom, 4],
         GEOM_RGBA = geom_rgba: [f32; ngeom, 4],
         GEOM_SIZE = geom_size: [f64; ngeom, 3],
         GEOM_TYPE = geom_type: [i32; ngeom, 1],
+        JNT_AXIS = jnt_axis: [f64; njnt, 3],
+        JNT_BODYID = jnt_bodyid: [i32; njnt, 1],
         JNT_DOFADR = jnt_dofadr: [i32; njnt, 1],
         JNT_LIMITED = jnt_limited: [u8; njnt, 1],
+        JNT_POS = jnt_pos: [f64; njnt, 3],
         JNT_QPOSADR = jnt_qposadr: [i32; njnt, 1],
         JNT_RANGE = jnt_range: [f64; njnt, 2],
+        JNT_TYPE = jnt_type: [i32; njnt, 1],
+        QPOS0 = qpos0: [f64; nq, 1],
+        SITE_BODYID = site_bodyid: [i32; nsite, 1],
+        SITE_POS = site_pos: [f64; nsite, 3],
+        SITE_QUAT = site_quat: [f64; nsite, 4],
     }
 }
 

@@ -57,6 +57,7 @@ pub mod ids;
 mod init;
 mod load;
 mod model;
+mod poses;
 mod references;
 mod renderer;
 mod state;

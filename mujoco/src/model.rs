@@ -2,13 +2,14 @@
 
 use std::ffi::{CStr, CString};
 use std::ptr::NonNull;
+use std::sync::Arc;
 
 use crate::error::ModelError;
 use crate::fields::ArrayField;
 use crate::fields::model::{
     ACTUATOR_CTRLLIMITED, ACTUATOR_CTRLRANGE, BODY_INVWEIGHT0, BODY_MOCAPID, GEOM_BODYID,
-    GEOM_CONAFFINITY, GEOM_CONTYPE, GEOM_GROUP, GEOM_RGBA, GEOM_SIZE, GEOM_TYPE, JNT_DOFADR,
-    JNT_LIMITED, JNT_QPOSADR, JNT_RANGE,
+    GEOM_CONAFFINITY, GEOM_CONTYPE, GEOM_GROUP, GEOM_RGBA, GEOM_SIZE, GEOM_TYPE, JNT_BODYID,
+    JNT_DOFADR, JNT_LIMITED, JNT_QPOSADR, JNT_RANGE,
 };
 use crate::ids::{
     Actuator, ActuatorId, Body, BodyId, Camera, Geom, GeomId, Id, Joint, JointId, Lookup, MocapId,
@@ -53,9 +54,11 @@ macro_rules! finders {
 pub struct Model {
     raw: NonNull<raw::mjModel>,
     warning: Option<String>,
+    /// Shared by a model and its reflections.
+    family: Arc<()>,
 }
 
-// SAFETY: nothing writes to the mjModel after `load`: no method of this crate does, and MuJoCo
+// SAFETY: nothing writes to the mjModel after `load` or `reflected`: no method of this crate does, and MuJoCo
 // takes it as `const mjModel*` in every function that this crate calls.
 unsafe impl Send for Model {}
 // SAFETY: as above; concurrent reads of memory that nobody writes.
@@ -83,7 +86,17 @@ impl Model {
     /// absolute one, or one in an absolute folder, of a file that is not given.
     pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
         let (raw, warning) = load(main, files)?;
-        Ok(Self { raw, warning })
+        Ok(Self { raw, warning, family: Arc::new(()) })
+    }
+
+    /// Returns the model that owns `raw`, a copy of this one in which poses alone differ.
+    pub(crate) fn with_raw(&self, raw: NonNull<raw::mjModel>) -> Self {
+        Self { raw, warning: self.warning.clone(), family: Arc::clone(&self.family) }
+    }
+
+    /// Returns `true` if both are the same model, or reflections of one another.
+    pub(crate) fn is_of_family(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.family, &other.family)
     }
 
     /// Checks the name of the model file `main` and the paths inside the XML, as
@@ -183,6 +196,11 @@ impl Model {
     /// Returns the index of a joint's first element in `qvel`.
     pub fn joint_dof_address(&self, joint: JointId) -> usize {
         self.value(&JNT_DOFADR, joint) as usize
+    }
+
+    /// Returns the body that a joint moves.
+    pub fn joint_body(&self, joint: JointId) -> BodyId {
+        Id::new(self.value(&JNT_BODYID, joint) as usize)
     }
 
     /// Returns the lower and upper limit of a joint, in metres or radians; `None` if it is not
@@ -301,7 +319,10 @@ impl Model {
         bodies.filter_map(|body| self.name(body).map(Into::into)).collect()
     }
 
-    fn rows<T, const N: usize>(&self, field: &ArrayField<raw::mjModel, T, N>) -> &[[T; N]] {
+    pub(crate) fn rows<T, const N: usize>(
+        &self,
+        field: &ArrayField<raw::mjModel, T, N>,
+    ) -> &[[T; N]] {
         // SAFETY: MuJoCo made the model, and nobody writes to it.
         unsafe { field.rows(self.as_raw(), self.as_raw()) }
     }

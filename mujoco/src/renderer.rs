@@ -218,7 +218,7 @@ impl Renderer {
         out: &[u8],
     ) -> Result<(), RenderError> {
         let cameras = self.model.as_raw().ncam as usize;
-        if !Arc::ptr_eq(data.model(), &self.model) {
+        if !data.model().is_of_family(&self.model) {
             return Err(RenderError::OtherModel);
         }
         if out.len() != self.image_len() {
@@ -242,10 +242,12 @@ impl Renderer {
         categories: raw::mjtCatBit,
     ) -> Result<(), RenderError> {
         let mut camera = fixed_camera(view.camera);
-        // SAFETY: live model, data of this very model, options, camera and scene; no perturbation.
+        let model: *const raw::mjModel = data.model().as_raw();
+        // SAFETY: live model, data of this very model, options, camera and scene, which has room
+        // for the geoms of every model of the family; no perturbation.
         unsafe {
             raw::mjv_updateScene(
-                self.model.as_raw(),
+                model,
                 data.as_mut_ptr(),
                 &raw const *self.options,
                 std::ptr::null(),

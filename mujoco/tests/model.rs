@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "test code")]
 
+use std::sync::Arc;
+
 use mujoco::{Data, Model, ModelError, Shape};
 
 const ARM: &str = r#"<mujoco>
@@ -176,5 +178,90 @@ fn geoms_have_shapes_and_axes() {
     for (axis, direction) in [(x, [0.0, 0.0, -1.0]), (y, [0.0, 1.0, 0.0]), (z, [1.0, 0.0, 0.0])] {
         let off = axis.iter().zip(direction).map(|(a, b)| (a - b).abs());
         assert!(off.sum::<f64>() < 1e-12, "{axis:?} is not {direction:?}");
+    }
+}
+
+/// A gate with a sliding bolt, a loose ball, and a post that is not mirrored.
+const GATE: &str = r#"<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <geom name="post" type="box" size=".01 .02 .03" pos=".3 .1 0"/>
+    <body name="frame" pos=".2 .3 .4" euler=".1 .2 .3">
+      <geom name="wall" type="box" size=".1 .01 .2" pos=".05 0 .02" euler="0 .2 .4"/>
+      <body name="gate" pos="-.1 .02 0"><joint name="hinge" axis=".1 .2 1" pos=".01 0 0"/>
+        <geom name="leaf" type="box" size=".1 .01 .2" pos=".1 .01 0" euler=".1 0 .2"/>
+        <site name="handle" pos=".19 -.03 .05"/>
+        <body name="bolt" pos=".15 0 0"><joint name="slide" type="slide" axis="1 .1 .2"/>
+          <geom name="rod" type="capsule" size=".01 .05" euler="0 1.2 0"/></body>
+      </body>
+    </body>
+    <body name="ball" pos=".5 .6 .7" euler=".3 .2 .1"><freejoint name="loose"/>
+      <geom name="ball" type="ellipsoid" size=".1 .05 .02" pos=".01 .02 .03"/></body>
+  </worldbody>
+</mujoco>"#;
+
+#[test]
+fn a_reflected_model_moves_as_the_mirror_image() {
+    let model = Model::from_xml(GATE).unwrap();
+    let roots = ["frame", "ball"].map(|name| model.body(name).unwrap());
+    let mirrored = model.reflected(&roots);
+    assert_eq!(mirrored.name(roots[1]), Some("ball"));
+    let mut tables = [model, mirrored].map(|model| Data::new(Arc::new(model)));
+    for (data, side) in tables.iter_mut().zip([1.0, -1.0]) {
+        // velocities of hinge, slide, and of the ball, whose rotation is in its own frame
+        data.qvel_mut().copy_from_slice(&[
+            2.0,
+            0.5,
+            side * 0.3,
+            0.2,
+            0.1,
+            0.7,
+            side * 0.4,
+            side * 0.9,
+        ]);
+        data.step(100).unwrap();
+        data.forward().unwrap();
+    }
+    let [here, there] = &tables;
+    let model = here.model();
+    assert_eq!(here.qpos()[..2], there.qpos()[..2]);
+    assert!(here.qpos()[0] > 0.1, "the gate turns");
+    let twins = |a: [f64; 3], b: [f64; 3]| {
+        assert!((a[0] + b[0]).abs() < 1e-15 && a[1..] == b[1..], "{a:?} {b:?}");
+    };
+    for name in ["wall", "leaf", "rod", "ball"] {
+        let geom = model.geom(name).unwrap();
+        twins(here.geom_position(geom), there.geom_position(geom));
+        let [axes, other] = [here, there].map(|data| data.geom_axes(geom));
+        for (axis, (a, b)) in axes.into_iter().zip(other).enumerate() {
+            let side = if axis == 0 { -1.0 } else { 1.0 };
+            let flipped = b.map(|value| side * value);
+            assert!((a[0] + flipped[0]).abs() < 1e-15, "{name} {axis}: {a:?} {b:?}");
+            assert_eq!(a[1..], flipped[1..], "{name} {axis}");
+        }
+    }
+    let handle = model.site("handle").unwrap();
+    twins(here.site_position(handle), there.site_position(handle));
+    let post = model.geom("post").unwrap();
+    assert_eq!(here.geom_position(post), there.geom_position(post));
+}
+
+#[test]
+fn a_translated_model_moves_elsewhere_alike() {
+    let model = Model::from_xml(GATE).unwrap();
+    let offset = [0.5, -0.25, 1.0];
+    let there = model.translated(offset);
+    let mut tables = [model, there].map(|model| Data::new(Arc::new(model)));
+    for data in &mut tables {
+        data.qvel_mut()[0] = 2.0;
+        data.step(100).unwrap();
+        data.forward().unwrap();
+    }
+    let [here, there] = &tables;
+    for name in ["post", "wall", "leaf", "rod", "ball"] {
+        let geom = here.model().geom(name).unwrap();
+        let (a, b) = (here.geom_position(geom), there.geom_position(geom));
+        let off = (0..3).map(|i| (b[i] - a[i] - offset[i]).abs());
+        assert!(off.fold(0.0, f64::max) < 1e-14, "{name}: {a:?} {b:?}");
     }
 }

@@ -13,6 +13,9 @@ pub(crate) const TABLE_CENTRE: DVec3 = DVec3::new(0.0, 0.6, 0.0);
 /// Height of the puck's centre on the table (metres); Meta-World's placements give its underside.
 const PUCK_HEIGHT: f64 = 0.015;
 
+/// Way of an open window's handle from that of a shut one (metres).
+const OPEN_WINDOW: DVec3 = DVec3::new(0.2, 0.0, 0.0);
+
 /// Recording of E episodes of T control steps of one task, in metres and Meta-World's frame.
 pub(crate) struct Recording {
     pub episodes: usize,
@@ -47,13 +50,13 @@ impl Recording {
     pub(crate) fn task_of_file(path: &Path) -> Result<TaskGroup, String> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let task = stem.split('_').nth(1).unwrap_or_default();
-        let mut groups = TaskGroup::STANDARD.into_iter();
-        let named =
-            |group: &TaskGroup| group.task().meta_world_spec().is_some_and(|it| it.name == task);
-        groups.find(named).ok_or_else(|| {
-            "its name says no task: expected ENGINE_TASK_POLICY.npz, where TASK is one of reach, \
-             button-press, drawer-close, plate-slide"
-                .to_owned()
+        let name = |group: &TaskGroup| group.task().meta_world_spec().map(|spec| spec.name);
+        TaskGroup::ALL.into_iter().find(|group| name(group) == Some(task)).ok_or_else(|| {
+            let known = TaskGroup::ALL.iter().filter_map(name).join(", ");
+            format!(
+                "its name says no task: expected ENGINE_TASK_POLICY.npz, where TASK is one of \
+                 Meta-World's: {known}"
+            )
         })
     }
 
@@ -81,13 +84,21 @@ impl Recording {
         })
     }
 
-    /// Returns the placement of an episode in this project's frame.
-    pub(crate) fn placement(&self, group: TaskGroup, episode: usize) -> Placement {
-        let mut object = to_project_frame(&self.placement.row(&[episode])[..3]);
-        if group == TaskGroup::PLATE_SLIDE {
-            object.z = PUCK_HEIGHT;
+    /// Returns the placement of an episode relative to `origin` (metres, Meta-World's frame).
+    pub(crate) fn placement(&self, group: TaskGroup, episode: usize, origin: DVec3) -> Placement {
+        let random = self.placement.row(&[episode]);
+        let relative = |point: &[f64]| DVec3::from_slice(point) - origin;
+        let mut object = relative(&random[..3]);
+        let mut goal = relative(self.goal.row(&[episode]));
+        match group.name() {
+            "plate-slide" => object.z = PUCK_HEIGHT,
+            // both are at the height of the block when it has come to rest
+            "push" => object.z = goal.z,
+            // ours is the position of the box, from which the target is a constant way
+            "peg-insert-side" => goal = relative(&random[3..]),
+            _ => {}
         }
-        Placement { object, goal: to_project_frame(self.goal.row(&[episode])) }
+        Placement { object, goal }
     }
 
     /// Returns the hand's target at the start of an episode, in this project's frame.
@@ -104,6 +115,14 @@ impl Recording {
     pub(crate) fn hand_and_object(&self, episode: usize, step: usize) -> [DVec3; 2] {
         let observation = self.observation.row(&[episode, step]);
         [to_project_frame(&observation[..3]), to_project_frame(&observation[4..7])]
+    }
+
+    /// Returns the position of the object at an episode's start, in this project's frame.
+    pub(crate) fn start_object(&self, group: TaskGroup, episode: usize) -> DVec3 {
+        let [_, object] = self.hand_and_object(episode, 0);
+        // Meta-World measures its window before it opens it
+        let opened = if group == TaskGroup::WINDOW_CLOSE { OPEN_WINDOW } else { DVec3::ZERO };
+        object + opened
     }
 
     /// Returns the finger component of an action, not clipped.
@@ -125,16 +144,9 @@ impl Recording {
         ours: &StepReward,
     ) -> f64 {
         let info = self.info.row(&[episode, step]);
-        // Meta-World's Reach reports a distance instead of this term
-        let approach =
-            if group == TaskGroup::GOAL_REACH { 0.0 } else { ours.approach_reward - info[3] };
-        let terms = [
-            ours.reward - self.reward.row(&[episode, step])[0],
-            ours.in_place_reward - info[4],
-            ours.goal_distance - info[5],
-            approach,
-        ];
-        largest_deviation(terms.map(f64::abs))
+        let reward = ours.reward - self.reward.row(&[episode, step])[0];
+        let terms = reported_terms(group, ours).into_iter().map(|(at, term)| term - info[at]);
+        largest_deviation(terms.chain([reward]).map(f64::abs))
     }
 
     /// Returns `true` if a mesh touched anything during a step.
@@ -143,10 +155,28 @@ impl Recording {
     }
 }
 
+/// Returns the terms of a reward that Meta-World reports too, with their indices in `info`.
+fn reported_terms(group: TaskGroup, ours: &StepReward) -> Vec<(usize, f64)> {
+    let (approach, in_place) = (ours.approach_reward, (4, ours.in_place_reward));
+    let distance = (5, ours.goal_distance);
+    match group.name() {
+        // index 3 is a distance
+        "goal-reach" => vec![in_place, distance],
+        // index 3 is the finger action's term, index 5 is always zero
+        "door-open" => vec![(1, approach), in_place],
+        // the door's own term is missing
+        "door-close" => vec![(4, approach), distance],
+        _ => vec![(3, approach), in_place, distance],
+    }
+}
+
 /// Returns the number of random values of a placement: the object's position, and in some tasks the
 /// goal's.
 fn placement_len(group: TaskGroup) -> usize {
-    if [TaskGroup::GOAL_REACH, TaskGroup::PLATE_SLIDE].contains(&group) { 6 } else { 3 }
+    match group.name() {
+        "goal-reach" | "plate-slide" | "push" | "pick-place" | "peg-insert-side" => 6,
+        _ => 3,
+    }
 }
 
 /// Converts a point of Meta-World's frame to this project's frame.

@@ -14,8 +14,9 @@ use crate::mjcf::{Mjcf, parts};
 /// Name of the robot's file.
 const ROBOT: &str = "robot.xml";
 /// Included files; objects and surroundings collide as with the Sawyer arm's gripper.
-const INCLUDED: [Mjcf<'static>; 3] =
-    parts!(["contacts.xml", "drawer_stop.xml", "puck.xml"] in "sawyer");
+const INCLUDED: [Mjcf<'static>; 5] = parts!([
+    "block.xml", "contacts.xml", "drawer_stop.xml", "peg_contacts.xml", "puck.xml"
+] in "sawyer");
 /// MJCF around the robot. Its servos need the implicit integrator. Only the gripper collides, and
 /// not with itself, as with the Sawyer arm.
 const MJCF: &str = r#"<mujocoinclude>

@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, META_WORLD_X, scene, spec, uniform};
+use super::{CANONICAL_X, META_WORLD_HAND_BACK, META_WORLD_X, scene, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
@@ -18,7 +18,6 @@ pub struct ButtonPress;
 /// reaches past the pressed button.
 const BOX_Y: std::ops::Range<f64> = 0.22..0.27;
 const META_WORLD_BOX_Y: std::ops::Range<f64> = 0.25..0.30;
-const META_WORLD_HAND_START: DVec3 = DVec3::new(0.0, -0.2, 0.2);
 const BOX_Z: f64 = 0.115;
 /// Offset from the button body's origin to the middle of its cap (metres).
 const CAP: DVec3 = DVec3::new(0.0, -0.193, 0.0);
@@ -77,7 +76,7 @@ impl Task for ButtonPress {
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
         Some(MetaWorldSpec {
-            hand_target: META_WORLD_HAND_START,
+            hand_target: META_WORLD_HAND_BACK,
             ..spec("button-press", place_meta_world)
         })
     }

@@ -78,7 +78,7 @@ impl Task for DrawerClose {
     fn parts(&self) -> TaskParts<'_> {
         TaskParts {
             start_joints: &[("slide", OPEN)],
-            ..scene(part!("drawer_close.xml").1, "drawer", HANDLE)
+            ..scene(part!("drawer.xml").1, "drawer", HANDLE)
         }
     }
 
