@@ -52,7 +52,7 @@ impl Recording {
         let task = stem.split('_').nth(1).unwrap_or_default();
         let name = |group: &TaskGroup| group.task().meta_world_spec().map(|spec| spec.name);
         TaskGroup::ALL.into_iter().find(|group| name(group) == Some(task)).ok_or_else(|| {
-            let known = TaskGroup::ALL.iter().filter_map(name).join(", ");
+            let known = TaskGroup::ALL.iter().filter_map(name).collect::<Vec<_>>().join(", ");
             format!(
                 "its name says no task: expected ENGINE_TASK_POLICY.npz, where TASK is one of \
                  Meta-World's: {known}"
