@@ -223,14 +223,14 @@ fn a_reflected_model_moves_as_the_mirror_image() {
         data.forward().unwrap();
     }
     let [here, there] = &tables;
-    let model = here.model();
+    let ids = here.model();
     assert_eq!(here.qpos()[..2], there.qpos()[..2]);
     assert!(here.qpos()[0] > 0.1, "the gate turns");
     let twins = |a: [f64; 3], b: [f64; 3]| {
         assert!((a[0] + b[0]).abs() < 1e-15 && a[1..] == b[1..], "{a:?} {b:?}");
     };
     for name in ["wall", "leaf", "rod", "ball"] {
-        let geom = model.geom(name).unwrap();
+        let geom = ids.geom(name).unwrap();
         twins(here.geom_position(geom), there.geom_position(geom));
         let [axes, other] = [here, there].map(|data| data.geom_axes(geom));
         for (axis, (a, b)) in axes.into_iter().zip(other).enumerate() {
@@ -240,9 +240,9 @@ fn a_reflected_model_moves_as_the_mirror_image() {
             assert_eq!(a[1..], flipped[1..], "{name} {axis}");
         }
     }
-    let handle = model.site("handle").unwrap();
+    let handle = ids.site("handle").unwrap();
     twins(here.site_position(handle), there.site_position(handle));
-    let post = model.geom("post").unwrap();
+    let post = ids.geom("post").unwrap();
     assert_eq!(here.geom_position(post), there.geom_position(post));
 }
 
@@ -250,8 +250,8 @@ fn a_reflected_model_moves_as_the_mirror_image() {
 fn a_translated_model_moves_elsewhere_alike() {
     let model = Model::from_xml(GATE).unwrap();
     let offset = [0.5, -0.25, 1.0];
-    let there = model.translated(offset);
-    let mut tables = [model, there].map(|model| Data::new(Arc::new(model)));
+    let moved = model.translated(offset);
+    let mut tables = [model, moved].map(|model| Data::new(Arc::new(model)));
     for data in &mut tables {
         data.qvel_mut()[0] = 2.0;
         data.step(100).unwrap();

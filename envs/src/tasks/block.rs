@@ -3,7 +3,7 @@
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::caging::{caging_reward, sided_caging_reward, take};
+use super::caging::{caging_reward, sided_caging_reward, take_and_carry};
 use super::{CANONICAL_X, META_WORLD_X, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
@@ -84,8 +84,7 @@ impl Task for Push {
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
         let aim = DVec3::new(now.object.x, now.object.y, PUSHING_Z);
         let to = DVec3::new(placement.goal.x, placement.goal.y, PUSHING_Z);
-        let (hand, finger) = take(now, aim).unwrap_or((to, 1.0));
-        ExpertCommand { hand, finger }
+        take_and_carry(now, aim, to)
     }
 
     fn parts(&self) -> TaskParts<'_> {
@@ -135,8 +134,7 @@ impl Task for PickPlace {
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
         let aim = now.object + GRIP * DVec3::Z;
         let to = placement.goal + (now.hand - now.object);
-        let (hand, finger) = take(now, aim).unwrap_or((to, 1.0));
-        ExpertCommand { hand, finger }
+        take_and_carry(now, aim, to)
     }
 
     fn parts(&self) -> TaskParts<'_> {

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use crate::reward::{hamacher_product, long_tail_between, long_tail_reward};
-use crate::task::{EpisodeStart, Measurement};
+use crate::task::{EpisodeStart, ExpertCommand, Measurement};
 
 /// Distance of the fingertips from the object in the plane of x and z at full reward (metres).
 const IN_LINE: f64 = 0.005;
@@ -54,15 +54,26 @@ fn with_pads([right, left]: [f64; 2], start: &EpisodeStart, now: &Measurement, f
 
 /// Aperture of fingers that have begun to close: those of the widest grip stop at 0.91.
 const CLOSING: f64 = 0.93;
+/// Distances beside and above the grip (metres) from which fingers close, and up to which closed
+/// ones hold.
+const READY: [f64; 2] = [0.008, 0.012];
+const HOLDS: [f64; 2] = [0.02, 0.025];
+/// Share of its way that the hand covers in a decision: an arm that lags would overshoot with more.
+const GAIN: f64 = 0.5;
 
-/// Returns where the hand goes to take an object with the grip at `aim`, and how the fingers move
-/// (1 closes). `None` once the hand is there and the fingers close.
-pub(super) fn take(now: &Measurement, aim: DVec3) -> Option<(DVec3, f64)> {
-    let beside = (now.hand - aim).truncate().length();
-    if beside < 0.02 && now.hand.z - aim.z < 0.025 {
-        return (now.aperture > CLOSING).then_some((aim, 1.0));
-    }
-    // down a funnel, so that no finger comes down on the object
-    let above = 0.1 * ((beside - 0.005) / 0.03).clamp(0.0, 1.0);
-    Some((aim + above * DVec3::Z, -1.0))
+/// Returns the command for an object to be taken with the hand at `grip`, and then carried with the
+/// hand to `to`.
+pub(super) fn take_and_carry(now: &Measurement, grip: DVec3, to: DVec3) -> ExpertCommand {
+    let beside = (now.hand - grip).truncate().length();
+    let [near, low] = if now.aperture > CLOSING { READY } else { HOLDS };
+    let (way, finger) = if beside >= near || now.hand.z - grip.z >= low {
+        // down a funnel, so that no finger comes down on the object
+        let above = 0.1 * ((beside - 0.004) / 0.03).clamp(0.0, 1.0);
+        (grip + above * DVec3::Z - now.hand, -1.0)
+    } else if now.aperture > CLOSING {
+        (grip - now.hand, 1.0)
+    } else {
+        (to - now.hand, 1.0)
+    };
+    ExpertCommand { hand: now.hand + GAIN * way, finger }
 }

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 
-use super::caging::{caging_reward, take};
+use super::caging::{caging_reward, take_and_carry};
 use super::{spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
@@ -95,16 +95,14 @@ impl Task for PegInsertSide {
 
     /// Takes the peg, lifts it in front of the channel and pushes it in.
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
-        if let Some((hand, finger)) = take(now, now.object + GRIP * DVec3::Z) {
-            return ExpertCommand { hand, finger };
-        }
         let off = placement.goal + HOLE - now.tip;
         let x = if off.y.hypot(off.z) > ALIGNED {
             (placement.goal.x + BEFORE_BOX - now.tip.x).max(0.0)
         } else {
             off.x.max(-STEP)
         };
-        ExpertCommand { hand: now.hand + DVec3::new(x, off.y, off.z), finger: 1.0 }
+        let to = now.hand + DVec3::new(x, off.y, off.z);
+        take_and_carry(now, now.object + GRIP * DVec3::Z, to)
     }
 
     fn parts(&self) -> TaskParts<'_> {
