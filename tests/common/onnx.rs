@@ -114,9 +114,9 @@ impl Node<'_> {
     ) -> Tensor {
         // one number for all axes and ends
         let same = |name: &str, numbers: usize| {
-            let values = self.ints(name);
-            assert_eq!(values, vec![values[0]; numbers], "{name}");
-            values[0]
+            let attribute = self.ints(name);
+            assert_eq!(attribute, vec![attribute[0]; numbers], "{name}");
+            attribute[0]
         };
         let (size, stride, pad) = (same("kernel_shape", 2), same("strides", 2), same("pads", 4));
         let [samples, channels, height, width] = images.shape()[..] else { panic!() };
@@ -131,8 +131,8 @@ impl Node<'_> {
         let windows = framed.windows_with_stride([1, planes, size, size], step);
         let values: Vec<f64> = windows.into_iter().flat_map(values).collect();
         let [rows, columns] = [high, wide].map(|side| (side - size) / stride + 1);
-        let windows = samples * (channels / planes) * rows * columns;
-        tensor(&[samples, channels / planes, rows, columns, values.len() / windows], values)
+        let count = samples * (channels / planes) * rows * columns;
+        tensor(&[samples, channels / planes, rows, columns, values.len() / count], values)
     }
 }
 

@@ -114,13 +114,13 @@ fn a_full_disk_is_named_and_leaves_the_last_checkpoint() {
     let folder = scratch.run("run").with_disk(Arc::new(disk));
     let mut run = Run::start(tiny(Method::Covers), folder).unwrap();
     run.advance().unwrap();
-    let folder = run.folder().path().to_owned();
+    let path = run.folder().path().to_owned();
     let message = run.advance().unwrap_err().to_string();
     assert!(message.contains("000002.safetensors"), "{message}");
     assert!(message.contains("No space left"), "{message}");
-    assert_eq!(checkpoints(&folder).len(), 1, "what is not whole is removed");
+    assert_eq!(checkpoints(&path).len(), 1, "what is not whole is removed");
     drop(run);
-    let resumed = Run::resume(&folder, None).unwrap();
+    let resumed = Run::resume(&path, None).unwrap();
     assert_eq!(resumed.stats().rollouts, 1);
     assert_same(&finish(resumed), expected());
 }
