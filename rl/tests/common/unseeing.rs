@@ -72,8 +72,8 @@ impl<U: Unseeing> OnPolicyActor for Acting<U> {
 
 /// Environment n ends its episodes after `lengths[n]` steps, by turns with a termination and a
 /// time-out. The reward is 1 where an action says how many steps of the episode were taken before,
-/// and 0 elsewhere. Pictures and vectors are all zero, so only a memory can tell. Fails the test when
-/// it is to execute anything but a finite action in every environment.
+/// and 0 elsewhere. Pictures and vectors are all zero, so only a memory can tell. A step fails the
+/// test unless there is a finite action for every environment.
 pub struct Ages {
     spec: EnvSpec,
     lengths: Vec<usize>,
