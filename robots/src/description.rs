@@ -44,7 +44,8 @@ pub struct RangeRestriction {
 pub struct Link {
     /// Name, unique among the links.
     pub name: String,
-    /// Mass and inertia in the file, possible or not; `None` for a frame without mass.
+    /// Mass and inertia in the file, possible or not, or as repaired
+    /// ([`UrdfSettings::repair`](crate::UrdfSettings::repair)); `None` for a frame without mass.
     pub inertia: Option<Inertia>,
     /// Collision shapes, in the link's frame.
     pub shapes: Vec<PlacedShape>,

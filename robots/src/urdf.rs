@@ -59,7 +59,7 @@ impl UrdfSettings {
         defaults.into_iter().try_for_each(|(name, value)| {
             let is_limit = value.is_none_or(joints::is_limit);
             let place = || "the settings".to_owned();
-            require(is_limit, place, name, value.unwrap_or_default(), "positive and below 1e6")
+            require(is_limit, place, name, value.unwrap_or_default(), "a positive number below 1e6")
         })
     }
 }
@@ -187,10 +187,8 @@ impl RobotDescription {
         let (inertias, findings) = description.simulated_inertias();
         for finding in findings.iter().filter(|of| settings.repair || of.error.is_none()) {
             report.note(link_lines[finding.link], &finding.note);
-        }
-        if settings.repair {
-            for (link, inertia) in description.links.iter_mut().zip(inertias) {
-                link.inertia = inertia;
+            if finding.error.is_some() {
+                description.links[finding.link].inertia = inertias[finding.link];
             }
         }
         let Report { notes, missing_shapes, .. } = report;

@@ -36,19 +36,19 @@ pub(super) fn points(text: &str) -> Result<(Vec<DVec3>, Option<&'static str>), S
 
 /// Returns the length of the file's unit (metres), as a scale.
 fn unit(root: Node) -> Result<DVec3, String> {
-    let mut units = Vec::new();
+    let metres = |stated: &str| match stated.trim().parse::<f64>() {
+        Ok(metres) if metres > 0.0 => Ok(metres),
+        _ => Err(format!("its unit is {stated:?} m, expected a positive number")),
+    };
+    let own = child(root, "asset").and_then(|asset| child(asset, "unit")).ok();
+    let own = own.and_then(|unit| unit.attribute("meter")).map_or(Ok(1.0), metres)?;
     for stated in root.descendants().filter_map(|unit| unit.attribute("meter")) {
-        match stated.trim().parse::<f64>() {
-            Ok(metres) if metres > 0.0 => units.push(metres),
-            _ => return Err(format!("its unit is {stated:?} m, expected a positive number")),
+        let other = metres(stated)?;
+        if other != own {
+            return Err(format!("it has units of {own} m and {other} m, expected one"));
         }
     }
-    let is_stated = child(root, "asset").is_ok_and(|asset| child(asset, "unit").is_ok());
-    let unit = if is_stated { units.first().copied().unwrap_or(1.0) } else { 1.0 };
-    match units.iter().find(|other| **other != unit) {
-        Some(other) => Err(format!("it has units of {unit} m and {other} m, expected one")),
-        None => Ok(DVec3::splat(unit)),
-    }
+    Ok(DVec3::splat(own))
 }
 
 /// Reader of the nodes of a file.
@@ -233,30 +233,31 @@ fn numbers<T: FromStr>(element: Node) -> Result<Vec<T>, String> {
 mod tests {
     use super::*;
 
-    /// A file of a geometry, which `G` places in `nodes`: a surface through (1, 2, 3) and (4, 5, 6),
-    /// and another point.
+    /// A file of a geometry, which `G` places in `nodes`: a surface through (1, 2, 3) and
+    /// (4, 5, 6), and another point.
     fn file(nodes: &str) -> String {
         let [geometry, more] = ["g", "h"].map(|id| {
             format!(
                 "<geometry id='{id}'><mesh><source id='n{id}'><float_array id='a'>9 9</float_array>
-                </source><source id='p{id}'><float_array id='a{id}' count='13'>7 1 2 3 0 8 8 8 0 4 <!-- --> 5
+                </source><source id='p{id}'><float_array id='a{id}'>7 1 2 3 0 8 8 8 0 4 <!-- --> 5
                 6 0</float_array><technique_common><accessor source='#a{id}' count='3' stride='4'
                 offset='1'><param name='X'/><param name='Y'/><param name='Z'/><param/></accessor>
-                </technique_common></source><vertices id='v{id}'><input semantic='NORMAL' source='#n{id}'/>
-                <input semantic='POSITION' source='#p{id}'/></vertices><polygons>
-                <input semantic='VERTEX' source='#v{id}' offset='1'/><input offset='2'/><p>9 0 9 9 2 9
-                </p><ph><p>9 0 9</p><h>9 2 9</h></ph></polygons><lines><p>1 1</p></lines></mesh>
+                </technique_common></source><vertices id='v{id}'>
+                <input semantic='NORMAL' source='#n{id}'/><input semantic='POSITION' source='#p{id}'/></vertices><polygons>
+                <input semantic='VERTEX' source='#v{id}' offset='1'/><input offset='2'/>
+                <p>9 0 9 9 2 9</p><ph><p>9 0 9</p><h>9 2 9</h></ph></polygons><lines><p>1 1</p></lines></mesh>
                 </geometry>"
             )
         });
         let nodes = nodes.replace('G', "<instance_geometry url='#g'/>");
         format!(
-            "<!DOCTYPE COLLADA><COLLADA xmlns='c'><asset><unit meter='0.01'/><up_axis>Z_UP</up_axis>
-            </asset><library_geometries>{geometry}{more}</library_geometries><library_nodes>
+            "<!DOCTYPE COLLADA><COLLADA xmlns='c'>
+            <asset><unit meter='0.01'/><up_axis>Z_UP</up_axis></asset>
+            <library_geometries>{geometry}{more}</library_geometries><library_nodes>
             <node id='far'><translate>100 0 0</translate><instance_geometry url='#g'/></node>
             <node id='round'><instance_node url='#round'/></node></library_nodes>
-            <library_visual_scenes><visual_scene id='other'><node><instance_geometry url='#h'/></node>
-            </visual_scene><visual_scene id='s'>{nodes}</visual_scene></library_visual_scenes>
+            <library_visual_scenes><visual_scene id='other'><node>
+            <instance_geometry url='#h'/></node></visual_scene><visual_scene id='s'>{nodes}</visual_scene></library_visual_scenes>
             <scene><instance_visual_scene url='#s'/></scene></COLLADA>"
         )
     }
@@ -330,6 +331,11 @@ mod tests {
                 "<visual_scene id='s'>",
                 "<visual_scene id='s'><asset><unit meter='1'/></asset>",
                 "0.01 m and 1 m",
+            ),
+            (
+                "<unit meter='0.01'/><up_axis>Z_UP</up_axis></asset>",
+                "<unit/></asset><unit meter='0.01'/>",
+                "1 m and 0.01 m",
             ),
             ("name='Y'", "name='Z'", "expected X, Y, Z"),
             ("count='3'", "count='4'", "4 points of 4 numbers each"),

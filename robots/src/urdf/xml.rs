@@ -94,7 +94,7 @@ pub(super) fn parse<T>(text: &str, name: &str, read: impl FnOnce(Node) -> T) -> 
             }
             Ok(document) => {
                 let found = document.root_element().tag_name().name();
-                return Err(format!("`<{found}>`: {alone}"));
+                return Err(format!("it is `<{found}>`, {alone}"));
             }
             Err(error) => error,
         };
@@ -127,8 +127,8 @@ fn without_comments(text: &str) -> Result<String, String> {
         if tag.starts_with("<!ENTITY") {
             let line = 1 + text[..text.len() - tag.len()].matches('\n').count();
             return Err(format!(
-                "line {line}: `<!ENTITY` declares an entity, and entities are not read; write their \
-                 values where they are used"
+                "line {line}: `<!ENTITY` declares an entity, and entities are not read; write \
+                 their values where they are used"
             ));
         }
         kept += before;
