@@ -45,7 +45,7 @@ const SEVERAL_VERSIONS: [(&str, usize); 8] = [
     ("thiserror-impl", 2),
 ];
 
-/// What tests, examples and benches of a crate may import besides.
+/// Additional crates that tests, examples and benches of a crate may import.
 const FOR_TESTS: [(&str, &[&str]); 4] = [
     ("robots", &["mujoco"]),
     ("envs", &["inpainting"]),

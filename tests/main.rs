@@ -26,6 +26,7 @@ mod settings;
 mod table1;
 #[cfg(feature = "tui")]
 mod terminal;
+mod unsafe_code;
 mod variants;
 mod watch;
 mod words;

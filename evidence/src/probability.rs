@@ -22,7 +22,7 @@ const ACCEPTED: f64 = 0.1;
 impl Probabilities {
     /// Creates the probabilities from the weight and the outlier score of each policy.
     pub(crate) fn new(policies: impl Iterator<Item = (f64, f64)>) -> Self {
-        let (weights, misfits): (Vec<_>, _) = policies.unzip();
+        let (weights, misfits) = policies.unzip::<_, _, Vec<_>, Vec<_>>();
         let all = weights.iter().sum::<f64>() + NONE;
         let share = |weight: f64| weight / all;
         Self { policies: weights.into_iter().map(share).collect(), none: share(NONE), misfits }

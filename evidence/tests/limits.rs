@@ -1,4 +1,4 @@
-//! How large a difference must be before it speaks against a policy, and what follows from it.
+//! Sizes of differences from which on they speak against a policy, and what follows.
 
 use cluster::{Decision, Verdict};
 use evidence::{Finding, Recogniser, Situation, Trial};

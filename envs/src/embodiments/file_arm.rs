@@ -229,7 +229,11 @@ impl OwnFingers {
         let Some([low, high]) = motion.range else {
             return Err(refuse("the joint that moves them has no range"));
         };
-        let at = |position| FingerPlaces::new(robot, [hand, one, other], (dof, position));
+        let at = |position| {
+            let mut positions = robot.rest_positions();
+            positions[dof] = position;
+            FingerPlaces::new(robot, [hand, one, other], &positions)
+        };
         let (lower, upper) = (at(low), at(high));
         let opens_down = lower.distance() > upper.distance();
         let (widest, wide, closed) =
@@ -270,16 +274,10 @@ struct FingerPlaces<'a> {
 }
 
 impl<'a> FingerPlaces<'a> {
-    /// Places the fingers, given the indices of the hand and the fingers, and the joint's index in
-    /// the position vector with its position.
-    fn new(
-        robot: &'a RobotDescription,
-        [hand, one, other]: [usize; 3],
-        (dof, position): (usize, f64),
-    ) -> Self {
-        let mut positions = robot.rest_positions();
-        positions[dof] = position;
-        let poses = robot.link_poses(&positions);
+    /// Places the fingers, given the indices of the hand's and the fingers' links, and the position
+    /// vector of the robot.
+    fn new(robot: &'a RobotDescription, [hand, one, other]: [usize; 3], positions: &[f64]) -> Self {
+        let poses = robot.link_poses(positions);
         let turn = poses[hand].rotation.conjugate();
         let in_hand = |link: usize| Pose {
             position: turn * (poses[link].position - poses[hand].position),

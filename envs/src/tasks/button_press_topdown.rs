@@ -24,7 +24,7 @@ const META_WORLD_BOX_Z: f64 = 0.115;
 const CAP: DVec3 = DVec3::new(0.0, 0.0, 0.193);
 /// Offset from the box's centre to the cap's position when fully pressed (metres).
 const HOLE: DVec3 = DVec3::new(0.0, 0.0, 0.1);
-/// The same in Meta-World, whose box is turned by 1.57 rather than a right angle.
+/// [`HOLE`] in Meta-World, whose box is turned by 1.57 rather than a right angle.
 const META_WORLD_HOLE: DVec3 = DVec3::new(0.0, -7.963267107332634e-5, 0.09999996829318347);
 /// Travel from rest to the fully pressed position (metres), the reward's margin: 0.0935 turned by
 /// 1.57.

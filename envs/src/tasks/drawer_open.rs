@@ -24,7 +24,8 @@ const HANDLE: DVec3 = DVec3::new(0.0, -0.16, 0.0);
 const SHUT: DVec3 = DVec3::new(0.0, -0.16, 0.09);
 /// Way of the handle to its target (metres).
 const WAY: f64 = 0.17;
-/// The same in Meta-World, 4 cm beyond the stop, against which the hand must pull.
+/// Way of the handle in Meta-World (metres): to 4 cm beyond the stop, against which the hand must
+/// pull.
 const META_WORLD_WAY: f64 = 0.2;
 /// Distances of the handle from its target at full reward and at success (metres).
 const BOUND: f64 = 0.02;
