@@ -121,3 +121,36 @@ fn the_gradient_agrees_with_central_differences() {
         }
     }
 }
+
+#[test]
+fn the_gradient_balances_and_gives_back_the_distance() {
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    for (n, m, shared) in [(7, 7, 0), (12, 5, 3), (30, 40, 10), (6, 6, 6)] {
+        // shared points contribute nothing
+        let (x, mut y) = (normals(&mut rng, 3 * n), normals(&mut rng, 3 * m));
+        y[..3 * shared].copy_from_slice(&x[..3 * shared]);
+        let gradient = wasserstein1_gradient(&x, &y, 3).unwrap();
+        for d in 0..3 {
+            // moving both clouds changes nothing
+            let sum = |part: &[f64]| part.iter().skip(d).step_by(3).sum::<f64>();
+            assert!((sum(&gradient.x) + sum(&gradient.y)).abs() < 1e-15 * (n + m) as f64);
+        }
+        // the distance is homogeneous: Euler's theorem
+        let by = |part: &[f64], points: &[f32]| {
+            part.iter().zip(points).map(|(g, p)| g * f64::from(*p)).sum::<f64>()
+        };
+        let distance = by(&gradient.x, &x) + by(&gradient.y, &y);
+        assert!((distance - gradient.distance).abs() < 1e-13, "{n}, {m}: {gradient:?}");
+        // each point moves the distance by its weight at most
+        for (part, points) in [(&gradient.x, n), (&gradient.y, m)] {
+            for slope in part.chunks_exact(3) {
+                let slope = slope.iter().map(|g| g * g).sum::<f64>().sqrt();
+                assert!(slope * points as f64 <= 1.0 + 1e-12, "{n}, {m}: {slope}");
+            }
+        }
+    }
+    assert!(matches!(
+        wasserstein1_gradient(&[1.0], &[1.0], 0),
+        Err(ClusterError::OutOfRange { name: "dim", .. })
+    ));
+}

@@ -1,5 +1,6 @@
 //! Pictures that the learner observes: orientation, symmetry, and differences between variants.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use envs::{
@@ -231,4 +232,34 @@ fn a_point_projects_to_its_pixel() {
             );
         }
     }
+}
+
+/// A scene whose objects stand at positive x and y must show them right of and above the middle.
+#[test]
+fn the_canonical_drawer_is_up_and_to_the_right() {
+    let size = 48;
+    let picture = &Studio::new(TaskGroup::DRAWER_CLOSE, Embodiment::SAWYER, size).pictures(4)[0];
+    let green = picture
+        .chunks_exact(RGB_CHANNELS)
+        .enumerate()
+        .filter(|(_, pixel)| pixel[1] > pixel[0].saturating_add(20) && pixel[1] > pixel[2]);
+    let (mut rows, mut columns, mut count) = (0, 0, 0);
+    for (index, _) in green {
+        rows += index / size;
+        columns += index % size;
+        count += 1;
+    }
+    assert!(count > 50, "only {count} green pixels");
+    assert!(rows / count < size / 2, "mean row {}", rows / count);
+    assert!(columns / count > size / 2, "mean column {}", columns / count);
+}
+
+#[test]
+fn every_variant_with_objects_looks_different() {
+    // Goal Reach hides its goal: its four first pictures are the same bare table with the gripper
+    // over the centre.
+    let groups = TaskGroup::STANDARD.into_iter().filter(|&group| group != TaskGroup::GOAL_REACH);
+    let pictures: HashSet<Vec<u8>> =
+        groups.flat_map(|group| Studio::new(group, Embodiment::SAWYER, 48).pictures(4)).collect();
+    assert_eq!(pictures.len(), 12);
 }

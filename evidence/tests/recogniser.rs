@@ -302,3 +302,14 @@ fn slow_drift_splits_nothing() {
         }
     }
 }
+
+#[test]
+fn a_new_policy_remembers_only_the_group_it_was_opened_for() {
+    let mut recogniser = knowing(WorldKind::Appearance, 1000, 1);
+    let mixed = accounts(stream(WorldKind::Appearance, 1000, &[(1, 2), (2, 2)], 5), 4, Some(1));
+    recogniser.learn(1, &mixed, &mut rng()).unwrap();
+    let one = recogniser.recognise(&rollout(WorldKind::Appearance, 1000, 1, 0), &mut rng());
+    assert_eq!(one.unwrap().likeliest(), Some(1));
+    let other = recogniser.recognise(&rollout(WorldKind::Appearance, 1000, 2, 0), &mut rng());
+    assert_eq!(other.unwrap().likeliest(), None);
+}

@@ -220,4 +220,14 @@ mod tests {
         let grouped = halves.bootstrap_interval(mean).unwrap();
         assert!(grouped.low > 0.1 && grouped.high < 0.9, "{grouped:?}");
     }
+
+    #[test]
+    fn a_difference_that_is_always_there_does_not_reach_zero() {
+        let one = Scores(vec![vec![0.9, 1.0, 0.95]]);
+        let other = Scores(vec![vec![0.2, 0.4, 0.3]]);
+        let interval = one.mean_difference_interval(&other).unwrap();
+        assert!(interval.low > 0.5 && interval.high < 0.8, "{interval:?}");
+        let against = one.mean_difference_interval(&one).unwrap();
+        assert!(against.low < 0.0 && against.high > 0.0);
+    }
 }

@@ -1,6 +1,6 @@
 //! The contract of the equivariant policy, for every group and every kind of encoder.
 
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, ActorCriticPolicy, CriticSettings, EncoderSettings, EnvSpec, FeatureExtractor,
@@ -138,4 +138,32 @@ fn the_check_of_value_and_features_fails_for_what_is_no_symmetry() {
 #[test]
 fn the_standard_deviation_does_not_depend_on_the_state() {
     assert_eq!(policy().log_std(), [-0.5; 5]);
+}
+
+#[test]
+fn the_network_for_128_pixels_is_equivariant() {
+    let spec = EnvSpec {
+        num_envs: 1,
+        image_shape: [128, 128, 6],
+        vector_irreps: vec![Irrep::X, Irrep::Y],
+        action_irreps: vec![Irrep::X, Irrep::Y],
+    };
+    let settings = NetworkSettings { action_gain: 1.0, ..NetworkSettings::so2_128() };
+    let mut policy = ActorCriticPolicy::new(&settings, &spec, 5).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    let mut picture = vec![0; spec.image_len()];
+    picture.fill_with(|| rng.random());
+    let [x, y] = [0.4, -0.7];
+    let mut mean = |g: D2| {
+        let images = g.transform_image(&picture, 128, 128, 6);
+        let vectors = g.apply_xy([x, y]).map(|v| v as f32).to_vec();
+        let mut out = [0.0; 2];
+        policy.mean_actions(&Observations { images, vectors }, &mut (), &mut out).unwrap();
+        out
+    };
+    let reference = mean(D2::Identity);
+    for g in D2::ALL {
+        let expected = g.apply_xy(reference.map(f64::from)).map(|v| v as f32);
+        assert!(error(&mean(g), &expected) < TOLERANCE, "{g}");
+    }
 }
