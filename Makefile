@@ -13,7 +13,7 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 PYTHON := python3
 
-.PHONY: stream test table1 efficiency gpu rerun python faults fuzz sanitise book deps
+.PHONY: stream test table1 efficiency gpu rerun web web-test python faults fuzz sanitise book deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -110,6 +110,37 @@ gpu: deps
 	cargo test $(GPU) --locked --test gpu
 	$(call named,$(GPU),--test suite,device::)
 	$(call named,$(GPU),--lib,ppo::gpu adapter gpu::plan gpu::step)
+
+# The demonstration for browsers, in $(TARGET)/web. It takes Node.js with npm and packages from npm;
+# its test takes Chromium.
+WEB := $(abspath $(TARGET))/web
+WASM := wasm32-unknown-unknown
+
+web: export CARGO_INCREMENTAL := 0
+web: export CARGO_TARGET_DIR := $(abspath $(TARGET))
+
+web: deps
+	rustup target add $(WASM)
+	cd web && cargo fmt --check
+	cd web && cargo clippy --all-targets --locked -- -D warnings
+	cd web && RUSTFLAGS="-C target-feature=+simd128" \
+	  cargo build --quiet --release --lib --locked --target $(WASM)
+	rm -rf $(WEB) && mkdir -p $(WEB)
+	cd web && cargo run --quiet --locked --example bindings -- \
+	  $(abspath $(TARGET))/$(WASM)/release/covers_web.wasm $(WEB)
+	cp web/page/index.html web/page/style.css web/page/main.js web/page/worker.js $(WEB)
+	cd web && npm ci --silent
+	cd web && npx esbuild page/robot.js --bundle --minify --format=esm --outfile=$(WEB)/robot.js
+	cargo run --quiet --release --locked -p covers-render --example poses -- assets/pretrained \
+	  > $(WEB)/poses.json
+
+web-test: export CARGO_TARGET_DIR := $(abspath $(TARGET))
+
+web-test: web
+	cd web && npx html-validate page/index.html
+	cd web && cargo run --quiet --release --locked --example run -- 1 3 12 > $(WEB).jsonl
+	mkdir -p $(WEB)-pictures
+	cd web && node tests/page.mjs $(WEB) $(WEB).jsonl $(WEB)-pictures
 
 # Recordings for the Rerun viewer: minutes, most of them to compile its SDK. Rerun's own package,
 # which takes Python 3.10 or later, reads one and compares it with the tables of its run.
