@@ -96,8 +96,8 @@ pub enum RunError {
     /// Table of a finished run that was changed after the run had ended.
     #[error(
         "{} was changed after the run had ended: its checksum is {found}, summary.json says \
-         {expected}. `covers resume` on the run's folder restores all tables but timings.csv from \
-         the last checkpoint",
+         {expected}. `covers resume` on the run's folder restores all tables from the last \
+         checkpoint",
         path.display()
     )]
     ChangedTable {

@@ -42,7 +42,7 @@ mod workers;
 
 pub use error::RunError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
-pub use folder::{RunFolder, SUMMARY_FILE};
+pub use folder::{FolderSnapshot, RunFolder, SUMMARY_FILE};
 pub use latest_frame::LatestFrame;
 pub use progress::{EvaluationReport, Event, RolloutReport, Summary};
 pub use provenance::{Provenance, instruction_sets, processor_name};

@@ -17,7 +17,7 @@ use crate::latest_frame::LatestFrame;
 use learner::{CheckpointExtent, DeviceChoice, Iteration, Learner};
 
 use super::checkpoints;
-use crate::folder::RunFolder;
+use crate::folder::{RunFolder, SAVED_TIMINGS_FILE};
 use crate::lock::FolderLock;
 use crate::logs::RunTables;
 use crate::note::RunState;
@@ -121,9 +121,6 @@ impl Run {
         // happen if anything else fails
         folder.prepare_for_run()?;
         checkpoints::rename_damaged(folder.disk(), &prepared.unreadable_checkpoints)?;
-        if folder.is_finished() {
-            folder.rename_changed_timings()?;
-        }
         let tables = RunTables::open(&folder, stats.rollouts, tables)?;
         stats.seconds = tables.timing_sums().seconds;
         let run = Self {
@@ -371,6 +368,7 @@ impl Run {
         let bytes = self.learner.to_checkpoint_bytes(&path, CheckpointExtent::Everything, &note)?;
         // tables and logs are synced first, so that a checkpoint is never ahead of them on the disk
         self.tables.sync()?;
+        self.folder.replace_file(SAVED_TIMINGS_FILE, self.tables.timings())?;
         self.folder.sync_files(&[Provenance::FILE_NAME, LOG])?;
         let (disk, keep) = (self.folder.disk(), self.experiment.checkpoints.keep);
         checkpoints::write_checkpoint(

@@ -1,11 +1,12 @@
 //! Worker of a sweep, which claims one job after another until all are finished.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use experiments::{Event, Experiment, Run, RunError, RunFolder, StopSignal};
+use experiments::{Event, Experiment, FolderSnapshot, Run, RunError, RunFolder, StopSignal};
 use learner::overrides::check_same_settings;
 
 use super::plan::SweepJob;
@@ -14,6 +15,18 @@ use super::plan::SweepJob;
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
 /// Time between checks of the stop signal while a worker waits.
 const STOP_POLL: Duration = Duration::from_millis(50);
+
+/// Settings of a sweep's worker.
+#[derive(Clone, Copy, Debug)]
+pub struct WorkerSettings<'a> {
+    /// Folder that holds the folders of the runs.
+    pub runs: &'a Path,
+    /// Worker threads of each run.
+    pub threads: usize,
+    /// Time after which a run whose files do not change is taken over from its worker; `None` to
+    /// wait for ever.
+    pub take_over_after: Option<Duration>,
+}
 
 /// Outcome of a sweep's worker.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -34,32 +47,34 @@ enum JobOutcome {
 
 /// Works on the sweep until every job has finished or failed, or until a stop is requested, and
 /// prints its progress. Jobs of other workers are left to them, and taken over if such a worker
-/// ends early. Workers share nothing but the folders of the runs and their locks.
+/// ends early or stands still. Workers share nothing but the folders of the runs and their locks.
 ///
 /// # Errors
 /// [`RunError::Write`] if the folder of the runs cannot be created.
 pub fn run_worker(
     jobs: &[SweepJob],
-    runs: &Path,
-    threads: usize,
+    settings: WorkerSettings,
     stop: &StopSignal,
     out: &mut impl Write,
 ) -> Result<SweepOutcome, RunError> {
+    let runs = settings.runs;
     std::fs::create_dir_all(runs).map_err(RunError::writing(runs))?;
-    let mut worker = Worker { runs, threads, stop, out, failed: Vec::new(), lost: Vec::new() };
+    let (failed, lost, seen) = Default::default();
+    let mut worker = Worker { settings, stop, out, failed, lost, seen };
     let stopped = worker.work(jobs);
     let failed = worker.failed;
     Ok(SweepOutcome { stopped, failed_jobs: failed })
 }
 
 struct Worker<'a, W> {
-    runs: &'a Path,
-    threads: usize,
+    settings: WorkerSettings<'a>,
     stop: &'a StopSignal,
     out: &'a mut W,
     failed: Vec<String>,
     /// Names of the jobs that other workers took over from this one.
     lost: Vec<String>,
+    /// Files of the runs of other workers by job, and since when they have not changed.
+    seen: BTreeMap<String, (FolderSnapshot, Instant)>,
 }
 
 impl<W: Write> Worker<'_, W> {
@@ -123,7 +138,7 @@ impl<W: Write> Worker<'_, W> {
     }
 
     fn run(&mut self, job: &SweepJob) -> Result<JobOutcome, RunError> {
-        let folder = RunFolder::from_path(&job.folder_path(self.runs));
+        let folder = RunFolder::from_path(&job.folder_path(self.settings.runs));
         if folder.holds_run() {
             // checked before the run is resumed, which would change its files
             refuse_others(job, &folder, &folder.read_experiment()?)?;
@@ -137,15 +152,47 @@ impl<W: Write> Worker<'_, W> {
                 }
             }
         }
-        if self.lost.contains(&job.folder_name) {
+        let lost = self.lost.contains(&job.folder_name);
+        if lost && !self.frees_stalled(job, &folder)? {
             return Ok(JobOutcome::Taken);
         }
         if self.stop.is_requested() {
             return Ok(JobOutcome::Stopped);
         }
-        match claim(job, &folder, self.threads) {
+        let mut claimed = claim(job, &folder, self.settings.threads);
+        if matches!(claimed, Err(RunError::Locked { .. })) && self.frees_stalled(job, &folder)? {
+            claimed = claim(job, &folder, self.settings.threads);
+        }
+        match claimed {
             Err(RunError::Locked { .. }) => Ok(JobOutcome::Taken),
             other => self.finish(job, other?),
+        }
+    }
+
+    /// Frees the lock of another worker's run if its files have not changed for too long; returns
+    /// `true` if so.
+    fn frees_stalled(&mut self, job: &SweepJob, folder: &RunFolder) -> Result<bool, RunError> {
+        let Some(limit) = self.settings.take_over_after else {
+            return Ok(false);
+        };
+        let (now, snapshot) = (Instant::now(), folder.snapshot()?);
+        let name = &job.folder_name;
+        match self.seen.get(name) {
+            Some((seen, since)) if *seen == snapshot => {
+                if now - *since < limit {
+                    return Ok(false);
+                }
+                let seconds = limit.as_secs();
+                self.say(job, &format!("has not changed for {seconds} seconds: taken over"));
+                folder.break_lock()?;
+                self.seen.remove(name);
+                self.lost.retain(|lost| lost != name);
+                Ok(true)
+            }
+            _ => {
+                self.seen.insert(name.clone(), (snapshot, now));
+                Ok(false)
+            }
         }
     }
 
@@ -260,7 +307,8 @@ mod tests {
 
         fn work(&self, stop: &StopSignal) -> (SweepOutcome, String) {
             let mut said = Vec::new();
-            let ended = run_worker(&self.jobs, &self.runs, 1, stop, &mut said).unwrap();
+            let settings = WorkerSettings { runs: &self.runs, threads: 1, take_over_after: None };
+            let ended = run_worker(&self.jobs, settings, stop, &mut said).unwrap();
             (ended, String::from_utf8(said).unwrap())
         }
     }
