@@ -50,6 +50,6 @@ pub use run::Run;
 pub use run_data::{GroupFilm, RunData};
 pub use run_stats::{RunStats, acting_policy};
 pub use schema::{DormantUnitsRow, RecognitionRow, RolloutRow, ScoreRow, TimingRow};
-pub use stop::StopSignal;
+pub use stop::{StopSignal, survive_file_size_limit};
 pub use stream::{Stream, VECTOR_INPUTS, scale_vectors};
 pub use workers::thread_pool;

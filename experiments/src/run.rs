@@ -21,6 +21,7 @@ use crate::folder::{RunFolder, SAVED_TIMINGS_FILE};
 use crate::lock::FolderLock;
 use crate::logs::RunTables;
 use crate::note::RunState;
+use crate::printable::printable_message;
 use crate::progress::{EvaluationReport, Event, RolloutReport, Summary};
 use crate::provenance::Provenance;
 use crate::run_stats::RunStats;
@@ -220,7 +221,7 @@ impl Run {
         if let Err(error) = &event {
             self.broken = true;
             // if the log cannot be written either, the first error is the one to return
-            let _ = self.log(&format!("error: {error}"));
+            let _ = self.log(&format!("error: {}", printable_message(error)));
         }
         event
     }

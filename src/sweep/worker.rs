@@ -6,6 +6,8 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use experiments::cli::print_escaped;
+use experiments::printable::printable_message;
 use experiments::{Event, Experiment, FolderSnapshot, Run, RunError, RunFolder, StopSignal};
 use learner::overrides::check_same_settings;
 
@@ -13,6 +15,9 @@ use super::plan::SweepJob;
 
 /// Time between attempts to claim jobs that other workers run.
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
+/// Times to wait before the next attempts after an error of a disk that may pass.
+const DISK_RETRY_INTERVALS: [Duration; 4] =
+    [RETRY_INTERVAL, Duration::from_secs(15), Duration::from_secs(60), Duration::from_secs(300)];
 /// Time between checks of the stop signal while a worker waits.
 const STOP_POLL: Duration = Duration::from_millis(50);
 
@@ -89,7 +94,7 @@ impl<W: Write> Worker<'_, W> {
             // a pass that finished nothing: all remaining jobs run elsewhere
             if taken.len() == left.len() {
                 self.announce(&taken, &mut waited_for);
-                self.wait();
+                self.wait(RETRY_INTERVAL);
             }
             left = taken;
         }
@@ -100,7 +105,7 @@ impl<W: Write> Worker<'_, W> {
     fn pass<'j>(&mut self, jobs: &[&'j SweepJob]) -> Option<Vec<&'j SweepJob>> {
         let mut taken = Vec::new();
         for &job in jobs {
-            match self.run(job) {
+            match self.run_with_retries(job) {
                 Ok(JobOutcome::Done) => self.say(job, "done"),
                 Ok(JobOutcome::Taken) => taken.push(job),
                 Ok(JobOutcome::Stopped) => return None,
@@ -112,7 +117,7 @@ impl<W: Write> Worker<'_, W> {
                     taken.push(job);
                 }
                 Err(error) => {
-                    self.say(job, &format!("error: {error}"));
+                    self.say(job, &format!("error: {}", printable_message(&error)));
                     self.failed.push(job.folder_name.clone());
                 }
             }
@@ -130,11 +135,28 @@ impl<W: Write> Worker<'_, W> {
         }
     }
 
-    fn wait(&self) {
+    /// Waits for this time, or until a stop is requested.
+    fn wait(&self, time: Duration) {
         let clock = Instant::now();
-        while clock.elapsed() < RETRY_INTERVAL && !self.stop.is_requested() {
+        while clock.elapsed() < time && !self.stop.is_requested() {
             sleep(STOP_POLL);
         }
+    }
+
+    /// Runs a job, and tries again after errors of the disk that may pass: a quota that is full for
+    /// a minute must not fail job after job.
+    fn run_with_retries(&mut self, job: &SweepJob) -> Result<JobOutcome, RunError> {
+        for interval in DISK_RETRY_INTERVALS {
+            match self.run(job) {
+                Err(error) if error.is_transient() => {
+                    let (message, seconds) = (printable_message(&error), interval.as_secs());
+                    self.say(job, &format!("error: {message}; tried again in {seconds} seconds"));
+                    self.wait(interval);
+                }
+                other => return other,
+            }
+        }
+        self.run(job)
     }
 
     fn run(&mut self, job: &SweepJob) -> Result<JobOutcome, RunError> {
@@ -217,13 +239,12 @@ impl<W: Write> Worker<'_, W> {
     /// Prints a line about a job of the sweep. A closed output stops the worker, which then writes
     /// a checkpoint.
     fn say(&mut self, job: &SweepJob, line: &str) {
-        let written =
-            writeln!(self.out, "{}: {line}", job.folder_name).and_then(|()| self.out.flush());
-        if let Err(error) = written
+        let line = format!("{}: {line}", job.folder_name);
+        if let Err(error) = print_escaped(self.out, &line)
             && !self.stop.is_requested()
         {
             // a closed terminal must not make the sweep fail
-            let _ = writeln!(std::io::stderr(), "standard output is closed ({error}): stopping");
+            let _ = writeln!(std::io::stderr(), "{error}: stopping");
             self.stop.request();
         }
     }
@@ -365,6 +386,28 @@ mod tests {
         assert!(ended.stopped && ended.failed_jobs == ["equi-seed0"], "{ended:?}");
         assert!(clock.elapsed() < RETRY_INTERVAL, "{:?}", clock.elapsed());
         assert!(said.contains("other settings"), "{said}");
+    }
+
+    #[test]
+    fn a_job_that_finds_no_room_on_the_disk_is_tried_again() {
+        let sweep = Sweep::new("full");
+        let job = &sweep.jobs[0];
+        let owner = job.folder_path(&sweep.runs).join("owner");
+        std::os::unix::fs::symlink("/dev/full", &owner).unwrap();
+        sweep.jobs[1..].iter().for_each(|other| sweep.finish(other));
+        let (ended, said) = thread::scope(|scope| {
+            scope.spawn(|| {
+                sleep(RETRY_INTERVAL / 4);
+                std::fs::remove_file(owner).unwrap();
+                sweep.finish(job);
+            });
+            sweep.work(&StopSignal::default())
+        });
+        assert_eq!(ended, SweepOutcome::default(), "{said}");
+        let lines: Vec<&str> = said.lines().collect();
+        assert!(lines[0].contains("No space left on device"), "{said}");
+        assert!(lines[0].ends_with("; tried again in 2 seconds"), "{said}");
+        assert_eq!(lines[1], "equi-seed0: done");
     }
 
     #[test]
