@@ -2,13 +2,14 @@
 
 use std::io::{Write, stderr};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
 use crate::CoversError;
 use crate::cli::{ThreadAndJsonOptions, TrainOptions, device_parser};
-use crate::sweep::{self, ArrayJob, SweepOutcome, SweepPlan};
+use crate::sweep::{self, ArrayJob, SweepOutcome, SweepPlan, WorkerSettings};
 use experiments::cli::{print_escaped, thread_count_parser};
 use experiments::evaluation::Evaluator;
 use experiments::text::{event_text, score_table, summary_table};
@@ -67,6 +68,10 @@ pub struct SweepOptions {
     /// Run only the job with this index, from 0; wait if another worker runs it.
     #[arg(long)]
     pub job: Option<usize>,
+    /// Take over the run of another worker whose files have not changed for this many seconds;
+    /// more than its longest rollout and evaluation of all variants (default: never).
+    #[arg(long, value_name = "SECONDS")]
+    pub take_over_after: Option<u64>,
     /// Print a Slurm script that runs the plan as a job array, and run nothing.
     #[arg(long, conflicts_with_all = ["job", "kubernetes"])]
     pub slurm: bool,
@@ -198,9 +203,12 @@ fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<CommandOutcome,
             expected: "the index of a job of the plan, from 0 to one less than its number of jobs",
         })?,
     };
-    let threads = usize::from(options.threads);
-    let ended =
-        sweep::run_worker(chosen, &options.runs, threads, &StopSignal::from_os_signals()?, out)?;
+    let settings = WorkerSettings {
+        runs: &options.runs,
+        threads: usize::from(options.threads),
+        take_over_after: options.take_over_after.map(Duration::from_secs),
+    };
+    let ended = sweep::run_worker(chosen, settings, &StopSignal::from_os_signals()?, out)?;
     let SweepOutcome { stopped, failed_jobs: failed } = ended;
     match (stopped, failed.is_empty()) {
         (false, true) => Ok(CommandOutcome::Done),

@@ -14,8 +14,8 @@ use crate::manual::ManualOptions;
 use crate::preset_list::PresetsOptions;
 use crate::robot::RobotCommand;
 use deploy::{CalibrateOptions, DeployOptions};
-use experiments::memory;
-use experiments::printable::escape_unprintable_lines;
+use experiments::printable::printable_message;
+use experiments::{memory, survive_file_size_limit};
 use render::RenderOptions;
 use watch::WatchOptions;
 
@@ -78,6 +78,7 @@ impl Program {
     /// # Errors
     /// Errors of the subcommand, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<u8, CoversError> {
+        survive_file_size_limit()?;
         // a renderer that finds no memory would end the process without a message
         if self.renders() {
             memory::check_environments(1)?;
@@ -120,9 +121,10 @@ impl Program {
     }
 }
 
-/// Formats an error for standard error, with control characters of file names escaped.
+/// Formats an error for standard error: control characters of file names are escaped, and the
+/// middle of a very long message is left out.
 pub fn format_error(error: &CoversError) -> String {
-    format!("error: {}", escape_unprintable_lines(&error.to_string()))
+    format!("error: {}", printable_message(error))
 }
 
 #[cfg(test)]

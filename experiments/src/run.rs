@@ -17,10 +17,11 @@ use crate::latest_frame::LatestFrame;
 use learner::{CheckpointExtent, DeviceChoice, Iteration, Learner};
 
 use super::checkpoints;
-use crate::folder::RunFolder;
+use crate::folder::{RunFolder, SAVED_TIMINGS_FILE};
 use crate::lock::FolderLock;
 use crate::logs::RunTables;
 use crate::note::RunState;
+use crate::printable::printable_message;
 use crate::progress::{EvaluationReport, Event, RolloutReport, Summary};
 use crate::provenance::Provenance;
 use crate::run_stats::RunStats;
@@ -121,9 +122,6 @@ impl Run {
         // happen if anything else fails
         folder.prepare_for_run()?;
         checkpoints::rename_damaged(folder.disk(), &prepared.unreadable_checkpoints)?;
-        if folder.is_finished() {
-            folder.rename_changed_timings()?;
-        }
         let tables = RunTables::open(&folder, stats.rollouts, tables)?;
         stats.seconds = tables.timing_sums().seconds;
         let run = Self {
@@ -223,7 +221,7 @@ impl Run {
         if let Err(error) = &event {
             self.broken = true;
             // if the log cannot be written either, the first error is the one to return
-            let _ = self.log(&format!("error: {error}"));
+            let _ = self.log(&format!("error: {}", printable_message(error)));
         }
         event
     }
@@ -371,6 +369,7 @@ impl Run {
         let bytes = self.learner.to_checkpoint_bytes(&path, CheckpointExtent::Everything, &note)?;
         // tables and logs are synced first, so that a checkpoint is never ahead of them on the disk
         self.tables.sync()?;
+        self.folder.replace_file(SAVED_TIMINGS_FILE, self.tables.timings())?;
         self.folder.sync_files(&[Provenance::FILE_NAME, LOG])?;
         let (disk, keep) = (self.folder.disk(), self.experiment.checkpoints.keep);
         checkpoints::write_checkpoint(
