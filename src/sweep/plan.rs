@@ -75,7 +75,7 @@ impl SweepPlan {
     /// seeds or variants, with variants of equal settings, with a variant's name that no folder can
     /// have, or with a seed in `set`; errors of [`Experiment::check`].
     pub fn jobs(&self) -> Result<Vec<SweepJob>, RunError> {
-        let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::standard());
+        let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::all());
         // all jobs before the first one runs, so that no sweep fails after days
         let mut experiments = jobs.iter().map(|job| &job.experiment);
         experiments.try_for_each(|experiment| experiment.check(&tasks))?;
