@@ -155,7 +155,7 @@ impl Command {
             Self::Resume(options) => {
                 let threads = Some(options.threads_and_json.threads.count());
                 let (folder, tasks) =
-                    (RunFolder::from_path(&options.run_folder), TaskRegistry::standard());
+                    (RunFolder::from_path(&options.run_folder), TaskRegistry::all());
                 let mut run = Run::resume_with_tasks(folder, threads, options.device, tasks)?;
                 finish(&mut run, options.threads_and_json.json, out)
             }
@@ -169,7 +169,7 @@ impl Command {
 
 fn train(options: &TrainOptions, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
     let experiment = options.experiment()?;
-    experiment.check(&TaskRegistry::standard())?;
+    experiment.check(&TaskRegistry::all())?;
     // before the run's folder is created, so that a refused run leaves nothing
     memory::check_run(&experiment)?;
     experiment.envs.embodiment.spec().parts().map_err(RunError::from)?;
@@ -329,7 +329,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     } else {
         experiment.envs.without_randomisation()
     };
-    let tasks = TaskRegistry::standard();
+    let tasks = TaskRegistry::all();
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
     // a round of one group is an episode of each environment in each of four variants
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);

@@ -59,13 +59,13 @@ pub struct Run {
 }
 
 impl Run {
-    /// Starts a run over the paper's four task groups that writes its files to `folder`.
+    /// Starts a run over task groups of `envs` that writes its files to `folder`.
     ///
     /// # Errors
     /// [`RunError::InvalidSetting`], [`RunError::FolderHoldsRun`], [`RunError::Locked`]; errors of
     /// the environments or the file system.
     pub fn start(experiment: Experiment, folder: RunFolder) -> Result<Self, RunError> {
-        Self::start_with_tasks(experiment, TaskRegistry::standard(), folder)
+        Self::start_with_tasks(experiment, TaskRegistry::all(), folder)
     }
 
     /// Starts a run over task groups of `tasks` that writes its files to `folder`.
@@ -90,7 +90,7 @@ impl Run {
     /// [`learner::LearnerError::PoliciesOnlyCheckpoint`] for a packed folder; errors of the
     /// environments.
     pub fn resume(folder: &Path, threads: Option<usize>) -> Result<Self, RunError> {
-        let (folder, tasks) = (RunFolder::from_path(folder), TaskRegistry::standard());
+        let (folder, tasks) = (RunFolder::from_path(folder), TaskRegistry::all());
         Self::resume_with_tasks(folder, threads, DeviceChoice::Cpu, tasks)
     }
 

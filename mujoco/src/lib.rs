@@ -69,7 +69,7 @@ pub use error::{ContextError, ModelError, MujocoError, Quantity, RenderError, Si
 pub use gl::opengl_description;
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, RendererId, SiteId};
 pub use init::version;
-pub use model::{Model, Shape};
+pub use model::{JointType, Model, Shape};
 pub use renderer::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
 pub use state::State;
 

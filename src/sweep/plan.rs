@@ -79,10 +79,10 @@ impl SweepPlan {
     ///
     /// # Errors
     /// [`RunError::InvalidSetting`] for a plan without methods or seeds, with more than 100,000 jobs,
-    /// with duplicate methods, seeds or variants, with variants of equal settings, with a variant's name that no folder can
-    /// have, or with a seed in `set`; errors of [`Experiment::check`].
+    /// with duplicate methods, seeds or variants, with variants of equal settings, with a variant's
+    /// name that no folder can have, or with a seed in `set`; errors of [`Experiment::check`].
     pub fn jobs(&self) -> Result<Vec<SweepJob>, RunError> {
-        let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::standard());
+        let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::all());
         // All methods and variants before the first one runs, so that no sweep fails after days.
         // Seeds follow another in the list, and make no settings wrong.
         let different_settings = jobs.len() / self.seeds.len();
