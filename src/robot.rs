@@ -69,8 +69,7 @@ impl RobotCommand {
 impl CheckRobotOptions {
     fn run(&self, out: &mut impl Write) -> Result<bool, RunError> {
         let file = RobotFile::read(&self.robot).map_err(EnvError::from)?;
-        let robot = file.description().map_err(EnvError::from)?;
-        let check = robot.check(file.hand.as_deref()).map_err(EnvError::from)?;
+        let check = file.check().map_err(EnvError::from)?;
         let table = table_text(&file);
         let printed = if self.json {
             let mut object = serde_json::json!(check);
@@ -105,13 +104,18 @@ impl RobotMjcfOptions {
 }
 
 fn check_text(check: &RobotCheck) -> String {
-    let RobotCheck { name, links, joints, mass_kg, hand, approach_axis, .. } = check;
+    let RobotCheck { name, links, joints, mass_kg, hand, .. } = check;
     let mut text =
         format!("{name}: {links} links, {} joints that move, {mass_kg:.3} kg\n", { joints.len() });
     // writing to a String cannot fail
-    let _ = writeln!(text, "hand {hand}, which reaches out along its axis {approach_axis:?}");
+    let _ = match check.approach_axis {
+        Some(axis) => writeln!(text, "hand {hand}, which points down along its axis {axis:?}"),
+        None => writeln!(text, "hand {hand}"),
+    };
     if let Some([one, other]) = &check.fingers {
         let _ = writeln!(text, "fingers {one}, {other}");
+    } else if check.has_fixed_claws {
+        text += "nothing moves on the hand: two fixed claws, 0.1 m apart, are added to it\n";
     }
     let _ = writeln!(text, "joints to the hand: {}", check.chain.join(", "));
     if let Some(reach) = check.reach_m {
@@ -193,6 +197,22 @@ mod tests {
         let (failed, wrong) = printed(&["check", path.to_str().unwrap()]);
         assert!(failed == 1 && wrong.contains("128 rad: is the file in degrees"), "{wrong}");
         std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn a_check_takes_hand_axis_and_fingers_from_a_file_of_settings() {
+        let gen3 = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/urdf/kinova_gen3.urdf");
+        let path = std::env::temp_dir().join(format!("covers-robot-{}.json", std::process::id()));
+        let settings = serde_json::json!({
+            "urdf": gen3, "hand": "gripper_link", "approach_axis": [3, 0, 0],
+            "fingers": ["finger_r_link", "finger_l_link"],
+        });
+        std::fs::write(&path, settings.to_string()).unwrap();
+        let (_, json) = printed(&["check", path.to_str().unwrap(), "--json"]);
+        std::fs::remove_file(path).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(json["approach_axis"], serde_json::json!([1.0, 0.0, 0.0]));
+        assert_eq!(json["fingers"], settings["fingers"]);
     }
 
     #[test]

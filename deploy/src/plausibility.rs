@@ -6,8 +6,8 @@ use inpainting::Calibration;
 use crate::DeployError;
 
 /// Maximum distance (metres) and angle (degrees) between the camera of a file and the rig's
-/// estimate: 1.5 times the error that a rig's estimate may have (docs/deployment.md, "An arm of
-/// your own").
+/// estimate: 1.5 times the error that a rig's estimate may have (docs/deployment.md, "Drive a
+/// real arm").
 const LARGEST: [f64; 2] = [0.15, 15.0];
 /// Maximum difference between the focal lengths of a file and the rig's, relative to the rig's.
 const FOCAL: f64 = 0.1;

@@ -4,7 +4,7 @@ use std::any::Any;
 use std::path::Path;
 use std::sync::{PoisonError, RwLock};
 
-use robots::RobotFile;
+use robots::{DescriptionError, RobotFile};
 use serde::{Deserialize, Deserializer, de};
 
 use crate::embodiment_spec::EmbodimentSpec;
@@ -54,9 +54,11 @@ impl Embodiment {
     /// [`RobotFile`]. Its name is the absolute path. The file is read when a scene needs the arm.
     ///
     /// # Errors
-    /// [`EnvError::InvalidEmbodimentName`] for a path that is not UTF-8 or has another extension.
+    /// [`EnvError::InvalidEmbodimentName`] for a path that is not UTF-8 or has another extension;
+    /// [`EnvError::Robot`] for an empty path, or without a working directory.
     pub fn from_file(path: &Path) -> Result<Self, EnvError> {
-        let absolute = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let absolute = std::path::absolute(path)
+            .map_err(|source| DescriptionError::Read { path: path.to_owned(), source })?;
         let text = absolute.to_str().filter(|_| RobotFile::has_extension(path));
         let Some(name) = text else {
             let name = path.display().to_string();

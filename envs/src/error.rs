@@ -190,7 +190,7 @@ pub enum EnvError {
     /// Robot arm from a file that cannot do the tasks, wherever its base stands.
     #[error(transparent)]
     OutOfReach(#[from] Box<ReachShortfall>),
-    /// Fingers in the file of a robot arm that cannot be used.
+    /// Fingers of a robot arm that cannot be used.
     #[error("the fingers {} and {} cannot be used: {reason}", .fingers[0], .fingers[1])]
     InvalidFingers {
         /// Names of the fingers' links.
@@ -215,29 +215,29 @@ pub enum EnvError {
     Render(#[from] mujoco::RenderError),
 }
 
-/// Places of the tasks that an arm does not reach.
+/// Positions of the hand in the tasks that an arm does not reach.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "the arm `{name}` cannot bring its hand, pointing down, to all places of the tasks. With its \
-     base at {base} m it reaches {reached} of {places}; the next one, {missed} m, is {distance:.2} \
-     m from there, and the hand is at most {reach:.2} m from the first joint. Use an arm with a \
-     longer reach, or correct `hand`, `approach_axis` or `base_position` in a JSON file of its \
-     settings"
+    "the arm `{name}` cannot bring its hand, pointing down, to all positions of the four groups of \
+     the paper. With its base at {base} m it reaches {reached} of {required}; the first that it \
+     misses, {missed} m, is {distance:.2} m from the first joint, and the hand comes at most \
+     {reach:.2} m from there. Use an arm with a longer reach, or correct `hand`, `approach_axis` \
+     or `base_position` in a JSON file of its settings"
 )]
 pub struct ReachShortfall {
     /// Name of the robot.
     pub name: String,
-    /// Number of places that the hand reaches, one after the other, before the missed one.
+    /// Number of required positions that the hand reaches.
     pub reached: usize,
-    /// Number of places that the tasks need.
-    pub places: usize,
+    /// Number of positions that the hand must reach.
+    pub required: usize,
     /// Position of the base from which the hand reaches the most (metres).
     pub base: glam::DVec3,
-    /// First place that is not reached (metres).
+    /// First position that is not reached (metres).
     pub missed: glam::DVec3,
-    /// Distance of that place from the base (metres).
+    /// Distance of that position from the first joint (metres), counted like `reach`.
     pub distance: f64,
-    /// Bound on the distance of the hand from the first joint (metres).
+    /// Bound on the distance of the hand from the first joint (metres): [`robots::Chain::reach`].
     pub reach: f64,
 }
 

@@ -1,5 +1,6 @@
 //! Check of a robot description: figures, and what looks wrong or is missing.
 
+use glam::DVec3;
 use serde::Serialize;
 
 use crate::capsule::Capsule;
@@ -10,6 +11,7 @@ use crate::error::DescriptionError;
 use crate::ik::IkSettings;
 use crate::mjcf::{MjcfSettings, Servo};
 use crate::pose::Pose;
+use crate::robot_file::RobotFile;
 
 /// Number of targets for inverse kinematics.
 const TARGETS: usize = 100;
@@ -28,7 +30,7 @@ const HINGE_SPEED: f64 = 50.0;
 /// Largest inertia of a kilogram (m^2) that looks right: that of a mass 2 m away.
 const INERTIA_PER_MASS: f64 = 4.0;
 
-/// Findings of [`RobotDescription::check`].
+/// Findings of [`RobotDescription::check`] and [`RobotFile::check`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RobotCheck {
     /// Name of the robot.
@@ -41,10 +43,12 @@ pub struct RobotCheck {
     pub mass_kg: f64,
     /// Name of the hand's link.
     pub hand: String,
-    /// Axis of the hand along which it reaches out.
-    pub approach_axis: [f64; 3],
-    /// Names of the hand's own two fingers, if they were found.
+    /// Axis of the hand that points down at work; `None` if it was not found.
+    pub approach_axis: Option<[f64; 3]>,
+    /// Names of the hand's own two fingers; `None` if it has none, or none that are recognised.
     pub fingers: Option<[String; 2]>,
+    /// `true` if nothing moves on the hand, so that it gets a gripper with two fixed claws.
+    pub has_fixed_claws: bool,
     /// Joints from the base to the hand; empty if they form no chain.
     pub chain: Vec<String>,
     /// Bound on the distance of the hand from the first joint in any posture (metres); `None`
@@ -63,7 +67,8 @@ pub struct RobotCheck {
     pub notes: Vec<String>,
     /// Collision shapes that are missing, with the reasons.
     pub missing_shapes: Vec<String>,
-    /// Reasons for which the robot cannot be simulated with servos or controlled.
+    /// Reasons for which the robot cannot be simulated with servos, controlled, or used with its own
+    /// gripper.
     pub problems: Vec<String>,
 }
 
@@ -91,15 +96,34 @@ impl RobotCheck {
     }
 }
 
+impl RobotFile {
+    /// Reads the URDF and checks the robot with the settings of this file.
+    ///
+    /// # Errors
+    /// Those of [`RobotFile::description`]; [`DescriptionError::UnknownLink`] for the hand.
+    pub fn check(&self) -> Result<RobotCheck, DescriptionError> {
+        self.description()?.check_with(self)
+    }
+}
+
 impl RobotDescription {
     /// Checks the robot with the hand `hand`, or [`RobotDescription::default_hand`] if `None`.
     ///
     /// # Errors
     /// [`DescriptionError::UnknownLink`] for a hand that the robot does not have.
     pub fn check(&self, hand: Option<&str>) -> Result<RobotCheck, DescriptionError> {
-        let hand = hand.unwrap_or(self.default_hand());
-        let axis = self.default_approach_axis(hand)?;
+        let hand = hand.map(str::to_owned);
+        self.check_with(&RobotFile { hand, ..RobotFile::default() })
+    }
+
+    fn check_with(&self, file: &RobotFile) -> Result<RobotCheck, DescriptionError> {
+        let hand = file.hand(self);
+        self.link_index(hand, "the robot's hand")?;
+        let fingers = file.fingers(self);
         let mut problems = Vec::new();
+        problems.extend(fingers.as_ref().err().map(ToString::to_string));
+        let axis = file.approach_axis(self);
+        problems.extend(axis.as_ref().err().map(ToString::to_string));
         let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
         problems.extend(self.to_mjcf(&settings).err().map(|error| error.to_string()));
         let chain = Chain::new(self, hand);
@@ -117,8 +141,9 @@ impl RobotDescription {
             links: self.links.len(),
             joints: self.joints.iter().filter_map(joint_check).collect(),
             mass_kg: self.mass(),
-            approach_axis: axis.to_array(),
-            fingers: self.default_fingers(hand)?,
+            approach_axis: axis.ok().map(|axis| axis.to_array()),
+            has_fixed_claws: matches!(fingers, Ok(None)),
+            fingers: fingers.ok().flatten(),
             hand: hand.to_owned(),
             reach_m: reach,
             ik_targets: chain.as_ref().map_or(0, |_| TARGETS),
@@ -219,10 +244,16 @@ fn found_targets(chain: &Chain) -> usize {
 }
 
 impl Chain {
-    /// Returns a bound on the distance of the tip (metres) from the first joint, or from the foot
-    /// of the first link on its axis, in any configuration. Infinite with a slide without limits.
+    /// Returns a bound on the distance of the tip (metres) from [`Chain::reach_centre`] in any
+    /// configuration. Infinite with a slide without limits.
     pub fn reach(&self) -> f64 {
         let (_, to_last) = self.reach_bound();
         to_last + self.tip_in_last_joint().position.length()
+    }
+
+    /// Returns the point (metres, world) from which [`Chain::reach`] counts: the first joint, or
+    /// where the next joint stands beside its axis if it turns.
+    pub fn reach_centre(&self) -> DVec3 {
+        self.reach_bound().0
     }
 }

@@ -126,6 +126,15 @@ pub enum PositionSource {
     },
 }
 
+impl PositionSource {
+    /// Returns the index in the position vector that determines the joint's position.
+    pub fn dof(self) -> usize {
+        match self {
+            Self::Free { dof } | Self::Follows { dof, .. } => dof,
+        }
+    }
+}
+
 impl JointMotion {
     /// Returns the joint's position, given the position vector `positions`.
     pub fn position(&self, positions: &[f64]) -> f64 {

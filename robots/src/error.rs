@@ -115,6 +115,18 @@ pub enum DescriptionError {
         /// Names of all links.
         known: Vec<String>,
     },
+    /// A hand with links that move, which are not two fingers.
+    #[error(
+        "the links {} move on the hand `{hand}`, and are not recognised as two fingers that one \
+         joint moves: set `fingers` or `hand` in a JSON file of the arm's settings",
+        .branches.join(", ")
+    )]
+    UnknownFingers {
+        /// Name of the hand's link.
+        hand: String,
+        /// Names of the first links of its branches that move.
+        branches: Vec<String>,
+    },
     /// A link that is the child of two joints.
     #[error(
         "the link `{link}` is the child of the joints `{}` and `{}`; a link hangs on one joint",

@@ -103,11 +103,25 @@ impl RobotFile {
         self.hand.as_deref().unwrap_or(robot.default_hand())
     }
 
+    /// Returns the names of the links of the hand's two fingers; `None` if nothing moves on it.
+    ///
+    /// # Errors
+    /// Those of [`RobotDescription::default_fingers`].
+    pub fn fingers(
+        &self,
+        robot: &RobotDescription,
+    ) -> Result<Option<[String; 2]>, DescriptionError> {
+        match &self.fingers {
+            Some(names) => Ok(Some(names.clone())),
+            None => robot.default_fingers(self.hand(robot)),
+        }
+    }
+
     /// Returns the unit vector, in the frame of the hand, that points down at work.
     ///
     /// # Errors
-    /// [`DescriptionError::UnknownLink`]; [`DescriptionError::NumberOutOfRange`] for an axis
-    /// without direction.
+    /// Those of [`RobotDescription::default_approach_axis`];
+    /// [`DescriptionError::NumberOutOfRange`] for an axis without direction.
     pub fn approach_axis(&self, robot: &RobotDescription) -> Result<DVec3, DescriptionError> {
         let hand = self.hand(robot);
         let Some(axis) = self.approach_axis else {

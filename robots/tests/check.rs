@@ -16,7 +16,7 @@ fn the_check_of_a_whole_robot_finds_its_hand_and_nothing_wrong() {
     let check = gen3::description().unwrap().check(None).unwrap();
     assert!(check.passes(), "{check:#?}");
     assert_eq!((&check.hand[..], check.chain.len(), check.joints.len()), ("gripper_link", 7, 9));
-    assert_eq!(check.approach_axis, [0.0, 0.0, 1.0]);
+    assert_eq!(check.approach_axis, Some([0.0, 0.0, 1.0]));
     let fingers = check.fingers.unwrap();
     assert!(fingers.iter().all(|finger| finger.starts_with("finger_")), "{fingers:?}");
     // Kinova: an arm of 8.2 kg with a reach of 902 mm, and a gripper of 0.9 kg
@@ -96,9 +96,23 @@ fn the_hand_is_the_last_link_before_the_fingers() {
         let robot = tree(&[&arm[..], &flange, end].concat());
         assert_eq!(robot.default_hand(), "tool", "{end:?}");
         assert_eq!(robot.default_approach_axis("tool").unwrap(), DVec3::NEG_Y);
+        let moves = end.iter().any(|(_, _, kind)| *kind == "continuous");
+        let check = robot.check(None).unwrap();
+        assert_eq!((check.fingers, check.has_fixed_claws), (None, !moves));
         // fingers that move on their own are no gripper
-        assert_eq!(robot.default_fingers("tool").unwrap(), None);
+        let says = |of: &String| of.contains("links one, two move") && of.contains("set `fingers`");
+        assert_eq!(check.problems.iter().any(says), moves, "{:?}", check.problems);
     }
+}
+
+/// The tip of this arm is turned by 0.6 radians against the link that carries it.
+#[test]
+fn an_approach_axis_that_is_no_axis_of_the_hand_is_refused() {
+    let robot = six_joint("rpy=\"0 0.2 0\"", "rpy=\"0 0.6 0\"");
+    let refused = robot.default_approach_axis("tip").unwrap_err().to_string();
+    assert!(refused.contains("`tip`") && refused.contains("set `approach_axis`"), "{refused}");
+    let problems = robot.check(Some("tip")).unwrap().problems;
+    assert_eq!(problems, [refused]);
 }
 
 #[test]

@@ -5,16 +5,16 @@ use std::sync::OnceLock;
 
 use glam::{DMat3, DQuat, DVec3};
 use robots::{
-    ControlSettings, Inertia, Link, PlacedShape, Pose, PositionSource, RobotDescription, RobotFile,
-    Servo, Shape, TwistLimits,
+    Chain, ControlSettings, Inertia, Link, PlacedShape, Pose, RobotDescription, RobotFile, Servo,
+    Shape, TwistLimits,
 };
 
 use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
 use super::kinova_gen3::{ACCELERATION, LEAD};
-use super::placing::{Placing, mounted};
+use super::placing::{BaseSearch, gripper_rotation};
 use crate::actuation::{Actuation, JointPositions};
 use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec, OPEN_APERTURE};
-use crate::error::EnvError;
+use crate::error::{EnvError, require};
 
 /// Prefix of the names of links and joints, which a scene could have otherwise.
 const PREFIX: &str = "robot/";
@@ -23,11 +23,13 @@ const HAND: &str = "gripper_hand";
 const PALM: &str = "gripper_palm";
 const FINGERS: [&str; 2] = ["gripper_right", "gripper_left"];
 /// Distance of the fingertips from the hand (metres), which scripted experts assume.
-const TIP: f64 = 0.045;
+const HAND_TO_TIP: f64 = 0.045;
 /// Distance from the robot's own hand to [`HAND`] with our gripper (metres).
-const MOUNT: f64 = 0.09;
+const FLANGE_TO_HAND: f64 = 0.09;
 /// Distance from the middle to the outside of open fingers (metres), as of the Sawyer arm's.
-const OUTSIDE: f64 = 0.053;
+const OPEN_HALF_WIDTH: f64 = 0.053;
+/// Minimum distance by which the outside of a finger moves outwards (metres).
+const MIN_TRAVEL: f64 = 1e-3;
 
 /// Arm of a robot's file, which is read when it is first used. Its name is the file's path.
 pub(crate) struct FileArm {
@@ -73,35 +75,37 @@ impl EmbodimentSpec for FileArm {
 }
 
 impl Arm {
-    /// Builds the arm `name` of a robot's file. Without fingers of its own it gets a gripper with
-    /// fixed claws, 0.1 m apart. Its base stands where the hand, pointing down, reaches all places
-    /// of the tasks; links and joints have the prefix `robot/`.
+    /// Builds the arm `name` of a robot's file. If nothing moves on its hand, it gets a gripper
+    /// with two fixed claws, 0.1 m apart. Its base stands where the hand, pointing down, reaches
+    /// all positions of the four groups of the paper; links and joints have the prefix `robot/`.
     ///
     /// # Errors
     /// [`EnvError::Robot`] for a robot that cannot be read or simulated, [`EnvError::OutOfReach`],
-    /// [`EnvError::InvalidFingers`], [`EnvError::Control`] for joints without maximum speed.
+    /// [`EnvError::InvalidFingers`], [`EnvError::InvalidSetting`] for a yaw beyond 360 degrees,
+    /// [`EnvError::Control`] for joints without maximum speed.
     pub fn from_file(name: &str, file: &RobotFile) -> Result<Self, EnvError> {
         let plain = file.description()?;
         let hand = file.hand(&plain);
+        let fingers = file.fingers(&plain)?;
         let axis = file.approach_axis(&plain)?;
-        let fingers = match &file.fingers {
-            Some(fingers) => Some(fingers.clone()),
-            None => plain.default_fingers(hand)?,
-        };
+        let yaw = file.base_yaw_degrees.unwrap_or(90.0);
+        let in_range = yaw.abs() <= 360.0;
+        require(in_range, "base_yaw_degrees", &yaw, "a number from -360 to 360")?;
         let own = fingers.map(|names| OwnFingers::find(&plain, hand, axis, names)).transpose()?;
         let frame = own.as_ref().map_or_else(|| mounting_frame(axis), |own| own.frame);
         let hand = format!("{PREFIX}{hand}");
         let robot = plain.with_prefix(PREFIX);
         let framed = robot.clone().with_fixed_link(&hand, frame, bare(HAND))?;
-        let placed = Placing {
+        let placed = BaseSearch {
             robot: &framed,
             hand: HAND,
             quarter_turns: if own.is_some() { &[0, 2] } else { &[0, 1, 2, 3] },
             base_position: file.base_position.map(DVec3::from_array),
-            base_yaw: file.base_yaw_degrees.map(f64::to_radians),
+            base_yaw: yaw.to_radians(),
         }
         .search()?;
-        let turned = Pose { rotation: frame.rotation * mounted(placed.quarter_turns), ..frame };
+        let turned =
+            Pose { rotation: frame.rotation * gripper_rotation(placed.quarter_turns), ..frame };
         let (robot, gripper) = match own {
             None => with_gripper(robot, &hand, turned)?,
             Some(own) => {
@@ -155,7 +159,7 @@ fn solid(name: &str, mass: f64, centre: DVec3, half_extents: DVec3) -> Link {
 
 /// Returns the frame of our gripper on a hand that reaches out along `axis`.
 fn mounting_frame(axis: DVec3) -> Pose {
-    Pose { position: MOUNT * axis, rotation: along(axis, axis.any_orthonormal_vector()) }
+    Pose { position: FLANGE_TO_HAND * axis, rotation: along(axis, axis.any_orthonormal_vector()) }
 }
 
 /// Adds a gripper with fixed claws, of the sizes of the Sawyer arm's, whose hand is at `frame` on
@@ -171,16 +175,16 @@ fn with_gripper(
         Pose::IDENTITY,
         bare(HAND),
     )?;
-    let half_extents = DVec3::new(0.015, 0.0045, TIP);
+    let half_extents = DVec3::new(0.015, 0.0045, HAND_TO_TIP);
     for (name, side) in FINGERS.iter().zip([-1.0, 1.0]) {
-        let centre = DVec3::new(0.0, side * (OUTSIDE - half_extents.y), 0.0);
+        let centre = DVec3::new(0.0, side * (OPEN_HALF_WIDTH - half_extents.y), 0.0);
         let finger = solid(name, 0.02, centre, half_extents);
         robot = robot.with_fixed_link(PALM, Pose::IDENTITY, finger)?;
     }
     let finger = |(link, side): (&str, f64)| Finger {
         link: link.to_owned(),
         claw_point: DVec3::new(0.0, side * 0.5 * OPEN_APERTURE, 0.0),
-        tip_point: DVec3::new(0.0, side * 0.5 * OPEN_APERTURE, TIP),
+        tip_point: DVec3::new(0.0, side * 0.5 * OPEN_APERTURE, HAND_TO_TIP),
     };
     let [right, left] = FINGERS;
     let fingers = [(right, -1.0), (left, 1.0)].map(finger);
@@ -201,7 +205,7 @@ impl OwnFingers {
     /// first finger to the second, and the reference points of the fingers.
     ///
     /// # Errors
-    /// [`EnvError::InvalidFingers`].
+    /// [`EnvError::InvalidFingers`]; [`EnvError::Robot`] if no chain leads to the hand.
     fn find(
         robot: &RobotDescription,
         hand: &str,
@@ -210,29 +214,34 @@ impl OwnFingers {
     ) -> Result<Self, EnvError> {
         let refuse = |reason| EnvError::InvalidFingers { fingers: names.clone(), reason };
         let index = |name: &str| robot.links().iter().position(|link| link.name == name);
-        let [Some(hand), Some(one), Some(other)] =
-            [index(hand), index(&names[0]), index(&names[1])]
-        else {
-            return Err(refuse("the robot has no such links"));
+        let found = index(hand).and_then(|hand_index| {
+            let on_hand = robot.descendants(hand_index);
+            let [one, other] =
+                names.each_ref().map(|name| index(name).filter(|link| on_hand.contains(link)));
+            Some([hand_index, one?, other?])
+        });
+        let Some(indices @ [_, one, other]) = found else {
+            return Err(refuse("there are no such links on the hand"));
         };
-        let links = [one, other];
-        if links.iter().any(|&link| robot.links()[link].shapes.is_empty()) {
+        if [one, other].iter().any(|&link| robot.links()[link].shapes.is_empty()) {
             return Err(refuse("their tips are those of their shapes, and they have none"));
         }
-        let [Some(dof), Some(same)] = links.map(|link| driving_dof(robot, link)) else {
+        let driving_dof = |link: usize| Some(robot.joints()[link - 1].motion?.drive.dof());
+        let dof = driving_dof(one).filter(|_| driving_dof(one) == driving_dof(other));
+        let driving = dof.and_then(|dof| Some((dof, robot.free_joints().nth(dof)?)));
+        let Some((dof, (joint, motion))) = driving else {
             return Err(refuse("one joint must move both, the other one following it"));
         };
-        let joint = robot.free_joints().nth(dof).filter(|_| dof == same);
-        let Some((joint, motion)) = joint else {
-            return Err(refuse("one joint must move both, the other one following it"));
-        };
+        if Chain::new(robot, hand)?.joints().iter().any(|of| of.dof_index == dof) {
+            return Err(refuse("a joint between the base and the hand moves them"));
+        }
         let Some([low, high]) = motion.range else {
             return Err(refuse("the joint that moves them has no range"));
         };
         let at = |position| {
             let mut positions = robot.rest_positions();
             positions[dof] = position;
-            FingerPlaces::new(robot, [hand, one, other], &positions)
+            FingerPoses::new(robot, indices, &positions)
         };
         let (lower, upper) = (at(low), at(high));
         let opens_down = lower.distance() > upper.distance();
@@ -241,10 +250,15 @@ impl OwnFingers {
         let sideways = widest.sideways(axis).ok_or_else(|| refuse("they do not move apart"))?;
         // no farther open than fingers that come down in front of what they push
         let [most, least] = [wide, closed].map(|position| at(position).outside(sideways));
-        let part = ((OUTSIDE - least) / (most - least)).clamp(0.1, 1.0);
-        let open = closed + part * (wide - closed);
-        let places = at(open);
-        let (frame, fingers) = places.frame_and_fingers(axis, sideways, &names);
+        if most - least < MIN_TRAVEL {
+            return Err(refuse("they do not move outwards by a millimetre or more"));
+        }
+        if least >= OPEN_HALF_WIDTH {
+            return Err(refuse("closed, they are 106 mm wide or more, too wide for the tasks"));
+        }
+        let opening = ((OPEN_HALF_WIDTH - least) / (most - least)).min(1.0);
+        let open = closed + opening * (wide - closed);
+        let (frame, fingers) = at(open).frame_and_fingers(axis, sideways, &names);
         let name = joint.name.clone();
         Ok(Self { frame, fingers, joint: FingerJoint { name, positions: [open, closed] } })
     }
@@ -260,20 +274,13 @@ impl OwnFingers {
     }
 }
 
-/// Returns the index in the position vector that moves a link against its parent.
-fn driving_dof(robot: &RobotDescription, link: usize) -> Option<usize> {
-    match robot.joints()[link.checked_sub(1)?].motion?.drive {
-        PositionSource::Free { dof } | PositionSource::Follows { dof, .. } => Some(dof),
-    }
-}
-
 /// Two fingers in one position of their joint, in the frame of the robot's hand.
-struct FingerPlaces<'a> {
+struct FingerPoses<'a> {
     shapes: [&'a [PlacedShape]; 2],
     poses: [Pose; 2],
 }
 
-impl<'a> FingerPlaces<'a> {
+impl<'a> FingerPoses<'a> {
     /// Places the fingers, given the indices of the hand's and the fingers' links, and the position
     /// vector of the robot.
     fn new(robot: &'a RobotDescription, [hand, one, other]: [usize; 3], positions: &[f64]) -> Self {
@@ -315,8 +322,8 @@ impl<'a> FingerPlaces<'a> {
         0.5 * (self.furthest(1, sideways) + self.furthest(0, -sideways))
     }
 
-    /// Returns the frame of the hand as tasks know it, between the fingers and [`TIP`] above their
-    /// tips, and the fingers with their reference points, as if open claws were 0.1 m apart.
+    /// Returns the frame of the hand as tasks know it, between the fingers and [`HAND_TO_TIP`] above
+    /// their tips, and the fingers with their reference points, as if open claws were 0.1 m apart.
     fn frame_and_fingers(
         &self,
         axis: DVec3,
@@ -327,7 +334,7 @@ impl<'a> FingerPlaces<'a> {
         let inner = [self.furthest(0, sideways), -self.furthest(1, -sideways)];
         let between = inner[0].midpoint(inner[1]);
         let middle = self.centre(0).midpoint(self.centre(1));
-        let level = middle.reject_from(axis).reject_from(sideways) + (depth - TIP) * axis;
+        let level = middle.reject_from(axis).reject_from(sideways) + (depth - HAND_TO_TIP) * axis;
         let finger = |side: usize| {
             let Pose { position, rotation } = self.poses[side];
             let own = |point: DVec3| rotation.conjugate() * (point - position);
@@ -335,7 +342,7 @@ impl<'a> FingerPlaces<'a> {
             Finger {
                 link: names[side].clone(),
                 claw_point: own(level + claw * sideways),
-                tip_point: own(level + inner[side] * sideways + TIP * axis),
+                tip_point: own(level + inner[side] * sideways + HAND_TO_TIP * axis),
             }
         };
         let position = level + between * sideways;

@@ -1,4 +1,4 @@
-//! Place of an arm at the table: its base, its ready posture, and the orientation that it holds.
+//! Search for the place of an arm's base at the table, with a ready posture.
 
 use std::f64::consts::FRAC_PI_2;
 use std::time::Duration;
@@ -9,48 +9,53 @@ use robots::{Chain, IkSettings, OrientationConstraint, Pose, RobotDescription};
 use crate::error::{EnvError, ReachShortfall};
 use crate::layout::HAND_TARGET_START;
 
-/// Places of the hand in the tasks, in one quadrant (metres): those that scripted experts come to
-/// with `hand`, and a few millimetres more. The others are their mirror images.
-const PLACES: [DVec3; 4] = [
+/// Positions (metres) that the hand must reach, for x, y >= 0: corners of the volume of most of the
+/// scripted experts' paths in the four standard groups. Paths go up to 15 mm beyond it, those of
+/// Plate Slide to y = 0.3 m; there an arm may stand at the end of its reach.
+const REQUIRED_HAND_POSITIONS: [DVec3; 4] = [
     DVec3::new(0.2, 0.185, 0.055),
     DVec3::new(0.2, 0.185, 0.19),
     DVec3::new(0.2, 0.12, 0.27),
     DVec3::new(0.15, 0.15, 0.29),
 ];
-/// Positions of the base along y that are tried (metres): first behind the table, then on its near
-/// edge, where objects of flipped variants stand.
-const BEHIND: [f64; 7] = [-0.44, -0.48, -0.52, -0.56, -0.62, -0.68, -0.76];
-const ON_EDGE: [f64; 2] = [-0.4, -0.36];
-/// Heights of the base over the table that are tried (metres).
-const HEIGHTS: [f64; 5] = [0.0, 0.1, 0.2, 0.3, 0.45];
+/// Positions of the base along y that are tried first (metres).
+const BASE_Y_BEHIND_TABLE: [f64; 7] = [-0.44, -0.48, -0.52, -0.56, -0.62, -0.68, -0.76];
+/// Positions of the base along y that are tried last (metres): objects of flipped variants stand
+/// near them.
+const BASE_Y_ON_TABLE_EDGE: [f64; 2] = [-0.4, -0.36];
+/// Heights of the base above the table that are tried (metres).
+const BASE_Z: [f64; 5] = [0.0, 0.1, 0.2, 0.3, 0.45];
 /// Number of seeds from which ready postures are found: the middle of the ranges, and others.
 const SEEDS: usize = 6;
-/// Lowest height of links over the table (metres), for the links that move.
-const LOWEST: f64 = 0.03;
+/// Minimum height (metres) of the arm's joint origins above the table, except the first.
+const MIN_JOINT_HEIGHT: f64 = 0.03;
 /// Rotation of the hand's frame at work: its z points down, its y along the table's.
 const DOWN: DQuat = DQuat::from_xyzw(0.0, 1.0, 0.0, 0.0);
 
-/// Arm at its place.
+/// Constraint that leaves the rotation about the vertical free.
+const AROUND_Z: OrientationConstraint = OrientationConstraint::Axis(DVec3::Z);
+
+/// Pose of an arm's base, and the way the arm works there.
 #[derive(Clone, Debug)]
-pub(super) struct PlacedArm {
+pub(super) struct BasePlacement {
     /// Pose of the base.
     pub base: Pose,
     /// Number of quarter turns about the hand's z by which its fingers are mounted.
     pub quarter_turns: usize,
     /// Configuration with the hand over the centre, pointing down.
     pub ready: Vec<f64>,
-    /// Part of the orientation that the hand can keep at all places.
+    /// Part of the orientation that the hand keeps at all required positions.
     pub orientation: OrientationConstraint,
-    /// Number of places that the hand reaches before the first one that it does not.
+    /// Number of required positions that the hand reaches.
     reached: usize,
-    /// First place that the hand does not reach.
+    /// First required position that the hand does not reach.
     missed: Option<DVec3>,
-    /// Speed (m/s) that the hand has in every direction at all places.
-    speed: f64,
+    /// Smallest of the speeds (m/s) that the hand has in every direction at the required positions.
+    slowest_tip_speed: f64,
 }
 
-/// Options of the search for a place.
-pub(super) struct Placing<'a> {
+/// Search for the place of an arm's base, and its options.
+pub(super) struct BaseSearch<'a> {
     /// Robot with its base at the origin.
     pub robot: &'a RobotDescription,
     /// Link of the hand's frame, whose z is to point down.
@@ -59,149 +64,160 @@ pub(super) struct Placing<'a> {
     pub quarter_turns: &'a [usize],
     /// Position of the base (metres), if it is given.
     pub base_position: Option<DVec3>,
-    /// Angle by which the base is turned about z (radians), if it is given.
-    pub base_yaw: Option<f64>,
+    /// Angle by which the base is turned about z (radians).
+    pub base_yaw: f64,
 }
 
-impl Placing<'_> {
-    /// Searches for the place where the hand reaches all places of the tasks. Places behind the
-    /// table come first, then those where the hand is fastest.
+impl BaseSearch<'_> {
+    /// Returns the placement from which the hand reaches all required positions: one behind the
+    /// table if there is one, and the one where the hand is fastest.
     ///
     /// # Errors
-    /// [`EnvError::OutOfReach`] with the place where it reaches the most.
-    pub fn search(&self) -> Result<PlacedArm, EnvError> {
-        let yaw = self.base_yaw.unwrap_or(FRAC_PI_2);
+    /// [`EnvError::OutOfReach`] with the placement from which it reaches the most.
+    pub fn search(&self) -> Result<BasePlacement, EnvError> {
         let grid = |ys: &[f64]| -> Vec<DVec3> {
-            ys.iter().flat_map(|&y| HEIGHTS.map(|z| DVec3::new(0.0, y, z))).collect()
+            ys.iter().flat_map(|&y| BASE_Z.map(|z| DVec3::new(0.0, y, z))).collect()
         };
         let stages = match self.base_position {
-            Some(position) => vec![vec![position]],
-            None => vec![grid(&BEHIND), grid(&ON_EDGE)],
+            Some(position) => [vec![position], Vec::new()],
+            None => [grid(&BASE_Y_BEHIND_TABLE), grid(&BASE_Y_ON_TABLE_EDGE)],
         };
-        let mut best = PlacedArm::nowhere(stages[0][0]);
-        for position in stages.into_iter().flatten() {
-            if best.missed.is_none() && BEHIND[0] < position.y {
+        let base_at =
+            |position: DVec3| Pose::from_xyz_rpy(position.to_array(), [0.0, 0.0, self.base_yaw]);
+        let first = base_at(stages[0][0]);
+        let mut best: Option<BasePlacement> = None;
+        for stage in stages {
+            for position in stage {
+                let placement = self.posture(base_at(position))?;
+                best = preferred(best, placement);
+            }
+            if best.as_ref().is_some_and(|placement| placement.missed.is_none()) {
                 break;
             }
-            let base = Pose::from_xyz_rpy(position.to_array(), [0.0, 0.0, yaw]);
-            if let Some(placed) = self.posture(base)?.filter(|placed| placed.is_better(&best)) {
-                best = placed;
+        }
+        let (base, reached, missed) = match best {
+            Some(BasePlacement { base, reached, missed: Some(missed), .. }) => {
+                (base, reached, missed)
             }
-        }
-        match best.missed {
-            None => Ok(best),
-            Some(missed) => Err(EnvError::OutOfReach(Box::new(ReachShortfall {
-                name: self.robot.name().to_owned(),
-                reached: best.reached,
-                places: places().count(),
-                base: best.base.position,
-                missed,
-                distance: missed.distance(best.base.position),
-                reach: Chain::new(self.robot, self.hand)?.reach(),
-            }))),
-        }
+            Some(placement) => return Ok(placement),
+            // nowhere does the hand point down over the centre
+            None => (first, 0, HAND_TARGET_START),
+        };
+        let chain = Chain::new(&self.robot.clone().with_base_pose(base)?, self.hand)?;
+        Err(EnvError::OutOfReach(Box::new(ReachShortfall {
+            name: self.robot.name().to_owned(),
+            reached,
+            required: required_hand_positions().count(),
+            base: base.position,
+            missed,
+            distance: missed.distance(chain.reach_centre()),
+            reach: chain.reach(),
+        })))
     }
 
-    /// Returns the ready posture with the base at `base`: the first one that holds the hand still
-    /// at all places, or else the best one. `None` if the hand does not point down over the centre.
-    fn posture(&self, base: Pose) -> Result<Option<PlacedArm>, EnvError> {
+    /// Returns the placement with the base at `base`: with the first posture that holds the hand
+    /// still at all required positions, or else with the best one. `None` if the hand does not point
+    /// down over the centre.
+    fn posture(&self, base: Pose) -> Result<Option<BasePlacement>, EnvError> {
         let robot = self.robot.clone().with_base_pose(base)?;
         let chain = Chain::new(&robot, self.hand)?;
-        let mut best: Option<PlacedArm> = None;
+        let mut best = None;
         // the middle of the ranges comes first, since arms look natural near it
         for seed in (0..SEEDS).map(|number| chain.spread_configuration(number)) {
-            let Some(placed) = self.ready(&robot, &chain, &seed) else {
-                continue;
-            };
-            if placed.missed.is_none() && placed.orientation == OrientationConstraint::Full {
-                return Ok(Some(placed));
+            let placement = self.ready(&robot, &chain, &seed);
+            let holds = |of: &BasePlacement| of.missed.is_none() && of.holds_rotation();
+            if placement.as_ref().is_some_and(holds) {
+                return Ok(placement);
             }
-            if best.as_ref().is_none_or(|other| placed.is_better(other)) {
-                best = Some(placed);
-            }
+            best = preferred(best, placement);
         }
         Ok(best)
     }
 
-    /// Returns the ready posture near `seed`, without turns of the hand if it can do without.
-    fn ready(&self, robot: &RobotDescription, chain: &Chain, seed: &[f64]) -> Option<PlacedArm> {
+    /// Returns the placement with a ready posture near `seed`, without turns of the hand if it can do
+    /// without.
+    fn ready(
+        &self,
+        robot: &RobotDescription,
+        chain: &Chain,
+        seed: &[f64],
+    ) -> Option<BasePlacement> {
         let free = solve(chain, HAND_TARGET_START, DOWN, seed, AROUND_Z)?;
         let turned = chain.tip_pose(&free).rotation;
         // the fingers open along y where that is nearest
-        let near = |&turns: &usize| (turned * mounted(turns)).dot(DOWN).abs();
+        let near = |&turns: &usize| (turned * gripper_rotation(turns)).dot(DOWN).abs();
         let turns = self.quarter_turns.iter().copied();
         let quarter_turns = turns.max_by(|a, b| near(a).total_cmp(&near(b)))?;
-        let rotation = DOWN * mounted(quarter_turns).conjugate();
-        let visit = |ready: Vec<f64>, orientation| {
-            let mut placed = PlacedArm {
+        let rotation = DOWN * gripper_rotation(quarter_turns).conjugate();
+        let measured = |ready: Vec<f64>, orientation| {
+            let mut placement = BasePlacement {
                 base: robot.base_pose(),
                 quarter_turns,
-                speed: chain.tip_speed(&ready, orientation),
+                slowest_tip_speed: chain.tip_speed(&ready, orientation),
                 ready,
                 orientation,
                 reached: 0,
                 missed: None,
             };
-            placed.visit(robot, chain, rotation);
-            placed
+            placement.measure_reach(robot, chain, rotation);
+            placement
         };
         let full = OrientationConstraint::Full;
         let held = solve(chain, HAND_TARGET_START, rotation, &free, full);
-        let still = held.map(|ready| visit(ready, full)).filter(|held| held.missed.is_none());
-        Some(still.unwrap_or_else(|| visit(free, AROUND_Z)))
+        let still = held.map(|ready| measured(ready, full)).filter(|of| of.missed.is_none());
+        Some(still.unwrap_or_else(|| measured(free, AROUND_Z)))
     }
 }
 
-/// Constraint that leaves the rotation about the vertical free.
-const AROUND_Z: OrientationConstraint = OrientationConstraint::Axis(DVec3::Z);
-
-/// Returns the rotation of fingers that are mounted so many quarter turns about the hand's z.
-pub(super) fn mounted(quarter_turns: usize) -> DQuat {
+/// Returns the rotation of a gripper that is mounted so many quarter turns about the hand's z.
+pub(super) fn gripper_rotation(quarter_turns: usize) -> DQuat {
     DQuat::from_rotation_z(quarter_turns as f64 * FRAC_PI_2)
 }
 
-impl PlacedArm {
-    /// Moves the hand from the centre to all places, up to the first one that it does not reach,
-    /// and notes how fast it is there.
-    fn visit(&mut self, robot: &RobotDescription, chain: &Chain, rotation: DQuat) {
-        self.missed = places().find(|&place| {
-            let solved = solve(chain, place, rotation, &self.ready, self.orientation);
-            let above = solved.filter(|joints| lowest(robot, chain, joints) > LOWEST);
+impl BasePlacement {
+    /// Moves the hand from the centre to each required position, and notes those that it reaches and
+    /// how fast it is there.
+    fn measure_reach(&mut self, robot: &RobotDescription, chain: &Chain, rotation: DQuat) {
+        for position in required_hand_positions() {
+            let solved = solve(chain, position, rotation, &self.ready, self.orientation);
+            let above = solved.filter(|joints| lowest(robot, chain, joints) > MIN_JOINT_HEIGHT);
             let speed = above.map_or(0.0, |joints| chain.tip_speed(&joints, self.orientation));
-            self.reached += usize::from(speed > 0.0);
-            self.speed = self.speed.min(speed);
+            self.slowest_tip_speed = self.slowest_tip_speed.min(speed);
             // a hand that cannot move in some direction is at the end of its reach
-            speed == 0.0
-        });
-    }
-
-    fn is_better(&self, other: &Self) -> bool {
-        let holds = |of: &Self| of.orientation == OrientationConstraint::Full;
-        let key = |of: &Self| (of.reached, holds(of));
-        key(self) > key(other) || key(self) == key(other) && self.speed > other.speed
-    }
-
-    /// Returns an arm that points down nowhere.
-    fn nowhere(base: DVec3) -> Self {
-        Self {
-            base: Pose::from_position(base),
-            quarter_turns: 0,
-            ready: Vec::new(),
-            orientation: OrientationConstraint::Full,
-            reached: 0,
-            missed: Some(HAND_TARGET_START),
-            speed: 0.0,
+            if speed > 0.0 {
+                self.reached += 1;
+            } else {
+                self.missed = self.missed.or(Some(position));
+            }
         }
+    }
+
+    fn holds_rotation(&self) -> bool {
+        self.orientation == OrientationConstraint::Full
+    }
+
+    fn is_preferred_to(&self, other: &Self) -> bool {
+        let key = |of: &Self| (of.reached, of.holds_rotation());
+        key(self) > key(other)
+            || key(self) == key(other) && self.slowest_tip_speed > other.slowest_tip_speed
     }
 }
 
-/// Returns the places of the hand in all variants (metres).
-fn places() -> impl Iterator<Item = DVec3> {
+/// Returns the better one of two placements, the first one if they are equally good.
+fn preferred(one: Option<BasePlacement>, other: Option<BasePlacement>) -> Option<BasePlacement> {
+    match (one, other) {
+        (Some(old), Some(new)) => Some(if new.is_preferred_to(&old) { new } else { old }),
+        (old, new) => old.or(new),
+    }
+}
+
+/// Returns the positions (metres) that the hand must reach in all variants.
+fn required_hand_positions() -> impl Iterator<Item = DVec3> {
     let signs = [[1.0, 1.0], [-1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]];
-    let mirrored = PLACES
+    let mirrored = REQUIRED_HAND_POSITIONS
         .into_iter()
-        .flat_map(move |place| signs.map(|[x, y]| DVec3::new(x * place.x, y * place.y, place.z)));
-    mirrored.chain([HAND_TARGET_START.with_z(PLACES[0].z)])
+        .flat_map(move |of| signs.map(|[x, y]| DVec3::new(x * of.x, y * of.y, of.z)));
+    mirrored.chain([HAND_TARGET_START.with_z(REQUIRED_HAND_POSITIONS[0].z)])
 }
 
 /// Returns a configuration near `seed`, if there is one.
