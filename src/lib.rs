@@ -32,6 +32,7 @@ pub mod doctor;
 mod error;
 pub mod export;
 mod manual;
+pub mod model;
 pub mod preset_list;
 pub mod program;
 pub mod robot;

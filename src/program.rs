@@ -11,6 +11,7 @@ use crate::completions::CompletionsOptions;
 use crate::doctor::DoctorOptions;
 use crate::export::ExportOptions;
 use crate::manual::ManualOptions;
+use crate::model::ModelCommand;
 use crate::preset_list::PresetsOptions;
 use crate::robot::RobotCommand;
 use deploy::{CalibrateOptions, DeployOptions};
@@ -61,6 +62,9 @@ enum Subcommands {
     /// Checks a robot's URDF, or converts it to MJCF.
     #[command(subcommand, after_help = "Example: covers robot check arm.urdf")]
     Robot(RobotCommand),
+    /// Checks whether the left and the right side of a model are mirror images.
+    #[command(subcommand, after_help = "Example: covers model check robot.xml")]
+    Model(ModelCommand),
     /// Reports what this machine has, how fast it is, and how to fix what is missing.
     Doctor(DoctorOptions),
     /// Lists methods and budgets, or prints all settings of a preset.
@@ -93,6 +97,7 @@ impl Program {
             Subcommands::Export(export) => export.run(out).map(done)?,
             Subcommands::Check(check) => u8::from(!check.run(out)?),
             Subcommands::Robot(robot) => u8::from(!robot.run(out)?),
+            Subcommands::Model(model) => u8::from(!model.run(out)?),
             Subcommands::Doctor(doctor) => u8::from(!doctor.run(out)?),
             Subcommands::Presets(presets) => presets.run(out).map(done)?,
             Subcommands::Completions(shell) => shell.run(Self::command(), out).map(done)?,
@@ -113,6 +118,7 @@ impl Program {
             Subcommands::Learner(_)
             | Subcommands::Doctor(_)
             | Subcommands::Robot(_)
+            | Subcommands::Model(_)
             | Subcommands::Watch(_)
             | Subcommands::Presets(_)
             | Subcommands::Completions(_)

@@ -48,6 +48,7 @@
 /// Raw declarations of MuJoCo's C library, for [`Model::as_raw`] and [`Data::as_mut_ptr`].
 pub use mujoco_sys as raw;
 
+mod arrays;
 mod backend;
 mod data;
 mod error;
@@ -63,6 +64,7 @@ mod renderer;
 mod state;
 mod vfs;
 
+pub use arrays::{IntegerArray, NumberArray, RowEdit};
 pub use backend::Backend;
 pub use data::{Contact, Data};
 pub use error::{ContextError, ModelError, MujocoError, Quantity, RenderError, SimError};

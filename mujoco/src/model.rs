@@ -121,6 +121,11 @@ impl Model {
         self.warning.as_deref()
     }
 
+    /// Returns the model that owns `raw`, a copy of this one with other values.
+    pub(crate) fn edited_copy(&self, raw: NonNull<raw::mjModel>) -> Self {
+        Self { raw, warning: self.warning.clone(), family: Arc::new(()) }
+    }
+
     sizes! {
         /// Returns the number of generalised positions, the length of `qpos`.
         nq,
