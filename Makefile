@@ -109,7 +109,7 @@ gpu: deps
 	RUSTDOCFLAGS="-D warnings" cargo doc $(GPU) --no-deps --document-private-items --locked
 	cargo test $(GPU) --locked --test gpu
 	$(call named,$(GPU),--test suite,device::)
-	$(call named,$(GPU),--lib,ppo::gpu adapter gpu::plan gpu::step)
+	$(call named,$(GPU),--lib,ppo::gpu adapter gpu::plan gpu::kernel_dispatch)
 
 # Recordings for the Rerun viewer: minutes, most of them to compile its SDK. Rerun's own package,
 # which takes Python 3.10 or later, reads one and compares it with the tables of its run.
