@@ -109,7 +109,7 @@ gpu: deps
 	RUSTDOCFLAGS="-D warnings" cargo doc $(GPU) --no-deps --document-private-items --locked
 	cargo test $(GPU) --locked --test gpu
 	$(call named,$(GPU),--test suite,device::)
-	$(call named,$(GPU),--lib,ppo::gpu adapter gpu::plan gpu::step)
+	$(call named,$(GPU),--lib,ppo::gpu adapter gpu::plan gpu::kernel_dispatch)
 
 # The demonstration for browsers, in $(TARGET)/web. It takes Node.js with npm and packages from npm;
 # its test takes Chromium.

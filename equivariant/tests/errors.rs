@@ -72,6 +72,9 @@ fn windows_that_are_inexact_or_do_not_fit_are_refused() {
                      expected 1 <= 7 <= 5 + 2 * 0";
     assert_refused(inexact, refused(SlidingWindow::new(2, 2, 0)));
     assert_refused(too_large, refused(SlidingWindow::new(7, 1, 0)));
+    for none in [SlidingWindow::new(0, 1, 0), SlidingWindow::new(3, 0, 0)] {
+        assert_refused("got a window of", refused(none));
+    }
 }
 
 #[test]

@@ -20,26 +20,20 @@ pub struct TestLayer<T> {
 
 impl<T: Scalar> TestLayer<T> {
     /// Creates a test layer whose equivariance error is zero.
-    pub(crate) fn exactly_equivariant(
-        name: &'static str,
-        layer: impl Layer<T> + 'static,
-    ) -> TestLayer<T> {
+    pub(crate) fn exact(name: &'static str, layer: impl Layer<T> + 'static) -> TestLayer<T> {
         TestLayer { name, is_exactly_equivariant: true, layer: Box::new(layer) }
     }
 
     /// Creates a test layer whose equivariance error is at the level of rounding.
-    pub(crate) fn approximately_equivariant(
-        name: &'static str,
-        layer: impl Layer<T> + 'static,
-    ) -> TestLayer<T> {
-        TestLayer { is_exactly_equivariant: false, ..TestLayer::exactly_equivariant(name, layer) }
+    pub(crate) fn approximate(name: &'static str, layer: impl Layer<T> + 'static) -> TestLayer<T> {
+        TestLayer { is_exactly_equivariant: false, ..TestLayer::exact(name, layer) }
     }
 }
 
 /// Returns the largest relative error of f(g x) = g f(x) over the elements of the output's group.
 ///
-/// Draws `trials` inputs of one sample each with normal entries; `f(x, y)` writes the output `y` of
-/// a sample `x`. The group of the output's type acts on pixels and channels according to the two
+/// Samples `trials` inputs of one sample each with normal entries; `f(x, y)` writes the output `y`
+/// of a sample `x`. The group of the output's type acts on pixels and channels according to the two
 /// shapes. The error of a trial is the largest absolute difference over the largest absolute
 /// output; an output that is not finite gives infinity.
 ///

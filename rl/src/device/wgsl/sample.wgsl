@@ -1,5 +1,5 @@
 // Index of an observation of a batch; in an update, also its decision's normalised advantage.
-struct Draw {
+struct Sample {
     decision: u32,
     advantage: f32,
 }

@@ -3,29 +3,29 @@
 use std::collections::hash_map::Entry;
 
 use crate::gpu::device::{Device, lock_even_if_poisoned};
-use crate::gpu::step::KernelStep;
+use crate::gpu::kernel_dispatch::KernelDispatch;
 
 /// Maximum number of workgroups along the first axis of a GPU dispatch, below the limit of 65,535
 /// that every adapter has; more of them fill further lines along the second axis.
-const GROUPS_OF_A_LINE: usize = 32_768;
+const MAX_WORKGROUPS_X: usize = 32_768;
 
 /// GPU kernel that is compiled and bound to its buffers.
 pub(crate) struct CompiledKernel {
     pipeline: wgpu::ComputePipeline,
     bindings: wgpu::BindGroup,
-    step: KernelStep,
+    dispatch: KernelDispatch,
 }
 
 impl CompiledKernel {
     /// Compiles a kernel of a compute plan; `buffers` are all buffers of the plan.
     pub fn new(
         device: &Device,
-        step: &KernelStep,
+        kernel: &KernelDispatch,
         uniform: &wgpu::Buffer,
         buffers: &[wgpu::Buffer],
     ) -> CompiledKernel {
-        let layout = layout(&device.device, step);
-        let own = step.buffers.iter().map(|(slot, _)| &buffers[slot.0]);
+        let layout = layout(&device.device, kernel);
+        let own = kernel.buffers.iter().map(|(slot, _)| &buffers[slot.0]);
         let entries = std::iter::once(uniform).chain(own).enumerate();
         let entries = entries.map(|(binding, buffer)| wgpu::BindGroupEntry {
             binding: binding as u32,
@@ -33,27 +33,27 @@ impl CompiledKernel {
         });
         let entries: Vec<_> = entries.collect();
         let bindings = wgpu::BindGroupDescriptor {
-            label: Some(step.label),
+            label: Some(kernel.label),
             layout: &layout,
             entries: &entries,
         };
         CompiledKernel {
             bindings: device.device.create_bind_group(&bindings),
-            pipeline: pipeline(device, step, &layout),
-            step: step.clone(),
+            pipeline: pipeline(device, kernel, &layout),
+            dispatch: kernel.clone(),
         }
     }
 
     /// Returns the name of the kernel.
     pub fn label(&self) -> &'static str {
-        self.step.label
+        self.dispatch.label
     }
 
     /// Records a dispatch of the kernel for a batch of `samples` samples.
     pub fn record(&self, samples: usize, pass: &mut wgpu::ComputePass) {
-        let groups = self.step.workgroups.num_workgroups(samples);
+        let groups = self.dispatch.workgroups.num_workgroups(samples);
         // larger dispatches fill a plane, because every dimension has a limit
-        let line = groups.min(GROUPS_OF_A_LINE);
+        let line = groups.min(MAX_WORKGROUPS_X);
         if line == 0 {
             return;
         }
@@ -63,8 +63,8 @@ impl CompiledKernel {
     }
 }
 
-fn layout(device: &wgpu::Device, step: &KernelStep) -> wgpu::BindGroupLayout {
-    let storage = step.buffers.iter().map(|&(_, written)| {
+fn layout(device: &wgpu::Device, kernel: &KernelDispatch) -> wgpu::BindGroupLayout {
+    let storage = kernel.buffers.iter().map(|&(_, written)| {
         let read_only = !written;
         wgpu::BufferBindingType::Storage { read_only }
     });
@@ -77,7 +77,7 @@ fn layout(device: &wgpu::Device, step: &KernelStep) -> wgpu::BindGroupLayout {
     });
     let entries: Vec<_> = entries.collect();
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some(step.label),
+        label: Some(kernel.label),
         entries: &entries,
     })
 }
@@ -85,15 +85,15 @@ fn layout(device: &wgpu::Device, step: &KernelStep) -> wgpu::BindGroupLayout {
 /// Returns the compute pipeline of a kernel; kernels with equal text are compiled once.
 fn pipeline(
     device: &Device,
-    step: &KernelStep,
+    kernel: &KernelDispatch,
     layout: &wgpu::BindGroupLayout,
 ) -> wgpu::ComputePipeline {
     let mut pipelines = lock_even_if_poisoned(&device.pipelines);
-    let known = pipelines.entry(step.wgsl_source(device.uses_subgroups()));
+    let known = pipelines.entry(kernel.wgsl_source(device.uses_subgroups()));
     match known {
         Entry::Occupied(known) => known.get().clone(),
         Entry::Vacant(place) => {
-            let pipeline = compile(&device.device, step.label, place.key(), layout);
+            let pipeline = compile(&device.device, kernel.label, place.key(), layout);
             place.insert(pipeline).clone()
         }
     }

@@ -8,30 +8,29 @@ use rl::{
 };
 use symmetry::Irrep;
 
-/// An actor that decides from its memory alone, without noise, and values everything at 0.
-pub trait Unseeing {
-    type Memory: ActorMemory;
-
-    fn new_memory(&self, envs: usize) -> Self::Memory;
-
-    /// Writes the actions `[N, A]` of one step.
-    fn decide(&self, memory: &mut Self::Memory, out: &mut [f32]);
+/// An actor that ignores observations, draws no noise and values everything at 0: `decide` writes
+/// the actions `[N, A]` of one step from the memory alone.
+pub struct BlindActor<F, G> {
+    pub new_memory: F,
+    pub decide: G,
 }
 
-/// Adapter from [`Unseeing`] to the traits of collection and evaluation.
-pub struct Acting<U>(pub U);
+impl<M, F, G> Actor for BlindActor<F, G>
+where
+    M: ActorMemory,
+    F: Fn(usize) -> M,
+    G: Fn(&mut M, &mut [f32]),
+{
+    type Memory = M;
 
-impl<U: Unseeing> Actor for Acting<U> {
-    type Memory = U::Memory;
-
-    fn new_memory(&self, envs: usize) -> U::Memory {
-        self.0.new_memory(envs)
+    fn new_memory(&self, envs: usize) -> M {
+        (self.new_memory)(envs)
     }
 
     fn act(
         &mut self,
         observations: &Observations,
-        memory: &mut U::Memory,
+        memory: &mut M,
         _: &mut ChaCha8Rng,
         out: &mut [f32],
     ) -> Result<(), RlError> {
@@ -41,26 +40,31 @@ impl<U: Unseeing> Actor for Acting<U> {
     fn mean_actions(
         &mut self,
         _: &Observations,
-        memory: &mut U::Memory,
+        memory: &mut M,
         out: &mut [f32],
     ) -> Result<(), RlError> {
-        self.0.decide(memory, out);
+        (self.decide)(memory, out);
         Ok(())
     }
 }
 
-impl<U: Unseeing> ValueFunction for Acting<U> {
+impl<F, G> ValueFunction for BlindActor<F, G> {
     fn values(&mut self, _: &Observations, out: &mut [f32]) -> Result<(), RlError> {
         out.fill(0.0);
         Ok(())
     }
 }
 
-impl<U: Unseeing> OnPolicyActor for Acting<U> {
+impl<M, F, G> OnPolicyActor for BlindActor<F, G>
+where
+    M: ActorMemory,
+    F: Fn(usize) -> M,
+    G: Fn(&mut M, &mut [f32]),
+{
     fn decide(
         &mut self,
         observations: &Observations,
-        memory: &mut U::Memory,
+        memory: &mut M,
         _: &[f32],
         out: &mut Decisions,
     ) -> Result<(), RlError> {

@@ -4,8 +4,8 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BufferSlot(pub(crate) usize);
 
-/// Number of workgroups of a GPU kernel as a function of the number of samples N: `times` for each
-/// tile of `tile` threads, workgroups or rows, of which there are `each` N + `fixed`.
+/// Number of workgroups of a GPU kernel for a batch of N samples: `times` * ceil((`each` * N +
+/// `fixed`) / `tile`).
 #[derive(Clone, Copy, Debug)]
 pub struct WorkgroupCount {
     each: usize,
@@ -42,10 +42,10 @@ impl WorkgroupCount {
 
     /// Returns the number of workgroups of a matrix product with `times` workgroups for each tile
     /// of `tile` rows.
-    pub(crate) fn per_tile_of_rows(rows: RowCount, tile: usize, times: usize) -> WorkgroupCount {
+    pub(crate) fn per_tile_of_rows(rows: DynamicDim, tile: usize, times: usize) -> WorkgroupCount {
         let (each, fixed) = match rows {
-            RowCount::PerSample(each) => (each, 0),
-            RowCount::Fixed(fixed) => (0, fixed),
+            DynamicDim::PerSample(each) => (each, 0),
+            DynamicDim::Fixed(fixed) => (0, fixed),
         };
         WorkgroupCount { each, fixed, tile, times }
     }
@@ -56,20 +56,20 @@ impl WorkgroupCount {
     }
 }
 
-/// Number of rows of a matrix, terms of a sum or parts of a batch, given per sample or for the
-/// whole batch.
+/// Size along an axis that may grow with the batch: a number for each sample, or one for the whole
+/// batch.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum RowCount {
+pub(crate) enum DynamicDim {
     PerSample(usize),
     Fixed(usize),
 }
 
-impl RowCount {
-    /// Returns the number for the current batch as a WGSL expression.
+impl DynamicDim {
+    /// Returns the size for the current batch as a WGSL expression.
     pub fn wgsl_expression(self) -> String {
         match self {
-            RowCount::PerSample(each) => format!("batch.samples * {each}u"),
-            RowCount::Fixed(fixed) => format!("{fixed}u"),
+            DynamicDim::PerSample(each) => format!("batch.samples * {each}u"),
+            DynamicDim::Fixed(fixed) => format!("{fixed}u"),
         }
     }
 }
@@ -111,7 +111,7 @@ impl Reduction {
 /// Dispatch of a GPU kernel: its WGSL text, its buffers in the order of their bindings, and its
 /// number of workgroups.
 #[derive(Clone, Debug)]
-pub struct KernelStep {
+pub struct KernelDispatch {
     pub(crate) label: &'static str,
     source: String,
     reductions: Vec<Reduction>,
@@ -121,20 +121,20 @@ pub struct KernelStep {
     pub(crate) workgroups: WorkgroupCount,
 }
 
-impl KernelStep {
-    /// Creates a GPU kernel without buffers, on fields of `order` numbers: 1, 2 or 4.
+impl KernelDispatch {
+    /// Creates a GPU kernel without buffers, on fields of `order` components: 1, 2 or 4.
     ///
     /// Its text begins with `wgsl/common.wgsl`, which declares the batch and derives indices from a
     /// thread's `Place`, and with `wgsl/group_1.wgsl`, `group_2.wgsl` or `group_4.wgsl`, which has
     /// the arithmetic of a field. A kernel's `main` takes a `Place` (`wgsl/place.wgsl`), whose
     /// `thread` is the index of the thread in its workgroup.
-    pub fn new(label: &'static str, order: usize, work: WorkgroupCount) -> KernelStep {
+    pub fn new(label: &'static str, order: usize, work: WorkgroupCount) -> KernelDispatch {
         let group = match order {
             1 => include_str!("wgsl/group_1.wgsl"),
             2 => include_str!("wgsl/group_2.wgsl"),
             _ => include_str!("wgsl/group_4.wgsl"),
         };
-        KernelStep {
+        KernelDispatch {
             label,
             source: [include_str!("wgsl/common.wgsl"), group].concat(),
             reductions: Vec::new(),
@@ -144,22 +144,25 @@ impl KernelStep {
     }
 
     /// Adds WGSL text to the source of the GPU kernel.
-    pub fn add_wgsl(mut self, text: &str) -> KernelStep {
+    pub fn add_wgsl(mut self, text: &str) -> KernelDispatch {
         self.source.push_str(text);
         self.source.push('\n');
         self
     }
 
     /// Adds named constants of type u32 to the kernel's source.
-    pub fn add_u32_constants<const N: usize>(self, constants: [(&str, usize); N]) -> KernelStep {
-        constants
-            .into_iter()
-            .fold(self, |step, (name, value)| step.add_wgsl(&format!("const {name} = {value}u;")))
+    pub fn add_u32_constants<const N: usize>(
+        self,
+        constants: [(&str, usize); N],
+    ) -> KernelDispatch {
+        constants.into_iter().fold(self, |kernel, (name, value)| {
+            kernel.add_wgsl(&format!("const {name} = {value}u;"))
+        })
     }
 
     /// Adds a named constant of type f32 to the kernel's source: the finite value nearest to
     /// `value`.
-    pub fn add_f32_constant(self, name: &str, value: f64) -> KernelStep {
+    pub fn add_f32_constant(self, name: &str, value: f64) -> KernelDispatch {
         let value = value.clamp(f64::from(f32::MIN), f64::from(f32::MAX));
         // Debug prints the shortest decimal that reads back as the same value, with a point or an
         // exponent
@@ -168,7 +171,7 @@ impl KernelStep {
 
     /// Adds the WGSL function `summed(value, place)`, the sum over the threads of a workgroup,
     /// where `place` is the argument of `main`. All threads of the workgroup must call it.
-    pub fn add_workgroup_sum(self) -> KernelStep {
+    pub fn add_workgroup_sum(self) -> KernelDispatch {
         self.add_workgroup_reduction("summed", "f32", ReductionOp::Sum)
     }
 
@@ -179,7 +182,7 @@ impl KernelStep {
         name: &'static str,
         element: &'static str,
         combine: ReductionOp,
-    ) -> KernelStep {
+    ) -> KernelDispatch {
         self.reductions.push(Reduction { name, element, combine });
         self
     }
@@ -201,16 +204,22 @@ impl KernelStep {
     }
 
     /// Adds an input buffer to the GPU kernel as an array of the WGSL type `element`.
-    pub fn add_input_buffer(self, name: &str, element: &str, slot: BufferSlot) -> KernelStep {
+    pub fn add_input_buffer(self, name: &str, element: &str, slot: BufferSlot) -> KernelDispatch {
         self.buffer(name, element, slot, false)
     }
 
     /// Adds an output buffer to the GPU kernel as an array of the WGSL type `element`.
-    pub fn add_output_buffer(self, name: &str, element: &str, slot: BufferSlot) -> KernelStep {
+    pub fn add_output_buffer(self, name: &str, element: &str, slot: BufferSlot) -> KernelDispatch {
         self.buffer(name, element, slot, true)
     }
 
-    fn buffer(mut self, name: &str, element: &str, slot: BufferSlot, written: bool) -> KernelStep {
+    fn buffer(
+        mut self,
+        name: &str,
+        element: &str,
+        slot: BufferSlot,
+        written: bool,
+    ) -> KernelDispatch {
         let access = if written { "read_write" } else { "read" };
         self.buffers.push((slot, written));
         // binding 0 is the batch, so the first buffer has binding 1
@@ -227,9 +236,12 @@ mod tests {
 
     #[test]
     fn only_kernels_that_combine_values_have_operations_on_subgroups() {
-        let step = || KernelStep::new("some", 4, WorkgroupCount::fixed_workgroups(1));
-        let has = |made: KernelStep, subgroups| made.wgsl_source(subgroups).contains("subgroup");
-        assert!(has(step().add_workgroup_sum(), true) && !has(step().add_workgroup_sum(), false));
-        assert!(!has(step(), true) && !has(step(), false));
+        let kernel = || KernelDispatch::new("some", 4, WorkgroupCount::fixed_workgroups(1));
+        let has =
+            |made: KernelDispatch, subgroups| made.wgsl_source(subgroups).contains("subgroup");
+        assert!(
+            has(kernel().add_workgroup_sum(), true) && !has(kernel().add_workgroup_sum(), false)
+        );
+        assert!(!has(kernel(), true) && !has(kernel(), false));
     }
 }

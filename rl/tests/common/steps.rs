@@ -1,12 +1,13 @@
 //! The arrays of one step of the toy environment, in the right sizes, and what spoils them;
-//! networks and numbers of these tests.
+//! rollouts, networks and comparisons of these tests.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, BoxedEnvError, CriticSettings, Decisions, EncoderSettings, EnvSpec,
-    NetworkSettings, Observations, RlError, RolloutBuffer, RolloutState, StepOutcome, Transition,
-    VectorEnv, collect,
+    Actor, ActorCriticPolicy, ActorMemory, BoxedEnvError, CriticSettings, Decisions,
+    EncoderSettings, EnvSpec, FeatureExtractor, NetworkSettings, Observations, OnPolicyActor,
+    RlError, RolloutBuffer, RolloutState, RolloutStats, StepOutcome, Transition, VectorEnv,
+    collect,
 };
 use symmetry::{D2, Group, Irrep};
 
@@ -31,17 +32,17 @@ pub fn policy() -> ActorCriticPolicy {
 
 /// Arguments of a push of one step, in the right sizes.
 #[derive(Clone)]
-pub struct Parts {
+pub struct StepArrays {
     pub observations: Observations,
     pub decisions: Decisions,
     pub transition: Transition,
     pub values: Vec<f32>,
 }
 
-pub fn parts() -> Parts {
+pub fn step_arrays() -> StepArrays {
     let mut transition = Transition::new(&spec());
     transition.outcomes.fill(StepOutcome::Truncated);
-    Parts {
+    StepArrays {
         observations: Observations::new(&spec()),
         decisions: Decisions::new(&spec()),
         transition,
@@ -49,16 +50,43 @@ pub fn parts() -> Parts {
     }
 }
 
-pub fn push(buffer: &mut RolloutBuffer, parts: &Parts) -> Result<(), RlError> {
-    buffer.push(&parts.observations, &parts.decisions, &parts.transition, &parts.values)
+pub fn push(buffer: &mut RolloutBuffer, arrays: &StepArrays) -> Result<(), RlError> {
+    buffer.push(&arrays.observations, &arrays.decisions, &arrays.transition, &arrays.values)
 }
 
-pub fn rolled_out(env: &mut dyn VectorEnv) -> Result<(), RlError> {
-    let mut policy = policy();
-    let mut buffer = RolloutBuffer::new(env.spec(), 3)?;
-    let mut state = RolloutState::reset(env, &policy)?;
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    collect(env, &mut policy, &mut buffer, &mut state, &mut rng).map(|_| ())
+/// An actor in environments, in the middle of their episodes, with a buffer for its rollouts.
+pub struct OnPolicyRun<E, P: OnPolicyActor> {
+    pub env: E,
+    pub policy: P,
+    pub buffer: RolloutBuffer,
+    pub state: RolloutState<P::Memory>,
+    pub rng: ChaCha8Rng,
+}
+
+impl<E: VectorEnv, P: OnPolicyActor> OnPolicyRun<E, P> {
+    /// Resets the environments, for rollouts of `steps` steps.
+    pub fn new(mut env: E, policy: P, steps: usize) -> Self {
+        Self {
+            buffer: RolloutBuffer::new(env.spec(), steps).unwrap(),
+            state: RolloutState::reset(&mut env, &policy).unwrap(),
+            rng: ChaCha8Rng::seed_from_u64(3),
+            env,
+            policy,
+        }
+    }
+
+    pub fn try_collect(&mut self) -> Result<RolloutStats, RlError> {
+        collect(&mut self.env, &mut self.policy, &mut self.buffer, &mut self.state, &mut self.rng)
+    }
+
+    pub fn collect(&mut self) -> RolloutStats {
+        self.try_collect().unwrap()
+    }
+}
+
+/// Collects a rollout of three steps with the small policy.
+pub fn rolled_out(env: impl VectorEnv) -> Result<(), RlError> {
+    OnPolicyRun::new(env, policy(), 3).try_collect().map(|_| ())
 }
 
 /// An environment whose transitions are changed before they are handed out.
@@ -118,7 +146,7 @@ fn a_nan_is_the_largest_number() {
     }
 }
 
-/// Rows of components in natural order, each multiplied by its irrep's sign.
+/// Rows of components in the environment's order, each multiplied by its irrep's sign.
 pub fn transform_vector(rows: &[f32], irreps: &[Irrep], g: D2) -> Vec<f32> {
     let signs = irreps.iter().cycle().map(|irrep| f32::from(irrep.sign(g)));
     rows.iter().zip(signs).map(|(x, s)| x * s).collect()
@@ -153,6 +181,35 @@ pub fn error(a: &[f32], b: &[f32]) -> f32 {
 
 /// Largest relative error that is rounding.
 pub const TOLERANCE: f32 = 1e-5;
+
+/// Errors of mean actions and features after three steps that follow one another, when all that is
+/// seen and done is moved by g.
+pub fn equivariance_errors<P: Actor + FeatureExtractor>(
+    policy: &mut P,
+    spec: &EnvSpec,
+    g: D2,
+) -> [f32; 2] {
+    let (n, width) = (spec.num_envs, spec.action_irreps.len());
+    let mut outputs = |g: D2| {
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        let mut memory = policy.new_memory(n);
+        let mut out = [vec![0.0; n * width], vec![0.0; n * policy.feature_dim()]];
+        for _ in 0..3 {
+            let moved = transformed(spec, &random_observations(spec, &mut rng), g, g);
+            policy.mean_actions(&moved, &mut memory, &mut out[0]).unwrap();
+            policy.features(&moved, &mut out[1]).unwrap();
+            for env in 0..n {
+                let action: Vec<f32> = (0..width).map(|_| rng.random_range(-1.0..1.0)).collect();
+                let action = transform_vector(&action, &spec.action_irreps, g);
+                memory.remember_step(env, &action, rng.random_range(-1.0..1.0));
+            }
+        }
+        out
+    };
+    let ([means, features], moved) = (outputs(D2::Identity), outputs(g));
+    let means = transform_vector(&means, &spec.action_irreps, g);
+    [error(&moved[0], &means), error(&moved[1], &features)]
+}
 
 /// Checks that `errors` under an element of D2 are rounding for those of `group` and far above it
 /// for all others, so that no output is equivariant by accident.

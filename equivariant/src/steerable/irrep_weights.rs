@@ -16,14 +16,14 @@ use crate::real::{Real, fill_normal};
 /// The weights of b are `[out multiplicity of b, cols[b]]`, row-major. The blocks come in irrep
 /// order, then one bias per trivial output channel.
 #[derive(Clone, Debug)]
-pub(crate) struct IrrepBlocks {
+pub(crate) struct IrrepWeights {
     cols: [usize; 4],
     out: FieldType,
 }
 
-impl IrrepBlocks {
-    pub fn new(cols: [usize; 4], out: FieldType) -> IrrepBlocks {
-        IrrepBlocks { cols, out }
+impl IrrepWeights {
+    pub fn new(cols: [usize; 4], out: FieldType) -> IrrepWeights {
+        IrrepWeights { cols, out }
     }
 
     /// Returns the number of inputs of output irrep b, the columns of its weight matrix.
@@ -51,7 +51,7 @@ impl IrrepBlocks {
         self.bias_range().end
     }
 
-    /// Draws the initial weights with variance gain^2 / fan-in and sets the biases to zero.
+    /// Samples the initial weights with variance gain^2 / fan-in and sets the biases to zero.
     pub fn init<T: Real>(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         assert_eq!(params.len(), self.num_params(), "wrong number of parameters");
         for b in Irrep::ALL {

@@ -56,13 +56,13 @@ impl KernelTimer {
             usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
             mapped_at_creation: false,
         });
-        let staged = device.allocate_staging(size);
+        let staging = device.allocate_staging(size);
         encoder.resolve_query_set(&self.queries, 0..self.count, &resolved, 0);
-        encoder.copy_buffer_to_buffer(&resolved, 0, &staged, 0, size);
+        encoder.copy_buffer_to_buffer(&resolved, 0, &staging, 0, size);
         device.queue.submit([encoder.finish()]);
-        staged.map_async(wgpu::MapMode::Read, .., |_| ());
+        staging.map_async(wgpu::MapMode::Read, .., |_| ());
         device.wait_for_commands()?;
-        let ticks: Vec<u64> = device.read_mapped(&staged)?;
+        let ticks: Vec<u64> = device.read_mapped(&staging)?;
         let seconds = f64::from(device.queue.get_timestamp_period()) * 1e-9;
         let kernels = ticks.as_chunks::<2>().0.iter();
         // timestamps out of order count as zero seconds instead of overflowing
