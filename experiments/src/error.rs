@@ -134,8 +134,8 @@ pub enum RunError {
     FailedEarlier,
     /// Memory limit that is too low for a command.
     #[error(
-        "{limit} leaves {left_mib} MiB of memory, and about {needed_mib} MiB are needed: raise it, \
-         or use fewer threads"
+        "{limit} leaves {left_mib} MiB, and about {needed_mib} MiB of memory are needed: raise it, \
+         use fewer threads, or close other programs"
     )]
     NotEnoughMemory {
         /// Memory that the command needs (MiB).

@@ -20,6 +20,7 @@ use super::checkpoints;
 use crate::folder::{RunFolder, SAVED_TIMINGS_FILE};
 use crate::lock::FolderLock;
 use crate::logs::RunTables;
+use crate::memory;
 use crate::note::RunState;
 use crate::printable::printable_message;
 use crate::progress::{EvaluationReport, Event, RolloutReport, Summary};
@@ -179,6 +180,12 @@ impl Run {
     /// ones were damaged.
     pub fn start_message(&self) -> &str {
         &self.start_message
+    }
+
+    /// Returns [`Run::start_message`] with the memory that the run needs.
+    pub fn start_message_with_memory(&self) -> String {
+        let memory = memory::gibibytes(memory::needed_bytes(&self.experiment));
+        format!("{}; takes up to about {memory} of memory", self.start_message)
     }
 
     /// Returns the settings of the run.

@@ -6,9 +6,11 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
+use envs::TaskRegistry;
 use experiments::cli::print_escaped;
 use experiments::printable::printable_message;
 use experiments::{Event, Experiment, FolderSnapshot, Run, RunError, RunFolder, StopSignal};
+use learner::DeviceChoice;
 use learner::overrides::check_same_settings;
 
 use super::plan::SweepJob;
@@ -28,6 +30,8 @@ pub struct WorkerSettings<'a> {
     pub runs: &'a Path,
     /// Worker threads of each run.
     pub threads: usize,
+    /// Device of policy updates.
+    pub device: DeviceChoice,
     /// Time after which a run whose files do not change is taken over from its worker; `None` to
     /// wait for ever.
     pub take_over_after: Option<Duration>,
@@ -181,9 +185,9 @@ impl<W: Write> Worker<'_, W> {
         if self.stop.is_requested() {
             return Ok(JobOutcome::Stopped);
         }
-        let mut claimed = claim(job, &folder, self.settings.threads);
+        let mut claimed = claim(job, &folder, self.settings);
         if matches!(claimed, Err(RunError::Locked { .. })) && self.frees_stalled(job, &folder)? {
-            claimed = claim(job, &folder, self.settings.threads);
+            claimed = claim(job, &folder, self.settings);
         }
         match claimed {
             Err(RunError::Locked { .. }) => Ok(JobOutcome::Taken),
@@ -220,7 +224,7 @@ impl<W: Write> Worker<'_, W> {
 
     fn finish(&mut self, job: &SweepJob, mut run: Run) -> Result<JobOutcome, RunError> {
         run.set_stop_signal(self.stop.clone());
-        self.say(job, run.start_message());
+        self.say(job, &run.start_message_with_memory());
         while let Some(event) = run.advance()? {
             if let Event::Evaluation(evaluation) = event {
                 let rollouts = evaluation.rollouts;
@@ -251,11 +255,18 @@ impl<W: Write> Worker<'_, W> {
 }
 
 /// Starts the job's run or resumes it.
-fn claim(job: &SweepJob, folder: &RunFolder, threads: usize) -> Result<Run, RunError> {
+fn claim(job: &SweepJob, folder: &RunFolder, settings: WorkerSettings) -> Result<Run, RunError> {
+    let WorkerSettings { threads, device, .. } = settings;
     let path = folder.path();
     std::fs::create_dir_all(path).map_err(RunError::writing(path))?;
-    let resume = || Run::resume(path, Some(threads));
-    let start = || Run::start(job.experiment.clone().with_threads(threads), folder.clone());
+    let resume = || {
+        let tasks = TaskRegistry::standard();
+        Run::resume_with_tasks(folder.clone(), Some(threads), device, tasks)
+    };
+    let start = || {
+        let experiment = job.experiment.clone().with_threads(threads).with_device(device)?;
+        Run::start(experiment, folder.clone())
+    };
     // `resume` takes the lock before any slow step, which matters to workers that try again often
     let run = if folder.holds_run() {
         resume()?
@@ -326,10 +337,14 @@ mod tests {
             lock
         }
 
+        fn settings(&self) -> WorkerSettings<'_> {
+            let (runs, device) = (&*self.runs, DeviceChoice::Cpu);
+            WorkerSettings { runs, threads: 2, device, take_over_after: None }
+        }
+
         fn work(&self, stop: &StopSignal) -> (SweepOutcome, String) {
             let mut said = Vec::new();
-            let settings = WorkerSettings { runs: &self.runs, threads: 1, take_over_after: None };
-            let ended = run_worker(&self.jobs, settings, stop, &mut said).unwrap();
+            let ended = run_worker(&self.jobs, self.settings(), stop, &mut said).unwrap();
             (ended, String::from_utf8(said).unwrap())
         }
     }
@@ -417,13 +432,14 @@ mod tests {
         let folder = sweep.folder(job);
         let other = job.experiment.clone().with_seed(9);
         folder.write_experiment(&other).unwrap();
-        let error = claim(job, &folder, 2).err().unwrap();
+        let error = claim(job, &folder, sweep.settings()).err().unwrap();
         assert!(
             matches!(error, RunError::Learner(LearnerError::CheckpointSettingsDiffer { .. })),
             "{error}"
         );
         sweep.take(job);
         folder.write_experiment(&job.experiment).unwrap();
-        assert_eq!(claim(job, &folder, 2).unwrap().experiment().envs.threads, 2);
+        let run = claim(job, &folder, sweep.settings()).unwrap();
+        assert_eq!(run.experiment().envs.threads, 2);
     }
 }

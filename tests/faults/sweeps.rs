@@ -281,6 +281,18 @@ fn printed_commands_say_threads_and_kubernetes_takes_paths_on_its_volume_alone()
     let output = sweep.worker(&["--threads", "3", "--slurm"]);
     let script = said(&output.wait_with_output().unwrap());
     assert!(script.contains("--threads 3"), "{script}");
+    assert!(script.contains("#SBATCH --mem="), "{script}");
+    for options in [
+        &["--slurm", "--name", "x"][..],
+        &["--hq", "--time", "1"],
+        &["--hq", "--parallel", "1"],
+        &["--slurm", "--hq"],
+        &["--time", "1"],
+        &["--slurm", "--time", "1; rm"],
+    ] {
+        let output = sweep.worker(options).wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{options:?}");
+    }
     let refused = sweep.worker(&["--kubernetes", "covers"]);
     assert_eq!(refused.wait_with_output().unwrap().status.code(), Some(1));
 }
