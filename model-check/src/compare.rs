@@ -15,6 +15,8 @@ use crate::snapshot::{Kind, Snapshot};
 
 /// Length (metres) that counts as much as a relative difference of 1.
 const LENGTH_SCALE: f64 = 0.1;
+/// Values that count as zero where shares are compared.
+const ROUNDING: f64 = 1e-9;
 
 /// Measure of a difference between two rows of values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -26,7 +28,7 @@ pub enum Measure {
     Scale,
     /// Distance (metres).
     Metres,
-    /// Angle (radians), or its sine for large ones.
+    /// Angle (radians), for large ones the chord of its arc.
     Radians,
     /// Values that are equal or not; the amount is 1.
     Exact,
@@ -360,8 +362,8 @@ impl Comparer<'_> {
         self.axis_image(one, mirror).dot(self.snapshot.vector(Num::JntAxis, other)).signum()
     }
 
-    /// Returns the sign by which a joint's coordinate is mirrored. Where the limits fit the opposite
-    /// of what the axis says, it is theirs: the axis points the wrong way then.
+    /// Returns the sign by which a joint's coordinate is mirrored. Where the limits fit the
+    /// opposite of what the axis says, it is theirs: the axis points the wrong way then.
     fn joint_sign(&self, pair: [usize; 2], mirror: &Mirror) -> f64 {
         if !self.snapshot.is_scalar(pair[0]) {
             return 1.0;
@@ -402,13 +404,13 @@ impl Comparer<'_> {
         }
         let sign = self.joint_sign(pair, mirror);
         let axis = snapshot.vector(Num::JntAxis, pair[1]);
-        let (property, image) = match sign == self.axis_sign(pair, mirror) {
-            true => ("axis", self.axis_image(pair[0], mirror) * sign),
-            false => ("sign", -axis),
+        let (property, measure, image) = match sign == self.axis_sign(pair, mirror) {
+            true => ("axis", Measure::Radians, self.axis_image(pair[0], mirror) * sign),
+            false => ("sign", Measure::Exact, -axis),
         };
         let edit = Some((Num::JntAxis, pair[1]));
         let values = [image, axis].map(|axis| axis.to_array());
-        found.extend(self.compare(subject, property, Measure::Radians, &values, edit));
+        found.extend(self.compare(subject, property, measure, &values, edit));
         if snapshot.joint_type(pair[0]) == raw::mjJNT_HINGE {
             let [one, other] = pair.map(|joint| snapshot.vector(Num::JntPos, joint));
             let image = mirror.point(one);
@@ -492,8 +494,8 @@ impl Comparer<'_> {
         }
     }
 
-    /// Compares sites and cameras. Axes of a site may be permuted and their signs changed; the image
-    /// of a mirrored camera is flipped from left to right.
+    /// Compares sites and cameras. Axes of a site may be permuted and their signs changed; the
+    /// image of a mirrored camera is flipped from left to right.
     fn compare_views(&self, subject: Subject, mirror: &Mirror, found: &mut Vec<Difference>) {
         let (position, orientation) = match subject.kind {
             Kind::Site => (Num::SitePos, Num::SiteQuat),
@@ -573,7 +575,8 @@ impl Comparer<'_> {
         let (amount, limit) = match measure {
             Measure::Exact => (f64::from(u8::from(image != found)), 0.5),
             Measure::Metres => (distance(image, found), self.tolerance * LENGTH_SCALE),
-            // half the angle for quaternions, which does for a threshold
+            // the elements of a quaternion are those of half the angle
+            Measure::Radians if image.len() == 4 => (2.0 * distance(image, found), self.tolerance),
             Measure::Radians => (distance(image, found), self.tolerance),
             Measure::Share | Measure::Scale => (share(measure, image, found), self.tolerance),
         };
@@ -626,9 +629,10 @@ fn distance(one: &[f64], other: &[f64]) -> f64 {
 /// Returns the largest difference as a share of the larger element, or of the largest of all.
 fn share(measure: Measure, one: &[f64], other: &[f64]) -> f64 {
     let elements = one.iter().zip(other);
-    let largest = elements.clone().fold(1e-12, |most: f64, (a, b)| most.max(a.abs()).max(b.abs()));
+    let largest =
+        elements.clone().fold(ROUNDING, |most: f64, (a, b)| most.max(a.abs()).max(b.abs()));
     let shares = elements.map(|(a, b)| match measure {
-        Measure::Share => (a - b).abs() / a.abs().max(b.abs()).max(1e-12),
+        Measure::Share => (a - b).abs() / a.abs().max(b.abs()).max(ROUNDING),
         _ => (a - b).abs() / largest,
     });
     shares.fold(0.0, f64::max)

@@ -71,8 +71,8 @@ struct Style {
 impl Link {
     fn random(rng: &mut ChaCha8Rng) -> Self {
         let mut draw = |low: f64, high: f64| (rng.random_range(low..high) * 1e6).round() / 1e6;
-        let moments = [draw(1e-3, 2e-3), draw(1e-3, 2e-3), draw(1e-3, 2e-3)];
-        let products = [draw(1e-4, 2e-4), draw(-2e-4, 2e-4), draw(1e-4, 2e-4)];
+        let moments = [draw(1.2e-3, 1.6e-3), draw(1.2e-3, 1.6e-3), draw(1.2e-3, 1.6e-3)];
+        let products = [draw(5e-5, 1e-4), draw(-1e-4, 1e-4), draw(5e-5, 1e-4)];
         let axis = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.6, 0.8], [0.8, 0.6, 0.0]];
         let at = draw(0.0, 4.0) as usize;
         Self {
@@ -166,7 +166,7 @@ fn mjcf(style: &Style, limbs: &[Vec<Link>], fault: Option<Fault>) -> String {
     format!(
         "<mujoco><compiler angle='radian' autolimits='true'/><worldbody>{floor}\
          <body name='trunk' pos='0 0 1' {turn}>{free}\
-         <inertial pos='0.01 0 0.02' mass='8' fullinertia='0.1 0.2 0.3 0 0.01 0'/>\
+         <inertial pos='0.01 0 0.02' mass='8' fullinertia='0.2 0.3 0.35 0 0.01 0'/>\
          <geom name='trunk' type='box' size='0.2 0.06 0.05'/><site name='imu' pos='0.1 0 0'/>\
          {bodies}</body></worldbody><actuator>{actuators}</actuator>\
          <sensor><gyro site='imu'/><accelerometer site='imu'/>{sensors}</sensor>\

@@ -228,8 +228,8 @@ impl Data {
     }
 }
 
-/// Clears the flags by which MuJoCo skips computations for frames that coincide and for bodies whose
-/// inertia is diagonal, which an edit may change.
+/// Clears the flags by which MuJoCo skips computations for frames that coincide and for bodies
+/// whose inertia is diagonal, which an edit may change.
 ///
 /// # Safety
 /// MuJoCo must have made the model, and nobody may read or write its arrays meanwhile.
