@@ -43,8 +43,8 @@ fn generate() -> Result<(), String> {
     }
     require_libclang()?;
     let installation = env::var_os("MUJOCO_DIR").map(PathBuf::from);
-    if let Some(folder) = &installation {
-        println!("cargo::rustc-link-search=native={}", library_folder(folder)?.display());
+    if let Some(archive) = &installation {
+        println!("cargo::rustc-link-search=native={}", library_folder(archive)?.display());
     }
     let headers = Headers::default();
     let bindings = declarations(&headers, installation.as_deref())?;

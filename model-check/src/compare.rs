@@ -274,17 +274,17 @@ impl Comparison {
             let Some(other) = comparer.pairs.of(Kind::Joint, joint) else { continue };
             let at = [joint, other].map(|joint| snapshot.index(Int::JntQposadr, joint));
             let rest = at.map(|at| snapshot.number(Num::Qpos0, at));
-            let [one, found] =
+            let [one, own] =
                 [0, 1].map(|side| snapshot.number(Num::KeyQpos, keys[side] * nq + at[side]));
             let image = self.joint_signs[joint] * (one - rest[0]) + rest[1];
-            add(Kind::Joint, "position", [joint, other], [image, found]);
+            add(Kind::Joint, "position", [joint, other], [image, own]);
         }
         for (actuator, sign) in self.control_signs.iter().enumerate() {
             let Some(other) = comparer.pairs.of(Kind::Actuator, actuator) else { continue };
             let pair = [actuator, other];
-            let [one, found] =
+            let [one, own] =
                 [0, 1].map(|side| snapshot.number(Num::KeyCtrl, keys[side] * nu + pair[side]));
-            add(Kind::Actuator, "control", pair, [sign * one, found]);
+            add(Kind::Actuator, "control", pair, [sign * one, own]);
         }
         self.differences.extend(found);
     }
@@ -370,8 +370,8 @@ impl Comparer<'_> {
         }
         let sign = self.axis_sign(pair, mirror);
         let subject = Subject { kind: Kind::Joint, pair };
-        let fits = |sign| {
-            let limits = self.limits(pair, sign);
+        let fits = |tried| {
+            let limits = self.limits(pair, tried);
             self.compare(subject, "range", Measure::Scale, &limits, None).is_none()
         };
         let limited = pair.map(|joint| self.snapshot.integer(Int::JntLimited, joint) != 0);
@@ -404,35 +404,38 @@ impl Comparer<'_> {
         }
         let sign = self.joint_sign(pair, mirror);
         let axis = snapshot.vector(Num::JntAxis, pair[1]);
-        let (property, measure, image) = match sign == self.axis_sign(pair, mirror) {
-            true => ("axis", Measure::Radians, self.axis_image(pair[0], mirror) * sign),
-            false => ("sign", Measure::Exact, -axis),
+        let (property, measure, image) = if sign == self.axis_sign(pair, mirror) {
+            ("axis", Measure::Radians, self.axis_image(pair[0], mirror) * sign)
+        } else {
+            ("sign", Measure::Exact, -axis)
         };
-        let edit = Some((Num::JntAxis, pair[1]));
-        let values = [image, axis].map(|axis| axis.to_array());
-        found.extend(self.compare(subject, property, measure, &values, edit));
+        let axes = [image, axis].map(|axis| axis.to_array());
+        let edit = |array| Some((array, pair[1]));
+        found.extend(self.compare(subject, property, measure, &axes, edit(Num::JntAxis)));
         if snapshot.joint_type(pair[0]) == raw::mjJNT_HINGE {
             let [one, other] = pair.map(|joint| snapshot.vector(Num::JntPos, joint));
-            let image = mirror.point(one);
+            let anchor = mirror.point(one);
             // a hinge is the same anywhere on its axis
-            let image = image + (other - image).project_onto(axis);
-            let (values, edit) = ([image, other].map(|point| point.to_array()), Num::JntPos);
-            let edit = Some((edit, pair[1]));
-            found.extend(self.compare(subject, "anchor", Measure::Metres, &values, edit));
+            let anchor = anchor + (other - anchor).project_onto(axis);
+            let anchors = [anchor, other].map(|point| point.to_array());
+            let edit = edit(Num::JntPos);
+            found.extend(self.compare(subject, "anchor", Measure::Metres, &anchors, edit));
         }
         found.extend(self.integers(subject, "limited", Int::JntLimited));
         if snapshot.integer(Int::JntLimited, pair[1]) != 0 {
-            let (limits, edit) = (self.limits(pair, sign), Some((Num::JntRange, pair[1])));
+            let limits = self.limits(pair, sign);
+            let edit = edit(Num::JntRange);
             found.extend(self.compare(subject, "range", Measure::Scale, &limits, edit));
         }
         let at = address(Int::JntQposadr);
         let rest = at.map(|at| snapshot.number(Num::Qpos0, at));
         let spring = at.map(|at| snapshot.number(Num::QposSpring, at));
-        let values = [[sign * rest[0]], [rest[1]]];
-        found.extend(self.compare(subject, "reference", Measure::Radians, &values, None));
-        let values = [[sign * (spring[0] - rest[0]) + rest[1]], [spring[1]]];
-        let edit = Some((Num::QposSpring, at[1]));
-        found.extend(self.compare(subject, "spring reference", Measure::Radians, &values, edit));
+        let rests = [[sign * rest[0]], [rest[1]]];
+        found.extend(self.compare(subject, "reference", Measure::Radians, &rests, None));
+        let springs = [[sign * (spring[0] - rest[0]) + rest[1]], [spring[1]]];
+        let spring_edit = Some((Num::QposSpring, at[1]));
+        let name = "spring reference";
+        found.extend(self.compare(subject, name, Measure::Radians, &springs, spring_edit));
     }
 
     /// Compares geoms, whose shapes are symmetric about the axes of their frames; of meshes and
@@ -581,11 +584,12 @@ impl Comparer<'_> {
             Measure::Share | Measure::Scale => (share(measure, image, found), self.tolerance),
         };
         let [left, right] = subject.pair.map(|index| self.snapshot.label(subject.kind, index));
-        let expected: Vec<f64> =
-            match subject.pair[0] == subject.pair[1] && measure != Measure::Exact {
-                true => image.iter().zip(found).map(|(a, b)| 0.5 * (a + b)).collect(),
-                false => image.to_vec(),
-            };
+        let is_in_plane = subject.pair[0] == subject.pair[1];
+        let expected: Vec<f64> = if is_in_plane && measure != Measure::Exact {
+            image.iter().zip(found).map(|(a, b)| 0.5 * (a + b)).collect()
+        } else {
+            image.to_vec()
+        };
         let edits = edit.map(|(array, row)| row_edit(array, row, &expected)).into_iter().collect();
         (amount > limit).then(|| Difference {
             kind: subject.kind,

@@ -289,7 +289,7 @@ mod tests {
                 "i32" => "int",
                 _ => "mjtByte",
             };
-            let stated = |width| header.contains(&format!("X({kind},{field},{count},{width})"));
+            let stated = |row| header.contains(&format!("X({kind},{field},{count},{row})"));
             stated(width.to_owned()) || stated(format!("MJ_M({width})"))
         };
         for &array in NUMBERS.iter().chain(INTEGERS) {
