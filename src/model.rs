@@ -103,14 +103,14 @@ mod tests {
         assert_eq!(written["qpos"]["sources"].as_array().unwrap().len(), 19);
         let model = std::fs::read_to_string(quadruped).unwrap();
         std::fs::write(&heavy, model.replacen("mass=\"0.9\"", "mass=\"0.95\"", 1)).unwrap();
-        let (code, json) = run(&[&heavy, "--pairs", &pairs, "--json"]);
+        let (differs, json) = run(&[&heavy, "--pairs", &pairs, "--json"]);
         let json: serde_json::Value = serde_json::from_str(&json).unwrap();
-        assert_eq!(code, Ok(1));
+        assert_eq!(differs, Ok(1));
         assert_eq!(json["differences"].as_array().unwrap().len(), 1, "{json}");
         assert_eq!(json["differences"][0]["property"], "mass");
         std::fs::write(&pairs, "{\"pairs\": {\"joint\": [[\"FL_hip\", \"FX_hip\"]]}}").unwrap();
-        let (code, _) = run(&[quadruped, "--pairs", &pairs]);
-        let message = code.unwrap_err();
+        let (unknown, _) = run(&[quadruped, "--pairs", &pairs]);
+        let message = unknown.unwrap_err();
         assert!(message.contains("no joint `FX_hip`") && message.contains("FR_hip"), "{message}");
         std::fs::remove_dir_all(folder).unwrap();
     }

@@ -152,8 +152,8 @@ fn corrections_of(
         let pairs = pairs.list(kind, snapshot, plane).into_iter();
         pairs.map(|pair| pair.map(|index| snapshot.label(kind, index))).collect::<Vec<_>>()
     };
-    let pairs = Kind::ALL.into_iter().map(|kind| (kind, list(kind))).collect();
-    Corrections { plane: Some(*plane), pairs, ignore: ignore.to_vec() }
+    let lists = Kind::ALL.into_iter().map(|kind| (kind, list(kind))).collect();
+    Corrections { plane: Some(*plane), pairs: lists, ignore: ignore.to_vec() }
 }
 
 impl Difference {
@@ -174,9 +174,10 @@ impl Difference {
             let short = texts.iter().map(|text| text.trim_end_matches('0').trim_end_matches('.'));
             short.collect::<Vec<_>>().join(" ")
         };
-        let names = match left == right {
-            true => format!("{kind} {left} and its mirror image"),
-            false => format!("{kind} {left} | {right}"),
+        let names = if left == right {
+            format!("{kind} {left} and its mirror image")
+        } else {
+            format!("{kind} {left} | {right}")
         };
         let (expected, found) = (numbers(&self.expected), numbers(&self.found));
         format!("{names}: {property} {amount}: mirror image {expected}, found {found}")
@@ -189,7 +190,10 @@ impl ModelCheck {
         let pairs: usize = self.corrections.pairs.values().map(Vec::len).sum();
         // writing to a String cannot fail
         let mut text = String::new();
-        if let Some(Plane { normal: [x, y, z], offset }) = self.corrections.plane {
+        if let Some(Plane { normal, offset }) = self.corrections.plane {
+            // no negative zeros
+            let [x, y, z] = normal.map(|part| part + 0.0);
+            let offset = offset + 0.0;
             let _ = writeln!(
                 text,
                 "plane: normal {x:.4} {y:.4} {z:.4}, {offset:.4} m from the origin; {pairs} pairs"

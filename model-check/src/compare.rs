@@ -15,6 +15,8 @@ use crate::snapshot::{Kind, Snapshot};
 
 /// Length (metres) that counts as much as a relative difference of 1.
 const LENGTH_SCALE: f64 = 0.1;
+/// Values that count as zero where shares are compared.
+const ROUNDING: f64 = 1e-9;
 
 /// Measure of a difference between two rows of values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -26,7 +28,7 @@ pub enum Measure {
     Scale,
     /// Distance (metres).
     Metres,
-    /// Angle (radians), or its sine for large ones.
+    /// Angle (radians), for large ones the chord of its arc.
     Radians,
     /// Values that are equal or not; the amount is 1.
     Exact,
@@ -272,17 +274,17 @@ impl Comparison {
             let Some(other) = comparer.pairs.of(Kind::Joint, joint) else { continue };
             let at = [joint, other].map(|joint| snapshot.index(Int::JntQposadr, joint));
             let rest = at.map(|at| snapshot.number(Num::Qpos0, at));
-            let [one, found] =
+            let [one, own] =
                 [0, 1].map(|side| snapshot.number(Num::KeyQpos, keys[side] * nq + at[side]));
             let image = self.joint_signs[joint] * (one - rest[0]) + rest[1];
-            add(Kind::Joint, "position", [joint, other], [image, found]);
+            add(Kind::Joint, "position", [joint, other], [image, own]);
         }
         for (actuator, sign) in self.control_signs.iter().enumerate() {
             let Some(other) = comparer.pairs.of(Kind::Actuator, actuator) else { continue };
             let pair = [actuator, other];
-            let [one, found] =
+            let [one, own] =
                 [0, 1].map(|side| snapshot.number(Num::KeyCtrl, keys[side] * nu + pair[side]));
-            add(Kind::Actuator, "control", pair, [sign * one, found]);
+            add(Kind::Actuator, "control", pair, [sign * one, own]);
         }
         self.differences.extend(found);
     }
@@ -360,16 +362,16 @@ impl Comparer<'_> {
         self.axis_image(one, mirror).dot(self.snapshot.vector(Num::JntAxis, other)).signum()
     }
 
-    /// Returns the sign by which a joint's coordinate is mirrored. Where the limits fit the opposite
-    /// of what the axis says, it is theirs: the axis points the wrong way then.
+    /// Returns the sign by which a joint's coordinate is mirrored. Where the limits fit the
+    /// opposite of what the axis says, it is theirs: the axis points the wrong way then.
     fn joint_sign(&self, pair: [usize; 2], mirror: &Mirror) -> f64 {
         if !self.snapshot.is_scalar(pair[0]) {
             return 1.0;
         }
         let sign = self.axis_sign(pair, mirror);
         let subject = Subject { kind: Kind::Joint, pair };
-        let fits = |sign| {
-            let limits = self.limits(pair, sign);
+        let fits = |tried| {
+            let limits = self.limits(pair, tried);
             self.compare(subject, "range", Measure::Scale, &limits, None).is_none()
         };
         let limited = pair.map(|joint| self.snapshot.integer(Int::JntLimited, joint) != 0);
@@ -402,35 +404,38 @@ impl Comparer<'_> {
         }
         let sign = self.joint_sign(pair, mirror);
         let axis = snapshot.vector(Num::JntAxis, pair[1]);
-        let (property, image) = match sign == self.axis_sign(pair, mirror) {
-            true => ("axis", self.axis_image(pair[0], mirror) * sign),
-            false => ("sign", -axis),
+        let (property, measure, image) = if sign == self.axis_sign(pair, mirror) {
+            ("axis", Measure::Radians, self.axis_image(pair[0], mirror) * sign)
+        } else {
+            ("sign", Measure::Exact, -axis)
         };
-        let edit = Some((Num::JntAxis, pair[1]));
-        let values = [image, axis].map(|axis| axis.to_array());
-        found.extend(self.compare(subject, property, Measure::Radians, &values, edit));
+        let axes = [image, axis].map(|axis| axis.to_array());
+        let edit = |array| Some((array, pair[1]));
+        found.extend(self.compare(subject, property, measure, &axes, edit(Num::JntAxis)));
         if snapshot.joint_type(pair[0]) == raw::mjJNT_HINGE {
             let [one, other] = pair.map(|joint| snapshot.vector(Num::JntPos, joint));
-            let image = mirror.point(one);
+            let anchor = mirror.point(one);
             // a hinge is the same anywhere on its axis
-            let image = image + (other - image).project_onto(axis);
-            let (values, edit) = ([image, other].map(|point| point.to_array()), Num::JntPos);
-            let edit = Some((edit, pair[1]));
-            found.extend(self.compare(subject, "anchor", Measure::Metres, &values, edit));
+            let anchor = anchor + (other - anchor).project_onto(axis);
+            let anchors = [anchor, other].map(|point| point.to_array());
+            let edit = edit(Num::JntPos);
+            found.extend(self.compare(subject, "anchor", Measure::Metres, &anchors, edit));
         }
         found.extend(self.integers(subject, "limited", Int::JntLimited));
         if snapshot.integer(Int::JntLimited, pair[1]) != 0 {
-            let (limits, edit) = (self.limits(pair, sign), Some((Num::JntRange, pair[1])));
+            let limits = self.limits(pair, sign);
+            let edit = edit(Num::JntRange);
             found.extend(self.compare(subject, "range", Measure::Scale, &limits, edit));
         }
         let at = address(Int::JntQposadr);
         let rest = at.map(|at| snapshot.number(Num::Qpos0, at));
         let spring = at.map(|at| snapshot.number(Num::QposSpring, at));
-        let values = [[sign * rest[0]], [rest[1]]];
-        found.extend(self.compare(subject, "reference", Measure::Radians, &values, None));
-        let values = [[sign * (spring[0] - rest[0]) + rest[1]], [spring[1]]];
-        let edit = Some((Num::QposSpring, at[1]));
-        found.extend(self.compare(subject, "spring reference", Measure::Radians, &values, edit));
+        let rests = [[sign * rest[0]], [rest[1]]];
+        found.extend(self.compare(subject, "reference", Measure::Radians, &rests, None));
+        let springs = [[sign * (spring[0] - rest[0]) + rest[1]], [spring[1]]];
+        let spring_edit = Some((Num::QposSpring, at[1]));
+        let name = "spring reference";
+        found.extend(self.compare(subject, name, Measure::Radians, &springs, spring_edit));
     }
 
     /// Compares geoms, whose shapes are symmetric about the axes of their frames; of meshes and
@@ -492,8 +497,8 @@ impl Comparer<'_> {
         }
     }
 
-    /// Compares sites and cameras. Axes of a site may be permuted and their signs changed; the image
-    /// of a mirrored camera is flipped from left to right.
+    /// Compares sites and cameras. Axes of a site may be permuted and their signs changed; the
+    /// image of a mirrored camera is flipped from left to right.
     fn compare_views(&self, subject: Subject, mirror: &Mirror, found: &mut Vec<Difference>) {
         let (position, orientation) = match subject.kind {
             Kind::Site => (Num::SitePos, Num::SiteQuat),
@@ -573,16 +578,18 @@ impl Comparer<'_> {
         let (amount, limit) = match measure {
             Measure::Exact => (f64::from(u8::from(image != found)), 0.5),
             Measure::Metres => (distance(image, found), self.tolerance * LENGTH_SCALE),
-            // half the angle for quaternions, which does for a threshold
+            // the elements of a quaternion are those of half the angle
+            Measure::Radians if image.len() == 4 => (2.0 * distance(image, found), self.tolerance),
             Measure::Radians => (distance(image, found), self.tolerance),
             Measure::Share | Measure::Scale => (share(measure, image, found), self.tolerance),
         };
         let [left, right] = subject.pair.map(|index| self.snapshot.label(subject.kind, index));
-        let expected: Vec<f64> =
-            match subject.pair[0] == subject.pair[1] && measure != Measure::Exact {
-                true => image.iter().zip(found).map(|(a, b)| 0.5 * (a + b)).collect(),
-                false => image.to_vec(),
-            };
+        let is_in_plane = subject.pair[0] == subject.pair[1];
+        let expected: Vec<f64> = if is_in_plane && measure != Measure::Exact {
+            image.iter().zip(found).map(|(a, b)| 0.5 * (a + b)).collect()
+        } else {
+            image.to_vec()
+        };
         let edits = edit.map(|(array, row)| row_edit(array, row, &expected)).into_iter().collect();
         (amount > limit).then(|| Difference {
             kind: subject.kind,
@@ -626,9 +633,10 @@ fn distance(one: &[f64], other: &[f64]) -> f64 {
 /// Returns the largest difference as a share of the larger element, or of the largest of all.
 fn share(measure: Measure, one: &[f64], other: &[f64]) -> f64 {
     let elements = one.iter().zip(other);
-    let largest = elements.clone().fold(1e-12, |most: f64, (a, b)| most.max(a.abs()).max(b.abs()));
+    let largest =
+        elements.clone().fold(ROUNDING, |most: f64, (a, b)| most.max(a.abs()).max(b.abs()));
     let shares = elements.map(|(a, b)| match measure {
-        Measure::Share => (a - b).abs() / a.abs().max(b.abs()).max(1e-12),
+        Measure::Share => (a - b).abs() / a.abs().max(b.abs()).max(ROUNDING),
         _ => (a - b).abs() / largest,
     });
     shares.fold(0.0, f64::max)

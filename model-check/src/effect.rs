@@ -28,7 +28,7 @@ pub(crate) fn simulate(
         differences.iter().map(|difference| &difference.edits[..]).collect();
     let divergence_without = |kept: Option<usize>| {
         let applied = edits.iter().enumerate().filter(|(at, _)| Some(*at) != kept);
-        let applied: Vec<RowEdit> = applied.flat_map(|(_, edits)| edits.to_vec()).collect();
+        let applied: Vec<RowEdit> = applied.flat_map(|(_, rows)| rows.to_vec()).collect();
         divergence(&Arc::new(model.edited(&applied)), maps).ok()
     };
     let mut order: Vec<usize> = (0..edits.len()).filter(|&at| !edits[at].is_empty()).collect();
@@ -82,7 +82,7 @@ fn divergence(model: &Arc<Model>, maps: &SymmetryMaps) -> Result<f64, SimError> 
     }
     let image = mirrored(motion.qpos());
     let scalars = joints.iter().filter(|[kind, ..]| {
-        [raw::mjJNT_HINGE, raw::mjJNT_SLIDE].map(|kind| kind as usize).contains(kind)
+        [raw::mjJNT_HINGE, raw::mjJNT_SLIDE].map(|scalar| scalar as usize).contains(kind)
     });
     let squares = scalars.map(|&[_, at, _]| (image[at] - other.qpos()[at]).powi(2));
     let squares: Vec<f64> = squares.collect();

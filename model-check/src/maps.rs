@@ -172,7 +172,7 @@ impl SymmetryMaps {
                 let ([to, from], [to_dof, from_dof]) = (at(Int::JntQposadr), at(Int::JntDofadr));
                 let sign = comparison.joint_signs[joint];
                 if snapshot.is_scalar(joint) {
-                    let [one, image] = [from, to].map(|at| snapshot.number(Num::Qpos0, at));
+                    let [one, image] = [from, to].map(|entry| snapshot.number(Num::Qpos0, entry));
                     shift[to] = image - sign * one;
                     qpos.set(to, from, [[sign]])?;
                     return qvel.set(to_dof, from_dof, [[sign]]);

@@ -157,7 +157,9 @@ impl Finder<'_> {
         let mut candidates = Vec::new();
         for &one in left {
             for &other in right.iter().filter(|&&other| !is_one_list || one <= other) {
-                if let Some(rank) = self.rank(kind, one, other, pairs) {
+                let rank = self.rank(kind, one, other, pairs);
+                // what is left on two sides corresponds, however far it was moved
+                if let Some(rank) = rank.filter(|(rank, _)| *rank < 3 || !is_one_list) {
                     candidates.push((rank, one, other));
                 }
             }
@@ -170,8 +172,8 @@ impl Finder<'_> {
         }
     }
 
-    /// Returns the priority of a pair, the lower the better, and its distance; `None` if the two
-    /// cannot be counterparts.
+    /// Returns the priority of a pair, the lower the better, and its distance: 0 by corrections, 1 by
+    /// names, 2 by nearness, 3 for the rest. `None` if the two cannot be counterparts.
     fn rank(&self, kind: Kind, one: usize, other: usize, pairs: &Pairs) -> Option<(u8, f64)> {
         let given = [(one, other), (other, one)]
             .map(|(from, to)| self.forced.get(&(kind, from)).map(|&at| at == to));
@@ -216,7 +218,7 @@ impl Finder<'_> {
             Kind::Body | Kind::Geom | Kind::Site | Kind::Camera => {}
         }
         let is_near = distance <= NEARNESS * snapshot.extent;
-        (is_named || is_near).then_some((1 + u8::from(!is_named), distance))
+        Some((if is_named { 1 } else { 3 - u8::from(is_near) }, distance))
     }
 
     /// Returns `true` if the objects that two actuators or sensors act on or observe are

@@ -131,14 +131,14 @@ impl<'a> Snapshot<'a> {
         self.model.object_name(kind.facts().1, index)
     }
 
-    /// Returns the name of an object, or its kind, number and body.
+    /// Returns the name of an object, or its number and body.
     pub fn label(&self, kind: Kind, index: usize) -> String {
         match (self.name(kind, index), self.body(kind, index)) {
             (Some(name), _) => name.to_owned(),
             (None, Some(body)) if kind != Kind::Body => {
-                format!("{kind} {index} of {}", self.label(Kind::Body, body))
+                format!("{index} of {}", self.label(Kind::Body, body))
             }
-            (None, _) => format!("{kind} {index}"),
+            (None, _) => index.to_string(),
         }
     }
 
@@ -165,16 +165,16 @@ impl<'a> Snapshot<'a> {
         if kind == Kind::Sensor {
             let object = self.integer(IntegerArray::SensorObjtype, index).cast_unsigned();
             let object = if object == raw::mjOBJ_XBODY { raw::mjOBJ_BODY } else { object };
-            let kind = Kind::ALL.into_iter().find(|kind| kind.facts().1 == object)?;
-            return Some((kind, self.index(IntegerArray::SensorObjid, index)));
+            let target = Kind::ALL.into_iter().find(|target| target.facts().1 == object)?;
+            return Some((target, self.index(IntegerArray::SensorObjid, index)));
         }
-        let kind = match self.integer(IntegerArray::ActuatorTrntype, index).cast_unsigned() {
+        let target = match self.integer(IntegerArray::ActuatorTrntype, index).cast_unsigned() {
             raw::mjTRN_JOINT | raw::mjTRN_JOINTINPARENT => Kind::Joint,
             raw::mjTRN_SITE => Kind::Site,
             raw::mjTRN_BODY => Kind::Body,
             _ => return None,
         };
-        Some((kind, self.index(IntegerArray::ActuatorTrnid, 2 * index)))
+        Some((target, self.index(IntegerArray::ActuatorTrnid, 2 * index)))
     }
 
     /// Returns the position of an object in the world; for bodies, of their centre of mass, and for

@@ -50,8 +50,8 @@ fn cameras_are_compared_and_can_be_ignored() {
     let found = checked(&narrow, Corrections::default());
     assert_eq!(properties(&found), ["camera field of view"], "{}", found.text());
     let ignore = vec!["camera eye_r".to_owned()];
-    let found = checked(&narrow, Corrections { ignore, ..Corrections::default() });
-    assert_eq!(properties(&found), [""; 0]);
+    let ignored = checked(&narrow, Corrections { ignore, ..Corrections::default() });
+    assert_eq!(properties(&ignored), [""; 0]);
     // both look to the left
     let aside = checked(&cart(LEFT, RIGHT, "xyaxes='1 0 0 0 0 1'", "45"), Corrections::default());
     assert_eq!(properties(&aside), ["camera orientation"], "{}", aside.text());

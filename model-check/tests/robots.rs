@@ -71,8 +71,8 @@ struct Style {
 impl Link {
     fn random(rng: &mut ChaCha8Rng) -> Self {
         let mut draw = |low: f64, high: f64| (rng.random_range(low..high) * 1e6).round() / 1e6;
-        let moments = [draw(1e-3, 2e-3), draw(1e-3, 2e-3), draw(1e-3, 2e-3)];
-        let products = [draw(1e-4, 2e-4), draw(-2e-4, 2e-4), draw(1e-4, 2e-4)];
+        let moments = [draw(1.2e-3, 1.6e-3), draw(1.2e-3, 1.6e-3), draw(1.2e-3, 1.6e-3)];
+        let products = [draw(5e-5, 1e-4), draw(-1e-4, 1e-4), draw(5e-5, 1e-4)];
         let axis = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.6, 0.8], [0.8, 0.6, 0.0]];
         let at = draw(0.0, 4.0) as usize;
         Self {
@@ -138,43 +138,55 @@ pub fn random(seed: u64, property: Option<&'static str>) -> Robot {
 
 fn mjcf(style: &Style, limbs: &[Vec<Link>], fault: Option<Fault>) -> String {
     let [mut bodies, mut actuators, mut sensors] = [const { String::new() }; 3];
-    let mut rest = Vec::new();
+    let [mut rest, mut controls] = [const { Vec::new() }; 2];
     for (limb, links) in limbs.iter().enumerate() {
         for (names, side) in style.limbs[limb].iter().zip([1.0, -1.0]) {
             let fault = fault.filter(|fault| fault.limb == limb && fault.side == side);
             let x = 0.25 - 0.5 * limb as f64;
-            rest.extend(write_limb(&mut bodies, style, [x, 0.1 * side, 0.0], names, links, fault));
+            let shoulder = [x, 0.1 * side, 0.0];
+            let positions = write_limb(&mut bodies, style, shoulder, names, links, fault);
+            controls.extend(positions.iter().map(f64::to_string));
+            let moved = |(index, position): (usize, &f64)| match fault {
+                Some(fault) if fault.link == index && fault.property == "position" => {
+                    position + 0.1
+                }
+                _ => *position,
+            };
+            rest.extend(positions.iter().enumerate().map(moved).map(|value| value.to_string()));
             for (index, link) in links.iter().enumerate() {
                 let off = fault.filter(|f| f.link == index && f.property == "gain");
-                let gain = link.gain * (1.0 + off.map_or(0.0, |fault| fault.size));
+                let gain = link.gain * (1.0 + off.map_or(0.0, |off| off.size));
                 let joint = format!("{names}_{index}");
-                let _ = write!(actuators, "<position name='{joint}' joint='{joint}' kp='{gain}'/>");
+                let _ = write!(
+                    actuators,
+                    "<general name='{joint}' joint='{joint}' gainprm='{gain}' biastype='affine' \
+                     biasprm='0 -{} 0'/>",
+                    link.gain
+                );
                 let _ = write!(sensors, "<jointpos joint='{joint}'/>");
             }
         }
     }
     let turn = if style.looks_along_y { "quat='1 0 0 1'" } else { "" };
-    let (free, base) = match style.floats {
-        true => {
-            ("<freejoint/>", if style.looks_along_y { "0 0 1 1 0 0 1 " } else { "0 0 1 1 0 0 0 " })
-        }
-        false => ("", ""),
+    let (free, base) = match (style.floats, style.looks_along_y) {
+        (true, true) => ("<freejoint/>", "0 0 1 1 0 0 1 "),
+        (true, false) => ("<freejoint/>", "0 0 1 1 0 0 0 "),
+        (false, _) => ("", ""),
     };
     let floor = if style.floor { "<geom name='floor' type='plane' size='5 5 1'/>" } else { "" };
-    let rest: Vec<String> = rest.iter().map(f64::to_string).collect();
-    let rest = rest.join(" ");
+    let [rest, controls] = [rest, controls].map(|values| values.join(" "));
     format!(
         "<mujoco><compiler angle='radian' autolimits='true'/><worldbody>{floor}\
          <body name='trunk' pos='0 0 1' {turn}>{free}\
-         <inertial pos='0.01 0 0.02' mass='8' fullinertia='0.1 0.2 0.3 0 0.01 0'/>\
+         <inertial pos='0.01 0 0.02' mass='8' fullinertia='0.2 0.3 0.35 0 0.01 0'/>\
          <geom name='trunk' type='box' size='0.2 0.06 0.05'/><site name='imu' pos='0.1 0 0'/>\
          {bodies}</body></worldbody><actuator>{actuators}</actuator>\
          <sensor><gyro site='imu'/><accelerometer site='imu'/>{sensors}</sensor>\
-         <keyframe><key name='home' qpos='{base}{rest}' ctrl='{rest}'/></keyframe></mujoco>"
+         <keyframe><key name='home' qpos='{base}{rest}' ctrl='{controls}'/></keyframe></mujoco>"
     )
 }
 
-/// Writes a limb, and returns the joints' positions in the keyframe.
+/// Writes a limb, and returns the positions of its joints at rest.
 fn write_limb(
     text: &mut String,
     style: &Style,
@@ -187,10 +199,8 @@ fn write_limb(
     let turned = style.turned_frames && side < 0.0;
     let numbers = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
     // coordinates on this side, in the frames of this side
-    let place = |[x, y, z]: [f64; 3]| match turned {
-        true => numbers(&[-x, -side * y, z]),
-        false => numbers(&[x, side * y, z]),
-    };
+    let half = if turned { -1.0 } else { 1.0 };
+    let place = |[x, y, z]: [f64; 3]| numbers(&[half * x, half * side * y, z]);
     let mut rest = Vec::new();
     for (index, link) in links.iter().enumerate() {
         let fault = fault.filter(|fault| fault.link == index);
@@ -209,7 +219,6 @@ fn write_limb(
         let [xx, yy, zz, xy, xz, yz] = link.inertia;
         let flip = if has("inertia") { -side } else { side };
         // a half turn about z changes the signs of xz and yz
-        let half = if turned { -1.0 } else { 1.0 };
         let inertia = numbers(&[xx, yy, zz, flip * xy, half * xz, half * flip * yz]);
         let _ = write!(
             text,
@@ -218,9 +227,9 @@ fn write_limb(
             grown("mass", link.mass)
         );
         // an axis of rotation is mirrored with the opposite sign of a direction
-        let [x, y, z] = link.axis;
+        let [ax, ay, az] = link.axis;
         let sign = if style.mirrored_axes || side > 0.0 { 1.0 } else { -1.0 };
-        let mut axis = [sign * side * x, sign * y, sign * side * z];
+        let mut axis = [sign * side * ax, sign * ay, sign * side * az];
         if turned {
             axis = [-axis[0], -axis[1], axis[2]];
         }
@@ -244,7 +253,7 @@ fn write_limb(
             grown("size", link.radius),
             grown("friction", link.friction)
         );
-        rest.push(sign * link.rest + if has("position") { 0.1 } else { 0.0 });
+        rest.push(sign * link.rest);
     }
     *text += &"</body>".repeat(links.len());
     rest

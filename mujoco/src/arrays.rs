@@ -228,8 +228,8 @@ impl Data {
     }
 }
 
-/// Clears the flags by which MuJoCo skips computations for frames that coincide and for bodies whose
-/// inertia is diagonal, which an edit may change.
+/// Clears the flags by which MuJoCo skips computations for frames that coincide and for bodies
+/// whose inertia is diagonal, which an edit may change.
 ///
 /// # Safety
 /// MuJoCo must have made the model, and nobody may read or write its arrays meanwhile.
@@ -289,7 +289,7 @@ mod tests {
                 "i32" => "int",
                 _ => "mjtByte",
             };
-            let stated = |width| header.contains(&format!("X({kind},{field},{count},{width})"));
+            let stated = |row| header.contains(&format!("X({kind},{field},{count},{row})"));
             stated(width.to_owned()) || stated(format!("MJ_M({width})"))
         };
         for &array in NUMBERS.iter().chain(INTEGERS) {
