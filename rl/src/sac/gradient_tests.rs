@@ -130,8 +130,8 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
     let replay = replay();
     let case = || Case::new(network(group, strided(), context), &STEPS, 0.9);
-    let outputs = |case: Case<f64>| {
-        let (sums, gradient, w) = case.run(3, &replay);
+    let outputs = |of: Case<f64>| {
+        let (sums, gradient, w) = of.run(3, &replay);
         let losses = vec![sums.critic_loss, sums.actor_loss, sums.value, sums.log_pi];
         // the last chunk has two steps
         let rows = w.output[..2 * 2 * A].chunks(2 * A);
