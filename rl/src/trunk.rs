@@ -77,8 +77,8 @@ impl<T: Scalar> Trunk<T> {
         let vector = from.map(layers).transpose()?;
         let shapes = [&encoder, &vector].map(|part| part.as_ref().map(LayerSignature::out_shape));
         let (joint, concat) = match shapes {
-            [Some(image), Some(vector)] => {
-                let concat = Concat::new(image, vector)?;
+            [Some(of_image), Some(of_vector)] => {
+                let concat = Concat::new(of_image, of_vector)?;
                 (concat.out_shape(), Some(concat))
             }
             [Some(alone), None] | [None, Some(alone)] => (alone, None),

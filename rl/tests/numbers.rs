@@ -148,13 +148,13 @@ fn returns_and_gradients_that_overflow_leave_the_parameters_alone() {
     // before the two log_std and the value's bias: the last layer of the critic
     let bias = steep.params().len() - 3;
     steep.params_mut()[bias - 2..bias].fill(1e30);
-    for (mut policy, buffer, expected) in
+    for (mut policy, rollout, expected) in
         [(policy(), buffer, "a return"), (steep, one_step(), "the norm of the gradient")]
     {
         let settings = PpoSettings { max_kl: 1e9, ..PpoSettings::default() };
         let mut ppo = Ppo::new(settings, &policy).unwrap();
         let before = policy.params().to_vec();
-        assert_eq!(refused_update(&mut ppo, &mut policy, &buffer), expected);
+        assert_eq!(refused_update(&mut ppo, &mut policy, &rollout), expected);
         assert_eq!((policy.params(), ppo.save().counters[0].1), (&before[..], 0));
     }
 }

@@ -14,11 +14,14 @@ use crate::common::episodes;
 use crate::common::sac::network;
 use crate::common::steps::{policy, spec};
 
+/// Change that makes settings invalid.
+type Change<S> = fn(&mut S);
+
 /// Checks that `settings` are valid and that each change is refused with the name of the setting.
 fn assert_refused<S: Clone, const N: usize>(
     settings: &S,
     check: impl Fn(&S) -> Result<(), RlError>,
-    changes: [(&str, fn(&mut S)); N],
+    changes: [(&str, Change<S>); N],
 ) {
     check(settings).unwrap();
     for (name, change) in changes {

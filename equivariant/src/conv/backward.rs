@@ -138,7 +138,7 @@ impl<T: Real, L: Lanes<T>> BackwardPanels<'_, T, L> {
             // cache.
             for orbit in 0..patches.orbits.len() {
                 let rows = FoldedOrbit { conv, orbit, c, windows };
-                let panel = &mut buffers.panel[..rows.folds() * windows.len()];
+                let panel = &mut buffers.panel[..rows.num_folds() * windows.len()];
                 let step = windows.len();
                 let fold = OrbitBlock { orbit, block: c };
                 patches.gather(self.lanes, fold, self.blocked, windows, panel, step);
@@ -164,7 +164,7 @@ impl FoldedOrbit<'_> {
     /// Returns the number of folds of the orbit of taps: one for each parity, or 1 if the parities
     /// share a block.
     #[inline(always)]
-    pub fn folds(&self) -> usize {
+    pub fn num_folds(&self) -> usize {
         let patches = &self.conv.patches;
         patches.orbit_blocks(self.orbit).len() / patches.blocks_per_pixel
     }
@@ -175,7 +175,7 @@ struct GradientProducts<'a, T, L, const G: usize> {
     lanes: L,
     /// Weights transposed for the input gradient; unset if the gradient with respect to the input
     /// is not needed.
-    w: &'a [Block<T>],
+    transposed_weights: &'a [Block<T>],
 }
 
 impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientProducts<'a, T, L, G> {
@@ -187,7 +187,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientProducts<'a, T, L, G> {
             let packed = layout.packed_weights(pass.params, arena, true);
             layout.transpose_packed::<T, G>(&conv.patches, packed, w);
         }
-        GradientProducts { lanes, w }
+        GradientProducts { lanes, transposed_weights: w }
     }
 
     /// Adds the contribution of some output pixels to the weight gradient; the im2col panel is
@@ -197,7 +197,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientProducts<'a, T, L, G> {
         let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel);
         let rows = of.windows.len();
         let per_block = LANES / G * width;
-        let panel = &buffers.panel[..of.folds() * rows];
+        let panel = &buffers.panel[..of.num_folds() * rows];
         let dy = &buffers.dy[..width * rows];
         let first = patches.orbit_blocks(of.orbit).start + of.c;
         let dw = &mut buffers.dw[first * per_block..];
@@ -221,9 +221,9 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientProducts<'a, T, L, G> {
         gradient: &mut [T],
     ) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel);
-        let (folds, per_block) = (of.folds(), LANES / G * width);
+        let (folds, per_block) = (of.num_folds(), LANES / G * width);
         let dy = &buffers.dy[..width * of.windows.len()];
-        let w = &self.w[patches.orbit_blocks(of.orbit).start * per_block..];
+        let w = &self.transposed_weights[patches.orbit_blocks(of.orbit).start * per_block..];
         let w = &w[of.c * folds * per_block..][..folds * per_block];
         // orbits of D2 have 1, 2 or 4 taps, so these are all sizes of the product
         match (patches.is_replicated, folds) {

@@ -37,7 +37,7 @@ impl<T: Real> ConvForward<'_, T> {
         let mut arena = Arena::new(self.scratch);
         let w = arena.take_blocks(weights.num_packed_blocks());
         weights.pack(self.params, w);
-        scale(lanes, patches, w);
+        scale_weights(lanes, patches, w);
         let of_output = self.output.lines.clone();
         let mut epilogue = Epilogue::<T, L, LANES_PER_GROUP>::new(
             lanes,
@@ -115,7 +115,7 @@ fn lines_of(samples: usize, lines: Range<usize>) -> impl Iterator<Item = (usize,
 /// Multiplies the packed weights by the coefficients of the tap functions, which the folded image
 /// rows leave out.
 #[inline(always)]
-fn scale<T: Real, L: Lanes<T>>(lanes: L, patches: &PatchGeometry, w: &mut [Block<T>]) {
+fn scale_weights<T: Real, L: Lanes<T>>(lanes: L, patches: &PatchGeometry, w: &mut [Block<T>]) {
     let per_group = w.len() / (patches.blocks_per_folded_patch * LANES / LANES_PER_GROUP);
     for orbit in &patches.orbits {
         let groups = orbit.first_block * LANES / LANES_PER_GROUP

@@ -60,11 +60,11 @@ impl PatchGeometry {
         let orbit = &self.orbits[orbit];
         let blocked: &mut [Block<T>] = blocked.as_chunks_mut().0;
         let scale = lanes.splat(T::from_f64(orbit.scale));
-        let (taps, parities) = orbit.constants::<N>();
+        let (taps, parities) = orbit.tap_offsets_and_parities::<N>();
         for (mut sums, window) in folds.into_iter().zip(windows) {
             for i in 0..N {
                 let parity = if N == 4 { i } else { parities[i] };
-                sums[i] = swap(lanes, sums[i], parity);
+                sums[i] = swap_lanes(lanes, sums[i], parity);
                 if N < 4 {
                     sums[i] = lanes.mul(sums[i], scale);
                 }
@@ -110,7 +110,7 @@ fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
 ) {
     let rows = windows.len();
     let scale = lanes.splat(T::from_f64(orbit.scale));
-    let (taps, parities) = orbit.constants::<N>();
+    let (taps, parities) = orbit.tap_offsets_and_parities::<N>();
     // slices of equal lengths need one bounds check for all of them
     let len = blocked.len() - taps[N - 1];
     let mut seen = [blocked; N];
@@ -133,7 +133,7 @@ fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
         for i in 0..N {
             // Four folds have the four parities in order, and a constant parity is one instruction.
             let parity = if N == 4 { i } else { parities[i] };
-            let fold = swap(lanes, values[i], parity);
+            let fold = swap_lanes(lanes, values[i], parity);
             lanes.store(&mut folds[i][row], fold);
         }
     }
@@ -173,7 +173,7 @@ impl TapOrbit {
     /// Returns the offsets of the orbit's taps in a window, in blocks and ascending, and the
     /// parities of its folds.
     #[inline(always)]
-    fn constants<const N: usize>(&self) -> ([usize; N], [usize; N]) {
+    fn tap_offsets_and_parities<const N: usize>(&self) -> ([usize; N], [usize; N]) {
         let (mut taps, mut parities) = ([0; N], [0; N]);
         for i in 0..N {
             (taps[i], parities[i]) = (self.tap_offsets[i] / LANES, self.parities[i]);
@@ -194,7 +194,7 @@ pub(crate) fn block_to_precision<T: Real>(block: &Block<f64>) -> Block<T> {
 
 /// Swaps lanes: lane i receives lane i xor `parity`. Each case is a constant of the instruction.
 #[inline(always)]
-fn swap<T: Real, L: Lanes<T>>(lanes: L, v: L::V, parity: usize) -> L::V {
+fn swap_lanes<T: Real, L: Lanes<T>>(lanes: L, v: L::V, parity: usize) -> L::V {
     match parity {
         0 => v,
         1 => lanes.swap_lanes(v, 1),

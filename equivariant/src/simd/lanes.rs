@@ -95,12 +95,12 @@ pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) {
         if widest >= InstructionSet::Avx512
             && let Some(simd) = pulp::x86::V4::try_new()
         {
-            return simd.vectorize(x86::On { simd, work });
+            return simd.vectorize(x86::OnInstructionSet { simd, work });
         }
         if widest >= InstructionSet::Avx2
             && let Some(simd) = pulp::x86::V3::try_new()
         {
-            return simd.vectorize(x86::On { simd, work });
+            return simd.vectorize(x86::OnInstructionSet { simd, work });
         }
     }
     #[cfg(not(target_arch = "x86_64"))]

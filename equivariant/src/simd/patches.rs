@@ -248,7 +248,7 @@ impl PatchGeometry {
     #[inline(always)]
     fn write_blocked_groups<T: Real, const G: usize>(&self, image: &[T], blocked: &mut [T]) {
         if self.is_replicated {
-            return self.replicate::<T, _, G>(image, blocked);
+            return self.write_copies::<T, _, G>(image, blocked);
         }
         let channels = self.image_shape.fields.dim();
         let scale = T::from_f64(self.blocked_scale());
@@ -264,12 +264,12 @@ impl PatchGeometry {
     #[inline(always)]
     pub fn write_blocked_bytes<T: Real>(&self, image: &[u8], blocked: &mut [T]) {
         let order = self.image_shape.fields.group().order();
-        with_const_order!(G = order, self.replicate::<T, _, G>(image, blocked));
+        with_const_order!(G = order, self.write_copies::<T, _, G>(image, blocked));
     }
 
     /// Writes G copies of every channel of an image to the blocked image.
     #[inline(always)]
-    fn replicate<T: Real, P: Pixel<T>, const G: usize>(&self, image: &[P], blocked: &mut [T]) {
+    fn write_copies<T: Real, P: Pixel<T>, const G: usize>(&self, image: &[P], blocked: &mut [T]) {
         let channels = self.image_shape.fields.dim();
         for (pixel, &to) in image.chunks_exact(channels).zip(&self.pixel_starts) {
             let groups = blocked[to..][..channels * G].as_chunks_mut().0;
@@ -298,7 +298,7 @@ impl PatchGeometry {
             let to = &mut image[i * channels..][..channels];
             let from = &blocked[from..][..self.pixel_len];
             if self.is_replicated {
-                add_up::<T, G>(from, to);
+                sum_copies::<T, G>(from, to);
             } else {
                 interleaver.deinterleave::<T, G>(scale, from, to);
             }
@@ -308,7 +308,7 @@ impl PatchGeometry {
 
 /// Writes the sum of the G copies of every channel of a pixel.
 #[inline(always)]
-fn add_up<T: Real, const G: usize>(groups: &[T], channels: &mut [T]) {
+fn sum_copies<T: Real, const G: usize>(groups: &[T], channels: &mut [T]) {
     for (group, x) in groups.as_chunks::<G>().0.iter().zip(channels) {
         let mut sum = group[0];
         for &copy in &group[1..] {

@@ -130,8 +130,8 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
 fn asymmetry(group: Group, g: D2, context: bool) -> [f64; 4] {
     let replay = replay();
     let case = || Case::new(network(group, strided(), context), &STEPS, 0.9);
-    let outputs = |case: Case<f64>| {
-        let (sums, gradient, w) = case.run(3, &replay);
+    let outputs = |of: Case<f64>| {
+        let (sums, gradient, w) = of.run(3, &replay);
         let losses = vec![sums.critic_loss, sums.actor_loss, sums.value, sums.log_pi];
         // the last chunk has two steps
         let rows = w.output[..2 * 2 * A].chunks(2 * A);
@@ -171,7 +171,7 @@ fn only_a_termination_ends_what_is_to_come() {
     let case = Case::new(network(Group::D2, strided(), false), &steps, 0.9);
     let mut w = case.network.workspace(3);
     let losses = case.losses(&replay);
-    losses.load(&(0..3), &mut w);
+    losses.load_observations(&(0..3), &mut w);
     losses.run_next(&(0..3), &mut w);
     losses.write_td_targets(&(0..3), &mut w);
     let beyond = |slot: usize| w.td_targets[slot] - f64::from(replay.get(6 + slot).reward());
@@ -256,7 +256,7 @@ fn each_observation_is_encoded_once() {
         let case = Case::new(network(Group::D2, strided(), context), &steps, 0.9);
         let case = case.moved(D2::FlipX);
         let mut w = case.network.workspace(3);
-        case.losses(&replay).load(&(0..3), &mut w);
+        case.losses(&replay).load_observations(&(0..3), &mut w);
         w.observation_keys.len()
     };
     assert_eq!([encoded(false, 0), encoded(false, 2)], [4, 4]);

@@ -44,14 +44,14 @@ impl<T: Scalar> Losses<'_, T> {
         gradient: &mut [T],
     ) -> SacSums {
         let (trunk, n) = (&self.network.trunk, range.len());
-        self.load(&range, w);
+        self.load_observations(&range, w);
         self.run_next(&range, w);
         self.write_td_targets(&range, w);
         // the next passes overwrite the critics' buffers: only `td_targets` remains of the above
-        self.run_stored(&range, w);
+        self.run_replay_actions(&range, w);
         let mut sums = self.critic_loss(n, w);
         self.critics_backward(n, w, gradient);
-        self.run_current(&range, w);
+        self.run_policy_actions(&range, w);
         sums.add(&self.actor_loss(n, w));
         sums.cloning_loss = self.actor_backward(&range, w, gradient);
         let (own, params) = (&mut gradient[trunk.params()], &self.params[trunk.params()]);
@@ -79,7 +79,7 @@ impl<T: Scalar> Losses<'_, T> {
     }
 
     /// Runs the critics on the replay buffer's actions at the current observations.
-    fn run_stored(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
+    fn run_replay_actions(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (ranges, width) = (network.param_ranges().critics, network.action_order.len());
         let fields = network.trunk.fields(n, &w.current);
@@ -95,8 +95,8 @@ impl<T: Scalar> Losses<'_, T> {
     }
 
     /// Runs the actor at the current observations, and the critics on its actions. The critics'
-    /// reader keeps its state from [`Losses::run_stored`].
-    fn run_current(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
+    /// reader keeps its state from [`Losses::run_replay_actions`].
+    fn run_policy_actions(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (ranges, reader) = (network.param_ranges(), &network.reader);
         let fields = network.trunk.fields(n, &w.current);
@@ -267,7 +267,7 @@ impl<'a, T: Scalar> Losses<'a, T> {
 
     /// Computes the trunk's fields of all observations that the steps at positions `range` need,
     /// each once, and passes the steps before them to the recurrent contexts.
-    pub fn load(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
+    pub fn load_observations(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         w.observation_keys.clear();
         w.observation_positions.clear();
@@ -296,12 +296,12 @@ impl<'a, T: Scalar> Losses<'a, T> {
         let others = w.observation_keys.len() - n;
         network.trunk.forward(params, n, &mut w.current);
         network.trunk.forward(params, others, &mut w.others);
-        self.distribute_fields(range, w);
+        self.write_context_inputs(range, w);
     }
 
     /// Copies the trunk's fields of the next observations, and writes the GRU inputs of the steps
     /// before each observation.
-    fn distribute_fields(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
+    fn write_context_inputs(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let reader = &network.reader;
         let width = network.trunk.out_type().dim();

@@ -190,17 +190,17 @@ pub fn equivariance_errors<P: Actor + FeatureExtractor>(
     g: D2,
 ) -> [f32; 2] {
     let (n, width) = (spec.num_envs, spec.action_irreps.len());
-    let mut outputs = |g: D2| {
+    let mut outputs = |by: D2| {
         let mut rng = ChaCha8Rng::seed_from_u64(11);
         let mut memory = policy.new_memory(n);
         let mut out = [vec![0.0; n * width], vec![0.0; n * policy.feature_dim()]];
         for _ in 0..3 {
-            let moved = transformed(spec, &random_observations(spec, &mut rng), g, g);
+            let moved = transformed(spec, &random_observations(spec, &mut rng), by, by);
             policy.mean_actions(&moved, &mut memory, &mut out[0]).unwrap();
             policy.features(&moved, &mut out[1]).unwrap();
             for env in 0..n {
                 let action: Vec<f32> = (0..width).map(|_| rng.random_range(-1.0..1.0)).collect();
-                let action = transform_vector(&action, &spec.action_irreps, g);
+                let action = transform_vector(&action, &spec.action_irreps, by);
                 memory.remember_step(env, &action, rng.random_range(-1.0..1.0));
             }
         }

@@ -65,7 +65,7 @@ impl<'a> Folds<'a> {
             functions.iter().map(|f| f.tap_coefficients[0].0).collect();
         for tap in starts {
             let own = functions.iter().filter(|f| f.tap_coefficients[0].0 == tap);
-            let parities = own.fold(0u32, |mask, f| mask | 1 << self.position(f.parity));
+            let parities = own.fold(0u32, |mask, f| mask | 1 << self.irrep_index(f.parity));
             let len = parities.count_ones() as usize;
             self.orbits.push(Orbit { tap, len, parities, first: self.fields_per_patch });
             self.fields_per_patch +=
@@ -74,18 +74,18 @@ impl<'a> Folds<'a> {
     }
 
     /// Returns the position of an irrep in its group's list of irreps.
-    fn position(&self, irrep: Irrep) -> usize {
+    fn irrep_index(&self, irrep: Irrep) -> usize {
         let irreps = self.in_type.group().irreps();
         irreps.iter().position(|&a| a == irrep).unwrap_or(0)
     }
 
     /// Returns the entry of a folded patch that holds the first channel of the basis function of
     /// parity `parity` on the orbit of `tap`.
-    fn entry(&self, tap: [usize; 2], parity: Irrep) -> usize {
+    fn patch_entry(&self, tap: [usize; 2], parity: Irrep) -> usize {
         let Some(orbit) = self.orbits.iter().find(|orbit| orbit.tap == tap) else {
             unreachable!("every function starts with the first tap of an orbit")
         };
-        let before = orbit.parities & ((1 << self.position(parity)) - 1);
+        let before = orbit.parities & ((1 << self.irrep_index(parity)) - 1);
         let skipped = if self.is_input_trivial { 0 } else { before.count_ones() as usize };
         orbit.first + skipped * self.num_input_fields
     }
@@ -99,7 +99,7 @@ impl<'a> Folds<'a> {
         let mut positions = vec![0; irrep_weights.num_params()];
         for (lane, &b) in out_type.group().irreps().iter().enumerate() {
             for (i, function) in taps.basis_functions.iter().enumerate() {
-                let entry = self.entry(function.tap_coefficients[0].0, function.parity);
+                let entry = self.patch_entry(function.tap_coefficients[0].0, function.parity);
                 let first = irrep_weights.weight_range(b).start + taps.first_column(b, i);
                 let channels = in_type.multiplicity(taps.input_irrep(b, function.parity));
                 for output in 0..out_type.multiplicity(b) {
