@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use cluster::{Decision, wasserstein1};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use evidence::{Account, EvidenceError, Recogniser, RecogniserSettings, Situation};
+use evidence::{EpisodeSummary, EvidenceError, Recogniser, RecogniserSettings, RolloutContext};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -36,18 +36,18 @@ fn distances(c: &mut Criterion) {
 
 /// Returns the summaries of 20 episodes whose first images, vectors, motion and returns all differ
 /// with `policy`.
-fn episodes(policy: usize, rng: &mut ChaCha8Rng) -> Vec<Account> {
+fn episodes(policy: usize, rng: &mut ChaCha8Rng) -> Vec<EpisodeSummary> {
     let mut values = |length: usize, centre: f32| -> Vec<f32> {
         (0..length).map(|_| centre + rng.random_range(-0.1..0.1)).collect()
     };
     let centre = policy as f32;
-    let episode = |began| Account {
+    let episode = |began| EpisodeSummary {
         began,
-        picture: values(DIM, centre),
-        vector: values(VECTOR_DIM, centre),
+        image_features: values(DIM, centre),
+        first_vector: values(VECTOR_DIM, centre),
         motion: Some(values(VECTOR_DIM * ACTION_DIM, centre)),
-        slope: Some(values(ACTION_DIM, centre)),
-        earned: Some(values(1, centre)[0]),
+        reward_gradient: Some(values(ACTION_DIM, centre)),
+        episode_return: Some(values(1, centre)[0]),
     };
     (0..20).map(episode).collect()
 }
@@ -56,14 +56,14 @@ fn assign(rng: &mut ChaCha8Rng) -> Result<impl FnMut() -> Option<Decision>, Evid
     let mut recogniser = Recogniser::new(RecogniserSettings::default())?;
     for policy in 0..POLICIES {
         for _ in 0..2 {
-            recogniser.learn(policy, &episodes(policy, rng), rng)?;
+            recogniser.record_training(policy, &episodes(policy, rng), rng)?;
         }
     }
     let (rollout, mut rng) = (episodes(1, rng), rng.clone());
     // the policy that acted is rejected, and all others are compared
     Ok(move || {
-        let found = recogniser.assign(&rollout, Situation::of(0), &mut rng);
-        found.ok().map(|found| found.decision)
+        let found = recogniser.assign(&rollout, RolloutContext::of_collector(0), &mut rng);
+        found.ok().map(|found| found.policy)
     })
 }
 

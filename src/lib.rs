@@ -48,10 +48,11 @@ pub use experiments::{
 pub use learner::disk::{Disk, LocalDisk};
 pub use learner::overrides::{Override, apply as apply_overrides};
 pub use learner::{
-    Candidates, CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, Distance,
-    Episodes, Evident, Grouping, GroupingDecision, GroupingSettings, Handover, Iteration,
-    IterationSeconds, Labels, Learned, Learner, LearnerError, LearnerSettings, LearningDevice,
-    Lesson, Metric, Metrics, Needs, NewPolicyInit, OffPolicy, OffPolicySettings, PolicyCollection,
-    PolicyCollectionSettings, PolicyEvaluation, Query, Recognised, Single, Trial,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, CommonSettings, Covers,
+    CoversSettings, DeviceChoice, EpisodeRequirements, Episodes, EvidenceGrouping, Grouping,
+    GroupingDecision, GroupingSettings, GroupingUpdate, Handover, Iteration, IterationSeconds,
+    Labels, Learner, LearnerError, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicyInit,
+    OffPolicy, OffPolicySettings, PolicyCollection, PolicyCollectionSettings, PolicyEvaluation,
+    RecognisedPolicy, SinglePolicyGrouping, ThresholdGrouping, Trial,
 };
 pub use {deploy, experiments, render, report, watch};

@@ -1,7 +1,7 @@
 //! Evidence and decisions of policy assignment (lines 8-15 of the paper's Algorithm 1), and the
 //! paper's own rule.
 
-use crate::check::within;
+use crate::check::check_range;
 use crate::error::Result;
 use crate::frames::Candidate;
 use crate::permutation::PermutationTest;
@@ -87,7 +87,7 @@ impl Assignment {
 /// Clouds that cannot be compared, or a threshold that is negative or not finite.
 pub fn assign_by_threshold(candidates: &[Candidate], threshold: f64) -> Result<Assignment> {
     let inside = (0.0..f64::INFINITY).contains(&threshold);
-    within("threshold", threshold, inside, "a finite number, at least 0")?;
+    check_range("threshold", threshold, inside, "a finite number, at least 0")?;
     let compared = candidates.iter().map(|Candidate { rollout, buffer }| {
         rollout.check_alike(buffer)?;
         let distance = wasserstein1(rollout.features(), buffer.features(), rollout.dim())?;

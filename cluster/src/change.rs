@@ -4,11 +4,11 @@
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-use crate::check::within;
+use crate::check::check_range;
 use crate::error::{ClusterError, Result};
 use crate::euclidean::EuclideanCosts;
 use crate::frames::Frames;
-use crate::joint::shared;
+use crate::joint::check_episode_counts;
 use crate::permutation::ROUNDING;
 
 /// Number of integer units that the largest distance between two episodes is rounded to.
@@ -18,19 +18,19 @@ const UNITS: f64 = (1_u32 << 20) as f64;
 /// Largest difference of standardised distances that count as equal.
 const EQUAL: f64 = 1e-9;
 
-/// Likeliest changepoint of a sequence of episodes, with its significance.
+/// Most likely changepoint of a sequence of episodes, with its significance.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ChangeTest {
-    /// Number of episodes before the likeliest changepoint.
-    pub cut: usize,
-    /// Exact p-value of the hypothesis that nothing changes, over all cuts and sources together, as
-    /// in a [`JointTest`](crate::JointTest).
+pub struct ChangepointTest {
+    /// Number of episodes before the most likely changepoint.
+    pub changepoint: usize,
+    /// Exact p-value of the hypothesis that nothing changes, over all candidate changepoints and
+    /// sources together, as in a [`JointTest`](crate::JointTest).
     pub p_value: f64,
 }
 
-/// Tests whether a sequence of episodes changes at one of `cuts`: numbers of episodes before the
-/// change, which leave an episode on either side. Each of `sources` shows all episodes in their
-/// order.
+/// Tests whether the distribution of a sequence of episodes changes at one of the places `cuts`:
+/// numbers of episodes before the change, which leave an episode on either side. Each of `sources`
+/// shows all episodes in their order.
 ///
 /// Both sides of a cut are compared by their energy distance `2 E|X - Y| - E|X - X'| - E|Y - Y'|`,
 /// as in Matteson and James, "A nonparametric approach for multiple change point analysis of
@@ -41,15 +41,15 @@ pub struct ChangeTest {
 ///
 /// # Errors
 /// No source, no cut, a cut that leaves one side empty, or sources of different lengths.
-pub fn change_test(
+pub fn changepoint_test(
     sources: &[Frames],
     cuts: &[usize],
     permutations: usize,
     rng: &mut impl Rng,
-) -> Result<ChangeTest> {
+) -> Result<ChangepointTest> {
     let episodes = check(sources, cuts)?;
-    let scans = sources.iter().map(Scan::new).collect::<Result<Vec<_>>>()?;
-    let mut scans: Vec<Scan> = scans.into_iter().flatten().collect();
+    let scans = sources.iter().map(EnergyScan::new).collect::<Result<Vec<_>>>()?;
+    let mut scans: Vec<EnergyScan> = scans.into_iter().flatten().collect();
     let mut order: Vec<usize> = (0..episodes).collect();
     for split in 0..=permutations {
         if split > 0 {
@@ -57,13 +57,13 @@ pub fn change_test(
         }
         scans.iter_mut().for_each(|scan| scan.measure(&order, cuts));
     }
-    Ok(judge(&scans, cuts, permutations))
+    Ok(summarise(&scans, cuts, permutations))
 }
 
-/// Returns the cuts that a changepoint test may consider: numbers of episodes before the change,
-/// with at least `least` on either side. `began` holds the times at which episodes began, in order;
-/// episodes that began together stay together.
-pub fn change_places(began: &[usize], least: usize) -> Vec<usize> {
+/// Returns the places at which a sequence of episodes may be cut by a changepoint test: numbers of
+/// episodes before the change, with at least `least` on either side. `began` holds the times at
+/// which episodes began, in order; episodes that began together stay together.
+pub fn changepoint_candidates(began: &[usize], least: usize) -> Vec<usize> {
     let least = least.max(1);
     let last = (began.len() + 1).saturating_sub(least);
     (least..last).filter(|&at| began[at] != began[at - 1]).collect()
@@ -72,19 +72,19 @@ pub fn change_places(began: &[usize], least: usize) -> Vec<usize> {
 /// Checks the sources and the cuts of a changepoint test; returns the number of episodes.
 fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
     let counts: Vec<_> = sources.iter().map(|source| (source.episodes(), 0)).collect();
-    let (all, _) = shared(&counts)?;
+    let (all, _) = check_episode_counts(&counts)?;
     if cuts.is_empty() {
         return Err(ClusterError::Empty { what: "cuts" });
     }
     let expected = "at least 1 episode on either side";
     let mut cuts = cuts.iter().map(|&cut| (cut, (1..all).contains(&cut)));
-    cuts.try_for_each(|(cut, inside)| within("cut", cut as f64, inside, expected))?;
+    cuts.try_for_each(|(cut, inside)| check_range("cut", cut as f64, inside, expected))?;
     Ok(all)
 }
 
 /// Integer distances of one source, and its energy distances at all cuts: first those of the
 /// observed order, then those of random orders.
-struct Scan {
+struct EnergyScan {
     /// Distances between episodes, `[episodes, episodes]`.
     pairs: Vec<u64>,
     /// Sum of the distances of each episode to all others, the row sums of `pairs`.
@@ -96,7 +96,7 @@ struct Scan {
     sums: Vec<(u64, u64)>,
 }
 
-impl Scan {
+impl EnergyScan {
     /// Computes the distances between episodes; `None` if all points are equal.
     fn new(frames: &Frames) -> Result<Option<Self>> {
         let features = frames.features();
@@ -154,7 +154,7 @@ impl Scan {
     }
 }
 
-fn judge(scans: &[Scan], cuts: &[usize], permutations: usize) -> ChangeTest {
+fn summarise(scans: &[EnergyScan], cuts: &[usize], permutations: usize) -> ChangepointTest {
     let width = cuts.len();
     let mut largest = vec![f64::NEG_INFINITY; 1 + permutations];
     let mut best = (f64::NEG_INFINITY, 0);
@@ -171,7 +171,7 @@ fn judge(scans: &[Scan], cuts: &[usize], permutations: usize) -> ChangeTest {
     }
     let reaching = largest.iter().filter(|&&m| m >= largest[0] - EQUAL).count();
     let p_value = if scans.is_empty() { 1.0 } else { reaching as f64 / (1 + permutations) as f64 };
-    ChangeTest { cut: cuts[best.1], p_value }
+    ChangepointTest { changepoint: cuts[best.1], p_value }
 }
 
 #[cfg(test)]
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn both_sides_of_a_place_show_enough_episodes() {
-        let places = |began: Vec<usize>| change_places(&began, 4);
+        let places = |began: Vec<usize>| changepoint_candidates(&began, 4);
         assert_eq!(places((0..9).collect()), [4, 5]);
         assert_eq!(places((0..20).map(|i| i / 5).collect()), [5, 10, 15]);
         assert!(places((0..9).map(|i| i / 3).collect()).is_empty());
@@ -197,14 +197,14 @@ mod tests {
         let still = Frames::new(vec![1.0; 20], 1, 1).unwrap();
         let frames = [still.clone(), Frames::new(sequence, 1, 1).unwrap()];
         let cuts: Vec<usize> = (1..20).collect();
-        let test = change_test(&frames, &cuts, 99, &mut rng).unwrap();
+        let test = changepoint_test(&frames, &cuts, 99, &mut rng).unwrap();
         // neighbouring cuts score nearly alike
-        assert!((6..=8).contains(&test.cut), "{}", test.cut);
+        assert!((6..=8).contains(&test.changepoint), "{}", test.changepoint);
         assert_eq!(test.p_value, 0.01);
-        let nothing = change_test(&[still], &cuts, 99, &mut rng).unwrap();
+        let nothing = changepoint_test(&[still], &cuts, 99, &mut rng).unwrap();
         assert_eq!(nothing.p_value, 1.0);
-        assert!(change_test(&frames, &[20], 99, &mut rng).is_err());
-        assert!(change_test(&frames, &[], 99, &mut rng).is_err());
+        assert!(changepoint_test(&frames, &[20], 99, &mut rng).is_err());
+        assert!(changepoint_test(&frames, &[], 99, &mut rng).is_err());
     }
 
     /// One pass gives what the definition gives, for cuts in any order and episodes of two frames.
@@ -214,7 +214,7 @@ mod tests {
         let features = draw(9 * 2 * 3, 0.0, &mut rng);
         let frames = Frames::new(features, 2, 3).unwrap();
         let cuts = [4, 2, 8, 1];
-        let mut scan = Scan::new(&frames).unwrap().unwrap();
+        let mut scan = EnergyScan::new(&frames).unwrap().unwrap();
         let order = [3, 8, 1, 0, 7, 2, 6, 4, 5];
         scan.measure(&order, &cuts);
         for (&cut, got) in cuts.iter().zip(&scan.measured) {
@@ -237,7 +237,7 @@ mod tests {
         let alarms = (0..1000).filter(|_| {
             let frames = [1, 3].map(|dim| Frames::new(draw(20 * dim, 0.0, &mut rng), 1, dim));
             let frames = frames.map(Result::unwrap);
-            change_test(&frames, &cuts, 99, &mut rng).unwrap().p_value <= 0.05
+            changepoint_test(&frames, &cuts, 99, &mut rng).unwrap().p_value <= 0.05
         });
         // nominal 50; four standard deviations are 28
         let alarms = alarms.count();

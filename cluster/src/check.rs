@@ -4,7 +4,7 @@ use crate::error::{ClusterError, Result};
 
 /// Checks that `values` is a non-empty list of whole rows of `row` finite values; returns the
 /// number of rows.
-pub(crate) fn rows(
+pub(crate) fn check_rows(
     what: &'static str,
     values: &[f32],
     row: usize,
@@ -27,12 +27,12 @@ pub(crate) fn rows(
 }
 
 /// Checks that a size in the arguments is at least one.
-pub(crate) fn positive(name: &'static str, value: usize) -> Result<()> {
-    within(name, value as f64, value >= 1, "at least 1")
+pub(crate) fn check_positive(name: &'static str, value: usize) -> Result<()> {
+    check_range(name, value as f64, value >= 1, "at least 1")
 }
 
 /// Returns an error for a number that is not `inside` its range, which `expected` says in words.
-pub(crate) fn within(
+pub(crate) fn check_range(
     name: &'static str,
     value: f64,
     inside: bool,
@@ -42,4 +42,9 @@ pub(crate) fn within(
         return Ok(());
     }
     Err(ClusterError::OutOfRange { name, value, expected })
+}
+
+/// Checks that a list has the length that the other arguments require.
+pub(crate) fn check_len(what: &'static str, got: usize, expected: usize) -> Result<()> {
+    if got == expected { Ok(()) } else { Err(ClusterError::Length { what, got, expected }) }
 }

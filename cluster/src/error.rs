@@ -78,15 +78,14 @@ pub enum ClusterError {
         /// Number of sinks, the columns of the cost matrix.
         sinks: usize,
     },
-    /// Weight of a point that is negative, infinite or NaN.
-    #[error("weight {index} of {side} is {value}: expected a finite number, at least 0")]
+    /// Weight of a point, or mass of a plan's entry, that is negative, infinite or NaN.
+    #[error("{what}[{index}] is {value}: expected a finite number, at least 0")]
     Weight {
-        /// Side of the transport problem with the wrong weight: `sources`, `sinks` or the name of a
-        /// cloud.
-        side: &'static str,
-        /// Index of the point with the wrong weight.
+        /// Name of the list of weights or masses.
+        what: &'static str,
+        /// Index of the wrong number in the list.
         index: usize,
-        /// Weight that is negative, infinite or NaN.
+        /// Number that is negative, infinite or NaN.
         value: f64,
     },
     /// Weights of one side of the transport problem that do not add up to 1.
@@ -102,16 +101,6 @@ pub enum ClusterError {
         sums: [f64; 2],
         /// Largest accepted difference of a sum of weights from 1.
         tolerance: f64,
-    },
-    /// Cloud of points with another number of weights than of points.
-    #[error("{side} has {points} points and {weights} weights: expected a weight for each point")]
-    WeightCount {
-        /// Name of the cloud whose numbers of points and weights differ.
-        side: &'static str,
-        /// Number of points of the cloud.
-        points: usize,
-        /// Number of weights of the cloud.
-        weights: usize,
     },
     /// Matrix of distances between two clouds that does not fit in memory.
     #[error(
@@ -133,30 +122,16 @@ pub enum ClusterError {
         /// Number of pivots made, which is also the largest number allowed.
         pivots: usize,
     },
-    /// Transport plan with another number of source or sink potentials than the cost matrix
-    /// requires.
-    #[error("the plan's {what} has length {got}: expected {expected}")]
-    PlanShape {
-        /// Name of the field of the transport plan that has the wrong length.
+    /// List whose length does not fit the other arguments, such as the weights of a cloud or the
+    /// potentials of a plan.
+    #[error("{what} has length {got}: expected {expected}")]
+    Length {
+        /// Name of the list that has the wrong length.
         what: &'static str,
-        /// Length of that field of the transport plan.
+        /// Length of the list.
         got: usize,
-        /// Length that the cost matrix requires.
+        /// Length that the other arguments require.
         expected: usize,
-    },
-    /// Entry of a transport plan with a source or sink outside the cost matrix.
-    #[error(
-        "a plan entry sends from source {source_index} of {sources} to sink {sink_index} of {sinks}"
-    )]
-    EntryOutOfRange {
-        /// Index of the entry's source, a row of the cost matrix.
-        source_index: usize,
-        /// Number of sources, the rows of the cost matrix.
-        sources: usize,
-        /// Index of the entry's sink, a column of the cost matrix.
-        sink_index: usize,
-        /// Number of sinks, the columns of the cost matrix.
-        sinks: usize,
     },
     /// Source or sink whose mass in a transport plan is not its weight: the plan is not primal
     /// feasible.
@@ -171,16 +146,6 @@ pub enum ClusterError {
         got: f64,
         /// Weight of the source or sink.
         expected: f64,
-    },
-    /// Entry of a transport plan whose mass is negative or NaN.
-    #[error("{what}[{index}] is {value}: expected at least 0")]
-    NegativeMass {
-        /// Name of the list that holds the entry.
-        what: &'static str,
-        /// Index of the entry in the list.
-        index: usize,
-        /// Mass that is negative or NaN.
-        value: f64,
     },
     /// Pair of potentials that add up to more than their cost: the potentials are not dual
     /// feasible.

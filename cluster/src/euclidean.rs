@@ -7,7 +7,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 use pulp::Arch;
 use rayon::prelude::*;
 
-use crate::check::{positive, rows};
+use crate::check::{check_positive, check_rows};
 use crate::error::{ClusterError, Result};
 
 /// Fraction of the squared norms of two points below which their squared distance is computed from
@@ -53,9 +53,9 @@ impl EuclideanCosts {
     /// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not
     /// finite; a matrix that does not fit in memory.
     pub fn compute(&mut self, x: &[f32], y: &[f32], dim: usize) -> Result<&[f64]> {
-        positive("dim", dim)?;
-        rows("x", x, dim, "point")?;
-        rows("y", y, dim, "point")?;
+        check_positive("dim", dim)?;
+        check_rows("x", x, dim, "point")?;
+        check_rows("y", y, dim, "point")?;
         let (n, m) = (x.len() / dim, y.len() / dim);
         let Self { centre, costs, .. } = self;
         costs.clear();

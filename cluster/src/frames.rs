@@ -1,6 +1,6 @@
 //! Feature vectors of the first frames of episodes.
 
-use crate::check::{positive, rows};
+use crate::check::{check_positive, check_rows};
 use crate::error::{ClusterError, Result};
 
 /// Feature vectors of the first frames of episodes, `[episodes, frames_per_episode, dim]`, all
@@ -13,14 +13,15 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Takes the features `[episodes, frames_per_episode, dim]` of at least one episode.
+    /// Creates frames from the features `[episodes, frames_per_episode, dim]` of at least one
+    /// episode.
     ///
     /// # Errors
     /// No episode, a partial episode, a zero size, or a value that is not finite.
     pub fn new(features: Vec<f32>, frames_per_episode: usize, dim: usize) -> Result<Self> {
-        positive("frames_per_episode", frames_per_episode)?;
-        positive("dim", dim)?;
-        rows("features", &features, frames_per_episode.saturating_mul(dim), "episode")?;
+        check_positive("frames_per_episode", frames_per_episode)?;
+        check_positive("dim", dim)?;
+        check_rows("features", &features, frames_per_episode.saturating_mul(dim), "episode")?;
         Ok(Self { features, frames_per_episode, dim })
     }
 
@@ -57,7 +58,8 @@ impl Frames {
     }
 }
 
-/// Frames of one policy's buffer and of the new rollout, both as features of that policy's network.
+/// Candidate policy for a rollout: the frames of its buffer and of the rollout, both as features of
+/// the policy's network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// Frames of the policy's buffer `B_j`.

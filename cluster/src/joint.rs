@@ -5,33 +5,34 @@ use std::ops::RangeInclusive;
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-use crate::check::positive;
+use crate::check::check_positive;
 use crate::error::{ClusterError, Result};
 use crate::euclidean::EuclideanCosts;
 use crate::frames::Candidate;
 use crate::permutation::{NullDistribution, PermutationTest, ROUNDING};
 use crate::transport::{Solver, Weights};
 
-/// Source of evidence: its points for the episodes of a rollout and of a buffer.
+/// Samples of one source of evidence: its points for the episodes of a rollout and of a buffer.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Source {
+pub struct SourceSamples {
     /// Points of the rollout's and of the buffer's episodes.
     pub clouds: Candidate,
-    /// Direction in which a difference counts against the buffer's group.
-    pub side: Side,
+    /// Direction in which a difference counts against the buffer's group, as in a one-sided or
+    /// two-sided test.
+    pub alternative: Alternative,
 }
 
-/// Direction in which a difference between rollout and buffer counts.
+/// Alternative hypothesis of a test: the direction in which rollout and buffer differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum Alternative {
     /// Differences between rollout and buffer in any direction.
-    Both,
+    TwoSided,
     /// Only differences in which the rollout has the smaller mean value over all dimensions;
     /// otherwise the distance is zero.
     Less,
 }
 
-/// Result of one source of evidence in a [`JointTest`]. All values are finite.
+/// Test result of one source of evidence in a [`JointTest`]. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SourceTest {
     /// 1-Wasserstein distance between rollout and buffer in the source's own unit; zero if the
@@ -56,8 +57,8 @@ impl SourceTest {
     }
 }
 
-/// Result of a test of the hypothesis that a rollout and a buffer have one distribution, over all
-/// sources of features together.
+/// Result of a permutation test of the hypothesis that a rollout and a buffer have the same
+/// distribution, over all sources of evidence together.
 ///
 /// Whole episodes are permuted, in all sources alike, so the largest standardised distance has a
 /// null distribution that takes the sources' dependence and their number into account: the "max T"
@@ -83,19 +84,19 @@ pub struct JointTest {
 /// No stage or one without a split, no source, sources that show different numbers of episodes, or
 /// clouds that cannot be compared.
 pub fn joint_test(
-    sources: &[Source],
+    sources: &[SourceSamples],
     stages: &[usize],
     is_decided: impl Fn(&JointTest) -> bool,
     rng: &mut impl Rng,
 ) -> Result<JointTest> {
-    positive("splits", stages.iter().copied().min().unwrap_or(1))?;
+    check_positive("splits", stages.iter().copied().min().unwrap_or(1))?;
     let mut counts = Vec::with_capacity(sources.len());
-    for Source { clouds: Candidate { rollout, buffer }, .. } in sources {
+    for SourceSamples { clouds: Candidate { rollout, buffer }, .. } in sources {
         rollout.check_alike(buffer)?;
         counts.push((rollout.episodes(), buffer.episodes()));
     }
-    let (rollout, buffer) = shared(&counts)?;
-    let mut pools = sources.iter().map(Pool::new).collect::<Result<Vec<_>>>()?;
+    let (rollout, buffer) = check_episode_counts(&counts)?;
+    let mut pools = sources.iter().map(PooledSource::new).collect::<Result<Vec<_>>>()?;
     let mut order: Vec<usize> = (0..rollout + buffer).collect();
     measure(&mut pools, &order)?;
     let mut splits = 0;
@@ -105,7 +106,7 @@ pub fn joint_test(
             measure(&mut pools, &order)?;
         }
         splits = splits.max(stage);
-        let test = judge(&pools, splits);
+        let test = summarise(&pools, splits);
         if index + 1 == stages.len() || is_decided(&test) {
             return Ok(test);
         }
@@ -114,14 +115,14 @@ pub fn joint_test(
 }
 
 /// Computes the distances of all sources under the same split of the episodes.
-fn measure(pools: &mut [Option<Pool>], order: &[usize]) -> Result<()> {
+fn measure(pools: &mut [Option<PooledSource>], order: &[usize]) -> Result<()> {
     let mut pools = pools.iter_mut().flatten();
     pools.try_for_each(|pool| pool.measure(order))
 }
 
 /// Returns the numbers of episodes (rollout, buffer) of the first source, after checking that all
 /// sources have the same.
-pub(crate) fn shared(counts: &[(usize, usize)]) -> Result<(usize, usize)> {
+pub(crate) fn check_episode_counts(counts: &[(usize, usize)]) -> Result<(usize, usize)> {
     let expected = *counts.first().ok_or(ClusterError::Empty { what: "sources" })?;
     match counts.iter().position(|&got| got != expected) {
         None => Ok(expected),
@@ -134,14 +135,15 @@ pub(crate) fn shared(counts: &[(usize, usize)]) -> Result<(usize, usize)> {
 
 /// Pooled points of one source, and its distances: first that of the observed split, then those of
 /// random splits.
-struct Pool {
+struct PooledSource {
     /// Distances between all pooled frames, `[frames, frames]`, and the largest of them.
     all: Vec<f64>,
     largest: f64,
     frames_per_episode: usize,
     /// Number of episodes on the first side of a split.
     split: usize,
-    /// Sum of the values of each episode under [`Side::Less`]; `None` under [`Side::Both`].
+    /// Sum of the values of each episode under [`Alternative::Less`]; `None` under
+    /// [`Alternative::TwoSided`].
     sums: Option<Vec<f64>>,
     measured: Vec<f64>,
     /// Cost matrix of the transport problem of one split.
@@ -149,9 +151,9 @@ struct Pool {
     solver: Solver,
 }
 
-impl Pool {
+impl PooledSource {
     /// Pools the features of all episodes of a source; `None` if all points are equal.
-    fn new(source: &Source) -> Result<Option<Self>> {
+    fn new(source: &SourceSamples) -> Result<Option<Self>> {
         let Candidate { rollout, buffer } = &source.clouds;
         let features = [rollout.features(), buffer.features()].concat();
         let all = EuclideanCosts::new().compute(&features, &features, rollout.dim())?.to_vec();
@@ -164,7 +166,7 @@ impl Pool {
             largest,
             frames_per_episode,
             split: rollout.episodes(),
-            sums: (source.side == Side::Less).then(|| episodes.map(sum).collect()),
+            sums: (source.alternative == Alternative::Less).then(|| episodes.map(sum).collect()),
             measured: Vec::new(),
             costs: Vec::new(),
             solver: Solver::new(),
@@ -185,7 +187,7 @@ impl Pool {
     fn counts(&self, left: &[usize], right: &[usize]) -> bool {
         self.sums.as_ref().is_none_or(|sums| {
             let mean =
-                |side: &[usize]| side.iter().map(|&e| sums[e]).sum::<f64>() / side.len() as f64;
+                |part: &[usize]| part.iter().map(|&e| sums[e]).sum::<f64>() / part.len() as f64;
             mean(left) < mean(right)
         })
     }
@@ -235,7 +237,7 @@ fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64
     splits.map(largest).collect()
 }
 
-fn judge(pools: &[Option<Pool>], permutations: usize) -> JointTest {
+fn summarise(pools: &[Option<PooledSource>], permutations: usize) -> JointTest {
     let scores = |from: usize| -> Vec<Option<Vec<f64>>> {
         pools.iter().map(|pool| Some(pool.as_ref()?.scores(from))).collect()
     };
@@ -276,13 +278,13 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    fn source(rollout: &[f32], buffer: &[f32], side: Side) -> Source {
+    fn source(rollout: &[f32], buffer: &[f32], alternative: Alternative) -> SourceSamples {
         let frames = |values: &[f32]| Frames::new(values.to_vec(), 1, 1).unwrap();
         let clouds = Candidate { rollout: frames(rollout), buffer: frames(buffer) };
-        Source { clouds, side }
+        SourceSamples { clouds, alternative }
     }
 
-    fn whole(sources: &[Source], splits: usize, rng: &mut ChaCha8Rng) -> Result<JointTest> {
+    fn whole(sources: &[SourceSamples], splits: usize, rng: &mut ChaCha8Rng) -> Result<JointTest> {
         joint_test(sources, &[splits], |_| false, rng)
     }
 
@@ -290,22 +292,22 @@ mod tests {
     fn equal_points_say_nothing_and_do_not_silence_the_others() {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let (near, far) = (draw(10, 0.0, &mut rng), draw(20, 3.0, &mut rng));
-        let still = source(&[7.0; 10], &[7.0; 20], Side::Both);
+        let still = source(&[7.0; 10], &[7.0; 20], Alternative::TwoSided);
         let alone = whole(std::slice::from_ref(&still), 50, &mut rng).unwrap();
         assert_eq!((alone.sources[0], alone.overall.p_value), (None, 1.0));
         assert!(alone.overall.score.is_finite());
-        let both = [still, source(&near, &far, Side::Both)];
+        let both = [still, source(&near, &far, Alternative::TwoSided)];
         let test = whole(&both, 50, &mut rng).unwrap();
         assert!(test.sources[0].is_none() && test.overall.p_value <= 1.0 / 51.0);
         assert!(test.sources[1].unwrap().ratio() > 3.0);
     }
 
     #[test]
-    fn only_the_side_that_counts_is_seen() {
+    fn a_one_sided_test_sees_only_its_alternative() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let (low, high) = (draw(10, 0.0, &mut rng), draw(20, 3.0, &mut rng));
         let mut p = |rollout: &[f32], buffer: &[f32]| {
-            let source = [source(rollout, buffer, Side::Less)];
+            let source = [source(rollout, buffer, Alternative::Less)];
             whole(&source, 99, &mut rng).unwrap().overall.p_value
         };
         assert!(p(&low, &high) <= 0.01);
@@ -317,8 +319,10 @@ mod tests {
     fn many_sources_give_no_more_false_alarms_than_one() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let alarms = (0..400).filter(|_| {
-            let sources: Vec<Source> = (0..10)
-                .map(|_| source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Both))
+            let sources: Vec<SourceSamples> = (0..10)
+                .map(|_| {
+                    source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Alternative::TwoSided)
+                })
                 .collect();
             whole(&sources, 39, &mut rng).unwrap().overall.p_value <= 0.05
         });
@@ -337,8 +341,8 @@ mod tests {
         let (mut alarms, mut splits) = (0, 0);
         for _ in 0..1000 {
             let sources = [
-                source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Both),
-                source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Side::Less),
+                source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Alternative::TwoSided),
+                source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Alternative::Less),
             ];
             let mut again = rng.clone();
             let decided = |test: &JointTest| reaching(test) > 8.5;
@@ -356,7 +360,10 @@ mod tests {
     #[test]
     fn what_cannot_be_compared_is_refused() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let sources = [source(&[0.0, 1.0], &[2.0], Side::Both), source(&[0.0], &[2.0], Side::Both)];
+        let sources = [
+            source(&[0.0, 1.0], &[2.0], Alternative::TwoSided),
+            source(&[0.0], &[2.0], Alternative::TwoSided),
+        ];
         let message = whole(&sources, 20, &mut rng).unwrap_err().to_string();
         assert!(message.contains("source 1 shows (1, 1) episodes, expected (2, 1)"), "{message}");
         assert!(whole(&[], 20, &mut rng).is_err());

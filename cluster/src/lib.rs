@@ -9,14 +9,14 @@
 //!   given cost matrix. Each answer carries potentials that prove it optimal, and [`certify`]
 //!   checks the proof before the answer is returned.
 //! - Comparison. [`joint_test`] is a permutation test of several sources of evidence, by whole
-//!   episodes, and [`change_test`] one for a changepoint. [`assign_by_threshold`] is the paper's
-//!   rule of assignment. [`lead`] compares two groups from as little as one frame.
+//!   episodes, and [`changepoint_test`] one for a changepoint. [`assign_by_threshold`] is the
+//!   paper's rule of assignment. [`energy_margin`] compares two groups from as little as one frame.
 //! - Memory. [`Reservoir`] keeps a bounded uniform sample of the episodes of a group.
 
 mod assignment;
 mod change;
 mod check;
-mod contest;
+mod comparison;
 mod error;
 mod euclidean;
 mod frames;
@@ -27,12 +27,12 @@ mod transport;
 mod wasserstein;
 
 pub use assignment::{Assignment, Decision, Evidence, Verdict, assign_by_threshold};
-pub use change::{ChangeTest, change_places, change_test};
-pub use contest::{Contest, lead};
+pub use change::{ChangepointTest, changepoint_candidates, changepoint_test};
+pub use comparison::{PairwiseComparison, energy_margin};
 pub use error::ClusterError;
 pub use euclidean::EuclideanCosts;
 pub use frames::{Candidate, Frames};
-pub use joint::{JointTest, Side, Source, SourceTest, joint_test};
+pub use joint::{Alternative, JointTest, SourceSamples, SourceTest, joint_test};
 pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;
 pub use transport::{

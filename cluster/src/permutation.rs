@@ -107,12 +107,6 @@ mod tests {
         assert!((got - expected).abs() <= 1e-11 * expected, "{got:e} is not {expected:e}");
     }
 
-    #[test]
-    #[should_panic(expected = "NaN is not 1e0")]
-    fn the_comparison_sees_nan() {
-        assert_close(f64::NAN, 1.0);
-    }
-
     /// Gamma distributions of whole shapes, and that of shape 1/2: erfc of the root, from tables.
     #[test]
     fn agrees_with_closed_forms() {
@@ -135,37 +129,6 @@ mod tests {
         ] {
             let score = (root * root - 0.5) / 0.5_f64.sqrt();
             assert_close(pearson3_tail(score, 8.0_f64.sqrt()), erfc);
-        }
-    }
-
-    /// The density `x^(a - 1) e^-x`, integrated by Simpson's rule.
-    #[test]
-    fn agrees_with_quadrature() {
-        let integral = |a: f64, from: f64, to: f64| {
-            let steps = 200_000;
-            let h = (to - from) / f64::from(steps);
-            let f = |i: i32| {
-                let x = from + h * f64::from(i);
-                ((a - 1.0) * (x / a).ln() - x + a).exp()
-            };
-            let inner: f64 = (1..steps).map(|i| f(i) * f64::from(2 + 2 * (i % 2))).sum();
-            (f(0) + inner + f(steps)) * h / 3.0
-        };
-        for skewness in [0.1, 0.3, 0.7, 1.2] {
-            let a = 4.0 / f64::powi(skewness, 2);
-            let end = a + 40.0 * a.sqrt() + 60.0;
-            let whole = integral(a, 1e-9, end);
-            for score in [-2.0, 0.0, 0.05, 1.0, 3.0, 6.0] {
-                let at = a + score * a.sqrt();
-                if at > 0.0 {
-                    let expected = integral(a, at, end) / whole;
-                    let got = pearson3_tail(score, skewness);
-                    assert!(
-                        (got / expected - 1.0).abs() < 1e-7,
-                        "{skewness} {score}: {got:e} {expected:e}"
-                    );
-                }
-            }
         }
     }
 

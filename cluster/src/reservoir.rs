@@ -2,7 +2,7 @@
 
 use rand::{Rng, RngExt};
 
-use crate::check::positive;
+use crate::check::check_positive;
 use crate::error::{ClusterError, Result};
 
 /// Uniform sample, without replacement, of at most `capacity` of the episodes offered so far.
@@ -34,7 +34,7 @@ impl<E> Reservoir<E> {
     /// # Errors
     /// A capacity of zero, or a number of episodes other than `min(capacity, seen)`.
     pub fn from_parts(capacity: usize, seen: u64, episodes: Vec<E>) -> Result<Self> {
-        positive("capacity", capacity)?;
+        check_positive("capacity", capacity)?;
         if episodes.len() as u64 != seen.min(capacity as u64) {
             let held = episodes.len();
             return Err(ClusterError::ReservoirParts { capacity, seen, held });

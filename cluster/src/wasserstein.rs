@@ -1,6 +1,6 @@
 //! Exact 1-Wasserstein distance between point clouds.
 
-use crate::check::{positive, rows};
+use crate::check::{check_positive, check_rows};
 use crate::error::Result;
 use crate::euclidean::{EuclideanCosts, euclidean};
 use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
@@ -26,11 +26,11 @@ use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
 pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64> {
-    positive("dim", dim)?;
+    check_positive("dim", dim)?;
     // names in errors are those of the arguments, so they are checked before the sides may change
     // places
-    rows("x", x, dim, "point")?;
-    rows("y", y, dim, "point")?;
+    check_rows("x", x, dim, "point")?;
+    check_rows("y", y, dim, "point")?;
     // many sources and few sinks are priced faster than the reverse
     let (x, y) = if x.len() < y.len() { (y, x) } else { (x, y) };
     let uniform = |cloud: &[f32]| Weights::Uniform(cloud.len() / dim);
@@ -73,7 +73,7 @@ pub struct WassersteinGradient {
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
 pub fn wasserstein1_gradient(x: &[f32], y: &[f32], dim: usize) -> Result<WassersteinGradient> {
-    positive("dim", dim)?;
+    check_positive("dim", dim)?;
     let uniform = |cloud: &[f32]| Weights::Uniform(cloud.len() / dim);
     let mut workspace = Wasserstein::new();
     let plan = workspace.solve((x, uniform(x)), (y, uniform(y)), dim)?;
@@ -127,32 +127,12 @@ impl Wasserstein {
     /// Errors of [`wasserstein1`], weights that are no distribution, and numbers of weights other
     /// than `n` and `m`.
     pub fn solve(&mut self, x: Cloud, y: Cloud, dim: usize) -> Result<&TransportPlan> {
-        let costs = costs(&mut self.costs, x, y, dim)?;
-        self.solver.solve(costs, x.1, y.1)
-    }
-
-    /// Transports `x` to `y` starting from the last solution, as [`Solver::solve_again`] does,
-    /// which is faster if a cloud has grown by a few points.
-    ///
-    /// # Errors
-    /// Errors of [`solve`](Self::solve).
-    pub fn solve_again(&mut self, x: Cloud, y: Cloud, dim: usize) -> Result<&TransportPlan> {
-        let costs = costs(&mut self.costs, x, y, dim)?;
-        self.solver.solve_again(costs, x.1, y.1)
+        let ((x, a), (y, b)) = (x, y);
+        let costs = self.costs.compute(x, y, dim)?;
+        check_weights_of(a, x.len() / dim, b, y.len() / dim)?;
+        self.solver.solve(costs, a, b)
     }
 }
 
 /// Points of a cloud, `[n, dim]` for n points of `dim` coordinates, and their weights.
 pub type Cloud<'a> = (&'a [f32], Weights<'a>);
-
-/// Returns the Euclidean distances between two clouds, after checking that each point has a weight.
-fn costs<'a>(
-    costs: &'a mut EuclideanCosts,
-    (x, a): Cloud,
-    (y, b): Cloud,
-    dim: usize,
-) -> Result<&'a [f64]> {
-    let costs = costs.compute(x, y, dim)?;
-    check_weights_of(a, x.len() / dim, b, y.len() / dim)?;
-    Ok(costs)
-}

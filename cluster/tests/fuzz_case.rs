@@ -8,6 +8,7 @@ use rand::seq::IndexedRandom;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::common::distances;
 use crate::oracle;
 
 /// Outcome of one input.
@@ -24,7 +25,7 @@ pub enum Outcome {
     Imprecise,
 }
 
-/// Solves the input of this seed, after another one in the same workspace as often as not.
+/// Solves the input of this seed, after another one with the same memory as often as not.
 ///
 /// # Errors
 /// A well-formed input that is refused, a malformed one that is answered, an answer that is no
@@ -32,20 +33,43 @@ pub enum Outcome {
 pub fn run(seed: u64) -> Result<Outcome, String> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut solver, mut workspace) = (Solver::new(), Wasserstein::new());
-    let mut solve = |draws: &mut ChaCha8Rng, with_points| {
-        if with_points {
-            clouds(draws, &mut workspace)
-        } else if draws.random_ratio(1, 4) {
-            forbidden_pairs(draws, &mut solver)
-        } else {
-            matrix(draws, &mut solver)
-        }
-    };
     let with_points = rng.random_ratio(1, 3);
+    let mut solve = |draws: &mut ChaCha8Rng| match (with_points, draws.random_ratio(1, 4)) {
+        (true, _) => clouds(draws, &mut workspace),
+        (false, true) => forbidden_pairs(draws).solve(&mut solver),
+        (false, false) => matrix(draws).solve(&mut solver),
+    };
     if rng.random() {
-        solve(&mut rng, with_points)?;
+        solve(&mut rng)?;
     }
-    solve(&mut rng, with_points)
+    solve(&mut rng)
+}
+
+/// Problem on a cost matrix, and the verdict that it must get.
+struct Problem {
+    cost: Vec<f64>,
+    a: Side,
+    b: Side,
+    /// `false` for a malformed problem.
+    sound: bool,
+    /// `true` if the problem may be beyond the precision of an `f64`.
+    hard: bool,
+}
+
+impl Problem {
+    fn solve(&self, solver: &mut Solver) -> Result<Outcome, String> {
+        let Self { cost, a, b, sound, hard } = self;
+        let result = solver.solve(cost, a.weights(), b.weights());
+        let plan = match expected(*sound, *hard, result)? {
+            Ok(plan) => plan,
+            Err(refused) => return Ok(refused),
+        };
+        let again = certify(cost, a.weights(), b.weights(), plan).map_err(|e| e.to_string())?;
+        if again != plan.certificate || !plan.cost.is_finite() {
+            return Err(format!("{again:?} is not {:?}", plan.certificate));
+        }
+        agree(plan.cost, oracle(cost, a, b), tolerance(cost, a, b, plan))
+    }
 }
 
 /// The weights of one side.
@@ -105,7 +129,7 @@ fn tolerance(cost: &[f64], a: &Side, b: &Side, plan: &TransportPlan) -> f64 {
     promised + rounded + 1e-320
 }
 
-fn matrix(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> {
+fn matrix(rng: &mut ChaCha8Rng) -> Problem {
     let (mut n, mut m) = (size(rng), size(rng));
     if rng.random_ratio(1, 1000) {
         m = rng.random_range(501..560); // priced through shortlists
@@ -114,51 +138,31 @@ fn matrix(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> 
         n = m.min(6);
         m = n;
     }
-    let mut cost = costs(rng, n, m);
-    let (mut a, mut b) = (side(rng, n), side(rng, m));
+    let (mut cost, mut a, mut b) = (costs(rng, n, m), side(rng, n), side(rng, m));
     let sound = !rng.random_ratio(1, 8);
     if !sound {
         spoil_matrix(rng, &mut cost, &mut a, &mut b);
     }
-    let result = if rng.random::<bool>() {
-        solver.solve(&cost, a.weights(), b.weights())
-    } else {
-        solver.solve_again(&cost, a.weights(), b.weights())
-    };
     let hard = cost.iter().any(|c| *c < 0.0) || !equal(&a, &b);
-    let plan = match expected(sound, hard, result)? {
-        Ok(plan) => plan,
-        Err(refused) => return Ok(refused),
-    };
-    recertify(&cost, &a, &b, plan)?;
-    agree(plan.cost, oracle(&cost, &a, &b), tolerance(&cost, &a, &b, plan))
+    Problem { cost, a, b, sound, hard }
 }
 
-/// Solves small whole costs of both signs and forbidden pairs between equal weights, for which
-/// rounding is no excuse.
-fn forbidden_pairs(rng: &mut ChaCha8Rng, solver: &mut Solver) -> Result<Outcome, String> {
+/// Small whole costs of both signs and forbidden pairs between equal weights, for which rounding is
+/// no excuse.
+fn forbidden_pairs(rng: &mut ChaCha8Rng) -> Problem {
     let n = rng.random_range(3..=8);
     let prices = [1e9, 1e16, 1e18, 1e30, MAX_COST];
     let one_price = rng.random::<bool>().then(|| rng.random_range(0..prices.len()));
     let share = rng.random_range(1..6);
-    let cost: Vec<f64> = (0..n * n)
-        .map(|_| {
-            if rng.random_ratio(share, 10) {
-                prices[one_price.unwrap_or_else(|| rng.random_range(0..prices.len()))]
-            } else {
-                f64::from(rng.random_range(-3..=3))
-            }
-        })
-        .collect();
-    let side = Side::Uniform(n);
-    let plan = if rng.random::<bool>() {
-        solver.solve(&cost, side.weights(), side.weights())
-    } else {
-        solver.solve_again(&cost, side.weights(), side.weights())
+    let mut cost = || {
+        if rng.random_ratio(share, 10) {
+            prices[one_price.unwrap_or_else(|| rng.random_range(0..prices.len()))]
+        } else {
+            f64::from(rng.random_range(-3..=3))
+        }
     };
-    let plan = plan.map_err(|error| format!("a well-formed input was refused: {error}"))?;
-    recertify(&cost, &side, &side, plan)?;
-    agree(plan.cost, oracle(&cost, &side, &side), tolerance(&cost, &side, &side, plan))
+    let cost = (0..n * n).map(|_| cost()).collect();
+    Problem { cost, a: Side::Uniform(n), b: Side::Uniform(n), sound: true, hard: false }
 }
 
 /// Returns `true` if the weights of both sides are equal.
@@ -179,11 +183,7 @@ fn clouds(rng: &mut ChaCha8Rng, workspace: &mut Wasserstein) -> Result<Outcome, 
     if !sound {
         spoil_clouds(rng, (&mut x, &mut y), (&mut a, &mut b), &mut dim);
     }
-    let result = if rng.random::<bool>() {
-        workspace.solve((&x, a.weights()), (&y, b.weights()), dim)
-    } else {
-        workspace.solve_again((&x, a.weights()), (&y, b.weights()), dim)
-    };
+    let result = workspace.solve((&x, a.weights()), (&y, b.weights()), dim);
     let plan = match expected(sound, !equal(&a, &b), result)? {
         Ok(plan) => plan,
         Err(refused) => return Ok(refused),
@@ -193,14 +193,6 @@ fn clouds(rng: &mut ChaCha8Rng, workspace: &mut Wasserstein) -> Result<Outcome, 
     let on_a_line = dim == 1 && equal(&a, &b);
     let expected = if on_a_line { Some(oracle::line(&x, &y)) } else { oracle(&cost, &a, &b) };
     agree(plan.cost, expected, tolerance)
-}
-
-/// Returns the distances `[n, m]` by their definition.
-fn distances(x: &[f32], y: &[f32], dim: usize) -> Vec<f64> {
-    let square = |(a, b): (&f32, &f32)| (f64::from(*a) - f64::from(*b)).powi(2);
-    let distance = |p: &[f32], q: &[f32]| p.iter().zip(q).map(square).sum::<f64>().sqrt();
-    let rows = x.chunks_exact(dim);
-    rows.flat_map(|p| y.chunks_exact(dim).map(move |q| distance(p, q))).collect()
 }
 
 /// Holds a verdict to the one that the input deserves: a plan, or the reason why there is none.
@@ -219,15 +211,6 @@ pub fn expected(
         (false, Err(_)) => Ok(Err(Outcome::Refused)),
         (true, Err(error)) => Err(format!("a well-formed input was refused: {error}")),
         (false, Ok(_)) => Err("a malformed input was answered".into()),
-    }
-}
-
-fn recertify(cost: &[f64], a: &Side, b: &Side, plan: &TransportPlan) -> Result<(), String> {
-    let again = certify(cost, a.weights(), b.weights(), plan).map_err(|e| e.to_string())?;
-    if again == plan.certificate && plan.cost.is_finite() {
-        Ok(())
-    } else {
-        Err(format!("{again:?} is not {:?}", plan.certificate))
     }
 }
 

@@ -17,7 +17,7 @@ use symmetry::D2;
 
 use crate::DeployError;
 use experiments::{Experiment, RunError, RunFolder, Stream};
-use learner::{Labels, Learner, LearnerSettings, Recognised};
+use learner::{Labels, Learner, LearnerSettings, RecognisedPolicy};
 
 use super::controller::ActionController;
 use super::dry_run::{DryRunReport, DryRunRig};
@@ -201,7 +201,7 @@ impl Deployment {
         let mut look =
             FirstPictureEnv { spec: &self.spec, first_observation: &env.first_observation };
         let started = Instant::now();
-        let Recognised { policy, fits } =
+        let RecognisedPolicy { policy, fits } =
             self.learner.recognise_policy(&mut look, Some(1), &mut rng)?;
         env.latencies.record(DecisionStage::ChoosePolicy, started.elapsed());
         let stats = self.learner.evaluate_policy(policy, env, 1)?.stats;

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p covers-evidence --example own_frames -- FOLDER`
 //!
-//! FOLDER holds one folder for each group of tasks, and those hold the first picture of each of its
+//! FOLDER holds one folder for each group of tasks, and those hold the first image of each of its
 //! episodes as PNG files of one size and colour type, 8 bits a channel; 40 of each group are
 //! plenty, 20 will do. Half of each group is remembered, and the other half is asked about. Without
 //! FOLDER the frames of a drawn world are measured.
@@ -13,7 +13,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use cluster::Verdict;
-use evidence::{Account, Filters, Recogniser, RecogniserSettings, Situation};
+use evidence::{EpisodeSummary, RandomFilters, Recogniser, RecogniserSettings, RolloutContext};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -27,7 +27,7 @@ const REPETITIONS: usize = 10;
 
 struct Group {
     name: String,
-    accounts: Vec<Account>,
+    summaries: Vec<EpisodeSummary>,
 }
 
 fn main() -> Answer<()> {
@@ -44,40 +44,39 @@ fn main() -> Answer<()> {
 fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
     println!("| remembered | asked about | distance over chance | score | rejected |");
     println!("|---|---|---|---|---|");
-    for home in groups {
+    for own in groups {
         for other in groups {
             let (mut ratio, mut score, mut rejected) = (0.0, 0.0, 0);
             for _ in 0..REPETITIONS {
-                let [remembered, asked] = halves(home, other, rng);
+                let [remembered, asked] = halves(own, other, rng);
                 let mut recogniser = Recogniser::new(RecogniserSettings::default())?;
-                recogniser.learn(0, &remembered, rng)?;
-                let situation = Situation { can_wait: false, ..Situation::of(0) };
-                let finding = recogniser.assign(&asked, situation, rng)?;
-                let opinion = &finding.opinions[0];
-                let test = opinion.test.as_ref().ok_or("fewer than 4 frames of a group")?;
-                let picture = test.sources[0];
-                ratio += picture.map_or(1.0, |s| s.ratio()) / REPETITIONS as f64;
-                score += picture.map_or(0.0, |s| s.score) / REPETITIONS as f64;
-                rejected += usize::from(opinion.verdict == Verdict::Rejected);
+                recogniser.record_training(0, &remembered, rng)?;
+                let context =
+                    RolloutContext { allow_undecided: false, ..RolloutContext::of_collector(0) };
+                let decision = recogniser.assign(&asked, context, rng)?;
+                let result = &decision.tests[0];
+                let test = result.test.as_ref().ok_or("fewer than 4 frames of a group")?;
+                let image = test.sources[0];
+                ratio += image.map_or(1.0, |s| s.ratio()) / REPETITIONS as f64;
+                score += image.map_or(0.0, |s| s.score) / REPETITIONS as f64;
+                rejected += usize::from(result.verdict == Verdict::Rejected);
             }
-            let (home, other) = (&home.name, &other.name);
-            println!(
-                "| {home} | {other} | {ratio:.2} | {score:.1} | {rejected} of {REPETITIONS} |"
-            );
+            let (own, other) = (&own.name, &other.name);
+            println!("| {own} | {other} | {ratio:.2} | {score:.1} | {rejected} of {REPETITIONS} |");
         }
     }
     Ok(())
 }
 
 /// Frames of one group to remember and of another, or of the same, to ask about.
-fn halves<R: Rng>(home: &Group, other: &Group, rng: &mut R) -> [Vec<Account>; 2] {
-    let mut shuffled = home.accounts.clone();
+fn halves<R: Rng>(own: &Group, other: &Group, rng: &mut R) -> [Vec<EpisodeSummary>; 2] {
+    let mut shuffled = own.summaries.clone();
     shuffled.shuffle(rng);
     let asked = shuffled.split_off(shuffled.len() / 2);
-    if std::ptr::eq(home, other) {
+    if std::ptr::eq(own, other) {
         return [shuffled, asked];
     }
-    let mut others = other.accounts.clone();
+    let mut others = other.summaries.clone();
     others.shuffle(rng);
     others.truncate(others.len() / 2);
     [shuffled, others]
@@ -96,20 +95,21 @@ fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 let mut question = Vec::new();
                 for (policy, other) in groups.iter().enumerate() {
                     let [remembered, rest] = halves(other, other, rng);
-                    known.learn(policy, &remembered, rng)?;
+                    known.record_training(policy, &remembered, rng)?;
                     if policy == index {
                         question = rest;
                     }
                 }
                 question.truncate(frames);
                 (fewest, most) = (fewest.min(question.len()), most.max(question.len()));
-                right += usize::from(known.recognise(&question, rng)?.likeliest() == Some(index));
+                right +=
+                    usize::from(known.recognise(&question, rng)?.most_probable() == Some(index));
                 let mut others = Recogniser::new(RecogniserSettings::default())?;
                 let rest = groups.iter().filter(|other| other.name != group.name);
                 for (policy, other) in rest.enumerate() {
-                    others.learn(policy, &halves(other, other, rng)[0], rng)?;
+                    others.record_training(policy, &halves(other, other, rng)[0], rng)?;
                 }
-                none += usize::from(others.recognise(&question, rng)?.likeliest().is_none());
+                none += usize::from(others.recognise(&question, rng)?.most_probable().is_none());
                 asked += 1;
             }
         }
@@ -125,20 +125,20 @@ fn read(folder: &Path) -> Answer<Vec<Group>> {
     let mut first = None;
     for path in sorted(folder)?.into_iter().filter(|path| path.is_dir()) {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into();
-        let mut accounts = Vec::new();
+        let mut summaries = Vec::new();
         for file in sorted(&path)? {
-            let (size, pixels) = picture(&file)?;
+            let (size, pixels) = image(&file)?;
             let expected = *first.get_or_insert(size);
             if size != expected {
                 let file_name = file.display();
                 let problem =
                     format!("{file_name} is {size:?}, expected {expected:?} as the first");
-                return Err((problem + " picture: height, width and channels").into());
+                return Err((problem + " image: height, width and channels").into());
             }
-            let filters = Filters::new(size, RecogniserSettings::default().filters)?;
-            accounts.push(account(accounts.len(), filters.describe(&pixels)?));
+            let filters = RandomFilters::new(size, RecogniserSettings::default().filters)?;
+            summaries.push(summary(summaries.len(), filters.features(&pixels)?));
         }
-        groups.push(Group { name, accounts });
+        groups.push(Group { name, summaries });
     }
     match groups.len() {
         0 | 1 => Err(format!("{} groups, expected at least 2 folders", groups.len()).into()),
@@ -153,20 +153,27 @@ fn sorted(folder: &Path) -> Answer<Vec<PathBuf>> {
     Ok(paths)
 }
 
-/// Height, width and channels of a picture, and its pixels.
-fn picture(path: &Path) -> Answer<([usize; 3], Vec<u8>)> {
+/// Height, width and channels of a image, and its pixels.
+fn image(path: &Path) -> Answer<([usize; 3], Vec<u8>)> {
     let mut decoder = png::Decoder::new(BufReader::new(File::open(path)?));
     decoder.set_transformations(png::Transformations::normalize_to_color8());
     let mut reader = decoder.read_info()?;
-    let mut pixels = vec![0; reader.output_buffer_size().ok_or("the picture is too large")?];
+    let mut pixels = vec![0; reader.output_buffer_size().ok_or("the image is too large")?];
     let info = reader.next_frame(&mut pixels)?;
     pixels.truncate(info.buffer_size());
     let channels = info.color_type.samples();
     Ok(([info.height as usize, info.width as usize, channels], pixels))
 }
 
-fn account(began: usize, picture: Vec<f32>) -> Account {
-    Account { began, picture, vector: vec![0.0], motion: None, slope: None, earned: None }
+fn summary(began: usize, image_features: Vec<f32>) -> EpisodeSummary {
+    EpisodeSummary {
+        began,
+        image_features,
+        first_vector: vec![0.0],
+        motion: None,
+        reward_gradient: None,
+        episode_return: None,
+    }
 }
 
 /// 40 first frames of each group of a drawn world.
@@ -179,14 +186,14 @@ fn drawn() -> Answer<Vec<Group>> {
         let spec = stream.spec().clone();
         let mut seen = Observations::new(&spec);
         stream.reset(&mut seen)?;
-        let filters = Filters::new(spec.image_shape, RecogniserSettings::default().filters)?;
+        let filters = RandomFilters::new(spec.image_shape, RecogniserSettings::default().filters)?;
         let images = seen.images.chunks(spec.image_len());
-        let described = images.map(|image| filters.describe(image));
-        let described = described.collect::<Result<Vec<_>, _>>()?;
-        let accounts = described.into_iter().enumerate();
+        let features = images.map(|image| filters.features(image));
+        let features = features.collect::<Result<Vec<_>, _>>()?;
+        let summaries = features.into_iter().enumerate();
         groups.push(Group {
             name: format!("{:?} {:?}", world.groups[group].appearance.shape, group),
-            accounts: accounts.map(|(began, picture)| account(began, picture)).collect(),
+            summaries: summaries.map(|(began, features)| summary(began, features)).collect(),
         });
     }
     Ok(groups)
@@ -198,7 +205,7 @@ mod tests {
 
     use super::*;
 
-    /// A black picture of 8 x 8, or of another width or colour type, in a folder of its own.
+    /// A black image of 8 x 8, or of another width or colour type, in a folder of its own.
     fn write(folder: &Path, group: &str, width: u32, colour: png::ColorType) {
         let folder = folder.join(group);
         fs::create_dir_all(&folder).unwrap();

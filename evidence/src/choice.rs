@@ -2,107 +2,105 @@
 
 use cluster::Verdict;
 
-use crate::opinion::Opinion;
+use crate::policy_test::PolicyTest;
 
-/// Number of standard deviations by which first pictures and vectors must fit another policy better
+/// Number of standard deviations by which first images and vectors must fit another policy better
 /// before it replaces an accepted policy that acted.
 const MARGIN: f64 = 3.0;
-/// Largest p-value of the acting policy's first pictures or vectors at which it can be replaced.
+/// Largest p-value of the acting policy's first images or vectors at which it can be replaced.
 // Groups that look alike differ by chance, too, so a better score alone is not enough.
 const UNLIKELY: f64 = 1e-3;
 /// Least quotient of the excesses over 1 of two distance ratios, every other policy's by the
 /// nearest one's, for the nearest one to be singled out.
 // Nearest at 1.6 and all others beyond 2.5, since 1.5 = 2.5 * 0.6 (docs/assignment.md, "Return").
-const APART: f64 = 2.5;
+const ISOLATION: f64 = 2.5;
 
-/// Evidence for and against all policies, from episodes in which one of them acted.
-pub(crate) struct Choice<'a> {
-    opinions: &'a [Opinion],
+/// Tests of all policies on the same episodes, and the policy that acted in them.
+pub(crate) struct PolicyChoice<'a> {
+    tests: &'a [PolicyTest],
     collector: usize,
 }
 
-impl<'a> Choice<'a> {
-    pub(crate) fn new(opinions: &'a [Opinion], collector: usize) -> Self {
-        Self { opinions, collector }
+impl<'a> PolicyChoice<'a> {
+    pub(crate) fn new(tests: &'a [PolicyTest], collector: usize) -> Self {
+        Self { tests, collector }
     }
 
-    /// Returns the evidence for the policy that acted; `None` if it is not one of the policies.
-    pub(crate) fn own(&self) -> Option<&'a Opinion> {
-        self.opinions.get(self.collector)
+    /// Returns the test of the policy that acted; `None` if it is not one of the policies.
+    pub(crate) fn collector_test(&self) -> Option<&'a PolicyTest> {
+        self.tests.get(self.collector)
     }
 
-    /// Returns `true` if first pictures and vectors do not reject the acting policy at the
+    /// Returns `true` if first images and vectors do not reject the acting policy at the
     /// significance level `level`.
-    pub(crate) fn is_alike(&self, level: f64) -> bool {
-        self.own().is_some_and(|own| !own.looks_doubtful(level))
+    pub(crate) fn looks_familiar(&self, level: f64) -> bool {
+        self.collector_test().is_some_and(|test| !test.first_observation_differs(level))
     }
 
     /// Returns the acting policy, or another one that fits much better; `None` if the acting policy
     /// is not accepted.
-    pub(crate) fn kept(&self) -> Option<usize> {
-        let own = self.own().filter(|own| own.verdict == Verdict::Accepted)?;
-        let mut looks = own.sources().filter(|(kind, _)| kind.is_look());
-        let is_unlikely = looks.any(|(_, source)| source.tail_p_value <= UNLIKELY);
-        let better =
-            |policy: &usize| self.opinions[*policy].look_score() + MARGIN < own.look_score();
-        let other = self.fittest().filter(|policy| is_unlikely && better(policy));
+    pub(crate) fn accepted_collector(&self) -> Option<usize> {
+        let own = self.collector_test().filter(|test| test.verdict == Verdict::Accepted)?;
+        let is_unlikely = own.first_observation_p_value() <= UNLIKELY;
+        let is_better = |policy: &usize| {
+            self.tests[*policy].first_observation_score() + MARGIN < own.first_observation_score()
+        };
+        let other = self.best_other().filter(|policy| is_unlikely && is_better(policy));
         Some(other.unwrap_or(self.collector))
     }
 
     /// Returns the accepted policies, except the acting one, that fit about as well as the best.
     /// The policy with the largest gain in return comes first, because its returns say most.
-    pub(crate) fn rivals(&self) -> Vec<usize> {
-        let Some(fittest) = self.fittest() else {
+    pub(crate) fn accepted_others(&self) -> Vec<usize> {
+        let Some(best) = self.best_other() else {
             return Vec::new();
         };
-        let most = self.opinions[fittest].misfit() + MARGIN;
-        let is_near = |policy: &usize| self.opinions[*policy].misfit() <= most;
+        let most = self.tests[best].outlier_score() + MARGIN;
+        let is_near = |policy: &usize| self.tests[*policy].outlier_score() <= most;
         let mut near: Vec<usize> = self.others().filter(is_near).collect();
-        near.sort_by(|&a, &b| self.opinions[b].gain.total_cmp(&self.opinions[a].gain));
+        near.sort_by(|&a, &b| self.tests[b].gain.total_cmp(&self.tests[a].gain));
         near
     }
 
     /// Returns the index of a policy whose task group may have drifted while other policies acted.
-    /// This is the eligible policy with the smallest distance ratio, if that is below `farthest`
-    /// and every other policy that is not merged with it is far more distant; otherwise the nearest
-    /// policy that `can_show` by its earnings that it serves the group, if its ratio is below
-    /// `most`.
+    /// This is the eligible policy with the smallest distance ratio, if that is below
+    /// `max_isolated` and every other policy that is not merged with it is far more distant;
+    /// otherwise the nearest policy that `can_prove` by its returns that it serves the group, if
+    /// its ratio is below `max`.
     pub(crate) fn drifted(
         &self,
-        most: f64,
-        farthest: f64,
+        max: f64,
+        max_isolated: f64,
         is_eligible: impl Fn(usize) -> bool,
-        can_show: impl Fn(usize) -> bool,
-        are_kin: impl Fn(usize, usize) -> bool,
+        can_prove: impl Fn(usize) -> bool,
+        are_merged: impl Fn(usize, usize) -> bool,
     ) -> Option<usize> {
-        let ratio = |policy: usize| self.opinions[policy].look_ratio();
-        let mut tested: Vec<usize> = (0..self.opinions.len())
-            .filter(|&policy| self.opinions[policy].test.is_some())
-            .collect();
+        let ratio = |policy: usize| self.tests[policy].first_observation_ratio();
+        let mut tested: Vec<usize> =
+            (0..self.tests.len()).filter(|&policy| self.tests[policy].test.is_some()).collect();
         tested.sort_by(|&a, &b| ratio(a).total_cmp(&ratio(b)));
         let mut eligible = tested.iter().copied().filter(|&policy| is_eligible(policy));
         let nearest = eligible.clone().next()?;
-        let far = 1.0 + APART * (ratio(nearest) - 1.0).max(0.0);
-        let mut others =
-            tested.iter().filter(|&&other| other != nearest && !are_kin(nearest, other));
-        let is_apart = others.next().is_some_and(|&next| ratio(next) >= far);
-        if is_apart && ratio(nearest) < farthest {
+        let far = 1.0 + ISOLATION * (ratio(nearest) - 1.0).max(0.0);
+        let is_other = |&other: &usize| other != nearest && !are_merged(nearest, other);
+        let next = tested.iter().copied().find(is_other);
+        if next.is_some_and(|next| ratio(next) >= far) && ratio(nearest) < max_isolated {
             return Some(nearest);
         }
-        let near = eligible.find(|&policy| can_show(policy));
-        near.filter(|&policy| ratio(policy) < most)
+        let near = eligible.find(|&policy| can_prove(policy));
+        near.filter(|&policy| ratio(policy) < max)
     }
 
     /// Returns the accepted policies except the one that acted.
     fn others(&self) -> impl Iterator<Item = usize> {
-        (0..self.opinions.len()).filter(|&policy| {
-            policy != self.collector && self.opinions[policy].verdict == Verdict::Accepted
+        (0..self.tests.len()).filter(|&policy| {
+            policy != self.collector && self.tests[policy].verdict == Verdict::Accepted
         })
     }
 
     /// Returns the accepted policy, except the acting one, that fits best; the first of equals.
-    fn fittest(&self) -> Option<usize> {
-        let misfit = |policy: &usize| self.opinions[*policy].misfit();
-        self.others().min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
+    fn best_other(&self) -> Option<usize> {
+        let score = |policy: &usize| self.tests[*policy].outlier_score();
+        self.others().min_by(|a, b| score(a).total_cmp(&score(b)))
     }
 }

@@ -8,17 +8,17 @@ pub(crate) type Result<T> = std::result::Result<T, EvidenceError>;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvidenceError {
-    /// Picture that is smaller than a filter, or has no channel or more than 1000.
+    /// Image that is smaller than a filter, or has no channel or more than 1000.
     #[error(
-        "pictures are {height} x {width} with {channels} channels, expected at least 7 x 7 with \
+        "images are {height} x {width} with {channels} channels, expected at least 7 x 7 with \
          1 to 1000"
     )]
-    PictureSize {
-        /// Number of rows of pixels of the picture.
+    ImageSize {
+        /// Number of rows of pixels of the image.
         height: usize,
-        /// Number of columns of pixels of the picture.
+        /// Number of columns of pixels of the image.
         width: usize,
-        /// Number of channels of the picture.
+        /// Number of channels of the image.
         channels: usize,
     },
     /// List of numbers, such as the vectors of an episode, of the wrong length.
@@ -59,10 +59,10 @@ pub enum EvidenceError {
     },
     /// Stored state of a recogniser with more episodes for a policy than the settings allow.
     #[error(
-        "{got} accounts of one policy, expected at most {most}: set `memory` as it was when they \
-         were kept"
+        "{got} episodes of one policy, expected at most {most}: set `memory` as it was when they \
+         were stored"
     )]
-    TooManyAccounts {
+    TooManyEpisodes {
         /// Number of episodes that the state stores for the policy.
         got: usize,
         /// Largest number of episodes for a policy, the setting `memory`.
@@ -87,17 +87,26 @@ pub enum EvidenceError {
         /// Number of known policies.
         policies: usize,
     },
-    /// Stored state in which each of several policies was merged into the next, in a circle, so
-    /// that none of them acts.
+    /// Stored state in which merges form a cycle, so that none of its policies acts.
     #[error(
-        "the heirs of policy {policy} follow each other in a circle, expected one that acts: the \
-         state is damaged, take another one"
+        "the policies that policy {policy} was merged into form a cycle, expected one that acts: \
+         the state is damaged, take another one"
     )]
-    HeirsInCircle {
-        /// Index of a policy on the circle or leading into it.
+    CyclicMerge {
+        /// Index of a policy on the cycle or leading into it.
         policy: usize,
     },
     /// Error of a Wasserstein distance or a permutation test.
     #[error(transparent)]
     Cluster(#[from] ClusterError),
+}
+
+/// Checks that a list of numbers has the expected length.
+pub(crate) fn check_len(what: &'static str, got: usize, expected: usize) -> Result<()> {
+    if got == expected { Ok(()) } else { Err(EvidenceError::Length { what, got, expected }) }
+}
+
+/// Checks that a number is finite.
+pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<()> {
+    if value.is_finite() { Ok(()) } else { Err(EvidenceError::NotFinite { what, value }) }
 }

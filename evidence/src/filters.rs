@@ -1,4 +1,4 @@
-//! Picture features from random filters, pooled over positions and flips.
+//! Image features from random convolution filters, pooled over positions and flips.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -8,32 +8,33 @@ use symmetry::D2;
 
 use crate::error::{EvidenceError, Result};
 
-/// Stride of the picture filters in rows and columns, in pixels.
+/// Stride of the filters in rows and columns, in pixels.
 const STRIDE: usize = 2;
 /// Seed of the weights of the random filters: all banks of one size are equal.
 const SEED: u64 = 0;
 
-/// Fixed bank of random filters. Each gives two features: the mean and the largest response over
-/// the picture, after a rectifier, averaged over the four flips of the filter.
+/// Fixed bank of random convolution filters, which describes the content of an image. Each filter
+/// gives two features: the mean and the largest response over the image, after a rectifier,
+/// averaged over the four flips of the filter.
 ///
-/// The features are equal for the four mirror images of a picture, to the bit: pixels and weights
+/// The features are equal for the four mirror images of an image, to the bit: pixels and weights
 /// are integers, so sums are exact and do not depend on their order. Weights of each filter
 /// sum to zero in each channel, so that uniform ground gives no response.
 ///
 /// ```
-/// use evidence::Filters;
+/// use evidence::RandomFilters;
 /// use symmetry::D2;
 ///
-/// let filters = Filters::new([12, 12, 3], 8)?;
+/// let filters = RandomFilters::new([12, 12, 3], 8)?;
 /// let image: Vec<u8> = (0..12 * 12 * 3).map(|i| (i * i % 251) as u8).collect();
-/// let described = filters.describe(&image)?;
-/// assert_eq!(described.len(), 16);
+/// let features = filters.features(&image)?;
+/// assert_eq!(features.len(), 16);
 /// let mirrored = D2::FlipX.transform_image(&image, 12, 12, 3);
-/// assert_eq!(filters.describe(&mirrored)?, described);
+/// assert_eq!(filters.features(&mirrored)?, features);
 /// # Ok::<(), evidence::EvidenceError>(())
 /// ```
 #[derive(Clone, Debug)]
-pub struct Filters {
+pub struct RandomFilters {
     image: [usize; 3],
     kernel: [usize; 2],
     count: usize,
@@ -42,15 +43,15 @@ pub struct Filters {
     weights: Vec<f32>,
 }
 
-impl Filters {
-    /// Creates a bank of `count` random filters for pictures `[height, width, channels]`.
+impl RandomFilters {
+    /// Creates a bank of `count` random filters for images `[height, width, channels]`.
     ///
     /// # Errors
-    /// Pictures smaller than 7 x 7, no channel or more than 1000, or no filter.
+    /// Images smaller than 7 x 7, no channel or more than 1000, or no filter.
     pub fn new(image: [usize; 3], count: usize) -> Result<Self> {
         let [height, width, channels] = image;
         if height < 7 || width < 7 || !(1..=1000).contains(&channels) {
-            return Err(EvidenceError::PictureSize { height, width, channels });
+            return Err(EvidenceError::ImageSize { height, width, channels });
         }
         if count == 0 {
             return Err(EvidenceError::InvalidSetting {
@@ -65,20 +66,20 @@ impl Filters {
         Ok(Self { image, kernel, count, weights: weights(kernel, channels, count) })
     }
 
-    /// Returns the features of a picture `[height, width, channels]`: the mean responses of all
+    /// Returns the features of an image `[height, width, channels]`: the mean responses of all
     /// filters, times 10, then the largest ones, all scaled to length 1.
     ///
     /// # Errors
-    /// A picture of another size.
-    pub fn describe(&self, image: &[u8]) -> Result<Vec<f32>> {
+    /// A image of another size.
+    pub fn features(&self, image: &[u8]) -> Result<Vec<f32>> {
         let expected = self.image.iter().product();
         if image.len() != expected {
-            return Err(EvidenceError::Length { what: "a picture", got: image.len(), expected });
+            return Err(EvidenceError::Length { what: "an image", got: image.len(), expected });
         }
-        let responses = self.respond(image);
-        let mut described = vec![0.0; 2 * self.count];
-        let (means, maxima) = described.split_at_mut(self.count);
-        let unit = 4.0 * 255.0 * f64::from(most(self.kernel, self.image[2]));
+        let responses = self.responses(image);
+        let mut features = vec![0.0; 2 * self.count];
+        let (means, maxima) = features.split_at_mut(self.count);
+        let unit = 4.0 * 255.0 * f64::from(max_weight(self.kernel, self.image[2]));
         for (filter, (mean, largest)) in means.iter_mut().zip(maxima).enumerate() {
             let (sum, peak) = self.pool(filter, &responses);
             let places = responses.len() / (4 * self.count);
@@ -86,13 +87,13 @@ impl Filters {
             *mean = (MEAN_WEIGHT * sum / (unit * places as f64)) as f32;
             *largest = (peak / unit) as f32;
         }
-        normalise(&mut described);
-        Ok(described)
+        normalise(&mut features);
+        Ok(features)
     }
 
-    /// Returns the responses of the four flips of all filters at all positions of a picture,
+    /// Returns the responses of the four flips of all filters at all positions of an image,
     /// `[positions, 4, filters]`.
-    fn respond(&self, image: &[u8]) -> Vec<f32> {
+    fn responses(&self, image: &[u8]) -> Vec<f32> {
         let taps = self.kernel[0] * self.kernel[1] * self.image[2];
         let patches = self.patches(image);
         let places = patches.len() / taps;
@@ -108,7 +109,7 @@ impl Filters {
         responses
     }
 
-    /// Returns the im2col matrix of a picture, `[positions, taps]`.
+    /// Returns the im2col matrix of an image, `[positions, taps]`.
     fn patches(&self, image: &[u8]) -> Vec<f32> {
         let [height, width, channels] = self.image;
         let [rows, cols] = self.kernel;
@@ -142,12 +143,12 @@ impl Filters {
     }
 }
 
-/// Weight of the mean filter responses relative to the largest ones in the features of a picture.
+/// Weight of the mean filter responses relative to the largest ones in the features of an image.
 const MEAN_WEIGHT: f64 = 10.0;
 
 /// Returns the largest magnitude of a filter weight for which responses fit into the 24 bits of an
 /// `f32`'s significand.
-fn most([rows, cols]: [usize; 2], channels: usize) -> i32 {
+fn max_weight([rows, cols]: [usize; 2], channels: usize) -> i32 {
     let taps = (rows * cols * channels) as i32;
     ((1 << 24) / (255 * taps) / 2).clamp(1, 100)
 }
@@ -165,7 +166,7 @@ fn normalise(values: &mut [f32]) {
 /// `[rows, cols, channels, 4, count]`, shifted so that they sum to zero in each channel.
 fn weights(kernel: [usize; 2], channels: usize, count: usize) -> Vec<f32> {
     let [rows, cols] = kernel;
-    let (most, taps) = (most(kernel, channels), rows * cols);
+    let (most, taps) = (max_weight(kernel, channels), rows * cols);
     let mut rng = ChaCha8Rng::seed_from_u64(SEED);
     let mut weights = vec![0.0; taps * channels * 4 * count];
     for filter in 0..count {
@@ -201,21 +202,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weights_are_whole_and_even_ground_gives_no_response() {
+    fn weights_are_whole_and_uniform_ground_gives_no_response() {
         for image in [[8, 9, 3], [48, 48, 6]] {
-            let filters = Filters::new(image, 5).unwrap();
+            let filters = RandomFilters::new(image, 5).unwrap();
             assert!(filters.weights.iter().all(|w| w.fract() == 0.0));
-            let even = vec![200; image.iter().product()];
-            assert!(filters.describe(&even).unwrap().iter().all(|&v| v == 0.0));
+            let uniform = vec![200; image.iter().product()];
+            assert!(filters.features(&uniform).unwrap().iter().all(|&v| v == 0.0));
         }
     }
 
     #[test]
     fn sizes_are_asked_for() {
-        assert!(Filters::new([6, 48, 3], 4).is_err());
-        assert!(Filters::new([48, 48, 0], 4).is_err());
-        assert!(Filters::new([48, 48, 3], 0).is_err());
-        let message = Filters::new([8, 8, 1], 4).unwrap().describe(&[0; 3]).unwrap_err();
-        assert_eq!(message.to_string(), "a picture holds 3 values, expected 64");
+        assert!(RandomFilters::new([6, 48, 3], 4).is_err());
+        assert!(RandomFilters::new([48, 48, 0], 4).is_err());
+        assert!(RandomFilters::new([48, 48, 3], 0).is_err());
+        let message = RandomFilters::new([8, 8, 1], 4).unwrap().features(&[0; 3]).unwrap_err();
+        assert_eq!(message.to_string(), "an image holds 3 values, expected 64");
     }
 }

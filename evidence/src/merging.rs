@@ -3,124 +3,124 @@
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::account::Account;
 use crate::error::Result;
-use crate::memory::Memory;
-use crate::opinion::{Look, Opinion, Role};
+use crate::memory::PolicyMemory;
+use crate::policy_test::{PolicyRole, PolicyTest, TestStage};
 use crate::recogniser::Recogniser;
+use crate::summary::EpisodeSummary;
 
 impl Recogniser {
     /// Returns the index of a policy that may serve the same task group as `policy`. It is the
     /// first one that the last decision `accepted`, that has a gain, was not merged, and was not
     /// found to differ before. `None` if there is none, or if the gain of `policy` is too small for
-    /// a proof. Let it act for some episodes of that group, then call [`Recogniser::compare`].
-    pub fn twin(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
-        let examiner = self.examiner();
-        let own = self.memories.get(policy)?;
-        let may_be = |twin: &usize| {
-            let others = |memory| !Memory::is_gone(memory) && examiner.has_gain(memory);
-            *twin != policy
-                && !own.apart.contains(twin)
-                && self.memories.get(*twin).is_some_and(others)
-        };
-        let twin = accepted.iter().copied().find(may_be);
-        twin.filter(|_| examiner.has_proven_gain(own))
+    /// a proof. Let it act for some episodes of that group, then call
+    /// [`Recogniser::confirm_duplicate`].
+    pub fn find_duplicate(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
+        let tester = self.tester();
+        let own = self.memories.get(policy).filter(|own| tester.has_proven_gain(own))?;
+        let may_serve = |memory: &PolicyMemory| !memory.is_merged() && tester.has_gain(memory);
+        accepted.iter().copied().find(|other| {
+            *other != policy
+                && !own.distinct_from.contains(other)
+                && self.memories.get(*other).is_some_and(may_serve)
+        })
     }
 
-    /// Returns `true` if `twin`, which acted in the episodes `accounts` of the task group of
-    /// `policy`, earned about as much as in its own group and as `policy` does. Then let `policy`
-    /// act once more, since the group may have changed before `twin` acted, and call
-    /// [`Recogniser::merge`]. Two policies that differ are not proposed again.
+    /// Returns `true` if `duplicate`, which acted in the episodes `summaries` of the task group of
+    /// `policy`, got about the return that it gets in its own group and that `policy` gets. Then
+    /// let `policy` act once more, since the group may have changed before `duplicate` acted, and
+    /// call [`Recogniser::merge`]. Two policies that differ are not proposed again.
     ///
     /// # Errors
     /// Too few episodes, unknown policies, or episodes that cannot be compared.
-    pub fn compare(
+    pub fn confirm_duplicate(
         &mut self,
         policy: usize,
-        twin: usize,
-        accounts: &[Account],
+        duplicate: usize,
+        summaries: &[EpisodeSummary],
         rng: &mut impl Rng,
     ) -> Result<bool> {
         self.check_policy(policy)?;
-        let opinion = self.opinion_of(twin, accounts, rng)?;
-        // a policy that clearly earns more in its own group must keep it
-        let lags = self.lost(policy, accounts) >= self.settings().min_loss;
-        let is_twin = !lags && !opinion.is_rejected() && self.examiner().is_proven(&opinion);
-        if !is_twin {
-            self.part(policy, twin);
+        let test = self.test_collector(duplicate, summaries, rng)?;
+        // a policy that clearly has higher returns in its own group must keep it
+        let is_worse = self.return_loss(policy, summaries) >= self.settings().min_loss;
+        let serves = !is_worse && !test.is_rejected() && self.tester().is_proven(&test);
+        if !serves {
+            self.mark_distinct(policy, duplicate);
         }
-        Ok(is_twin)
+        Ok(serves)
     }
 
-    /// Merges `policy` into `twin`, which [`Recogniser::compare`] accepted by the episodes
-    /// `of_twin`, if `policy` still serves its group in the episodes `again`, in which it acted
-    /// itself. If `policy` earned clearly more in its own group than `twin` did, `twin` is merged
-    /// into `policy` instead. If nothing was merged, the two may be compared again.
+    /// Merges `policy` into `duplicate`, which [`Recogniser::confirm_duplicate`] accepted by the
+    /// episodes `of_duplicate`, if `policy` still serves its group in the episodes `again`, in
+    /// which it acted itself. If the returns of `policy` in its own group were clearly higher than
+    /// those of `duplicate`, `duplicate` is merged into `policy` instead. If nothing was merged,
+    /// the two may be compared again.
     ///
     /// # Errors
-    /// Errors of [`Recogniser::compare`].
+    /// Errors of [`Recogniser::confirm_duplicate`].
     pub fn merge(
         &mut self,
         policy: usize,
-        twin: usize,
-        of_twin: &[Account],
-        again: &[Account],
+        duplicate: usize,
+        of_duplicate: &[EpisodeSummary],
+        again: &[EpisodeSummary],
         rng: &mut impl Rng,
     ) -> Result<()> {
         self.check_policy(policy)?;
-        self.check_policy(twin)?;
-        if policy == twin || self.memories[policy].is_gone() || self.memories[twin].is_gone() {
+        self.check_policy(duplicate)?;
+        let is_merged = |index: usize| self.memories[index].is_merged();
+        if policy == duplicate || is_merged(policy) || is_merged(duplicate) {
             return Ok(());
         }
-        let opinion = self.opinion_of(policy, again, rng)?;
-        if opinion.is_rejected() || !self.examiner().keeps(&opinion) {
+        let test = self.test_collector(policy, again, rng)?;
+        if test.is_rejected() || !self.tester().keeps_return(&test) {
             return Ok(());
         }
-        // `twin` has served in both groups, `policy` never acted in the group of `twin`
-        let is_loss = self.examiner().is_loss(self.lost(policy, of_twin));
-        let (kept, gone) = if is_loss { (policy, twin) } else { (twin, policy) };
-        self.memories[gone].heir = Some(kept);
-        let apart = self.memories[gone].apart.clone();
-        self.memories[kept].apart.extend(apart);
+        // `duplicate` has served in both groups, `policy` never acted in the group of `duplicate`
+        let is_loss = self.tester().is_loss(self.return_loss(policy, of_duplicate));
+        let (kept, gone) = if is_loss { (policy, duplicate) } else { (duplicate, policy) };
+        self.memories[gone].merged_into = Some(kept);
+        let distinct_from = self.memories[gone].distinct_from.clone();
+        self.memories[kept].distinct_from.extend(distinct_from);
         Ok(())
     }
 
-    /// Returns the share of the gain in return of `policy` that the episodes `accounts` did not
-    /// earn.
-    fn lost(&self, policy: usize, accounts: &[Account]) -> f64 {
-        let accounts: Vec<&Account> = accounts.iter().collect();
-        self.memories[policy].lost(&accounts)
+    /// Returns the share of the gain in return of `policy` that is missing in the episodes.
+    fn return_loss(&self, policy: usize, summaries: &[EpisodeSummary]) -> f64 {
+        let summaries: Vec<&EpisodeSummary> = summaries.iter().collect();
+        self.memories[policy].return_loss(&summaries)
     }
 
     /// Returns for each policy the index of the policy that it was merged into, if any.
-    pub fn heirs(&self) -> Vec<Option<usize>> {
-        self.memories.iter().map(|memory| memory.heir).collect()
+    pub fn merged_into(&self) -> Vec<Option<usize>> {
+        self.memories.iter().map(|memory| memory.merged_into).collect()
     }
 
     /// Undoes the merge of a policy that is about to train on a group of its own.
-    pub(crate) fn revive(&mut self, policy: usize) {
-        if let Some(heir) = self.memories[policy].heir.take() {
-            self.part(policy, heir);
+    pub(crate) fn undo_merge(&mut self, policy: usize) {
+        if let Some(other) = self.memories[policy].merged_into.take() {
+            self.mark_distinct(policy, other);
         }
     }
 
-    /// Tests a policy by episodes `accounts` in which it acted itself.
-    fn opinion_of(
+    /// Tests a policy by episodes in which it acted itself.
+    fn test_collector(
         &self,
         policy: usize,
-        accounts: &[Account],
+        summaries: &[EpisodeSummary],
         rng: &mut impl Rng,
-    ) -> Result<Opinion> {
+    ) -> Result<PolicyTest> {
         self.check_policy(policy)?;
-        let accounts = self.in_order(accounts)?;
+        let summaries = self.in_order(summaries)?;
         let mut own = ChaCha8Rng::seed_from_u64(rng.random());
-        let memory = &self.memories[policy];
-        self.examiner().opine(memory, &accounts, Role::Returns, Look::Second, &mut own)
+        let (memory, role) = (&self.memories[policy], PolicyRole::Returning);
+        self.tester().test(memory, &summaries, role, TestStage::Confirmation, &mut own)
     }
 
     /// Records that two policies serve different groups.
-    fn part(&mut self, policy: usize, twin: usize) {
-        self.memories[policy].apart.push(twin);
-        self.memories[twin].apart.push(policy);
+    fn mark_distinct(&mut self, policy: usize, other: usize) {
+        self.memories[policy].distinct_from.push(other);
+        self.memories[other].distinct_from.push(policy);
     }
 }

@@ -3,13 +3,14 @@
 
 use symmetry::Irrep;
 
-/// Ridge of the least-squares fit, as a share of the mean diagonal of the Gram matrix of actions:
-/// an action that never varies gets no response.
+/// Ridge of the least-squares fit, as a share of the mean diagonal of the actions' Gram matrix: an
+/// action that never varies gets no response.
 const RIDGE: f64 = 1e-6;
 
-/// Fits `vector[t + 1] - vector[t] = M action[t]` over an episode and returns `M`, `[D, A]` for D
-/// vector components and A action dimensions. Entries that change sign under a flip, whose
-/// component and action have different irreps, are absolute values.
+/// Returns the linear response of an episode's vectors to its actions: `M`, `[D, A]`, of the
+/// least-squares fit `vector[t + 1] - vector[t] = M action[t]`, for D vector components and A
+/// action dimensions. Entries that change sign under a flip, whose component and action have
+/// different irreps, are absolute values.
 ///
 /// Actions are clipped to `[-1, 1]`, as environments clip them; otherwise their measured effect
 /// would depend on how far a policy explores.
@@ -56,7 +57,7 @@ pub(crate) fn motion(
 /// Returns the direction of the A action dimensions in which the reward increases, from the rewards
 /// `[T]` and actions `[T, A]` of T steps: absolute values, scaled to length 1, or zeros if the
 /// reward does not depend on actions.
-pub(crate) fn slope(rewards: &[f32], actions: &[f32], directions: &[Irrep]) -> Vec<f32> {
+pub(crate) fn reward_gradient(rewards: &[f32], actions: &[f32], directions: &[Irrep]) -> Vec<f32> {
     // reward[t] follows action[t], so the change from reward[t] to reward[t + 1] is due to
     // action[t + 1]
     let later = actions.get(directions.len()..).unwrap_or(&[]);
@@ -91,8 +92,8 @@ mod tests {
 
     const IRREPS: [Irrep; 2] = [Irrep::X, Irrep::Y];
 
-    /// A course under a motion that turns and slows.
-    fn course() -> (Vec<f32>, Vec<f32>) {
+    /// A trajectory under a motion that turns and slows.
+    fn trajectory() -> (Vec<f32>, Vec<f32>) {
         let actions: Vec<f32> = (0..20).map(|i| ((i * 7 % 11) as f32 - 5.0) / 8.0).collect();
         let mut vectors = vec![0.25, -0.5];
         for action in actions.chunks(2) {
@@ -104,8 +105,8 @@ mod tests {
     }
 
     #[test]
-    fn finds_what_moved_the_hand() {
-        let (vectors, actions) = course();
+    fn the_motion_of_the_hand_is_found() {
+        let (vectors, actions) = trajectory();
         let found = motion(&vectors, &IRREPS, &actions, &IRREPS);
         for (got, expected) in found.iter().zip([0.5, 0.25, 0.0, 0.125]) {
             assert!((got - expected).abs() < 2e-3, "{found:?}");
@@ -113,20 +114,19 @@ mod tests {
         assert_eq!(motion(&[0.5; 6], &IRREPS, &[0.0; 4], &IRREPS), [0.0; 4], "no action");
     }
 
-    /// Pay that rises with x is found whatever its height.
     #[test]
-    fn the_way_that_pays_is_found() {
-        let (_, actions) = course();
-        let pay = |height: f32| -> Vec<f32> {
+    fn the_reward_gradient_does_not_depend_on_the_scale_of_rewards() {
+        let (_, actions) = trajectory();
+        let rewards = |height: f32| -> Vec<f32> {
             let steps = actions.chunks(2).scan(0.0, |sum, action| {
                 *sum += height * (4.0 * action[0] + 3.0 * action[1]);
                 Some(*sum)
             });
             steps.collect()
         };
-        let low = slope(&pay(0.125), &actions, &IRREPS);
+        let low = reward_gradient(&rewards(0.125), &actions, &IRREPS);
         assert!((low[0] - 0.8).abs() < 1e-3 && (low[1] - 0.6).abs() < 1e-3, "{low:?}");
-        assert_eq!(slope(&pay(8.0), &actions, &IRREPS), low);
-        assert_eq!(slope(&[1.0; 10], &actions, &IRREPS), [0.0, 0.0]);
+        assert_eq!(reward_gradient(&rewards(8.0), &actions, &IRREPS), low);
+        assert_eq!(reward_gradient(&[1.0; 10], &actions, &IRREPS), [0.0, 0.0]);
     }
 }

@@ -1,48 +1,52 @@
 //! Conversion of p-values into a probability for each policy.
 
-/// Probability that episodes show each policy's task group, or one that no policy knows.
+/// Probability for each policy that episodes belong to its task group, and that they belong to
+/// none.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Probabilities {
+pub struct GroupProbabilities {
     /// Probability of each policy's task group, in the order of the policies.
     pub policies: Vec<f64>,
     /// Probability of a task group that no policy knows.
     pub none: f64,
     /// Outlier score of each policy, which ranks equal probabilities.
-    misfits: Vec<f64>,
+    outlier_scores: Vec<f64>,
 }
 
 /// Weight of a task group that no policy knows, relative to 1 for a policy without evidence against
 /// it.
-const NONE: f64 = 0.05;
-/// Least weight of a policy at which episodes count as usual for it; this is a p-value of 0.07.
-const TYPICAL: f64 = 0.5;
+const UNKNOWN_WEIGHT: f64 = 0.05;
+/// Least weight of a policy at which episodes count as typical of it; this is a p-value of 0.07.
+const TYPICAL_WEIGHT: f64 = 0.5;
 /// Least weight of a policy whose difference from the episodes may be drift.
-const ACCEPTED: f64 = 0.1;
+const DRIFT_WEIGHT: f64 = 0.1;
 
-impl Probabilities {
+impl GroupProbabilities {
     /// Creates the probabilities from the weight and the outlier score of each policy.
     pub(crate) fn new(policies: impl Iterator<Item = (f64, f64)>) -> Self {
-        let (weights, misfits) = policies.unzip::<_, _, Vec<_>, Vec<_>>();
-        let all = weights.iter().sum::<f64>() + NONE;
+        let (weights, outlier_scores) = policies.unzip::<_, _, Vec<_>, Vec<_>>();
+        let all = weights.iter().sum::<f64>() + UNKNOWN_WEIGHT;
         let share = |weight: f64| weight / all;
-        Self { policies: weights.into_iter().map(share).collect(), none: share(NONE), misfits }
+        Self {
+            policies: weights.into_iter().map(share).collect(),
+            none: share(UNKNOWN_WEIGHT),
+            outlier_scores,
+        }
     }
 
-    /// Returns the index of the likeliest policy; `None` if "none of these" is likelier. Among
-    /// equals the best fit wins, then the first.
-    pub fn likeliest(&self) -> Option<usize> {
-        let policies = self.policies.iter().zip(&self.misfits).enumerate();
-        let best = policies.min_by(|(_, (p, misfit)), (_, (q, other))| {
-            q.total_cmp(p).then(misfit.total_cmp(other))
-        });
+    /// Returns the index of the most probable policy; `None` if it is more probable that none fits.
+    /// Among equals the smallest outlier score wins, then the first policy.
+    pub fn most_probable(&self) -> Option<usize> {
+        let policies = self.policies.iter().zip(&self.outlier_scores).enumerate();
+        let best = policies
+            .min_by(|(_, (p, score)), (_, (q, other))| q.total_cmp(p).then(score.total_cmp(other)));
         best.filter(|(_, (p, _))| **p >= self.none).map(|(index, _)| index)
     }
 
-    /// Returns `true` if the episodes are nothing unusual for at least one policy. If they are
-    /// unusual for all, as with images of another camera, the probabilities mean little.
+    /// Returns `true` if the episodes are typical of at least one policy. If they are typical of
+    /// none, as with images of another camera, the probabilities mean little.
     pub fn is_typical(&self) -> bool {
         let most = self.policies.iter().copied().fold(0.0, f64::max);
-        most * NONE >= TYPICAL * self.none
+        most * UNKNOWN_WEIGHT >= TYPICAL_WEIGHT * self.none
     }
 }
 
@@ -61,34 +65,34 @@ fn bayes_factor(p: f64) -> f64 {
 /// Returns the weight of a policy, before normalisation to probabilities, from its tail p-value;
 /// `may_be_drift` if no source shows a significant difference larger than drift.
 pub(crate) fn weight(p_value: f64, may_be_drift: bool) -> f64 {
-    bayes_factor(p_value).max(if may_be_drift { ACCEPTED } else { 0.0 })
+    bayes_factor(p_value).max(if may_be_drift { DRIFT_WEIGHT } else { 0.0 })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn likeliest(policies: &[(f64, f64)]) -> Option<usize> {
-        let weighed = policies.iter().map(|&(p_value, misfit)| (weight(p_value, true), misfit));
-        Probabilities::new(weighed).likeliest()
+    fn most_probable(policies: &[(f64, f64)]) -> Option<usize> {
+        let weighed = policies.iter().map(|&(p, score)| (weight(p, true), score));
+        GroupProbabilities::new(weighed).most_probable()
     }
 
     #[test]
     fn of_equals_the_best_fit_is_named_and_then_the_first() {
-        assert_eq!(likeliest(&[(0.5, 2.0), (0.9, 1.0)]), Some(1));
-        assert_eq!(likeliest(&[(0.5, 1.0), (0.9, 2.0)]), Some(0));
-        assert_eq!(likeliest(&[(0.5, 1.0), (0.9, 1.0)]), Some(0));
-        assert_eq!(likeliest(&[(0.01, 0.0), (0.9, 1.0)]), Some(1));
-        assert_eq!(Probabilities::new([(0.0, 0.0)].into_iter()).likeliest(), None);
+        assert_eq!(most_probable(&[(0.5, 2.0), (0.9, 1.0)]), Some(1));
+        assert_eq!(most_probable(&[(0.5, 1.0), (0.9, 2.0)]), Some(0));
+        assert_eq!(most_probable(&[(0.5, 1.0), (0.9, 1.0)]), Some(0));
+        assert_eq!(most_probable(&[(0.01, 0.0), (0.9, 1.0)]), Some(1));
+        assert_eq!(GroupProbabilities::new([(0.0, 0.0)].into_iter()).most_probable(), None);
     }
 
     #[test]
     fn one_strange_episode_is_typical_of_no_policy() {
         // of 41 episodes, the strange one is the farthest from the rest
         let [strange, usual] = [1.0 / 41.0, 0.3].map(|p_value| (weight(p_value, true), 0.0));
-        assert!(!Probabilities::new([strange; 3].into_iter()).is_typical());
-        assert!(Probabilities::new([strange, usual].into_iter()).is_typical());
-        assert!(!Probabilities::new([].into_iter()).is_typical());
+        assert!(!GroupProbabilities::new([strange; 3].into_iter()).is_typical());
+        assert!(GroupProbabilities::new([strange, usual].into_iter()).is_typical());
+        assert!(!GroupProbabilities::new([].into_iter()).is_typical());
     }
 
     #[test]

@@ -3,33 +3,35 @@
 
 use std::collections::VecDeque;
 
-use cluster::{Decision, Verdict, change_places, change_test};
+use cluster::{Decision, Verdict, changepoint_candidates, changepoint_test};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::account::Account;
-use crate::choice::Choice;
+use crate::choice::PolicyChoice;
 use crate::error::{EvidenceError, Result};
-use crate::examiner::Examiner;
-use crate::memory::{Memory, check, known};
-use crate::opinion::{Kind, Look, Opinion, Role, frames, whole};
-use crate::probability::{Probabilities, weight};
+use crate::memory::{PolicyMemory, all_summaries, check_comparable};
+use crate::policy_test::{
+    EvidenceSource, PolicyRole, PolicyTest, TestStage, frames, whole_episodes,
+};
+use crate::probability::{GroupProbabilities, weight};
 use crate::settings::RecogniserSettings;
+use crate::summary::EpisodeSummary;
+use crate::tester::PolicyTester;
 
-/// Decision on the policy of a rollout, with its reasons.
+/// Decision of a [`Recogniser`] on the policy of a rollout, with the evidence for it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Finding {
+pub struct RolloutDecision {
     /// Policy that the episodes are assigned to: an existing one, a new one, or none yet.
-    pub decision: Decision,
-    /// Evidence for and against each policy, in the order of the policies.
-    pub opinions: Vec<Opinion>,
+    pub policy: Decision,
+    /// Test of each policy, in the order of the policies.
+    pub tests: Vec<PolicyTest>,
     /// Changepoint, in decisions of all environments since the start of the rollout, if the task
     /// group changed: episodes that began before it belong to the earlier group.
     /// [`Recogniser::assign`] judges the later episodes, [`Recogniser::review`] the earlier ones,
     /// unless `group_changed`.
-    pub cut: Option<usize>,
+    pub changepoint: Option<usize>,
     /// `true` if the task group changed after the acting policy was proposed, so that earlier
     /// rollouts show another task group.
     pub group_changed: bool,
@@ -38,12 +40,13 @@ pub struct Finding {
     /// Trial that the named policy must pass, unless it is the one that acted.
     pub trial: Trial,
     /// `true` if the named policy is provisional: evidence from before it acted rejects it, because
-    /// pictures or vectors differ or it was merged, so its returns must show that it serves the
+    /// images or vectors differ or it was merged, so its returns must show that it serves the
     /// group.
     pub is_provisional: bool,
 }
 
-/// Trial that a policy must pass if a decision names it in place of the policy that acted.
+/// Trial of a policy before a decision is final: the episodes that it must collect itself if it is
+/// named in place of the policy that acted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Trial {
     /// No trial of the named policy: the decision is final.
@@ -69,80 +72,81 @@ impl Trial {
     }
 }
 
-impl Finding {
+impl RolloutDecision {
     /// Returns the indices of the policies that the evidence accepts.
     pub fn accepted(&self) -> Vec<usize> {
-        let policies = 0..self.opinions.len();
-        policies.filter(|&policy| self.opinions[policy].verdict == Verdict::Accepted).collect()
+        let policies = 0..self.tests.len();
+        policies.filter(|&policy| self.tests[policy].verdict == Verdict::Accepted).collect()
     }
 }
 
 /// Context of a decision on a rollout: the policy that acted, the rejected policies and earlier
 /// decisions.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Situation<'a> {
+pub struct RolloutContext<'a> {
     /// Index of the policy that acted in the episodes.
     pub collector: usize,
     /// Indices of the policies that were rejected for the same task group before.
     pub rejected: &'a [usize],
-    /// Value of [`Finding::is_provisional`] in the decision that proposed the acting policy.
+    /// Value of [`RolloutDecision::is_provisional`] in the decision that proposed the acting
+    /// policy.
     pub is_provisional: bool,
     /// `true` if the decision may be [`Decision::Undecided`], so that another rollout is collected.
-    pub can_wait: bool,
+    pub allow_undecided: bool,
 }
 
-impl Situation<'_> {
+impl RolloutContext<'_> {
     /// Creates the context of a rollout by a policy that was not proposed before, with no rejected
     /// policies.
-    pub fn of(collector: usize) -> Self {
-        Self { collector, can_wait: true, ..Self::default() }
+    pub fn of_collector(collector: usize) -> Self {
+        Self { collector, allow_undecided: true, ..Self::default() }
     }
 }
 
 /// Episodes that a decision is about, sorted by time, and their context.
 #[derive(Clone, Copy)]
 struct Case<'a> {
-    accounts: &'a [&'a Account],
-    situation: Situation<'a>,
+    summaries: &'a [&'a EpisodeSummary],
+    context: RolloutContext<'a>,
 }
 
 /// Largest number of undecided rollouts that are kept until another one of their task group
 /// appears.
 // A group that is visited once in 16 undecided rollouts is still found.
-const MOST_HELD: usize = 16;
+const MAX_UNDECIDED: usize = 16;
 
 /// Least p-value at which two undecided rollouts are taken for one task group.
 // A policy that is created from two groups serves neither, and a rollout that waits costs little:
 // one of ten pairs of one group waits for a third rollout. Of 72 worlds with visits of one or two
 // rollouts 82 % had as many policies as groups, 79 % with 0.2 and 47 % with 0.02 (seeds 1000 on).
-const ALIKE: f64 = 0.1;
+const SAME_GROUP: f64 = 0.1;
 
-/// Number of random orders of a changepoint test for each random split of a first look at a
-/// rollout.
-// Energy distances of an order are cheap: one pass over the pairs of episodes (`change_test`).
+/// Number of random orders of a changepoint test for each random split of a screening test.
+// Energy distances of an order are cheap: one pass over the pairs of episodes.
 const ORDERS: usize = 4;
 
 /// Number of policies without training from which on rollouts of new task groups are kept undecided
 /// instead of creating a policy.
-const MOST_UNTRAINED: usize = 8;
+const MAX_UNTRAINED: usize = 8;
 
 /// Undecided rollout: no policy trained on it, since its episodes were too few to decide.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Held {
+pub(crate) struct UndecidedRollout {
     /// Index of the policy that acted in the undecided rollout.
     pub(crate) collector: usize,
-    pub(crate) accounts: Vec<Account>,
+    #[serde(rename = "accounts")]
+    pub(crate) summaries: Vec<EpisodeSummary>,
 }
 
-/// Recogniser of task groups: remembers the episodes that each policy trained on, and decides whose
-/// task new episodes show.
+/// Recogniser of task groups: remembers the episodes that each policy trained on, and decides which
+/// policy's task group new episodes belong to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Recogniser {
     settings: RecogniserSettings,
-    pub(crate) memories: Vec<Memory>,
+    pub(crate) memories: Vec<PolicyMemory>,
     /// Undecided rollouts that are kept, the latest last.
-    pub(crate) held: VecDeque<Held>,
+    pub(crate) undecided: VecDeque<UndecidedRollout>,
 }
 
 impl Recogniser {
@@ -152,7 +156,7 @@ impl Recogniser {
     /// A setting outside its range.
     pub fn new(settings: RecogniserSettings) -> Result<Self> {
         settings.check()?;
-        Ok(Self { settings, memories: Vec::new(), held: VecDeque::new() })
+        Ok(Self { settings, memories: Vec::new(), undecided: VecDeque::new() })
     }
 
     /// Returns the settings of the recogniser.
@@ -161,301 +165,323 @@ impl Recogniser {
     }
 
     /// Returns the number of policies that trained on any episode or were created for some.
-    pub fn policies(&self) -> usize {
+    pub fn policy_count(&self) -> usize {
         self.memories.len()
     }
 
-    /// Remembers that `policy` trains on the episodes `accounts`, in which it acted. A new policy
-    /// has the index [`policies`](Self::policies). A merge of `policy` is undone. Episodes after a
-    /// changepoint are left out: returns the decisions before the first of them, if there is one.
+    /// Remembers that `policy` trains on the episodes `summaries`, in which it acted. A new policy
+    /// has the index [`policy_count`](Self::policy_count). A merge of `policy` is undone. Episodes
+    /// after a changepoint are left out: returns the decisions before the first of them, if there
+    /// is one.
     ///
     /// # Errors
     /// A larger index, no episode, numbers that are not finite, or lists whose length differs from
     /// the remembered ones. Nothing is remembered then.
-    pub fn learn(
+    pub fn record_training(
         &mut self,
         policy: usize,
-        accounts: &[Account],
+        summaries: &[EpisodeSummary],
         rng: &mut impl Rng,
     ) -> Result<Option<usize>> {
         self.check_actor(policy)?;
-        if accounts.is_empty() {
+        if summaries.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
         }
-        check(known(&self.memories).chain(accounts))?;
-        let mut accounts = sorted(accounts);
-        let cut = self.find_cut(&accounts, rng)?;
-        let end = cut.map(|cut| accounts[cut].began);
-        accounts.truncate(cut.unwrap_or(accounts.len()));
-        let is_outdated = self.is_outdated(policy, &accounts, rng)?;
+        check_comparable(all_summaries(&self.memories).chain(summaries))?;
+        let mut summaries = sorted(summaries);
+        let place = self.find_changepoint(&summaries, rng)?;
+        let changepoint = place.map(|place| summaries[place].began);
+        summaries.truncate(place.unwrap_or(summaries.len()));
+        let is_outdated = self.is_outdated(policy, &summaries, rng)?;
         if policy == self.memories.len() {
-            self.memories.push(Memory::default());
+            self.memories.push(PolicyMemory::default());
         }
-        self.revive(policy);
+        self.undo_merge(policy);
         let memory = &mut self.memories[policy];
         if is_outdated {
-            memory.accounts.clear();
+            memory.summaries.clear();
         }
-        memory.learn(accounts, self.settings.memory);
-        Ok(end)
+        memory.record_training(summaries, self.settings.memory);
+        Ok(changepoint)
     }
 
-    /// Returns `true` if a policy's memory no longer matches the pictures or vectors that it is
-    /// about to train on, because its group drifted while it was away.
+    /// Returns `true` if a policy's memory no longer matches the images or vectors that it is about
+    /// to train on, because its group drifted while it was away.
     fn is_outdated(
         &self,
         policy: usize,
-        accounts: &[&Account],
+        summaries: &[&EpisodeSummary],
         rng: &mut impl Rng,
     ) -> Result<bool> {
         let mut own = ChaCha8Rng::seed_from_u64(rng.random());
-        if accounts.len() < self.settings.min_episodes {
+        if summaries.len() < self.settings.min_episodes {
             return Ok(false);
         }
         let mut memory = self.memories.get(policy).cloned().unwrap_or_default();
         // training is about to undo a merge, which would otherwise count as a rejection
-        memory.heir = None;
-        let role = Role::Stranger;
-        let opinion = self.examiner().opine(&memory, accounts, role, Look::Second, &mut own)?;
-        Ok(opinion.is_rejected())
+        memory.merged_into = None;
+        let (role, stage) = (PolicyRole::Other, TestStage::Confirmation);
+        Ok(self.tester().test(&memory, summaries, role, stage, &mut own)?.is_rejected())
     }
 
-    /// Decides which policy one rollout of `situation.collector` belongs to. `Existing` with
-    /// another policy, and `New`, ask for a rollout of that policy and for [`Recogniser::review`].
-    /// A rollout that is too little to decide is held, and judged together with the next one that
-    /// looks like it. `Undecided`, if `situation` allows it, asks for another rollout; no policy
-    /// may train on this one. After a changepoint, only the later episodes count.
+    /// Decides which policy one rollout of `context.collector` belongs to. `Existing` with another
+    /// policy, and `New`, ask for a rollout of that policy and for [`Recogniser::review`]. A
+    /// rollout that is too little to decide is kept, and judged together with the next similar one.
+    /// `Undecided`, if `context` allows it, asks for another rollout; no policy may train on this
+    /// one. After a changepoint, only the later episodes count.
     ///
     /// # Errors
-    /// [`EvidenceError::NoPolicy`] for a collector above [`policies`](Self::policies); too few
-    /// episodes, or episodes that cannot be compared.
+    /// [`EvidenceError::NoPolicy`] for a collector above [`policy_count`](Self::policy_count); too
+    /// few episodes, or episodes that cannot be compared.
     pub fn assign(
         &mut self,
-        accounts: &[Account],
-        situation: Situation,
+        summaries: &[EpisodeSummary],
+        context: RolloutContext,
         rng: &mut impl Rng,
-    ) -> Result<Finding> {
-        self.check_actor(situation.collector)?;
-        let accounts = self.in_order(accounts)?;
-        let cut = self.find_cut(&accounts, rng)?;
-        let case = Case { accounts: &accounts[cut.unwrap_or(0)..], situation };
-        let mut finding = self.look(case, rng)?;
-        if finding.decision == Decision::Undecided {
-            finding = self.look_again(case, finding, rng)?;
+    ) -> Result<RolloutDecision> {
+        self.check_actor(context.collector)?;
+        let summaries = self.in_order(summaries)?;
+        let place = self.find_changepoint(&summaries, rng)?;
+        let case = Case { summaries: &summaries[place.unwrap_or(0)..], context };
+        let mut decision = self.screen(case, rng)?;
+        if decision.policy == Decision::Undecided {
+            decision = self.decide_with_kept(case, decision, rng)?;
         }
-        finding.cut = cut.map(|cut| accounts[cut].began);
-        Ok(finding)
+        decision.changepoint = place.map(|place| summaries[place].began);
+        Ok(decision)
     }
 
-    /// Decides on episodes that a first look left undecided, together with kept undecided rollouts
-    /// of the same task group; without such, keeps them if the situation allows it.
-    fn look_again(
+    /// Decides on episodes that screening left undecided, together with a kept undecided rollout of
+    /// the same task group; without such, keeps them if the context allows it.
+    fn decide_with_kept(
         &mut self,
         case: Case,
-        undecided: Finding,
+        undecided: RolloutDecision,
         rng: &mut impl Rng,
-    ) -> Result<Finding> {
-        let earlier = self.recall(case, rng)?;
-        if earlier.is_empty() && case.situation.can_wait {
-            self.hold(case);
+    ) -> Result<RolloutDecision> {
+        let earlier = self.take_similar_undecided(case, rng)?;
+        if earlier.is_empty() && case.context.allow_undecided {
+            self.keep_undecided(case);
             return Ok(undecided);
         }
-        let all: Vec<&Account> = earlier.iter().chain(case.accounts.iter().copied()).collect();
-        let case = Case { accounts: &all, ..case };
-        let finding = self.decide(case, Role::Stays, rng)?;
-        self.open(case, finding)
+        let all: Vec<_> = earlier.iter().chain(case.summaries.iter().copied()).collect();
+        let case = Case { summaries: &all, ..case };
+        let decision = self.decide(case, PolicyRole::Collector, rng)?;
+        self.create_policy(case, decision)
     }
 
-    /// Creates the policy that a decision asks for, which remembers the pictures and vectors of the
+    /// Creates the policy that a decision asks for, which remembers the images and vectors of the
     /// episodes. If there are `max_policies` already, the most similar one is named instead,
-    /// without a trial. If too many wait for their first training, the episodes are held.
-    fn open(&mut self, case: Case, finding: Finding) -> Result<Finding> {
-        if finding.decision != Decision::New {
-            return Ok(finding);
+    /// without a trial. If too many wait for their first training, the episodes are kept.
+    fn create_policy(&mut self, case: Case, decision: RolloutDecision) -> Result<RolloutDecision> {
+        if decision.policy != Decision::New {
+            return Ok(decision);
         }
         if self.memories.len() >= self.settings.max_policies {
-            let similar = self.most_similar(&finding.opinions);
-            let decision = Decision::Existing(similar.unwrap_or(case.situation.collector));
-            return Ok(Finding { decision, trial: Trial::None, ..finding });
+            let similar = self.most_similar(&decision.tests);
+            let policy = Decision::Existing(similar.unwrap_or(case.context.collector));
+            return Ok(RolloutDecision { policy, trial: Trial::None, ..decision });
         }
         let untrained = self.memories.iter().filter(|memory| !memory.is_trained).count();
-        if case.situation.can_wait && untrained >= MOST_UNTRAINED {
-            self.hold(case);
-            return Ok(Finding { decision: Decision::Undecided, ..finding });
+        if case.context.allow_undecided && untrained >= MAX_UNTRAINED {
+            self.keep_undecided(case);
+            return Ok(RolloutDecision { policy: Decision::Undecided, ..decision });
         }
-        let mut memory = Memory::default();
-        let accounts = case.accounts.iter().map(|account| account.without_course());
-        memory.remember(accounts, self.settings.memory);
+        let mut memory = PolicyMemory::default();
+        let mut summaries: Vec<_> = case.summaries.iter().copied().cloned().collect();
+        summaries.iter_mut().for_each(EpisodeSummary::keep_first_observation);
+        memory.append(summaries.into_iter(), self.settings.memory);
         self.memories.push(memory);
-        Ok(finding)
+        Ok(decision)
     }
 
     /// Returns the index of the policy that fits best among those that were tested and not merged.
-    fn most_similar(&self, opinions: &[Opinion]) -> Option<usize> {
+    fn most_similar(&self, tests: &[PolicyTest]) -> Option<usize> {
         let is_tested =
-            |&policy: &usize| !self.memories[policy].is_gone() && opinions[policy].test.is_some();
-        let misfit = |policy: &usize| opinions[*policy].misfit();
-        (0..opinions.len()).filter(is_tested).min_by(|a, b| misfit(a).total_cmp(&misfit(b)))
+            |&policy: &usize| !self.memories[policy].is_merged() && tests[policy].test.is_some();
+        let score = |policy: &usize| tests[*policy].outlier_score();
+        (0..tests.len()).filter(is_tested).min_by(|a, b| score(a).total_cmp(&score(b)))
     }
 
-    /// Decides on the policy of one rollout at the first look.
-    fn look(&self, case: Case, rng: &mut impl Rng) -> Result<Finding> {
-        let collector = case.situation.collector;
-        let opinions = self.opinions(case, Look::First, Role::Stays, rng)?;
-        let choice = Choice::new(&opinions, collector);
-        let rivals = choice.rivals();
-        let alike = choice.is_alike(self.settings.doubt);
-        let sure = choice.own().is_some_and(|own| self.examiner().surely_rejects(own));
+    /// Decides on the policy of one rollout by screening tests.
+    fn screen(&self, case: Case, rng: &mut impl Rng) -> Result<RolloutDecision> {
+        let collector = case.context.collector;
+        let tests = self.test_all(case, TestStage::Screening, PolicyRole::Collector, rng)?;
+        let choice = PolicyChoice::new(&tests, collector);
+        let others = choice.accepted_others();
+        let is_familiar = choice.looks_familiar(self.settings.doubt);
+        let own = choice.collector_test();
+        let is_rejected = own.is_some_and(|own| self.tester().rejects_surely(own));
         // motion and returns under this policy are no evidence about others, so trying another one
-        // costs a rollout: it pays off if this policy is surely wrong or its pictures differ; in
-        // other cases a second look at this policy is cheaper
-        let rival = rivals.first().copied().filter(|_| sure || !alike);
-        let named = choice.kept().or(rival);
-        Ok(Finding {
-            decision: named.map_or(Decision::Undecided, Decision::Existing),
-            cut: None,
+        // costs a rollout: it pays off if this policy is surely wrong or its images differ; in
+        // other cases another rollout of this policy is cheaper
+        let other = others.first().copied().filter(|_| is_rejected || !is_familiar);
+        let named = choice.accepted_collector().or(other);
+        Ok(RolloutDecision {
+            policy: named.map_or(Decision::Undecided, Decision::Existing),
+            changepoint: None,
             group_changed: false,
-            rejected: sure.then_some(collector).into_iter().collect(),
-            trial: Trial::of_policy(alike || rivals.len() > 1),
+            rejected: is_rejected.then_some(collector).into_iter().collect(),
+            trial: Trial::of_policy(is_familiar || others.len() > 1),
             is_provisional: false,
-            opinions,
+            tests,
         })
     }
 
-    /// Reviews the policy `situation.collector`, which an earlier decision proposed, by a rollout
+    /// Reviews the policy `context.collector`, which an earlier decision proposed, by a rollout
     /// that it collected itself. Its own motion and returns are compared, too. If it is rejected
     /// and there is a changepoint, only the earlier episodes count, for whose group the policy was
-    /// proposed. If pictures or vectors reject a policy that they had accepted, the group has
+    /// proposed. If images or vectors reject a policy that they had accepted, the group has
     /// changed, and the rollout is judged as by [`Recogniser::assign`].
     ///
     /// # Errors
     /// Errors of [`Recogniser::assign`].
     pub fn review(
         &mut self,
-        accounts: &[Account],
-        situation: Situation,
+        summaries: &[EpisodeSummary],
+        context: RolloutContext,
         rng: &mut impl Rng,
-    ) -> Result<Finding> {
-        self.check_policy(situation.collector)?;
-        let accounts = self.in_order(accounts)?;
-        let role = if situation.is_provisional { Role::Provisional } else { Role::Returns };
-        let mut case = Case { accounts: &accounts, situation };
-        let mut finding = self.decide(case, role, rng)?;
-        let keep = Decision::Existing(situation.collector);
-        let mut cut = None;
-        if finding.decision != keep {
-            cut = self.find_cut(&accounts, rng)?;
+    ) -> Result<RolloutDecision> {
+        self.check_policy(context.collector)?;
+        let summaries = self.in_order(summaries)?;
+        let is_provisional = context.is_provisional;
+        let role = if is_provisional { PolicyRole::Provisional } else { PolicyRole::Returning };
+        let mut case = Case { summaries: &summaries, context };
+        let mut decision = self.decide(case, role, rng)?;
+        let keep = Decision::Existing(context.collector);
+        let mut place = None;
+        if decision.policy != keep {
+            place = self.find_changepoint(&summaries, rng)?;
         }
-        if let Some(cut) = cut {
-            case.accounts = &accounts[..cut];
-            finding = self.decide(case, role, rng)?;
-            finding.cut = Some(accounts[cut].began);
+        if let Some(place) = place {
+            case.summaries = &summaries[..place];
+            decision = self.decide(case, role, rng)?;
+            decision.changepoint = Some(summaries[place].began);
         }
-        if finding.decision == keep {
-            finding.is_provisional = situation.is_provisional;
-            return Ok(finding);
+        if decision.policy == keep {
+            decision.is_provisional = is_provisional;
+            return Ok(decision);
         }
-        if !situation.is_provisional && self.has_moved(&finding.opinions[situation.collector]) {
-            case.accounts = &accounts[cut.unwrap_or(0)..];
-            let mut found = self.start_over(case, cut.is_some(), rng)?;
+        if !is_provisional && self.has_group_changed(&decision.tests[context.collector]) {
+            case.summaries = &summaries[place.unwrap_or(0)..];
+            let mut anew = self.decide_anew(case, place.is_some(), rng)?;
             // trials could go on for ever in groups that change with every rollout
-            if !situation.can_wait && found.trial != Trial::Waived {
-                found.trial = Trial::None;
+            if !context.allow_undecided && anew.trial != Trial::Waived {
+                anew.trial = Trial::None;
             }
-            found.cut = cut.map(|cut| accounts[cut].began);
-            return Ok(Finding { group_changed: true, ..found });
+            anew.changepoint = place.map(|place| summaries[place].began);
+            return Ok(RolloutDecision { group_changed: true, ..anew });
         }
         // no policy is tried twice for one task, or trials might never end
-        finding.rejected.push(situation.collector);
-        self.open(case, finding)
+        decision.rejected.push(context.collector);
+        self.create_policy(case, decision)
     }
 
     /// Decides on a rollout whose collector was proposed for another task group. In a short visit
     /// the named policy would act too late, so it trains on the rollout without a trial.
-    fn start_over(&mut self, case: Case, is_cut: bool, rng: &mut impl Rng) -> Result<Finding> {
-        let situation = Situation { rejected: &[], is_provisional: false, ..case.situation };
-        let case = Case { situation, ..case };
-        let finding = self.look(case, rng)?;
-        match finding.decision {
-            Decision::Existing(_) if !is_cut && finding.trial == Trial::Rollout => {
-                Ok(Finding { trial: Trial::Waived, ..finding })
+    fn decide_anew(
+        &mut self,
+        case: Case,
+        has_changepoint: bool,
+        rng: &mut impl Rng,
+    ) -> Result<RolloutDecision> {
+        let context = RolloutContext { rejected: &[], is_provisional: false, ..case.context };
+        let case = Case { context, ..case };
+        let decision = self.screen(case, rng)?;
+        match decision.policy {
+            Decision::Existing(_) if !has_changepoint && decision.trial == Trial::Rollout => {
+                Ok(RolloutDecision { trial: Trial::Waived, ..decision })
             }
-            Decision::Existing(_) if !situation.can_wait => Ok(finding),
+            Decision::Existing(_) if !context.allow_undecided => Ok(decision),
             _ => {
-                let undecided = Finding { decision: Decision::Undecided, ..finding };
-                self.look_again(case, undecided, rng)
+                let undecided = RolloutDecision { policy: Decision::Undecided, ..decision };
+                self.decide_with_kept(case, undecided, rng)
             }
         }
     }
 
-    /// Returns `true` if pictures or vectors reject a policy at the final level: its task group has
+    /// Returns `true` if images or vectors reject a policy at the final level: its task group has
     /// changed.
-    fn has_moved(&self, opinion: &Opinion) -> bool {
-        self.examiner().against(opinion, self.settings.level).any(Kind::is_look)
+    fn has_group_changed(&self, test: &PolicyTest) -> bool {
+        let mut sources = self.tester().rejecting_sources(test, self.settings.level);
+        sources.any(EvidenceSource::is_first_observation)
     }
 
-    /// Keeps an undecided rollout, or its latest `memory` episodes. The latest [`MOST_HELD`]
+    /// Keeps an undecided rollout, or its latest `memory` episodes. The latest [`MAX_UNDECIDED`]
     /// rollouts are kept.
-    fn hold(&mut self, case: Case) {
-        while self.held.len() >= MOST_HELD {
-            self.held.pop_front();
+    fn keep_undecided(&mut self, case: Case) {
+        while self.undecided.len() >= MAX_UNDECIDED {
+            self.undecided.pop_front();
         }
-        let first = case.accounts.len().saturating_sub(self.settings.memory);
-        let accounts = case.accounts[first..].iter().copied().cloned().collect();
-        self.held.push_back(Held { collector: case.situation.collector, accounts });
+        let first = case.summaries.len().saturating_sub(self.settings.memory);
+        let summaries = case.summaries[first..].iter().copied().cloned().collect();
+        let collector = case.context.collector;
+        self.undecided.push_back(UndecidedRollout { collector, summaries });
     }
 
-    /// Removes and returns the kept undecided rollout that is most like the episodes of `case`, if
-    /// it may be of the same task group; otherwise nothing.
-    fn recall(&mut self, case: Case, rng: &mut impl Rng) -> Result<Vec<Account>> {
-        let collector = case.situation.collector;
+    /// Removes and returns the kept undecided rollout that is most similar to the episodes of
+    /// `case`, if it may be of the same task group; otherwise nothing.
+    fn take_similar_undecided(
+        &mut self,
+        case: Case,
+        rng: &mut impl Rng,
+    ) -> Result<Vec<EpisodeSummary>> {
+        let collector = case.context.collector;
         let (mut own, mut best) = (ChaCha8Rng::seed_from_u64(rng.random()), None);
-        for (index, held) in self.held.iter().enumerate() {
-            let memory = Memory { accounts: held.accounts.clone().into(), ..Memory::default() };
-            let role = if held.collector == collector { Role::Stays } else { Role::Stranger };
-            let examiner = self.examiner();
-            let opinion = examiner.opine(&memory, case.accounts, role, Look::First, &mut own)?;
-            let score = opinion.look_score();
-            let is_alike = opinion.test.as_ref().is_some_and(|test| test.overall.p_value >= ALIKE);
-            if is_alike && best.is_none_or(|(_, least)| score < least) {
+        for (index, kept) in self.undecided.iter().enumerate() {
+            let summaries = kept.summaries.clone().into();
+            let memory = PolicyMemory { summaries, ..PolicyMemory::default() };
+            let is_own = kept.collector == collector;
+            let role = if is_own { PolicyRole::Collector } else { PolicyRole::Other };
+            let stage = TestStage::Screening;
+            let result = self.tester().test(&memory, case.summaries, role, stage, &mut own)?;
+            let score = result.first_observation_score();
+            let may_be_same =
+                result.test.as_ref().is_some_and(|test| test.overall.p_value >= SAME_GROUP);
+            if may_be_same && best.is_none_or(|(_, least)| score < least) {
                 best = Some((index, score));
             }
         }
-        let Some(mut held) = best.and_then(|(index, _)| self.held.remove(index)) else {
+        let Some(mut kept) = best.and_then(|(index, _)| self.undecided.remove(index)) else {
             return Ok(Vec::new());
         };
-        if held.collector != collector {
-            held.accounts.iter_mut().for_each(Account::forget_course);
+        if kept.collector != collector {
+            kept.summaries.iter_mut().for_each(EpisodeSummary::keep_first_observation);
         }
-        Ok(held.accounts)
+        Ok(kept.summaries)
     }
 
-    /// Returns the probability of each policy's task group, from pictures and vectors of at least
-    /// one episode, whichever policy acted.
+    /// Returns the probability of each policy's task group, from images and vectors of at least one
+    /// episode, whichever policy acted.
     ///
     /// # Errors
     /// No episode, or episodes that cannot be compared.
-    pub fn recognise(&self, accounts: &[Account], rng: &mut impl Rng) -> Result<Probabilities> {
-        if accounts.is_empty() {
+    pub fn recognise(
+        &self,
+        summaries: &[EpisodeSummary],
+        rng: &mut impl Rng,
+    ) -> Result<GroupProbabilities> {
+        if summaries.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
         }
-        let accounts: Vec<&Account> = accounts.iter().collect();
+        let summaries: Vec<_> = summaries.iter().collect();
         // an index beyond all policies: none of them acted
-        let situation = Situation::of(self.memories.len());
-        let case = Case { accounts: &accounts, situation };
-        let opinions = self.opinions(case, Look::Second, Role::Stranger, rng)?;
-        let weighed = opinions.iter().zip(&self.memories).map(|(opinion, memory)| {
-            let may_be_drift = !self.examiner().speaks_against(opinion, self.settings.doubt);
-            let is_known = opinion.test.is_some() && !memory.is_gone();
-            let own = if is_known { weight(opinion.tail_p_value(), may_be_drift) } else { 0.0 };
-            (own, opinion.misfit())
+        let context = RolloutContext::of_collector(self.memories.len());
+        let case = Case { summaries: &summaries, context };
+        let tests = self.test_all(case, TestStage::Confirmation, PolicyRole::Other, rng)?;
+        let weighed = tests.iter().zip(&self.memories).map(|(test, memory)| {
+            let mut rejecting = self.tester().rejecting_sources(test, self.settings.doubt);
+            let may_be_drift = rejecting.next().is_none();
+            let is_known = test.test.is_some() && !memory.is_merged();
+            let own = if is_known { weight(test.tail_p_value(), may_be_drift) } else { 0.0 };
+            (own, test.outlier_score())
         });
-        Ok(Probabilities::new(weighed))
+        Ok(GroupProbabilities::new(weighed))
     }
 
     /// Returns the tester of policies.
-    pub(crate) fn examiner(&self) -> Examiner<'_> {
-        Examiner(&self.settings)
+    pub(crate) fn tester(&self) -> PolicyTester<'_> {
+        PolicyTester(&self.settings)
     }
 
     /// Checks that an acting policy's index is known, or that of the next new policy.
@@ -470,68 +496,72 @@ impl Recogniser {
     }
 
     /// Sorts summaries by time, after checking that they are enough for a test.
-    pub(crate) fn in_order<'a>(&self, accounts: &'a [Account]) -> Result<Vec<&'a Account>> {
-        let (got, needed) = (accounts.len(), self.settings.min_episodes);
+    pub(crate) fn in_order<'a>(
+        &self,
+        summaries: &'a [EpisodeSummary],
+    ) -> Result<Vec<&'a EpisodeSummary>> {
+        let (got, needed) = (summaries.len(), self.settings.min_episodes);
         if got < needed {
             return Err(EvidenceError::TooFewEpisodes { got, needed });
         }
-        Ok(sorted(accounts))
+        Ok(sorted(summaries))
     }
 
     /// Tests all policies in parallel: the acting one in the given role, the others as
-    /// [`Role::Stranger`].
-    fn opinions(
+    /// [`PolicyRole::Other`].
+    fn test_all(
         &self,
         case: Case,
-        look: Look,
-        role: Role,
+        stage: TestStage,
+        role: PolicyRole,
         rng: &mut impl Rng,
-    ) -> Result<Vec<Opinion>> {
+    ) -> Result<Vec<PolicyTest>> {
         // each policy has its own generator, so the result does not depend on threads
         let seeds: Vec<u64> = self.memories.iter().map(|_| rng.random()).collect();
-        let Case { accounts, situation } = case;
-        let asked = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
-            let role = if policy == situation.collector { role } else { Role::Stranger };
-            let mut own = ChaCha8Rng::seed_from_u64(seed);
-            let memory = &self.memories[policy];
-            let mut opinion = self.examiner().opine(memory, accounts, role, look, &mut own)?;
-            if situation.rejected.contains(&policy) {
-                opinion.verdict = Verdict::Rejected;
+        let Case { summaries, context } = case;
+        let tests = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
+            let role = if policy == context.collector { role } else { PolicyRole::Other };
+            let (memory, mut own) = (&self.memories[policy], ChaCha8Rng::seed_from_u64(seed));
+            let mut result = self.tester().test(memory, summaries, role, stage, &mut own)?;
+            if context.rejected.contains(&policy) {
+                result.verdict = Verdict::Rejected;
             }
-            Ok(opinion)
+            Ok(result)
         });
-        asked.collect()
+        tests.collect()
     }
 
     /// Decides finally on the policy of two rollouts or of a trial.
-    fn decide(&self, case: Case, role: Role, rng: &mut impl Rng) -> Result<Finding> {
-        let Situation { collector, rejected, .. } = case.situation;
-        let opinions = self.opinions(case, Look::Second, role, rng)?;
-        let choice = Choice::new(&opinions, collector);
-        let rivals = choice.rivals();
-        let named = choice.kept().or_else(|| rivals.first().copied());
-        let examiner = self.examiner();
-        let (most, farthest) = (examiner.drifted(), examiner.farthest());
-        // a policy that looks differ from is proposed if it did not act and was not tried before
-        let may_have = |policy| policy != collector && !rejected.contains(&policy);
-        let can_show = |policy: usize| examiner.has_proven_gain(&self.memories[policy]);
-        let are_kin = |a: usize, b: usize| {
-            self.memories[a].heir == Some(b) || self.memories[b].heir == Some(a)
+    fn decide(&self, case: Case, role: PolicyRole, rng: &mut impl Rng) -> Result<RolloutDecision> {
+        let RolloutContext { collector, rejected, .. } = case.context;
+        let tests = self.test_all(case, TestStage::Confirmation, role, rng)?;
+        let choice = PolicyChoice::new(&tests, collector);
+        let others = choice.accepted_others();
+        let accepted = choice.accepted_collector().or_else(|| others.first().copied());
+        let (tester, memories) = (self.tester(), &self.memories);
+        // a policy that images reject is proposed if it did not act and was not tried before
+        let is_eligible = |policy| policy != collector && !rejected.contains(&policy);
+        let can_prove = |policy: usize| tester.has_proven_gain(&memories[policy]);
+        let are_merged = |a: usize, b: usize| {
+            memories[a].merged_into == Some(b) || memories[b].merged_into == Some(a)
         };
-        let named = named.or_else(|| choice.drifted(most, farthest, may_have, can_show, are_kin));
+        let (max, max_isolated) = (tester.max_drift(), tester.max_isolated_drift());
+        let drifted = || choice.drifted(max, max_isolated, is_eligible, can_prove, are_merged);
+        let named = accepted.or_else(drifted);
         // merged policies stay eligible until they were tried
         let is_rejected = |&policy: &usize| {
-            let is_tried = !self.memories[policy].is_gone() || rejected.contains(&policy);
-            opinions[policy].is_rejected() && named != Some(policy) && is_tried
+            let is_tried = !memories[policy].is_merged() || rejected.contains(&policy);
+            tests[policy].is_rejected() && named != Some(policy) && is_tried
         };
-        Ok(Finding {
-            decision: named.map_or(Decision::New, Decision::Existing),
-            cut: None,
+        let is_familiar = choice.looks_familiar(self.settings.doubt);
+        Ok(RolloutDecision {
+            policy: named.map_or(Decision::New, Decision::Existing),
+            changepoint: None,
             group_changed: false,
-            rejected: (0..opinions.len()).filter(is_rejected).collect(),
-            trial: Trial::of_policy(choice.is_alike(self.settings.doubt) || rivals.len() != 1),
-            is_provisional: named.is_some_and(|policy| opinions[policy].is_rejected()),
-            opinions,
+            rejected: (0..tests.len()).filter(is_rejected).collect(),
+            trial: Trial::of_policy(is_familiar || others.len() != 1),
+            is_provisional: named.is_some_and(|policy| tests[policy].is_rejected()),
+            tests,
         })
     }
 
@@ -540,30 +570,34 @@ impl Recogniser {
     ///
     /// Only the latest summaries are tested, twice as many as a policy remembers, to bound the
     /// time.
-    fn find_cut(&self, accounts: &[&Account], rng: &mut impl Rng) -> Result<Option<usize>> {
+    fn find_changepoint(
+        &self,
+        summaries: &[&EpisodeSummary],
+        rng: &mut impl Rng,
+    ) -> Result<Option<usize>> {
         let RecogniserSettings { memory, min_episodes, permutations, .. } = self.settings;
-        let latest = &accounts[accounts.len().saturating_sub(2 * memory)..];
-        let (kinds, seen) = match whole(latest, min_episodes) {
-            Some(seen) => (Kind::ALL, seen),
-            None => (Kind::LOOKS, latest.to_vec()),
+        let latest = &summaries[summaries.len().saturating_sub(2 * memory)..];
+        let (sources, seen) = match whole_episodes(latest, min_episodes) {
+            Some(seen) => (EvidenceSource::ALL, seen),
+            None => (EvidenceSource::FIRST_OBSERVATION, latest.to_vec()),
         };
-        let began: Vec<_> = seen.iter().map(|account| account.began).collect();
-        let cuts = change_places(&began, min_episodes);
-        if cuts.is_empty() {
+        let began: Vec<_> = seen.iter().map(|summary| summary.began).collect();
+        let candidates = changepoint_candidates(&began, min_episodes);
+        if candidates.is_empty() {
             return Ok(None);
         }
-        let all = kinds.iter().map(|&kind| frames(&seen, kind));
-        let all = all.collect::<Result<Vec<_>>>()?;
-        let test = change_test(&all, &cuts, ORDERS * permutations, rng)?;
-        let start = seen[test.cut].began;
-        let cut = accounts.partition_point(|account| account.began < start);
-        Ok((test.p_value <= self.settings.cut).then_some(cut))
+        let points = sources.iter().map(|&source| frames(&seen, source));
+        let points = points.collect::<Result<Vec<_>>>()?;
+        let test = changepoint_test(&points, &candidates, ORDERS * permutations, rng)?;
+        let start = seen[test.changepoint].began;
+        let place = summaries.partition_point(|summary| summary.began < start);
+        Ok((test.p_value <= self.settings.cut).then_some(place))
     }
 }
 
 /// Sorts summaries by the time at which their episodes began.
-fn sorted(accounts: &[Account]) -> Vec<&Account> {
-    let mut accounts: Vec<&Account> = accounts.iter().collect();
-    accounts.sort_by_key(|account| account.began);
-    accounts
+fn sorted(summaries: &[EpisodeSummary]) -> Vec<&EpisodeSummary> {
+    let mut summaries: Vec<&EpisodeSummary> = summaries.iter().collect();
+    summaries.sort_by_key(|summary| summary.began);
+    summaries
 }

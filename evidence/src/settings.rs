@@ -4,45 +4,46 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{EvidenceError, Result};
 
-/// Settings of a [`Recogniser`](crate::Recogniser).
+/// Settings of a [`Recogniser`](crate::Recogniser) of task groups: memory, tests and their levels.
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RecogniserSettings {
-    /// Number of random filters that describe a picture, at least 1.
+    /// Number of random filters that describe an image, at least 1.
     pub filters: usize,
-    /// Number of episodes remembered for each policy, the latest of its training; at least
+    /// Number of episodes remembered for each policy, the latest that it trained on; at least
     /// `min_episodes`.
     pub memory: usize,
     /// Largest number of policies, merged ones included, at least 1. Beyond it a rollout that fits
     /// no policy trains the most similar one, which then serves several task groups.
     pub max_policies: usize,
-    /// Number of episodes that a rollout must show, and that must be remembered for a policy, to be
-    /// tested; at least 4.
+    /// Number of episodes that a test of a policy needs, both in the rollout and in the policy's
+    /// memory; at least 4.
     pub min_episodes: usize,
-    /// Significance level of the first look at a rollout, in `(0, 1)`: the share of rollouts of a
-    /// known task group that are doubted, over all sources together. It is compared with the exact
-    /// p-value.
+    /// Significance level of the screening test of a rollout, in `(0, 1)`: the share of rollouts of
+    /// a known task group that are doubted, over all sources of evidence together. It is compared
+    /// with the exact p-value.
     pub doubt: f64,
-    /// Significance level of the rejection of a policy, in `(0, doubt]`: the nominal rate of false
-    /// alarms over all sources together. It is compared with the fitted tail's p-value.
+    /// Significance level of the final rejection of a policy, in `(0, doubt]`: the nominal rate of
+    /// false alarms over all sources of evidence together. It is compared with the fitted tail's
+    /// p-value.
     pub level: f64,
     /// Significance level of the changepoint test, over all places where a rollout may be cut, in
     /// `(0, 1)` and at least `1 / (1 + permutations)`.
     pub cut: f64,
-    /// Least ratio of a picture's or a vector's distance to its mean over random splits for a
+    /// Least ratio of the distance of images or vectors to its mean over random splits for a
     /// rejection, at least 1: less counts as drift. The excess over 1 is 2.5 times as large
     /// for a policy that was away, and 4 times if all others are far.
     pub min_ratio: f64,
-    /// Least relative change of motion or slope for it to count, above 0. The distance must also be
-    /// at least twice that of chance.
+    /// Least relative change of motion (response of the vector to actions) or of the reward
+    /// gradient for it to count, above 0. Its distance must also be at least twice the mean over
+    /// random splits.
     pub min_motion: f64,
-    /// Least share of a policy's gain in return that must be lost for earnings to count, in
-    /// `(0, 1]`.
+    /// Least lost share of a policy's gain in return for returns to count, in `(0, 1]`.
     pub min_loss: f64,
-    /// Number of random splits of the pooled episodes at the first look, at least 20; the second
-    /// one takes three times as many.
+    /// Number of random splits of the pooled episodes in a screening test, at least 20; the final
+    /// test takes three times as many.
     pub permutations: usize,
 }
 
@@ -71,7 +72,7 @@ impl RecogniserSettings {
     /// The first setting outside its range, with its value.
     pub fn check(&self) -> Result<()> {
         let size = |name, value: usize, least: usize, expected| {
-            within(name, value as f64, value >= least, expected)
+            check_range(name, value as f64, value >= least, expected)
         };
         size("filters", self.filters, 1, "at least 1")?;
         size("max_policies", self.max_policies, 1, "at least 1")?;
@@ -82,23 +83,23 @@ impl RecogniserSettings {
         let reachable = "at least 1 / (1 + permutations), the smallest exact p-value";
         for (name, value) in [("doubt", self.doubt), ("cut", self.cut)] {
             let is_probability = value > 0.0 && value < 1.0;
-            within(name, value, is_probability, "a probability above 0 and below 1")?;
-            within(name, value, value >= smallest, reachable)?;
+            check_range(name, value, is_probability, "a probability above 0 and below 1")?;
+            check_range(name, value, value >= smallest, reachable)?;
         }
         let Self { level, min_ratio, min_motion, min_loss, .. } = *self;
         let below_doubt = level > 0.0 && level <= self.doubt;
-        within("level", level, below_doubt, "a probability above 0 and at most doubt")?;
+        check_range("level", level, below_doubt, "a probability above 0 and at most doubt")?;
         let is_ratio = (1.0..f64::INFINITY).contains(&min_ratio);
-        within("min_ratio", min_ratio, is_ratio, "a finite number, at least 1")?;
+        check_range("min_ratio", min_ratio, is_ratio, "a finite number, at least 1")?;
         let is_positive = min_motion > 0.0 && min_motion.is_finite();
-        within("min_motion", min_motion, is_positive, "a finite share above 0")?;
+        check_range("min_motion", min_motion, is_positive, "a finite share above 0")?;
         let is_share = min_loss > 0.0 && min_loss <= 1.0;
-        within("min_loss", min_loss, is_share, "a share above 0 and at most 1")
+        check_range("min_loss", min_loss, is_share, "a share above 0 and at most 1")
     }
 }
 
 /// Returns an error for a setting that is not `inside` its range, which `expected` says in words.
-fn within(name: &'static str, value: f64, inside: bool, expected: &'static str) -> Result<()> {
+fn check_range(name: &'static str, value: f64, inside: bool, expected: &'static str) -> Result<()> {
     if inside { Ok(()) } else { Err(EvidenceError::InvalidSetting { name, value, expected }) }
 }
 

@@ -1,57 +1,56 @@
-//! Sizes of differences from which on they speak against a policy, and what follows.
+//! Sizes of differences at which policies are rejected, and the decisions that follow.
 
 use cluster::{Decision, Verdict};
-use evidence::{Finding, Recogniser, Situation, Trial};
+use evidence::{Recogniser, RolloutContext, RolloutDecision, Trial};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::common::{episodes, knowing_pictures, settle};
+use crate::common::{episodes, knowing_images, must_decide, review, settle};
 
 /// Motion changes while a policy trains: what is certain and small beside chance is no other group.
 #[test]
 fn motion_that_changed_by_less_than_twice_what_chance_makes_is_drift() {
-    let (recogniser, mut rng) = knowing_pictures(&[0.0]);
-    let mut opinion = |motion| {
+    let (recogniser, mut rng) = knowing_images(&[0.0]);
+    let mut test = |motion| {
         let seen = episodes(20, 0.0, motion, &mut rng);
-        settle(&recogniser, &seen, 0).opinions[0].clone()
+        settle(&recogniser, &seen, 0).tests[0].clone()
     };
-    let small = opinion(1.3);
-    assert!(small.changed > 0.25 && small.tail_p_value() < 1e-6, "{small}");
-    assert_eq!(small.verdict, Verdict::Accepted, "{small}");
-    let large = opinion(2.2);
-    assert_eq!(large.verdict, Verdict::Rejected, "{large}");
+    let small = test(1.3);
+    assert!(small.motion_change > 0.25 && small.tail_p_value() < 1e-6, "{small:?}");
+    assert_eq!(small.verdict, Verdict::Accepted, "{small:?}");
+    let large = test(2.2);
+    assert_eq!(large.verdict, Verdict::Rejected, "{large:?}");
 }
 
-/// Policies know pictures around these numbers; the second one acts in episodes around `seen`.
-fn stranger(known: &[f32], seen: f32) -> (Recogniser, Finding) {
-    let (recogniser, mut rng) = knowing_pictures(known);
-    let finding = settle(&recogniser, &episodes(20, seen, 1.0, &mut rng), 1);
-    (recogniser, finding)
+/// Policies know images around these numbers; the second one acts in episodes around `seen`.
+fn second_acts(known: &[f32], seen: f32) -> (Recogniser, RolloutDecision) {
+    let (recogniser, mut rng) = knowing_images(known);
+    let decision = settle(&recogniser, &episodes(20, seen, 1.0, &mut rng), 1);
+    (recogniser, decision)
 }
 
-fn ratio(finding: &Finding) -> f64 {
-    finding.opinions[0].test.as_ref().unwrap().sources[0].unwrap().ratio()
+fn ratio(decision: &RolloutDecision) -> f64 {
+    decision.tests[0].test.as_ref().unwrap().sources[0].unwrap().ratio()
 }
 
 #[test]
 fn a_policy_whose_group_drifted_is_tried_if_it_is_by_far_the_nearest() {
     for known in [&[0.0, 3.0][..], &[0.0, 3.0, -3.0]] {
-        let (recogniser, finding) = stranger(known, 0.45);
-        assert_eq!(finding.opinions[0].verdict, Verdict::Rejected);
-        assert!(ratio(&finding) > 1.5, "{}", ratio(&finding));
-        assert_eq!(finding.decision, Decision::Existing(0), "{}", ratio(&finding));
-        assert!(finding.is_provisional);
+        let (recogniser, decision) = second_acts(known, 0.45);
+        assert_eq!(decision.tests[0].verdict, Verdict::Rejected);
+        assert!(ratio(&decision) > 1.5, "{}", ratio(&decision));
+        assert_eq!(decision.policy, Decision::Existing(0), "{}", ratio(&decision));
+        assert!(decision.is_provisional);
         // above the limit of a policy that was away and looked alike, and above all limits
         for (seen, ratios, expected) in
             [(0.45, 1.5..1.8, Verdict::Accepted), (0.8, 1.8..9.0, Verdict::Rejected)]
         {
-            let situation =
-                Situation { rejected: &[1], is_provisional: true, ..Situation::default() };
+            let context = RolloutContext { rejected: &[1], is_provisional: true, ..must_decide(0) };
             let mut rng = ChaCha8Rng::seed_from_u64(77);
             let seen = episodes(20, seen, 1.0, &mut rng);
-            let reviewed = recogniser.clone().review(&seen, situation, &mut rng).unwrap();
+            let reviewed = review(&recogniser, &seen, context);
             assert!(ratios.contains(&ratio(&reviewed)), "{}", ratio(&reviewed));
-            assert_eq!(reviewed.opinions[0].verdict, expected);
+            assert_eq!(reviewed.tests[0].verdict, expected);
         }
     }
 }
@@ -65,54 +64,55 @@ fn no_policy_is_tried_that_is_too_far_or_as_far_as_another_one() {
         (&[0.0, 1.0], 0.5),
     ];
     for (known, seen) in far_or_between {
-        let (_, finding) = stranger(known, seen);
-        assert_eq!(finding.decision, Decision::New, "{}", ratio(&finding));
+        let (_, decision) = second_acts(known, seen);
+        assert_eq!(decision.policy, Decision::New, "{}", ratio(&decision));
     }
 }
 
 #[test]
 fn new_groups_wait_while_eight_policies_are_untrained() {
-    let (mut held, mut rng) = knowing_pictures(&[0.0]);
+    let (mut recogniser, mut rng) = knowing_images(&[0.0]);
     let groups: Vec<_> =
         (1_u8..=9).map(|group| episodes(20, 10.0 * f32::from(group), 1.0, &mut rng)).collect();
     // two equal rollouts
-    let mut twice = |known: &mut Recogniser, group: usize, can_wait| {
-        let situation = Situation { can_wait, ..Situation::of(0) };
-        let mut assign = || known.assign(&groups[group - 1], situation, &mut rng).unwrap().decision;
-        ([assign(), assign()], known.policies())
+    let mut twice = |known: &mut Recogniser, group: usize, allow_undecided| {
+        let context = RolloutContext { allow_undecided, ..RolloutContext::of_collector(0) };
+        let mut assign = || known.assign(&groups[group - 1], context, &mut rng).unwrap().policy;
+        ([assign(), assign()], known.policy_count())
     };
     for group in 1..=8 {
         let waits_once = [Decision::Undecided, Decision::New];
-        assert_eq!(twice(&mut held, group, true), (waits_once, group + 1));
+        assert_eq!(twice(&mut recogniser, group, true), (waits_once, group + 1));
     }
-    let mut at_once = held.clone();
-    assert_eq!(twice(&mut held, 9, true), ([Decision::Undecided; 2], 9));
-    // the next rollout opens the policy once another one has trained
-    held.learn(3, &groups[2], &mut ChaCha8Rng::seed_from_u64(5)).unwrap();
-    assert_eq!(twice(&mut held, 9, true), ([Decision::New, Decision::Existing(9)], 10));
-    // where no rollout can wait, there is no limit
+    let mut at_once = recogniser.clone();
+    assert_eq!(twice(&mut recogniser, 9, true), ([Decision::Undecided; 2], 9));
+    // the next rollout creates the policy once another one has trained
+    recogniser.record_training(3, &groups[2], &mut ChaCha8Rng::seed_from_u64(5)).unwrap();
+    assert_eq!(twice(&mut recogniser, 9, true), ([Decision::New, Decision::Existing(9)], 10));
+    // where no rollout may stay undecided, there is no limit
     assert_eq!(twice(&mut at_once, 9, false), ([Decision::New, Decision::Existing(9)], 10));
 }
 
 /// Policy 0 was proposed, and acts where the group has become that of policy 1.
 #[test]
 fn a_group_that_changed_before_the_trial_is_judged_anew() {
-    let review = |pictures: &[f32], can_wait| {
-        let (mut recogniser, mut rng) = knowing_pictures(&[0.0, 10.0]);
-        let seen = pictures.iter().flat_map(|&picture| episodes(20, picture, 1.0, &mut rng));
+    let review = |images: &[f32], allow_undecided| {
+        let (mut recogniser, mut rng) = knowing_images(&[0.0, 10.0]);
+        let seen = images.iter().flat_map(|&image| episodes(20, image, 1.0, &mut rng));
         let mut seen: Vec<_> = seen.collect();
-        seen.iter_mut().enumerate().for_each(|(began, account)| account.began = began);
-        let situation = Situation { can_wait, rejected: &[1], ..Situation::of(0) };
-        let found = recogniser.review(&seen, situation, &mut rng).unwrap();
+        seen.iter_mut().enumerate().for_each(|(began, summary)| summary.began = began);
+        let context =
+            RolloutContext { allow_undecided, rejected: &[1], ..RolloutContext::of_collector(0) };
+        let found = recogniser.review(&seen, context, &mut rng).unwrap();
         let next = episodes(20, 10.0, 1.0, &mut rng);
-        let next = recogniser.assign(&next, Situation::of(0), &mut rng).unwrap();
-        assert_eq!(next.decision, Decision::Existing(1));
-        (found.decision, found.trial, found.cut, found.group_changed)
+        let next = recogniser.assign(&next, RolloutContext::of_collector(0), &mut rng).unwrap();
+        assert_eq!(next.policy, Decision::Existing(1));
+        (found.policy, found.trial, found.changepoint, found.group_changed)
     };
     let other = Decision::Existing(1);
     // in the whole rollout, so that policy 1 may train on it
-    for can_wait in [true, false] {
-        assert_eq!(review(&[10.0], can_wait), (other, Trial::Waived, None, true));
+    for allow_undecided in [true, false] {
+        assert_eq!(review(&[10.0], allow_undecided), (other, Trial::Waived, None, true));
     }
     // in a part of the rollout, after a third group, so that policy 1 needs a rollout of its own
     let waits = review(&[20.0, 10.0], true);

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::io::ErrorKind;
 use std::path::Path;
 
+use learner::GroupingSettings;
 use serde::de::DeserializeOwned;
 use symmetry::D2;
 
@@ -153,11 +154,10 @@ impl RunData {
     /// largest distance under permutation, which chance alone can reach. Items are `None` for
     /// groupings that permute other scores than distances.
     pub fn thresholds(&self, row: &RolloutRow) -> Vec<Option<f64>> {
-        let learner = &self.experiment.learner;
-        match learner.fixed_threshold() {
-            Some(threshold) => vec![Some(threshold); row.distances.len()],
-            None if learner.permuted_distances_are_comparable() => row.permutation_maxima.clone(),
-            None => vec![None; row.distances.len()],
+        match self.experiment.learner.grouping() {
+            GroupingSettings::Threshold { threshold } => vec![Some(threshold); row.distances.len()],
+            GroupingSettings::Evidence(_) => vec![None; row.distances.len()],
+            _ => row.permutation_maxima.clone(),
         }
     }
 

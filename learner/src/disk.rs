@@ -10,52 +10,32 @@ use std::sync::LazyLock;
 
 use crate::error::LearnerError;
 
-/// File operations by which a run changes its folder.
+/// File operations by which a run changes its folder, so that tests can make any of them fail.
 ///
 /// The guarantees are those of POSIX. Bytes of [`write`](Disk::write) and [`append`](Disk::append)
 /// survive a power cut once [`sync`](Disk::sync) was called. Names survive once
-/// [`sync_folder`](Disk::sync_folder) was called on their folder.
+/// [`sync_folder`](Disk::sync_folder) was called on their folder. All methods return the errors of
+/// the file system.
 pub trait Disk: Debug + Send + Sync {
     /// Creates a file or empties it, and writes `bytes`.
-    ///
-    /// # Errors
-    /// Errors of the file system.
     fn write(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
 
     /// Appends bytes to a file, which is created if it does not exist.
-    ///
-    /// # Errors
-    /// Errors of the file system.
     fn append(&self, path: &Path, bytes: &[u8]) -> io::Result<()>;
 
     /// Flushes the bytes of a file to the storage device.
-    ///
-    /// # Errors
-    /// Errors of the file system.
     fn sync(&self, path: &Path) -> io::Result<()>;
 
     /// Renames a file and replaces an existing file of that name.
-    ///
-    /// # Errors
-    /// Errors of the file system.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
 
     /// Removes a file.
-    ///
-    /// # Errors
-    /// Errors of the file system.
     fn remove(&self, path: &Path) -> io::Result<()>;
 
     /// Creates a folder; its parent must exist.
-    ///
-    /// # Errors
-    /// Errors of the file system.
     fn create_folder(&self, path: &Path) -> io::Result<()>;
 
     /// Flushes the names in a folder to the storage device.
-    ///
-    /// # Errors
-    /// Errors of the file system.
     fn sync_folder(&self, path: &Path) -> io::Result<()>;
 }
 
@@ -137,7 +117,7 @@ pub fn random_number() -> u64 {
 pub fn check_writable(disk: &dyn Disk, path: &Path) -> Result<(), LearnerError> {
     let partial = partial_name(path);
     let tried = if path.is_dir() {
-        Err(std::io::ErrorKind::IsADirectory.into())
+        Err(io::ErrorKind::IsADirectory.into())
     } else {
         disk.write(&partial, &[])
     };

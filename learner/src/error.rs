@@ -141,6 +141,15 @@ pub enum LearnerError {
 }
 
 impl LearnerError {
+    /// Returns the error of a setting outside its range.
+    pub(crate) fn invalid(
+        name: &'static str,
+        value: impl ToString,
+        expected: &'static str,
+    ) -> Self {
+        Self::InvalidSetting { name, value: value.to_string(), expected }
+    }
+
     /// Wraps an error of reading the file at `path`.
     pub fn cannot_read(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
@@ -149,7 +158,7 @@ impl LearnerError {
 
     /// Returns the error of a file that could be read but is inconsistent.
     pub fn damaged_file(path: &Path, problem: String) -> Self {
-        Self::cannot_read(path, Damaged(problem))
+        Self::cannot_read(path, problem)
     }
 
     /// Wraps an error of writing the file at `path`.
@@ -170,13 +179,5 @@ impl LearnerError {
 }
 
 fn hint(nearest: &Option<String>) -> String {
-    match nearest {
-        Some(nearest) => format!(": did you mean `{nearest}`?"),
-        None => String::new(),
-    }
+    nearest.as_ref().map_or_else(String::new, |name| format!(": did you mean `{name}`?"))
 }
-
-/// Inconsistency of a file that could be read.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-struct Damaged(String);

@@ -2,16 +2,17 @@
 //!
 //! To add one: implement [`Grouping`], and give it a value of [`GroupingSettings`].
 
-mod distance;
 mod evidence;
 mod grouping;
 mod oracle;
 mod settings;
+mod threshold;
 
-pub use distance::Distance;
-pub use evidence::Evident;
+pub use evidence::EvidenceGrouping;
 pub use grouping::{
-    Candidates, Episodes, Grouping, GroupingDecision, Learned, Lesson, Needs, Query, Recognised,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Episodes, Grouping,
+    GroupingDecision, GroupingUpdate, RecognisedPolicy,
 };
-pub use oracle::{Labels, Single};
+pub use oracle::{Labels, SinglePolicyGrouping};
 pub use settings::{GroupingSettings, RemovedSettings};
+pub use threshold::ThresholdGrouping;

@@ -17,8 +17,9 @@ pub mod overrides;
 pub use error::LearnerError;
 pub use evidence::Trial;
 pub use groupings::{
-    Candidates, Distance, Episodes, Evident, Grouping, GroupingDecision, GroupingSettings, Labels,
-    Learned, Lesson, Needs, Query, Recognised, RemovedSettings, Single,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Episodes,
+    EvidenceGrouping, Grouping, GroupingDecision, GroupingSettings, GroupingUpdate, Labels,
+    RecognisedPolicy, RemovedSettings, SinglePolicyGrouping, ThresholdGrouping,
 };
 pub use learners::{
     CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, Handover, Iteration,

@@ -1,11 +1,14 @@
 //! A toy environment whose hidden group changes, and what learners do in it.
 
-use learner::{Iteration, Learner, Metric};
+use learner::{
+    CheckpointExtent, CoversSettings, Iteration, Learner, LearnerError, Metric, PolicyCollection,
+    PolicyCollectionSettings,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    CriticSettings, EncoderSettings, EnvSpec, NetworkSettings, Observations, StepOutcome,
-    Transition, VectorEnv,
+    CriticSettings, EncoderSettings, EnvSpec, NetworkSettings, Observations, PpoSettings,
+    StepOutcome, Transition, VectorEnv,
 };
 use symmetry::{D2, Irrep};
 
@@ -13,15 +16,15 @@ const SIZE: usize = 8;
 /// Decisions an episode lasts.
 pub const HORIZON: usize = 5;
 
-/// Pictures of one bright bar, standing (group 0) or lying (group 1), at a random mirrored place;
-/// the reward is the first action.
+/// Images of one bright bar, standing (group 0) or lying (group 1), at a random mirrored place; the
+/// reward is the first action.
 #[derive(Clone)]
 pub struct Bars {
     pub spec: EnvSpec,
     pub group: usize,
     time: usize,
     rng: ChaCha8Rng,
-    /// Whether the time limit is told.
+    /// `true` if learners know the horizon.
     pub limited: bool,
 }
 
@@ -41,32 +44,38 @@ impl Bars {
         }
     }
 
-    /// Environments with vectors alone, and with pictures alone.
+    /// Environments with vectors alone, and with images alone.
     pub fn half_blind() -> [Self; 2] {
-        let [mut vectors, mut pictures] = [Self::new(), Self::new()];
+        let [mut vectors, mut images] = [Self::new(), Self::new()];
         vectors.spec.image_shape = EnvSpec::NO_IMAGE;
-        pictures.spec.vector_irreps.clear();
-        [vectors, pictures]
+        images.spec.vector_irreps.clear();
+        [vectors, images]
     }
 
-    /// Lets `learner` take a turn in each of these groups.
-    pub fn teach(&mut self, learner: &mut dyn Learner, groups: &[usize]) -> Vec<Iteration> {
-        let turns = groups.iter().map(|&group| {
+    /// Lets `learner` train for one iteration in each of these groups.
+    pub fn train(&mut self, learner: &mut dyn Learner, groups: &[usize]) -> Vec<Iteration> {
+        let iterations = groups.iter().map(|&group| {
             self.group = group;
             learner.learn(self).unwrap()
         });
-        turns.collect()
+        iterations.collect()
     }
 
-    /// The policies that `learner` finds for the two groups.
-    pub fn recognised(&mut self, learner: &mut dyn Learner) -> [usize; 2] {
-        [0, 1].map(|group| {
-            self.group = group;
+    /// The policy that `learner` recognises for a group, the same two times.
+    pub fn recognised(
+        &mut self,
+        learner: &mut dyn Learner,
+        group: usize,
+        episodes: Option<usize>,
+    ) -> Option<usize> {
+        self.group = group;
+        let [first, second] = [0; 2].map(|_| {
             let mut rng = ChaCha8Rng::seed_from_u64(9);
-            let recognised = learner.recognise_policy(self, None, &mut rng).unwrap();
-            assert!(recognised.fits);
-            recognised.policy
-        })
+            let recognised = learner.recognise_policy(&mut self.clone(), episodes, &mut rng);
+            recognised.unwrap().accepted()
+        });
+        assert_eq!(first, second);
+        first
     }
 
     fn draw(&mut self, out: &mut Observations) {
@@ -86,7 +95,7 @@ impl Bars {
     }
 }
 
-/// A small network for such pictures.
+/// A small network for such images.
 pub fn network(critic: CriticSettings) -> NetworkSettings {
     NetworkSettings {
         encoder: EncoderSettings::Strided { fields: vec![4, 8] },
@@ -98,12 +107,56 @@ pub fn network(critic: CriticSettings) -> NetworkSettings {
     }
 }
 
-/// A metric of a turn that is one number.
-pub fn number(turn: &Iteration, name: &str) -> f64 {
-    match turn.metrics.get(name) {
+/// COVERS with such a network, and rollouts of two episodes in each of ten environments.
+pub fn covers_settings() -> CoversSettings {
+    CoversSettings {
+        network: network(CriticSettings::Pooled { width: 8 }),
+        ppo: PpoSettings { epochs: 1, minibatch: 20, ..PpoSettings::default() },
+        rollout_steps: 100,
+        ..CoversSettings::default()
+    }
+}
+
+/// A metric of an iteration that is one number.
+pub fn number(iteration: &Iteration, name: &str) -> f64 {
+    match iteration.metrics.get(name) {
         Some(Metric::Number(value)) => *value,
         other => panic!("{name} is {other:?}"),
     }
+}
+
+/// Checks that a result is an error whose message has this part.
+#[track_caller]
+pub fn assert_refused<T>(result: Result<T, LearnerError>, part: &str) {
+    let message = result.err().unwrap().to_string();
+    assert!(message.contains(part), "{message}");
+}
+
+/// A file for one test of this process.
+pub fn scratch(name: &str) -> std::path::PathBuf {
+    std::env::temp_dir().join(format!("covers-{name}-{}", std::process::id()))
+}
+
+/// Checks that a learner continues to the same bits after it was saved and loaded, untrained and
+/// after rollouts of the groups 0, 1, 0.
+pub fn assert_continues_alike<S: PolicyCollectionSettings>(settings: S, mut env: Bars, name: &str) {
+    let path = scratch(name);
+    let whole = CheckpointExtent::Everything;
+    let mut learner = PolicyCollection::new(settings, env.spec()).unwrap();
+    learner.save(&path, whole, "fresh").unwrap();
+    learner = PolicyCollection::load(&path, env.spec()).unwrap().0;
+    env.train(&mut learner, &[0, 1, 0]);
+    learner.save(&path, whole, "a note").unwrap();
+    let (mut copy, note) = PolicyCollection::<S>::load(&path, env.spec()).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    assert_eq!((note.as_str(), copy.policy_count()), ("a note", learner.policy_count()));
+    let mut copied_env = env.clone();
+    let iterations = env.train(&mut learner, &[0, 1, 1]);
+    for (one, other) in iterations.iter().zip(copied_env.train(&mut copy, &[0, 1, 1])) {
+        assert_eq!((&one.metrics, &one.evidence), (&other.metrics, &other.evidence));
+    }
+    let bytes = |any: &dyn Learner| any.to_checkpoint_bytes(&path, whole, "").unwrap();
+    assert!(bytes(&learner) == bytes(&copy), "{name} {:?}", env.spec);
 }
 
 impl VectorEnv for Bars {

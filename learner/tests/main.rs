@@ -5,7 +5,6 @@
 mod algorithm;
 mod bars;
 mod off_policy;
-mod recognition;
 mod trials;
 
 #[path = "../../rl/tests/common/guess.rs"]

@@ -1,125 +1,142 @@
-//! Learners under a grouping that tries policies, merges duplicates and cuts rollouts.
+//! Learners under a grouping that tries policies, merges duplicates and finds changepoints.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use cluster::{Assignment, Decision, Evidence, Verdict};
 use learner::{
-    Candidates, CheckpointExtent, Covers, CoversSettings, Grouping, GroupingDecision, Learned,
-    Learner, LearnerError, Lesson, Needs, OffPolicy, OffPolicySettings, Query, Trial,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, Covers, CoversSettings,
+    EpisodeRequirements, Grouping, GroupingDecision, GroupingUpdate, Learner, LearnerError,
+    OffPolicy, OffPolicySettings, Trial,
 };
 use rand_chacha::ChaCha8Rng;
-use rl::{CriticSettings, PpoSettings, SacSettings, VectorEnv};
+use rl::{CriticSettings, SacSettings, VectorEnv};
 
-use crate::bars::{Bars, network, number};
+use crate::bars::{Bars, assert_refused, covers_settings, network, number, scratch};
 
-/// Grouping that follows a script: its decisions on rollouts, in turn, and on trials.
+/// Grouping that follows a script: its decisions on rollouts, one for each iteration, and on
+/// trials.
 #[derive(Clone, Default)]
 struct Script {
-    /// Episodes that a decision takes; 0 for one.
-    needs: usize,
+    /// Episodes that a decision needs; 0 for one.
+    episodes: usize,
     decisions: Vec<Decision>,
-    turns: usize,
-    /// Answers to the first trials.
+    iterations: usize,
+    /// Decisions on the first trials.
     trials: Vec<GroupingDecision>,
     /// Policies that are rejected in other trials.
     rejects: Vec<usize>,
     /// Changepoint of each rollout that is trained on.
     end: Option<usize>,
     /// Policies that serve one group, the first of which continues.
-    twins: Option<(usize, usize)>,
+    duplicates: Option<(usize, usize)>,
     merged_into: Vec<Option<usize>>,
-    /// `true` if the first look of a turn shows two groups, and if the second one does.
-    cuts: [bool; 2],
+    /// `true` if the first rollout of an iteration shows two groups, and if the second one does.
+    changes: [bool; 2],
     /// Decisions before the later group.
-    cut_at: usize,
-    /// Number of episodes that each policy kept at the last query.
+    changepoint: usize,
+    /// Number of episodes that each policy kept at the last request.
     kept: Arc<Mutex<Vec<usize>>>,
-    /// `true` if the first look of each turn is undecided.
+    /// `true` if the first rollout of each iteration is left undecided.
     doubts: bool,
-    /// `true` if that look of this turn has been.
+    /// `true` if that of this iteration has been.
     is_doubted: bool,
     /// `true` if existing policies are named provisionally.
     is_provisional: bool,
-    /// `true` if whole episodes are needed.
     whole_episodes: bool,
-    /// Number of whole episodes of each query and lesson.
-    courses: Arc<Mutex<Vec<usize>>>,
+    /// Number of whole episodes of each request and update.
+    trajectories: Arc<Mutex<Vec<usize>>>,
 }
 
 impl Grouping for Script {
-    fn needs(&self) -> Needs {
-        Needs { episodes: self.needs.max(1), whole_episodes: self.whole_episodes }
+    fn requirements(&self) -> EpisodeRequirements {
+        let (episodes, whole_episodes) = (self.episodes.max(1), self.whole_episodes);
+        EpisodeRequirements { episodes, whole_episodes }
     }
 
     fn assign(
         &mut self,
-        query: Query<'_>,
-        candidates: &mut dyn Candidates,
+        request: AssignmentRequest<'_>,
+        data: &mut dyn AssignmentData,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
-        let episodes = candidates.episodes();
+        let episodes = data.episodes();
         let collector = episodes.collector;
-        self.courses.lock().unwrap().push(episodes.courses.len());
+        self.trajectories.lock().unwrap().push(episodes.trajectories.len());
         let with_trial = |decision| with_trial(decision, self.is_provisional);
-        let decision = self.decisions[self.turns - 1];
-        Ok(match query {
-            Query::Rollout { can_wait } => {
-                assert!(can_wait);
-                let clouds = candidates.clouds()?;
+        let decision = self.decisions[self.iterations - 1];
+        Ok(match request {
+            AssignmentRequest::Assign { allow_undecided } => {
+                assert!(allow_undecided);
+                let clouds = data.clouds()?;
                 let kept = clouds.iter().map(|cloud| cloud.buffer.episodes());
                 *self.kept.lock().unwrap() = kept.collect();
                 let is_first = self.doubts && !std::mem::replace(&mut self.is_doubted, true);
+                let changes = self.changes[usize::from(!is_first)];
                 GroupingDecision {
-                    cut: self.cuts[usize::from(!is_first)].then_some(self.cut_at),
+                    changepoint: changes.then_some(self.changepoint),
                     ..with_trial(if is_first { Decision::Undecided } else { decision })
                 }
             }
-            Query::Trial { .. } if !self.trials.is_empty() => self.trials.remove(0),
-            Query::Trial { earlier, .. } => {
-                let mut rejected = earlier.rejected.clone();
+            AssignmentRequest::Confirm { .. } if !self.trials.is_empty() => self.trials.remove(0),
+            AssignmentRequest::Confirm { proposal, .. } => {
+                let mut rejected = proposal.rejected.clone();
                 assert!(!rejected.contains(&collector), "{collector} was rejected");
                 let stays = !self.rejects.contains(&collector);
                 rejected.extend((!stays).then_some(collector));
                 GroupingDecision {
-                    cut: earlier.cut,
+                    changepoint: proposal.changepoint,
                     rejected,
                     ..with_trial(if stays { Decision::Existing(collector) } else { Decision::New })
                 }
             }
-            Query::Recognition => panic!("nothing is recognised"),
+            AssignmentRequest::Recognise => panic!("nothing is recognised"),
         })
     }
 
-    fn learn(&mut self, lesson: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
-        let mut learned = Learned::default();
-        match lesson {
-            Lesson::Rollout { policy, episodes, .. } => {
-                self.turns += 1;
+    fn update(
+        &mut self,
+        assigned: AssignedEpisodes<'_>,
+        _: &mut ChaCha8Rng,
+    ) -> Result<GroupingUpdate, LearnerError> {
+        let mut update = GroupingUpdate::default();
+        match assigned {
+            AssignedEpisodes::Rollout { policy, episodes, .. } => {
+                self.iterations += 1;
                 self.is_doubted = false;
-                self.courses.lock().unwrap().push(episodes.courses.len());
-                let twins = self.twins.filter(|&(_, gone)| policy == gone);
-                learned.end = self.end;
-                learned.probe = twins.map(|(kept, _)| kept);
+                self.trajectories.lock().unwrap().push(episodes.trajectories.len());
+                let duplicates = self.duplicates.filter(|&(_, gone)| policy == gone);
+                update.changepoint = self.end;
+                update.probe = duplicates.map(|(kept, _)| kept);
             }
-            Lesson::Probes { policy, probes } => {
-                let (twin, _) = self.twins.unwrap();
+            AssignedEpisodes::Probes { policy, probes } => {
+                let (kept, _) = self.duplicates.unwrap();
                 let collectors: Vec<usize> = probes.iter().map(|probe| probe.collector).collect();
                 if let [collector] = collectors[..] {
-                    assert_eq!(collector, twin, "asked by {policy}");
-                    learned.probe = Some(policy);
+                    assert_eq!(collector, kept, "asked by {policy}");
+                    update.probe = Some(policy);
                 } else {
-                    assert_eq!(collectors, [twin, policy]);
-                    self.merged_into = vec![None, Some(twin)];
+                    assert_eq!(collectors, [kept, policy]);
+                    self.merged_into = vec![None, Some(kept)];
                 }
             }
         }
-        learned.merged_into = self.merged_into.clone();
-        Ok(learned)
+        update.merged_into = self.merged_into.clone();
+        Ok(update)
+    }
+
+    fn state(&self) -> serde_json::Value {
+        self.iterations.into()
+    }
+
+    fn restore(&mut self, state: &serde_json::Value, _: usize) -> Result<(), String> {
+        let iterations = state.as_u64().ok_or("expected a number of iterations")?;
+        self.iterations = usize::try_from(iterations).map_err(|error| error.to_string())?;
+        Ok(())
     }
 }
 
-/// A decision that demands a trial, also if the evidence speaks against the policy.
+/// A decision that demands a trial, also if there is evidence against the policy.
 fn with_trial(decision: Decision, is_provisional: bool) -> GroupingDecision {
     let against = Evidence { distance: 1.0, test: None, verdict: Verdict::Rejected };
     let assignment = Assignment { decision, evidence: vec![against; 2] };
@@ -128,6 +145,11 @@ fn with_trial(decision: Decision, is_provisional: bool) -> GroupingDecision {
         is_provisional: is_provisional && matches!(decision, Decision::Existing(_)),
         ..assignment.into()
     }
+}
+
+/// Script in which policy 1 is created, and policy 0 continues.
+fn create_and_return(script: Script) -> Script {
+    Script { decisions: vec![Decision::New, Decision::Existing(0)], ..script }
 }
 
 fn bars() -> Bars {
@@ -140,20 +162,15 @@ fn learner(script: Script) -> (Bars, Covers) {
     learner_of(100, script)
 }
 
-/// A learner whose rollouts take so many decisions.
+/// A learner whose rollouts have so many decisions.
 fn learner_of(rollout_steps: usize, script: Script) -> (Bars, Covers) {
     let env = bars();
-    let settings = CoversSettings {
-        network: network(CriticSettings::Pooled { width: 8 }),
-        ppo: PpoSettings { epochs: 1, minibatch: 20, ..PpoSettings::default() },
-        rollout_steps,
-        ..CoversSettings::default()
-    };
+    let settings = CoversSettings { rollout_steps, ..covers_settings() };
     let covers = Covers::with_grouping(settings, env.spec(), Box::new(script)).unwrap();
     (env, covers)
 }
 
-/// The same by soft actor-critic.
+/// A learner that trains by soft actor-critic.
 fn off_policy(script: Script) -> (Bars, OffPolicy) {
     let env = bars();
     let method = OffPolicySettings::equi_sac();
@@ -168,147 +185,118 @@ fn off_policy(script: Script) -> (Bars, OffPolicy) {
     (env, learner)
 }
 
-/// Policies and decisions of so many turns.
-fn turns(covers: &mut dyn Learner, env: &mut Bars, count: usize) -> Vec<(usize, usize)> {
-    let turns = (0..count).map(|_| covers.learn(env).unwrap());
-    turns.map(|turn| (turn.policy, turn.decisions)).collect()
+/// Policies and decisions of so many iterations.
+fn run((mut env, mut learner): (Bars, impl Learner), count: usize) -> Vec<(usize, usize)> {
+    let iterations = (0..count).map(|_| learner.learn(&mut env).unwrap());
+    iterations.map(|iteration| (iteration.policy, iteration.decisions)).collect()
 }
 
 /// A policy that is one of several acts for a round of 50 decisions before it acts for 100.
 #[test]
-fn a_policy_that_is_rejected_in_its_audition_costs_one_round() {
-    let script = |rejects: &[usize]| Script {
-        decisions: vec![Decision::New, Decision::Existing(0)],
-        rejects: rejects.to_vec(),
-        ..Script::default()
-    };
-    let (mut env, mut covers) = learner(script(&[]));
-    assert_eq!(turns(&mut covers, &mut env, 3), [(0, 100), (1, 200), (0, 250)]);
-    let (mut other_env, mut other_covers) = learner(script(&[0]));
-    assert_eq!(turns(&mut other_covers, &mut other_env, 3), [(0, 100), (1, 200), (2, 250)]);
-}
-
-/// Opens policy 1, which serves the group of policy 0.
-fn twins() -> Script {
-    Script {
-        decisions: vec![Decision::New, Decision::Existing(0)],
-        twins: Some((0, 1)),
-        merged_into: vec![None],
-        ..Script::default()
+fn a_policy_that_is_rejected_after_a_few_episodes_costs_one_round() {
+    for (rejects, last) in [(vec![], (0, 250)), (vec![0], (2, 250))] {
+        let script = create_and_return(Script { rejects, ..Script::default() });
+        assert_eq!(run(learner(script), 3), [(0, 100), (1, 200), last]);
     }
 }
 
+/// Policy 1 is created, and serves the group of policy 0.
+fn duplicates() -> Script {
+    let merged_into = vec![None];
+    create_and_return(Script { duplicates: Some((0, 1)), merged_into, ..Script::default() })
+}
+
+/// Policy 1 trains, both act for a round, and policy 0 collects the next rollout.
 #[test]
-fn of_twins_one_continues() {
-    let (mut env, mut covers) = learner(twins());
-    // policy 1 trains, both act for a round, and policy 0 collects the next rollout
+fn of_two_duplicates_one_continues() {
     let expected = [(0, 100), (1, 300), (0, 100)];
-    assert_eq!(turns(&mut covers, &mut env, 3), expected);
-    // auditions last as long after a rollout that lost its end
-    let (mut short_env, mut short_covers) = learner(Script { end: Some(50), ..twins() });
-    assert_eq!(turns(&mut short_covers, &mut short_env, 3), expected);
+    assert_eq!(run(learner(duplicates()), 3), expected);
+    // probes last as long after a rollout that lost its end
+    assert_eq!(run(learner(Script { end: Some(50), ..duplicates() }), 3), expected);
+    // a replay takes what another policy collected, so that only probes cost decisions
+    assert_eq!(run(off_policy(duplicates()), 3), [(0, 100), (1, 200), (0, 100)]);
+    // ten environments show twenty episodes in two rounds, which must be less than a rollout
+    let script = Script { episodes: 20, ..duplicates() };
+    assert_eq!(run(learner(script.clone()), 2), [(0, 100), (1, 200)]);
+    assert_eq!(run(learner_of(150, script), 2), [(0, 150), (1, 500)]);
 }
 
 /// Report and metrics of an iteration in which policies were merged.
 #[test]
-fn merges_are_seen() {
-    let (mut env, mut covers) = learner(twins());
-    let told = (0..3).map(|_| {
-        let turn = covers.learn(&mut env).unwrap();
-        let logged = turn.metrics.get("heirs").unwrap().to_string();
-        (turn.merged_into.iter().flatten().count(), logged)
+fn merges_are_reported() {
+    let (mut env, mut covers) = learner(duplicates());
+    let reported = (0..3).map(|_| {
+        let iteration = covers.learn(&mut env).unwrap();
+        let logged = iteration.metrics.get("heirs").unwrap().to_string();
+        (iteration.merged_into.iter().flatten().count(), logged)
     });
     let merged = || (1, ";0".to_owned());
-    let expected = [(0, String::new()), merged(), merged()];
-    assert_eq!(told.collect::<Vec<_>>(), expected);
+    assert_eq!(reported.collect::<Vec<_>>(), [(0, String::new()), merged(), merged()]);
 }
 
-/// A replay takes what another policy collected, so that only twins cost decisions.
+/// Decisions of three iterations, and how many the replay holds that was trained on, where the
+/// first policy continues after another one was created.
+fn replayed(script: Script) -> Vec<(usize, usize)> {
+    let (mut env, mut learner) = off_policy(create_and_return(script));
+    let iterations = (0..3).map(|_| learner.learn(&mut env).unwrap());
+    let replayed = iterations.map(|one| (one.decisions, number(&one, "replay") as usize));
+    replayed.collect()
+}
+
+/// A replay holds what its policy collected after a rollout of two groups, and nothing of that one,
+/// nor of one that was left undecided. A provisional policy, such as a merged one, acts before it
+/// trains.
 #[test]
-fn twins_are_looked_for_whatever_trains_them() {
-    let (mut env, mut learner) = off_policy(twins());
-    let expected = [(0, 100), (1, 200), (0, 100)];
-    assert_eq!(turns(&mut learner, &mut env, 3), expected);
-}
-
-/// Ten environments show twenty episodes in two rounds, which must be less than a rollout.
-#[test]
-fn auditions_last_as_long_as_a_decision_takes_or_do_not_take_place() {
-    let script = Script { needs: 20, ..twins() };
-    let (mut env, mut covers) = learner(script.clone());
-    assert_eq!(turns(&mut covers, &mut env, 2), [(0, 100), (1, 200)]);
-    let (mut long_env, mut long_covers) = learner_of(150, script);
-    assert_eq!(turns(&mut long_covers, &mut long_env, 2), [(0, 150), (1, 500)]);
-}
-
-/// Decisions of three turns, and how many the replay holds that was trained on, where the first
-/// policy continues after another one was created.
-fn held(script: Script) -> Vec<(usize, usize)> {
-    let (mut env, mut learner) =
-        off_policy(Script { decisions: vec![Decision::New, Decision::Existing(0)], ..script });
-    let turns = (0..3).map(|_| learner.learn(&mut env).unwrap());
-    let held = turns.map(|turn| (turn.decisions, number(&turn, "replay") as usize));
-    held.collect()
-}
-
-/// A replay holds what its policy collected after a rollout of two groups, and nothing of that one.
-#[test]
-fn no_replay_takes_a_rollout_of_two_groups() {
-    let cut = |cuts| held(Script { cuts, ..Script::default() });
-    assert_eq!(cut([false; 2]), [(100, 100), (100, 100), (100, 200)]);
-    assert_eq!(cut([true; 2]), [(100, 100), (200, 100), (250, 200)]);
-}
-
-/// No replay takes a rollout that was left undecided, nor one of two groups.
-#[test]
-fn no_replay_takes_what_was_undecided_or_cut_off() {
-    let cut = |cuts| held(Script { cuts, doubts: true, ..Script::default() });
-    assert_eq!(cut([false; 2]), [(100, 100), (200, 100), (200, 200)]);
-    assert_eq!(cut([true, false]), [(100, 100), (200, 100), (200, 200)]);
-    assert_eq!(cut([false, true]), [(100, 100), (300, 100), (350, 200)]);
+fn no_replay_takes_a_rollout_that_is_undecided_or_of_two_groups() {
+    let with = |changes, doubts| Script { changes, doubts, ..Script::default() };
+    let tried = |rejects: &[usize]| Script {
+        is_provisional: true,
+        rejects: rejects.to_vec(),
+        ..Script::default()
+    };
+    for (script, expected) in [
+        (with([false; 2], false), [(100, 100), (100, 100), (100, 200)]),
+        (with([true; 2], false), [(100, 100), (200, 100), (250, 200)]),
+        (with([false; 2], true), [(100, 100), (200, 100), (200, 200)]),
+        (with([true, false], true), [(100, 100), (200, 100), (200, 200)]),
+        (with([false, true], true), [(100, 100), (300, 100), (350, 200)]),
+        (tried(&[]), [(100, 100), (100, 100), (250, 300)]),
+        (tried(&[0]), [(100, 100), (100, 100), (250, 200)]),
+    ] {
+        assert_eq!(replayed(script), expected);
+    }
 }
 
 /// A rollout shows episodes that begin after 0 and 50 decisions, ten each time.
 #[test]
 fn a_policy_keeps_no_frames_of_the_group_before() {
-    let kept = |cut_at| {
+    let kept = |changepoint| {
         let script = Script {
             decisions: vec![Decision::New, Decision::Existing(1)],
-            cuts: [false, true],
-            cut_at,
+            changes: [false, true],
+            changepoint,
             doubts: true,
             ..Script::default()
         };
         let kept = Arc::clone(&script.kept);
-        let (mut env, mut covers) = learner(script);
-        turns(&mut covers, &mut env, 3);
+        run(learner(script), 3);
         kept.lock().unwrap().clone()
     };
     assert_eq!([0, 50].map(kept), [[20, 20], [20, 10]]);
 }
 
-/// Merged policies, for example, are named provisionally.
-#[test]
-fn a_provisional_policy_acts_before_it_trains_where_rollouts_are_reused() {
-    let tried = |rejects: &[usize]| {
-        held(Script { is_provisional: true, rejects: rejects.to_vec(), ..Script::default() })
-    };
-    assert_eq!(tried(&[]), [(100, 100), (100, 100), (250, 300)]);
-    assert_eq!(tried(&[0]), [(100, 100), (100, 100), (250, 200)]);
-}
-
-/// Answer to a trial in which the group has changed.
+/// Decision on a trial in which the group has changed.
 fn changed(decision: Decision, trial: Trial) -> GroupingDecision {
     GroupingDecision { group_changed: true, trial, ..with_trial(decision, false) }
 }
 
-/// Policy 0 passes its audition, and its rollout, or already the audition, shows that the group has
-/// changed. The rollouts before are of the earlier group.
+/// Policy 0 passes its first episodes, and its rollout, or already these episodes, show that the
+/// group has changed. The rollouts before are of the earlier group.
 #[test]
 fn no_replay_takes_rollouts_of_an_earlier_group() {
     let tried = |trials: &[GroupingDecision]| {
         let script = Script { is_provisional: true, trials: trials.to_vec(), ..Script::default() };
-        held(script)[2]
+        replayed(script)[2]
     };
     let passes = with_trial(Decision::Existing(0), true);
     for named in [Decision::New, Decision::Existing(1)] {
@@ -328,45 +316,59 @@ fn a_waived_trial_saves_a_rollout_unless_a_few_episodes_showed_the_change() {
     let waived = changed(Decision::Existing(1), Trial::Waived);
     let back = changed(Decision::Existing(0), Trial::Waived);
     let created = with_trial(Decision::Existing(1), false);
-    for (third_turn, expected) in [
+    for (third, expected) in [
         (vec![passes, waived.clone()], (1, 250)),
         (vec![waived.clone()], (1, 250)),
         (vec![waived, back], (0, 250)),
     ] {
-        let (mut env, mut covers) = learner(Script {
-            decisions: vec![Decision::New, Decision::Existing(0)],
-            trials: [vec![created.clone()], third_turn].concat(),
-            ..Script::default()
-        });
-        assert_eq!(turns(&mut covers, &mut env, 3)[2], expected);
+        let trials = [vec![created.clone()], third].concat();
+        let script = create_and_return(Script { trials, ..Script::default() });
+        assert_eq!(run(learner(script), 3)[2], expected);
     }
 }
 
 /// Ten environments show twenty episodes in a rollout of 100 decisions.
 #[test]
 fn whole_episodes_are_collected_for_groupings_that_ask() {
-    let shown = |whole_episodes| {
+    // the first rollout of all is trained on without a decision
+    for (whole_episodes, expected) in [(true, [20; 3]), (false, [0; 3])] {
         let script =
             Script { decisions: vec![Decision::Existing(0)], whole_episodes, ..Script::default() };
-        let courses = Arc::clone(&script.courses);
-        let (mut env, mut covers) = learner(script);
-        turns(&mut covers, &mut env, 2);
-        courses.lock().unwrap().clone()
-    };
-    // the first rollout of all is trained on without a decision
-    assert_eq!(shown(true), [20; 3]);
-    assert_eq!(shown(false), [0; 3]);
+        let trajectories = Arc::clone(&script.trajectories);
+        run(learner(script), 2);
+        assert_eq!(*trajectories.lock().unwrap(), expected);
+    }
 }
 
 /// The first half of a rollout is trained on where the second shows another group.
 #[test]
 fn no_policy_trains_on_steps_after_a_changepoint() {
     let trained = |end| {
-        let (mut env, mut covers) =
-            learner(Script { decisions: vec![Decision::Existing(0); 2], end, ..Script::default() });
-        turns(&mut covers, &mut env, 2);
+        let decisions = vec![Decision::Existing(0); 2];
+        let (mut env, mut covers) = learner(Script { decisions, end, ..Script::default() });
+        env.train(&mut covers, &[0, 0]);
         covers.to_checkpoint_bytes(Path::new("none"), CheckpointExtent::Everything, "").unwrap()
     };
     assert_eq!(trained(None), trained(Some(100)));
     assert_ne!(trained(None), trained(Some(50)));
+}
+
+#[test]
+fn a_grouping_from_outside_decides_and_is_saved() {
+    let decisions = vec![Decision::New, Decision::Existing(0), Decision::Existing(1)];
+    let (mut env, mut covers) = learner(Script { decisions, ..Script::default() });
+    let iterations = (0..4).map(|_| covers.learn(&mut env).unwrap());
+    let iterations: Vec<_> = iterations.map(|one| (one.policy, one.policy_created)).collect();
+    assert_eq!(iterations, [(0, false), (1, true), (0, false), (1, false)]);
+    let path = scratch("script");
+    covers.save(&path, CheckpointExtent::Everything, "").unwrap();
+    // the settings name another grouping than the one that decided
+    assert_refused(Covers::load(&path, env.spec()), "grouping");
+    // a policy that does not exist is refused
+    let decisions = [vec![Decision::Existing(0); 4], vec![Decision::Existing(7)]].concat();
+    let other = Box::new(Script { decisions, ..Script::default() });
+    let (mut copy, _) = Covers::load_with_grouping(&path, env.spec(), other).unwrap();
+    std::fs::remove_file(path).unwrap();
+    assert_eq!(copy.learn(&mut env).unwrap().policy, 0);
+    assert_refused(copy.learn(&mut env), "`policy` is 7");
 }

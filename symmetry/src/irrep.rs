@@ -86,14 +86,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn different_irreps_are_orthogonal() {
-        for a in Irrep::ALL {
-            for b in Irrep::ALL {
-                let product: i8 = D2::ALL.iter().map(|&g| a.sign(g) * b.sign(g)).sum();
-                assert_eq!(product, if a == b { 4 } else { 0 });
-            }
-        }
-    }
 }

@@ -55,7 +55,7 @@ impl Episode {
             now: Vec::new(),
             rng,
         };
-        episode.look();
+        episode.render();
         episode.first.clone_from(&episode.now);
         episode
     }
@@ -69,24 +69,24 @@ impl Episode {
             *hand = (*hand + shift).clamp(-REACH, REACH);
         }
         self.scene.decisions_without_object = self.scene.decisions_without_object.saturating_sub(1);
-        self.look();
-        let place = self.place();
-        let pay = &self.group.reward;
-        (self.scene.reward_scale * pay.reward_at(place), pay.distance(place) <= NEAR)
+        self.render();
+        let (position, reward) = (self.relative_position(), &self.group.reward);
+        let value = self.scene.reward_scale * reward.reward_at(position);
+        (value, reward.distance(position) <= NEAR)
     }
 
     /// Renders the camera picture of the present state.
-    fn look(&mut self) {
+    fn render(&mut self) {
         let empty = self.empty.as_ref().filter(|_| self.scene.decisions_without_object > 0);
         let picture = empty.unwrap_or(&self.still).with_hand(self.hand);
         self.now = picture.with_camera_noise(self.scene.noise_amplitude, &mut self.rng);
     }
 
-    /// Returns the action of an expert that takes the episode for one of `group`, mirrored as the
-    /// pictures are.
+    /// Returns the action of a scripted expert for `group`, mirrored as the pictures are.
     pub fn expert_action(&self, group: &TaskGroup) -> [f32; 2] {
-        let action =
-            group.dynamics.action_for_displacement(group.reward.vector_to_nearest(self.place()));
+        let action = group
+            .dynamics
+            .action_for_displacement(group.reward.vector_to_nearest(self.relative_position()));
         // actions are scaled as a whole, since clipping each component would change the direction
         let most = action[0].abs().max(action[1].abs()).max(1.0);
         mirrored(self.variant, action.map(|a| a / most))
@@ -111,7 +111,7 @@ impl Episode {
     }
 
     /// Returns the hand's position relative to the object.
-    fn place(&self) -> [f32; 2] {
+    fn relative_position(&self) -> [f32; 2] {
         [self.hand[0] - self.object[0], self.hand[1] - self.object[1]]
     }
 }

@@ -1,6 +1,6 @@
 //! Task groups: the object, the reward and the dynamics that all tasks of one group share.
 
-use crate::look::Appearance;
+use crate::appearance::Appearance;
 
 /// Task group of a world: all variants of D2 and all placements of one object.
 #[derive(Clone, Copy, Debug, PartialEq)]

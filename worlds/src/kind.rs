@@ -4,8 +4,8 @@ use rand::RngExt;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
+use crate::appearance::{Appearance, Shape, Texture};
 use crate::group::{HandDynamics, RewardFunction, TaskGroup};
-use crate::look::{Appearance, Shape, Texture};
 use crate::scene::{
     Nuisance, change_light, move_object, raise_noise, rescale_rewards, tint_ground, unchanged,
 };
@@ -17,7 +17,7 @@ pub enum Property {
     Colour,
     /// Outline of the object.
     Shape,
-    /// Size, texture and number of copies of the object together.
+    /// Size, texture and number of copies of the object, which vary together.
     Form,
     /// Colour of the ground.
     Ground,
@@ -71,7 +71,7 @@ pub enum WorldKind {
     RescaledReward,
 }
 
-/// Description of a kind of world.
+/// Definition of a kind of world: name, number of groups, properties and nuisance.
 struct Spec {
     name: &'static str,
     /// Least and largest default number of task groups.
@@ -102,23 +102,23 @@ impl WorldKind {
 
     const fn spec(self) -> Spec {
         use Property::{Colour, Dynamics, Form, Ground, Reward, Shape, Target};
-        const LOOKS: &[Property] = &[Colour, Shape, Form, Target];
+        const APPEARANCE: &[Property] = &[Colour, Shape, Form, Target];
         let values: (_, _, _, Nuisance) = match self {
-            Self::Appearance => ("appearance", [8, 8], LOOKS, unchanged),
+            Self::Appearance => ("appearance", [8, 8], APPEARANCE, unchanged),
             Self::Shape => ("shape", [8, 8], &[Shape, Target], unchanged),
             Self::Colour => ("colour", [8, 8], &[Colour, Target], unchanged),
             Self::Ground => ("ground", [2, 6], &[Ground, Target], unchanged),
-            Self::LateObject => ("late-object", [2, 6], LOOKS, unchanged),
+            Self::LateObject => ("late-object", [2, 6], APPEARANCE, unchanged),
             Self::Target => ("target", [2, 6], &[Target], unchanged),
             Self::Reward => ("reward", [2, 4], &[Reward], unchanged),
             Self::Dynamics => ("dynamics", [2, 5], &[Dynamics], unchanged),
             Self::Identical => ("identical", [2, 16], &[], unchanged),
-            Self::Drift => ("drift", [2, 6], LOOKS, unchanged),
-            Self::MovingObject => ("moving-object", [1, 4], LOOKS, move_object),
-            Self::ChangingLight => ("changing-light", [1, 4], LOOKS, change_light),
-            Self::ChangingGround => ("changing-ground", [1, 4], LOOKS, tint_ground),
-            Self::RisingNoise => ("rising-noise", [1, 4], LOOKS, raise_noise),
-            Self::RescaledReward => ("rescaled-reward", [1, 4], LOOKS, rescale_rewards),
+            Self::Drift => ("drift", [2, 6], APPEARANCE, unchanged),
+            Self::MovingObject => ("moving-object", [1, 4], APPEARANCE, move_object),
+            Self::ChangingLight => ("changing-light", [1, 4], APPEARANCE, change_light),
+            Self::ChangingGround => ("changing-ground", [1, 4], APPEARANCE, tint_ground),
+            Self::RisingNoise => ("rising-noise", [1, 4], APPEARANCE, raise_noise),
+            Self::RescaledReward => ("rescaled-reward", [1, 4], APPEARANCE, rescale_rewards),
         };
         let (name, num_groups, properties, nuisance) = values;
         Spec { name, num_groups, properties, nuisance }
@@ -158,23 +158,24 @@ impl WorldKind {
     /// Returns `number` random task groups.
     pub(crate) fn draw_groups(self, number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
         let mut groups = match *self.properties() {
-            [] => vec![group(look(rng), rng); number],
+            [] => vec![draw_group(draw_appearance(rng), rng); number],
             [property] => {
-                let common = group(look(rng), rng);
+                let common = draw_group(draw_appearance(rng), rng);
                 let values = property.draw(number, rng).into_iter();
                 values.map(|value| property.set(common, value)).collect()
             }
             [property, Property::Target] => {
-                let mut look = look(rng);
-                (look.texture, look.num_copies, look.half_size) = (Texture::Plain, 1, 0.18);
+                let mut common = draw_appearance(rng);
+                (common.texture, common.num_copies, common.half_size) = (Texture::Plain, 1, 0.18);
                 let values = property.draw(number, rng).into_iter();
-                values.map(|value| property.set(group(look, rng), value)).collect()
+                values.map(|value| property.set(draw_group(common, rng), value)).collect()
             }
-            _ => appearance(number, rng),
+            _ => draw_distinct_groups(number, rng),
         };
         if self == Self::Drift {
             for group in &mut groups {
-                group.colour_drift = [0; 3].map(|_| rng.random_range(-STRAY..STRAY));
+                group.colour_drift =
+                    [0; 3].map(|_| rng.random_range(-MAX_COLOUR_DRIFT..MAX_COLOUR_DRIFT));
             }
         }
         groups
@@ -226,7 +227,7 @@ impl Property {
 }
 
 /// Largest amplitude of a colour's drift, in 0..=255: about a tenth of the range.
-const STRAY: f32 = 25.0;
+const MAX_COLOUR_DRIFT: f32 = 25.0;
 
 /// Colours of objects.
 const COLOURS: [[f32; 3]; 8] = [
@@ -257,7 +258,7 @@ const HAND_DYNAMICS: [HandDynamics; 5] = [
     HandDynamics { rotation_rad: -1.6, ..ORDINARY },
 ];
 
-fn look(rng: &mut ChaCha8Rng) -> Appearance {
+fn draw_appearance(rng: &mut ChaCha8Rng) -> Appearance {
     Appearance {
         colour: COLOURS[rng.random_range(0..COLOURS.len())],
         shape: Shape::ALL[rng.random_range(0..Shape::ALL.len())],
@@ -267,7 +268,7 @@ fn look(rng: &mut ChaCha8Rng) -> Appearance {
     }
 }
 
-fn group(appearance: Appearance, rng: &mut ChaCha8Rng) -> TaskGroup {
+fn draw_group(appearance: Appearance, rng: &mut ChaCha8Rng) -> TaskGroup {
     let around = rng.random_range(0.0..std::f32::consts::TAU);
     let (sin, cos) = around.sin_cos();
     TaskGroup {
@@ -280,12 +281,12 @@ fn group(appearance: Appearance, rng: &mut ChaCha8Rng) -> TaskGroup {
 }
 
 /// Returns random task groups whose objects differ in at least one property of their appearance.
-fn appearance(number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
+fn draw_distinct_groups(number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
     let mut groups: Vec<TaskGroup> = Vec::with_capacity(number);
     while groups.len() < number {
-        let look = look(rng);
-        if groups.iter().all(|other| other.appearance != look) {
-            groups.push(group(look, rng));
+        let appearance = draw_appearance(rng);
+        if groups.iter().all(|other| other.appearance != appearance) {
+            groups.push(draw_group(appearance, rng));
         }
     }
     groups

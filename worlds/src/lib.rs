@@ -30,18 +30,18 @@
 //! # Ok::<(), Box<dyn std::error::Error + Send + Sync>>(())
 //! ```
 
+mod appearance;
 mod episode;
 mod group;
 mod kind;
-mod look;
 mod picture;
 mod scene;
 mod stream;
 mod world;
 
+pub use appearance::{Appearance, Shape, Texture};
 pub use group::{HandDynamics, RewardFunction, TaskGroup};
 pub use kind::{Property, WorldKind};
-pub use look::{Appearance, Shape, Texture};
 pub use scene::Scene;
 pub use stream::{DEFAULT_HORIZON, StreamError, TaskStream, Visit};
 pub use world::World;

@@ -3,8 +3,8 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use crate::appearance::{Appearance, Shape, Texture};
 use crate::group::TaskGroup;
-use crate::look::{Appearance, Shape, Texture};
 use crate::scene::Scene;
 
 /// Width and height of a picture in pixels.
@@ -40,7 +40,7 @@ impl Picture {
         let mut picture = Self(ground.repeat(PICTURE_SIZE * PICTURE_SIZE));
         for _ in 0..scene.num_clutter_objects {
             let place = [0; 2].map(|_| rng.random_range(-0.95..0.95));
-            picture.paint(&litter(rng), place);
+            picture.paint(&clutter(rng), place);
         }
         for [dx, dy] in group.appearance.copy_centres().filter(|_| is_seen) {
             picture.paint(&group.appearance, [object[0] + dx, object[1] + dy]);
@@ -70,12 +70,12 @@ impl Picture {
     }
 
     /// Paints one copy of an object; pixels that it covers in part are blended.
-    fn paint(&mut self, look: &Appearance, [x, y]: [f32; 2]) {
-        for row in pixels(-(y + look.half_size), -(y - look.half_size)) {
-            for col in pixels(x - look.half_size, x + look.half_size) {
-                let (share, brightness) = cover(look, x, y, row, col);
+    fn paint(&mut self, appearance: &Appearance, [x, y]: [f32; 2]) {
+        for row in pixels(-(y + appearance.half_size), -(y - appearance.half_size)) {
+            for col in pixels(x - appearance.half_size, x + appearance.half_size) {
+                let (share, brightness) = cover(appearance, x, y, row, col);
                 let pixel = &mut self.0[(row * PICTURE_SIZE + col) * 3..][..3];
-                for (value, colour) in pixel.iter_mut().zip(look.colour) {
+                for (value, colour) in pixel.iter_mut().zip(appearance.colour) {
                     *value += brightness * colour - share * *value;
                 }
             }
@@ -92,18 +92,18 @@ fn pixels(from: f32, to: f32) -> std::ops::Range<usize> {
 
 /// Returns the share of a pixel that an object covers, and that share weighted by the brightness of
 /// the object's texture.
-fn cover(look: &Appearance, x: f32, y: f32, row: usize, col: usize) -> (f32, f32) {
+fn cover(appearance: &Appearance, x: f32, y: f32, row: usize, col: usize) -> (f32, f32) {
     let place = |pixel: usize, sample: usize| {
         let offset = (sample as f32 + 0.5) / SAMPLES as f32;
         (pixel as f32 + offset) * 2.0 / PICTURE_SIZE as f32 - 1.0
     };
     let (mut share, mut brightness) = (0.0, 0.0);
     for (i, j) in (0..SAMPLES).flat_map(|i| (0..SAMPLES).map(move |j| (i, j))) {
-        let u = (place(col, i) - x) / look.half_size;
-        let v = (-place(row, j) - y) / look.half_size;
-        if look.shape.contains(u, v) {
+        let u = (place(col, i) - x) / appearance.half_size;
+        let v = (-place(row, j) - y) / appearance.half_size;
+        if appearance.shape.contains(u, v) {
             share += 1.0;
-            brightness += look.texture.brightness(u, v);
+            brightness += appearance.texture.brightness(u, v);
         }
     }
     let all = (SAMPLES * SAMPLES) as f32;
@@ -111,7 +111,7 @@ fn cover(look: &Appearance, x: f32, y: f32, row: usize, col: usize) -> (f32, f32
 }
 
 /// Returns the random appearance of a piece of clutter: greyish and smaller than any object.
-fn litter(rng: &mut ChaCha8Rng) -> Appearance {
+fn clutter(rng: &mut ChaCha8Rng) -> Appearance {
     let grey = rng.random_range(60.0..190.0);
     Appearance {
         colour: [0; 3].map(|_| grey + rng.random_range(-15.0..15.0)),

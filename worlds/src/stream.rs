@@ -173,8 +173,8 @@ impl TaskStream {
         visit.unwrap_or(self.visits.len() - 1)
     }
 
-    /// Returns the action (x, y) of an expert in environment `env` that takes its task for one of
-    /// `group`.
+    /// Returns the action (x, y) of a scripted expert for task group `group` in environment `env`,
+    /// whichever group the environment shows.
     ///
     /// # Panics
     /// If there is no such environment or group, or before the first reset.
@@ -246,8 +246,8 @@ impl VectorEnv for TaskStream {
             return Err(StreamError::NotReset.into());
         }
         for (env, episode) in self.episodes.iter_mut().enumerate() {
-            let (pay, success) = episode.step([actions[2 * env], actions[2 * env + 1]]);
-            out.rewards[env] = pay;
+            let (reward, success) = episode.step([actions[2 * env], actions[2 * env + 1]]);
+            out.rewards[env] = reward;
             out.success[env] = success;
             out.success_at_end[env] = success;
         }

@@ -56,31 +56,31 @@ fn equal_seeds_draw_equal_worlds_and_groups_differ_where_their_kind_says() {
     }
 }
 
-/// The mean pay of an expert for group `as_group` in group `of_group`.
-fn pay(world: &World, of_group: usize, as_group: usize) -> f32 {
+/// The mean reward of an expert for group `as_group` in group `of_group`.
+fn mean_reward(world: &World, of_group: usize, as_group: usize) -> f32 {
     let mut stream = TaskStream::new(world.clone(), visits(&[of_group], 9), 4).unwrap();
     let mut transition = Transition::new(stream.spec());
     stream.reset(&mut transition.observations).unwrap();
-    let mut pay = 0.0;
+    let mut sum = 0.0;
     for _ in 0..100 {
         let actions: Vec<f32> =
             (0..4).flat_map(|env| stream.expert_action(env, as_group)).collect();
         stream.step(&actions, &mut transition).unwrap();
-        pay += transition.rewards.iter().sum::<f32>() / 400.0;
+        sum += transition.rewards.iter().sum::<f32>() / 400.0;
     }
-    pay / world.scene_in(0, 0).reward_scale
+    sum / world.scene_in(0, 0).reward_scale
 }
 
 #[test]
-fn experts_earn_at_home_and_not_elsewhere_where_pay_or_motion_differ() {
+fn experts_have_high_rewards_in_their_own_group_alone_where_rewards_differ() {
     for kind in WorldKind::ALL {
         for seed in SEEDS.take(3) {
             let world = World::random(kind, seed);
-            let home = pay(&world, 0, 0);
-            assert!(home > 0.4, "{} {seed} {home}", kind.name());
+            let own = mean_reward(&world, 0, 0);
+            assert!(own > 0.4, "{} {seed} {own}", kind.name());
             if matches!(kind, WorldKind::Target | WorldKind::Reward) {
-                let away = pay(&world, 0, 1);
-                assert!(away < 0.6 * home, "{} {seed}: {away} {home}", kind.name());
+                let other = mean_reward(&world, 0, 1);
+                assert!(other < 0.6 * own, "{} {seed}: {other} {own}", kind.name());
             }
         }
     }

@@ -1,10 +1,12 @@
 //! Simple baselines: groupings by one description of first pictures.
 
-use cluster::{Candidate, Decision, Frames, Side, Source, assign_by_threshold, joint_test};
-use evidence::{Course, RecogniserSettings};
+use cluster::{
+    Alternative, Candidate, Decision, Frames, SourceSamples, assign_by_threshold, joint_test,
+};
+use evidence::{RecogniserSettings, Trajectory};
 use learner::{
-    Candidates, CoversSettings, Episodes, Grouping, GroupingDecision, Learned, LearnerError,
-    Lesson, Needs, PolicyCollectionSettings, Query,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, CoversSettings, EpisodeRequirements,
+    Episodes, Grouping, GroupingDecision, GroupingUpdate, LearnerError, PolicyCollectionSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -15,10 +17,10 @@ use symmetry::D2;
 use crate::cases::Rule;
 
 /// Returns the shares of 64 colours: four levels of each of the first three channels.
-fn histogram(spec: &EnvSpec, course: &Course) -> Vec<f32> {
+fn histogram(spec: &EnvSpec, trajectory: &Trajectory) -> Vec<f32> {
     let mut shares = vec![0.0; 64];
     let [height, width, channels] = spec.image_shape;
-    for pixel in course.image.chunks_exact(channels) {
+    for pixel in trajectory.image.chunks_exact(channels) {
         let bin = pixel[..3].iter().fold(0, |bin, &level| 4 * bin + usize::from(level / 64));
         shares[bin] += 1.0 / (height * width) as f32;
     }
@@ -26,19 +28,19 @@ fn histogram(spec: &EnvSpec, course: &Course) -> Vec<f32> {
 }
 
 /// Returns the average of the picture's four mirror images, `[H / 2, W / 2, 3]`.
-fn mean_image(spec: &EnvSpec, course: &Course) -> Vec<f32> {
+fn mean_image(spec: &EnvSpec, trajectory: &Trajectory) -> Vec<f32> {
     let [height, width, channels] = spec.image_shape;
     let places = (0..height / 2).flat_map(|row| (0..width / 2).map(move |col| (row, col)));
     let means = places.flat_map(|(row, col)| {
         let mirrored = D2::ALL.map(|g| g.apply_pixel(row, col, height, width));
-        let level = |i, (y, x)| f32::from(course.image[(y * width + x) * channels + i]);
+        let level = |i, (y, x)| f32::from(trajectory.image[(y * width + x) * channels + i]);
         [0, 1, 2].map(|i| mirrored.map(|place| level(i, place)).iter().sum::<f32>() / 1020.0)
     });
     means.collect()
 }
 
 /// Grouping that takes the policy with the least different descriptions, or a new one if these
-/// differ too much. Without second looks, trials and merges.
+/// differ too much. Without second rollouts, trials and merges.
 pub struct Baseline {
     rule: Rule,
     untrained: ActorCriticPolicy,
@@ -56,22 +58,22 @@ impl Baseline {
     /// Returns descriptions of the first pictures, which but for rounding are equal for mirror
     /// images.
     fn describe(&mut self, episodes: Episodes<'_>) -> Result<Frames, LearnerError> {
-        let Episodes { spec, courses, .. } = episodes;
+        let Episodes { spec, trajectories, .. } = episodes;
         let points: Vec<f32> = match self.rule {
-            Rule::Histogram => courses.iter().flat_map(|c| histogram(spec, c)).collect(),
-            Rule::Image => courses.iter().flat_map(|c| mean_image(spec, c)).collect(),
+            Rule::Histogram => trajectories.iter().flat_map(|t| histogram(spec, t)).collect(),
+            Rule::Image => trajectories.iter().flat_map(|t| mean_image(spec, t)).collect(),
             _ => {
-                let first = |course: &Course| course.vectors[..spec.vector_irreps.len()].to_vec();
+                let first = |t: &Trajectory| t.vectors[..spec.vector_irreps.len()].to_vec();
                 let observations = Observations {
-                    images: courses.iter().flat_map(|course| course.image.clone()).collect(),
-                    vectors: courses.iter().flat_map(first).collect(),
+                    images: trajectories.iter().flat_map(|t| t.image.clone()).collect(),
+                    vectors: trajectories.iter().flat_map(first).collect(),
                 };
-                let mut features = vec![0.0; courses.len() * self.untrained.feature_dim()];
+                let mut features = vec![0.0; trajectories.len() * self.untrained.feature_dim()];
                 self.untrained.features(&observations, &mut features)?;
                 features
             }
         };
-        let dim = points.len() / courses.len().max(1);
+        let dim = points.len() / trajectories.len().max(1);
         Ok(Frames::new(points, 1, dim)?)
     }
 
@@ -80,7 +82,7 @@ impl Baseline {
     /// and `level` for that of the fitted tail.
     fn test(&self, clouds: Vec<Candidate>, seed: u64) -> Result<Decision, LearnerError> {
         let tests = clouds.into_par_iter().map(|clouds| {
-            let source = Source { clouds, side: Side::Both };
+            let source = SourceSamples { clouds, alternative: Alternative::TwoSided };
             let stages = [self.settings.permutations / 4, self.settings.permutations];
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             // a test that is far from significant may end early
@@ -100,17 +102,17 @@ impl Baseline {
 }
 
 impl Grouping for Baseline {
-    fn needs(&self) -> Needs {
-        Needs { episodes: self.settings.min_episodes, whole_episodes: true }
+    fn requirements(&self) -> EpisodeRequirements {
+        EpisodeRequirements { episodes: self.settings.min_episodes, whole_episodes: true }
     }
 
     fn assign(
         &mut self,
-        _: Query<'_>,
-        candidates: &mut dyn Candidates,
+        _: AssignmentRequest<'_>,
+        data: &mut dyn AssignmentData,
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
-        let rollout = self.describe(candidates.episodes())?;
+        let rollout = self.describe(data.episodes())?;
         let clouds = self.memories.iter().map(|memory| {
             let buffer = Frames::new(memory.clone(), 1, rollout.dim())?;
             Ok(Candidate { buffer, rollout: rollout.clone() })
@@ -122,8 +124,12 @@ impl Grouping for Baseline {
         })
     }
 
-    fn learn(&mut self, lesson: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
-        if let Lesson::Rollout { policy, episodes, .. } = lesson {
+    fn update(
+        &mut self,
+        assigned: AssignedEpisodes<'_>,
+        _: &mut ChaCha8Rng,
+    ) -> Result<GroupingUpdate, LearnerError> {
+        if let AssignedEpisodes::Rollout { policy, episodes, .. } = assigned {
             let described = self.describe(episodes)?;
             self.memories.resize(self.memories.len().max(policy + 1), Vec::new());
             let memory = &mut self.memories[policy];
@@ -131,6 +137,6 @@ impl Grouping for Baseline {
             let most = self.settings.memory * described.dim();
             memory.drain(..memory.len().saturating_sub(most));
         }
-        Ok(Learned::default())
+        Ok(GroupingUpdate::default())
     }
 }

@@ -52,7 +52,7 @@ pub struct Outcome {
     pub policies: usize,
     pub turns: Vec<Turn>,
     /// Policy that each policy was merged into, if it was.
-    pub heirs: Vec<Option<usize>>,
+    pub merged_into: Vec<Option<usize>>,
     /// Time of the decisions of the slowest turn.
     pub slowest: Duration,
 }
@@ -60,14 +60,14 @@ pub struct Outcome {
 impl Outcome {
     /// Returns the policy that a policy was merged into in the end, or itself.
     pub fn now(&self, policy: usize) -> usize {
-        let heir = |&index: &usize| self.heirs.get(index).copied().flatten();
-        let heirs = std::iter::successors(Some(policy), heir);
-        heirs.last().unwrap_or(policy)
+        let next = |&index: &usize| self.merged_into.get(index).copied().flatten();
+        let merges = std::iter::successors(Some(policy), next);
+        merges.last().unwrap_or(policy)
     }
 
     /// Returns the number of policies that were merged into others.
     pub fn merged(&self) -> usize {
-        self.heirs.iter().flatten().count()
+        self.merged_into.iter().flatten().count()
     }
 
     /// Returns the number of policies that are left.
@@ -213,7 +213,7 @@ impl Trial {
         let begins = self.round();
         let iteration = self.learner.learn(&mut self.env)?;
         let Iteration { policy, merged_into, seconds, .. } = iteration;
-        self.outcome.heirs = merged_into;
+        self.outcome.merged_into = merged_into;
         let deciding = Duration::from_secs_f64(seconds.assignment);
         self.outcome.slowest = self.outcome.slowest.max(deciding);
         let (first, learnt) = self.env.bed.lock().learnt;

@@ -129,36 +129,20 @@ impl Basis {
         }
     }
 
-    /// Writes the arcs `(source, sink)` of the tree to `arcs`, parents before their children.
-    pub(crate) fn arcs_downwards(&mut self, arcs: &mut Vec<(u32, u32)>) {
-        arcs.clear();
-        self.visit_from_root(|basis, node, _| {
-            let (source, sink) = basis.arc(node);
-            arcs.push((source as u32, sink as u32));
-        });
-    }
-
-    /// Computes all node prices afresh from the cost matrix `[sources, sinks]`, which undoes
-    /// accumulated rounding.
+    /// Computes all node prices afresh from the cost matrix `[sources, sinks]`, parents before
+    /// their children, which undoes accumulated rounding.
     pub(crate) fn refresh_prices(&mut self, cost: &[f64]) {
         let sinks = self.nodes() - self.sources;
-        self.visit_from_root(|basis, node, parent| {
-            let (source, sink) = basis.arc(node);
-            let cost = cost[source * sinks + sink];
-            let signed = if basis.is_source(node) { cost } else { -cost };
-            basis.price[node as usize] = basis.price[parent as usize] + signed;
-        });
-    }
-
-    /// Calls `f(self, node, parent)` for each node of the tree but the root, parents first.
-    fn visit_from_root(&mut self, mut f: impl FnMut(&mut Self, u32, u32)) {
         let root = self.parent.iter().position(|&parent| parent == NONE);
         let mut stack = std::mem::take(&mut self.stack);
         stack.extend(root.map(|root| root as u32));
         while let Some(parent) = stack.pop() {
             let mut child = self.first_child[parent as usize];
             while child != NONE {
-                f(self, child, parent);
+                let (source, sink) = self.arc(child);
+                let cost = cost[source * sinks + sink];
+                let signed = if self.is_source(child) { cost } else { -cost };
+                self.price[child as usize] = self.price[parent as usize] + signed;
                 stack.push(child);
                 child = self.next[child as usize];
             }

@@ -2,6 +2,7 @@
 
 use super::problem::{Certificate, TransportPlan};
 use super::problem::{Weights, check};
+use crate::check::{check_len, check_range};
 use crate::error::{ClusterError, Result};
 
 /// Rounding allowance of a certificate of optimality, as a fraction of the largest cost or
@@ -91,14 +92,8 @@ pub(crate) fn certify_into(
 }
 
 fn check_lengths(plan: &TransportPlan, n: usize, m: usize) -> Result<()> {
-    let parts = [
-        ("source_potentials", plan.source_potentials.len(), n),
-        ("sink_potentials", plan.sink_potentials.len(), m),
-    ];
-    match parts.into_iter().find(|(_, got, expected)| got != expected) {
-        Some((what, got, expected)) => Err(ClusterError::PlanShape { what, got, expected }),
-        None => Ok(()),
-    }
+    check_len("the plan's source_potentials", plan.source_potentials.len(), n)?;
+    check_len("the plan's sink_potentials", plan.sink_potentials.len(), m)
 }
 
 fn check_marginals(
@@ -113,21 +108,17 @@ fn check_marginals(
         sums.resize(weights.len(), 0.0);
     }
     for (index, entry) in plan.entries.iter().enumerate() {
-        let (Some(row), Some(column)) = (sent.get_mut(entry.source), received.get_mut(entry.sink))
-        else {
-            return Err(ClusterError::EntryOutOfRange {
-                source_index: entry.source,
-                sources: sources.len(),
-                sink_index: entry.sink,
-                sinks: sinks.len(),
-            });
-        };
+        for (name, sums, point) in
+            [("source", &mut *sent, entry.source), ("sink", &mut *received, entry.sink)]
+        {
+            let expected = "an index of the cost matrix";
+            check_range(name, point as f64, point < sums.len(), expected)?;
+            sums[point] += entry.mass;
+        }
         if !at_least(entry.mass, 0.0) {
             let (what, value) = ("entries.mass", entry.mass);
-            return Err(ClusterError::NegativeMass { what, index, value });
+            return Err(ClusterError::Weight { what, index, value });
         }
-        *row += entry.mass;
-        *column += entry.mass;
     }
     let rows = check_side("source", sent, sources)?;
     let columns = check_side("sink", received, sinks)?;

@@ -1,6 +1,6 @@
 //! Transport problem: costs, weights, plans, and the checks of the input.
 
-use crate::check::{positive, within};
+use crate::check::{check_len, check_positive, check_range};
 use crate::error::{ClusterError, Result};
 
 /// Largest accepted magnitude of a cost in a cost matrix, at which sums of costs along any path
@@ -62,7 +62,7 @@ fn check_nodes(sources: usize, sinks: usize) -> Result<()> {
     let nodes = sources.checked_add(sinks);
     let few = nodes.is_some_and(|nodes| nodes < u32::MAX as usize);
     let value = sources as f64 + sinks as f64;
-    within("sources + sinks", value, few, "fewer than 2^32 - 1")
+    check_range("sources + sinks", value, few, "fewer than 2^32 - 1")
 }
 
 /// Checks that `cost` is a matrix `[sources, sinks]`.
@@ -93,13 +93,13 @@ fn check_costs(cost: &[f64]) -> Result<()> {
 /// Checks that two named sides have weights, all finite and at least 0, of sum one.
 fn check_weights(sides: [(&'static str, Weights); 2]) -> Result<()> {
     for (side, weights) in sides {
-        positive(side, weights.len())?;
+        check_positive(side, weights.len())?;
         let Weights::Given(given) = weights else {
             continue;
         };
         if let Some(index) = given.iter().position(|w| !w.is_finite() || *w < 0.0) {
             let value = given[index];
-            return Err(ClusterError::Weight { side, index, value });
+            return Err(ClusterError::Weight { what: side, index, value });
         }
     }
     let [(first, a), (second, b)] = sides;
@@ -114,12 +114,8 @@ fn check_weights(sides: [(&'static str, Weights); 2]) -> Result<()> {
 /// Checks the weights of two clouds, `x` of `n` points and `y` of `m`.
 pub(crate) fn check_weights_of(a: Weights, n: usize, b: Weights, m: usize) -> Result<()> {
     check_weights([("x", a), ("y", b)])?;
-    for (side, weights, points) in [("x", a.len(), n), ("y", b.len(), m)] {
-        if weights != points {
-            return Err(ClusterError::WeightCount { side, points, weights });
-        }
-    }
-    Ok(())
+    check_len("weights of x", a.len(), n)?;
+    check_len("weights of y", b.len(), m)
 }
 
 /// Mass that goes from one source to one sink.

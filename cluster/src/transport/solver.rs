@@ -50,8 +50,7 @@ pub fn transport(cost: &[f64], sources: Weights, sinks: Weights) -> Result<Trans
 ///
 /// G. B. Dantzig, "Application of the simplex method to a transportation problem" (1951), on a
 /// spanning tree of sources and sinks; weights are exact integers, perturbed against degeneracy, so
-/// the method cannot cycle. Answers depend on the problem alone, except for the choice among
-/// equally good plans after a warm start.
+/// the method cannot cycle. Answers depend on the problem alone.
 #[derive(Clone, Debug, Default)]
 pub struct Solver {
     balance: Balance,
@@ -83,36 +82,7 @@ impl Solver {
         check(cost, sources, sinks)?;
         self.balance.fill(sources, sinks);
         let masses = &self.balance.masses;
-        self.start.cold(&mut self.basis, cost, masses, sinks.len());
-        self.finish(cost, sources, sinks)
-    }
-
-    /// Solves a transport problem from the basis of the last one, which is faster if most points
-    /// are the same.
-    ///
-    /// Points keep their indices: points that came since the last call stand at the end of their
-    /// side. Other differences (fewer points, other weights or costs) cost time, never exactness.
-    /// Without a last problem this is [`solve`](Self::solve).
-    ///
-    /// # Errors
-    /// Errors of [`transport`].
-    pub fn solve_again(
-        &mut self,
-        cost: &[f64],
-        sources: Weights,
-        sinks: Weights,
-    ) -> Result<&TransportPlan> {
-        if self.basis.nodes() == 0 {
-            return self.solve(cost, sources, sinks);
-        }
-        check(cost, sources, sinks)?;
-        self.balance.fill(sources, sinks);
-        let masses = &self.balance.masses;
-        self.start.warm(&mut self.basis, cost, masses, sinks.len());
-        self.finish(cost, sources, sinks)
-    }
-
-    fn finish(&mut self, cost: &[f64], sources: Weights, sinks: Weights) -> Result<&TransportPlan> {
+        self.start.build(&mut self.basis, cost, masses, sinks.len());
         self.plan.pivots = self.improve(cost)?;
         self.read_plan(cost);
         let mut ceiling = f64::INFINITY;
@@ -237,7 +207,7 @@ mod tests {
         let (equal, given) = (Weights::Uniform(30), Weights::Given(&zeros));
         for (a, b) in [(equal, equal), (given, equal), (equal, given), (given, given)] {
             let cost = &cost[..a.len() * b.len()];
-            assert!(solver.solve_again(cost, a, b).unwrap().pivots > 0);
+            assert!(solver.solve(cost, a, b).unwrap().pivots > 0);
             let mut left = solver.balance.masses.clone();
             solver.basis.for_each_arc(|source, sink, flow| {
                 assert!(flow > Mass::ZERO, "{source} to {sink}: {flow:?}");

@@ -37,7 +37,10 @@ pub fn uniform(cost: &[f64], n: usize, m: usize) -> Result<TransportPlan, Cluste
     transport(cost, Weights::Uniform(n), Weights::Uniform(m))
 }
 
-/// The costs `[n, m]` with sources and sinks exchanged.
-pub fn transposed(cost: &[f64], n: usize, m: usize) -> Vec<f64> {
-    (0..n * m).map(|k| cost[(k % n) * m + k / n]).collect()
+/// The distances `[n, m]` by their definition, in double precision.
+pub fn distances(x: &[f32], y: &[f32], dim: usize) -> Vec<f64> {
+    let square = |(a, b): (&f32, &f32)| (f64::from(*a) - f64::from(*b)).powi(2);
+    let distance = |p: &[f32], q: &[f32]| p.iter().zip(q).map(square).sum::<f64>().sqrt();
+    let rows = x.chunks_exact(dim);
+    rows.flat_map(|p| y.chunks_exact(dim).map(move |q| distance(p, q))).collect()
 }

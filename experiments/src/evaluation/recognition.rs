@@ -65,7 +65,7 @@ impl Evaluator {
                 self.stream.reseed(seed)?;
                 let rng = &mut super::recognition_rng(seed);
                 let answer = learner.recognise_policy(&mut self.stream, Some(episodes), rng)?;
-                *answers.entry(answer.named()).or_default() += 1;
+                *answers.entry(answer.accepted()).or_default() += 1;
             }
             found.extend(answers.into_iter().map(|(policy, times)| Recognition {
                 group,

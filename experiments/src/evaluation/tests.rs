@@ -6,7 +6,7 @@ use rl::{Observations, Transition, VectorEnv};
 
 use super::*;
 use crate::presets::{Budget, Method};
-use learner::{CheckpointExtent, Iteration, LearnerError, Recognised};
+use learner::{CheckpointExtent, Iteration, LearnerError, RecognisedPolicy};
 
 /// Learner that takes the same action at every step, and records first observations of episodes.
 #[derive(Default)]
@@ -50,10 +50,10 @@ impl Learner for Spy {
         env: &mut dyn VectorEnv,
         _: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Recognised, LearnerError> {
+    ) -> Result<RecognisedPolicy, LearnerError> {
         self.watch(env, 1);
         (0..self.draws).for_each(|_| _ = rng.next_u32());
-        Ok(Recognised { policy: 0, fits: true })
+        Ok(RecognisedPolicy { policy: 0, fits: true })
     }
 
     fn evaluate_policy(

@@ -1,55 +1,57 @@
-//! Grouping by camera pictures, motion and returns of whole episodes, instead of features that a
-//! policy has learnt.
+//! Grouping by images, motion and returns of whole episodes, instead of features that a policy has
+//! learnt.
 
 use cluster::{Assignment, Decision};
 use evidence::{
-    Account, Accountant, Album, Finding, Opinion, Recogniser, RecogniserSettings, Situation,
+    EpisodeSummariser, EpisodeSummary, ImageFeatureCache, PolicyTest, Recogniser,
+    RecogniserSettings, RolloutContext, RolloutDecision,
 };
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 use crate::error::LearnerError;
 
-use super::distance::nearest;
 use super::grouping::{
-    Candidates, Episodes, Grouping, GroupingDecision, Learned, Lesson, Needs, Query,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Episodes, Grouping,
+    GroupingDecision, GroupingUpdate,
 };
+use super::threshold::nearest_policy;
 
 /// Grouping that compares summaries of episodes with those that each policy trained on
 /// ([`evidence::Recogniser`]). A policy that replaces another one must pass a trial.
 #[derive(Debug)]
-pub struct Evident {
+pub struct EvidenceGrouping {
     recogniser: Recogniser,
-    /// Cache of picture features: a decision and the call of [`Grouping::learn`] after it use the
-    /// same pictures.
-    album: Album,
+    /// Cache of image features: a decision and the call of [`Grouping::update`] after it use the
+    /// same images.
+    cache: ImageFeatureCache,
 }
 
-impl Evident {
+impl EvidenceGrouping {
     /// Creates a grouping that knows no policies yet.
     ///
     /// # Errors
     /// A setting out of range.
     pub fn new(settings: RecogniserSettings) -> Result<Self, LearnerError> {
-        Ok(Self { recogniser: Recogniser::new(settings)?, album: Album::default() })
+        Ok(Self { recogniser: Recogniser::new(settings)?, cache: ImageFeatureCache::default() })
     }
 
     /// Returns the summaries of episodes, without motion and returns if a policy other than
     /// `policy` collected them, since those depend on the policy that acts.
-    fn accounts(
+    fn summarise(
         &mut self,
         episodes: Episodes<'_>,
         policy: usize,
-    ) -> Result<Vec<Account>, LearnerError> {
-        let Episodes { spec, courses, .. } = episodes;
+    ) -> Result<Vec<EpisodeSummary>, LearnerError> {
+        let Episodes { spec, collector, trajectories } = episodes;
         let filters = self.recogniser.settings().filters;
-        let accountant =
-            Accountant::new(spec.image_shape, &spec.vector_irreps, &spec.action_irreps, filters)?;
-        let mut accounts = accountant.accounts(courses, &mut self.album)?;
-        if policy != episodes.collector {
-            accounts.iter_mut().for_each(Account::forget_course);
+        let (vector, action) = (&spec.vector_irreps, &spec.action_irreps);
+        let summariser = EpisodeSummariser::new(spec.image_shape, vector, action, filters)?;
+        let mut summaries = summariser.summarise(trajectories, &mut self.cache)?;
+        if policy != collector {
+            summaries.iter_mut().for_each(EpisodeSummary::keep_first_observation);
         }
-        Ok(accounts)
+        Ok(summaries)
     }
 
     /// Returns the most probable policy for episodes that are not used for training. Episodes that
@@ -57,17 +59,17 @@ impl Evident {
     /// features instead, which depend less on traces of in-painting.
     fn recognise(
         &self,
-        accounts: &[Account],
-        candidates: &mut dyn Candidates,
+        summaries: &[EpisodeSummary],
+        data: &mut dyn AssignmentData,
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
-        let found = self.recogniser.recognise(accounts, rng)?;
-        let best = match found.likeliest().filter(|_| found.is_typical()) {
+        let found = self.recogniser.recognise(summaries, rng)?;
+        let best = match found.most_probable().filter(|_| found.is_typical()) {
             Some(policy) => policy,
             None => {
-                let heirs = self.recogniser.heirs().into_iter().enumerate();
-                let left = heirs.filter(|(_, heir)| heir.is_none()).map(|(policy, _)| policy);
-                nearest(candidates, left)?
+                let merged = self.recogniser.merged_into().into_iter().enumerate();
+                let left = merged.filter(|(_, other)| other.is_none()).map(|(policy, _)| policy);
+                nearest_policy(data, left)?
             }
         };
         let fits = found.policies.get(best).is_some_and(|&p| p >= found.none);
@@ -76,101 +78,101 @@ impl Evident {
     }
 }
 
-impl From<Finding> for GroupingDecision {
-    fn from(finding: Finding) -> Self {
-        let accepted = match finding.decision {
-            Decision::Existing(_) => finding.accepted(),
+impl From<RolloutDecision> for GroupingDecision {
+    fn from(decision: RolloutDecision) -> Self {
+        let accepted = match decision.policy {
+            Decision::Existing(_) => decision.accepted(),
             Decision::New | Decision::Undecided => Vec::new(),
         };
-        let evidence = finding.opinions.iter().map(Opinion::evidence).collect();
+        let evidence = decision.tests.iter().map(PolicyTest::evidence).collect();
         Self {
-            cut: finding.cut,
-            group_changed: finding.group_changed,
-            trial: finding.trial,
-            is_provisional: finding.is_provisional,
-            rejected: finding.rejected,
+            changepoint: decision.changepoint,
+            group_changed: decision.group_changed,
+            trial: decision.trial,
+            is_provisional: decision.is_provisional,
+            rejected: decision.rejected,
             accepted,
-            ..Assignment { decision: finding.decision, evidence }.into()
+            ..Assignment { decision: decision.policy, evidence }.into()
         }
     }
 }
 
-impl Grouping for Evident {
-    fn needs(&self) -> Needs {
-        Needs { episodes: self.recogniser.settings().min_episodes, whole_episodes: true }
+impl Grouping for EvidenceGrouping {
+    fn requirements(&self) -> EpisodeRequirements {
+        let episodes = self.recogniser.settings().min_episodes;
+        EpisodeRequirements { episodes, whole_episodes: true }
     }
 
     fn assign(
         &mut self,
-        query: Query<'_>,
-        candidates: &mut dyn Candidates,
+        request: AssignmentRequest<'_>,
+        data: &mut dyn AssignmentData,
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
-        let episodes = candidates.episodes();
-        let collector = episodes.collector;
-        let accounts = self.accounts(episodes, collector)?;
-        let finding = match query {
-            Query::Recognition => return self.recognise(&accounts, candidates, rng),
-            Query::Rollout { can_wait } => {
-                let situation = Situation { can_wait, ..Situation::of(collector) };
-                self.recogniser.assign(&accounts, situation, rng)?
+        let collector = data.episodes().collector;
+        let summaries = self.summarise(data.episodes(), collector)?;
+        let context = RolloutContext::of_collector(collector);
+        let decision = match request {
+            AssignmentRequest::Recognise => return self.recognise(&summaries, data, rng),
+            AssignmentRequest::Assign { allow_undecided } => {
+                let context = RolloutContext { allow_undecided, ..context };
+                self.recogniser.assign(&summaries, context, rng)?
             }
-            Query::Trial { earlier, can_wait } => {
-                let situation = Situation {
-                    collector,
-                    rejected: &earlier.rejected,
-                    is_provisional: earlier.is_provisional,
-                    can_wait,
-                };
-                self.recogniser.review(&accounts, situation, rng)?
+            AssignmentRequest::Confirm { proposal, allow_undecided } => {
+                let (rejected, is_provisional) = (&proposal.rejected, proposal.is_provisional);
+                let context =
+                    RolloutContext { rejected, is_provisional, allow_undecided, ..context };
+                self.recogniser.review(&summaries, context, rng)?
             }
         };
-        Ok(finding.into())
+        Ok(decision.into())
     }
 
     /// Remembers a rollout, or merges two policies. Before a merge both act in the task group of
     /// `policy`: first the other policy, and if it serves the group, `policy` again.
-    fn learn(&mut self, lesson: Lesson<'_>, rng: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
-        let (mut end, mut probe) = (None, None);
-        match lesson {
-            Lesson::Rollout { policy, accepted, episodes } => {
-                let accounts = self.accounts(episodes, policy)?;
-                end = self.recogniser.learn(policy, &accounts, rng)?;
-                probe = self.recogniser.twin(policy, accepted);
+    fn update(
+        &mut self,
+        assigned: AssignedEpisodes<'_>,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<GroupingUpdate, LearnerError> {
+        let (mut changepoint, mut probe) = (None, None);
+        match assigned {
+            AssignedEpisodes::Rollout { policy, accepted, episodes } => {
+                let summaries = self.summarise(episodes, policy)?;
+                changepoint = self.recogniser.record_training(policy, &summaries, rng)?;
+                probe = self.recogniser.find_duplicate(policy, accepted);
             }
-            Lesson::Probes { policy, probes } => match *probes {
-                [first] => {
-                    let twin = first.collector;
-                    let accounts = self.accounts(first, twin)?;
-                    let is_twin = self.recogniser.compare(policy, twin, &accounts, rng)?;
-                    probe = is_twin.then_some(policy);
-                }
-                [first, again, ..] => {
-                    let twin = first.collector;
-                    let of_twin = self.accounts(first, twin)?;
-                    let again = self.accounts(again, policy)?;
-                    self.recogniser.merge(policy, twin, &of_twin, &again, rng)?;
-                }
-                [] => {}
-            },
+            AssignedEpisodes::Probes { policy, probes: &[first] } => {
+                let duplicate = first.collector;
+                let summaries = self.summarise(first, duplicate)?;
+                let serves =
+                    self.recogniser.confirm_duplicate(policy, duplicate, &summaries, rng)?;
+                probe = serves.then_some(policy);
+            }
+            AssignedEpisodes::Probes { policy, probes: &[first, again, ..] } => {
+                let duplicate = first.collector;
+                let of_duplicate = self.summarise(first, duplicate)?;
+                let again = self.summarise(again, policy)?;
+                self.recogniser.merge(policy, duplicate, &of_duplicate, &again, rng)?;
+            }
+            AssignedEpisodes::Probes { probes: &[], .. } => {}
         }
-        Ok(Learned { end, probe, merged_into: self.recogniser.heirs() })
+        Ok(GroupingUpdate { changepoint, probe, merged_into: self.recogniser.merged_into() })
     }
 
     fn state(&self) -> Value {
         // numbers always serialise; if they did not, `restore` would reject this text and print it
         let state = self.recogniser.state(serde_json::value::Serializer);
-        state.unwrap_or_else(|error| Value::String(format!("accounts were not saved: {error}")))
+        state.unwrap_or_else(|error| Value::String(format!("no episodes were saved: {error}")))
     }
 
     fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String> {
         let mut restored = self.recogniser.clone();
-        let read = restored.restore(state);
-        read.map_err(|error| error.to_string())?;
-        let known = restored.policies();
+        restored.restore(state).map_err(|error| error.to_string())?;
+        let known = restored.policy_count();
         // a fresh learner has one policy, which has not trained yet
         if known != policies && (known, policies) != (0, 1) {
-            return Err(format!("accounts of {known} policies, expected {policies}"));
+            return Err(format!("episodes of {known} policies, expected {policies}"));
         }
         self.recogniser = restored;
         Ok(())

@@ -1,43 +1,47 @@
-//! Trait of all groupings, with their queries and answers.
+//! Trait of all groupings, with their requests and decisions.
 
-use cluster::{Assignment, Candidate, Contest, Decision, Evidence};
-use evidence::{Course, Trial};
+use cluster::{Assignment, Candidate, Decision, Evidence, PairwiseComparison};
+use evidence::{Trajectory, Trial};
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
 use serde_json::Value;
 
 use crate::error::LearnerError;
 
-/// Assignment of rollouts to policies (lines 8 to 14 of the paper's Algorithm 1).
+/// Rule that assigns rollouts to policies (lines 8 to 14 of the paper's Algorithm 1).
 ///
-/// Policy 0 exists from the start and takes the very first rollout without a query.
+/// Policy 0 exists from the start and takes the very first rollout without a decision.
 pub trait Grouping: Send {
-    /// Returns the number and the kind of the episodes that the grouping needs for an assignment.
-    /// The default needs the first frames of one episode.
-    fn needs(&self) -> Needs {
-        Needs { episodes: 1, whole_episodes: false }
+    /// Returns the number and the kind of the episodes that an assignment needs: by default the
+    /// first frames of one episode.
+    fn requirements(&self) -> EpisodeRequirements {
+        EpisodeRequirements { episodes: 1, whole_episodes: false }
     }
 
-    /// Decides which policy the rollout in `candidates` belongs to: an existing one, a new one, or
-    /// none yet. After [`Decision::New`] a policy is created, unless the query is
-    /// [`Query::Recognition`].
+    /// Decides which policy the rollout in `data` belongs to: an existing one, a new one, or none
+    /// yet. After [`Decision::New`] a policy is created, unless the request is
+    /// [`AssignmentRequest::Recognise`].
     ///
     /// # Errors
     /// Frames or episodes that cannot be compared.
     fn assign(
         &mut self,
-        query: Query<'_>,
-        candidates: &mut dyn Candidates,
+        request: AssignmentRequest<'_>,
+        data: &mut dyn AssignmentData,
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError>;
 
-    /// Remembers which episodes belong to the task group of a policy. The default remembers
-    /// nothing.
+    /// Updates the grouping's memory with episodes that were assigned to a policy. The default
+    /// remembers nothing.
     ///
     /// # Errors
     /// Episodes that cannot be compared.
-    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
-        Ok(Learned::default())
+    fn update(
+        &mut self,
+        _: AssignedEpisodes<'_>,
+        _: &mut ChaCha8Rng,
+    ) -> Result<GroupingUpdate, LearnerError> {
+        Ok(GroupingUpdate::default())
     }
 
     /// Returns the state of the grouping for a checkpoint, as JSON. The default has none.
@@ -58,40 +62,42 @@ pub trait Grouping: Send {
     }
 }
 
-/// Number and kind of the episodes that a grouping needs to assign a rollout.
+/// Requirements of a grouping: number and kind of the episodes that an assignment needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Needs {
-    /// Number of episodes that a rollout must show, and that must be kept for a policy, at least 1.
+pub struct EpisodeRequirements {
+    /// Number of episodes that a rollout must contain, and that must be kept for each policy, at
+    /// least 1.
     pub episodes: usize,
-    /// `true` if the grouping uses whole episodes and not only their first frames.
-    /// [`Episodes::courses`] are only collected if it does.
+    /// `true` if the grouping uses whole episodes and not only their first frames; otherwise
+    /// [`Episodes::trajectories`] is empty.
     pub whole_episodes: bool,
 }
 
-/// Query to a grouping, to assign episodes to a policy or to confirm one.
+/// Request to a grouping: to assign a rollout, to recognise a policy, or to confirm one.
 #[derive(Clone, Copy, Debug)]
-pub enum Query<'a> {
-    /// Request to assign one rollout to a policy.
-    Rollout {
-        /// `true` if the answer may be [`Decision::Undecided`]: no policy trains on the rollout,
+pub enum AssignmentRequest<'a> {
+    /// Request to assign one rollout to the policy that will train on it.
+    Assign {
+        /// `true` if the decision may be [`Decision::Undecided`]: no policy trains on the rollout,
         /// and another one is collected.
-        can_wait: bool,
+        allow_undecided: bool,
     },
     /// Request for the policy that fits one or more episodes, which are not used for training.
-    Recognition,
-    /// Request to confirm the policy that a decision named, from episodes that it collected itself.
-    /// This query only follows a decision that demands a [`Trial`].
-    Trial {
-        /// Earlier decision, which named the policy on trial.
-        earlier: &'a GroupingDecision,
-        /// `true` if the answer may be [`Decision::Undecided`], as for [`Query::Rollout`].
-        can_wait: bool,
+    Recognise,
+    /// Request to confirm the policy that a decision proposed, from episodes that it collected
+    /// itself. It only follows a decision that demands a [`Trial`].
+    Confirm {
+        /// Earlier decision, which proposed the policy on trial.
+        proposal: &'a GroupingDecision,
+        /// `true` if the decision may be [`Decision::Undecided`], as for
+        /// [`AssignmentRequest::Assign`].
+        allow_undecided: bool,
     },
 }
 
-/// Experience that a grouping can use: the first frames of a rollout and those that every policy
-/// keeps, and the whole episodes of the rollout.
-pub trait Candidates {
+/// Data for an assignment: the first frames of a rollout and those that every policy keeps, and the
+/// whole episodes of the rollout.
+pub trait AssignmentData {
     /// Returns for each policy the first frames that the policy keeps and those of the rollout, as
     /// features of the policy's network. This is slow, since networks embed every frame.
     ///
@@ -99,19 +105,23 @@ pub trait Candidates {
     /// Errors of a network.
     fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError>;
 
-    /// Returns the first frames that two policies keep, of at most `most` episodes each, and those
-    /// of the rollout, as points in feature space. The first contest is in the present features of
-    /// the first policy, the second one in those of the second.
+    /// Returns two comparisons of the rollout with two policies, by their first frames of at most
+    /// `most` episodes each: in the present features of the first policy, and in those of the
+    /// second.
     ///
     /// # Errors
     /// Errors of a network.
-    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], LearnerError>;
+    fn comparisons(
+        &mut self,
+        policies: [usize; 2],
+        most: usize,
+    ) -> Result<[PairwiseComparison; 2], LearnerError>;
 
     /// Returns the whole episodes of the rollout.
     fn episodes(&self) -> Episodes<'_>;
 }
 
-/// Whole episodes of one rollout or two, with the policy that acted in them.
+/// Whole episodes of one or two rollouts, with the policy that acted in them.
 #[derive(Clone, Copy, Debug)]
 pub struct Episodes<'a> {
     /// Specification of the environments in which the episodes ran.
@@ -119,10 +129,10 @@ pub struct Episodes<'a> {
     /// Index of the policy that acted in the episodes.
     pub collector: usize,
     /// Whole episodes, for groupings that need them; an unfinished one is marked as such.
-    pub courses: &'a [Course],
+    pub trajectories: &'a [Trajectory],
 }
 
-/// Answer of a grouping to a query.
+/// Decision of a grouping on a rollout, with the evidence for it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupingDecision {
     /// Policy that the rollout is assigned to: an existing one, a new one, or undecided.
@@ -134,7 +144,7 @@ pub struct GroupingDecision {
     /// Changepoint, in decisions of all environments since the start of the rollout, if the rollout
     /// shows two task groups. Only the later group was judged, or in a trial only the earlier one,
     /// unless `group_changed`.
-    pub cut: Option<usize>,
+    pub changepoint: Option<usize>,
     /// `true` if the task group changed after the policy on trial was proposed: no policy may train
     /// on earlier rollouts.
     pub group_changed: bool,
@@ -170,7 +180,7 @@ impl GroupingDecision {
             policy,
             nearest: None,
             evidence: Vec::new(),
-            cut: None,
+            changepoint: None,
             group_changed: false,
             trial: Trial::None,
             is_provisional: false,
@@ -180,9 +190,9 @@ impl GroupingDecision {
     }
 }
 
-/// Episodes that a grouping remembers for a policy.
+/// Episodes that were assigned to a policy, by which a grouping updates its memory.
 #[derive(Clone, Copy, Debug)]
-pub enum Lesson<'a> {
+pub enum AssignedEpisodes<'a> {
     /// Rollout that `policy` is about to train on.
     Rollout {
         /// Index of the policy that is about to train.
@@ -192,7 +202,8 @@ pub enum Lesson<'a> {
         /// Episodes of the rollout that the policy trains on.
         episodes: Episodes<'a>,
     },
-    /// Episodes of the policies that [`Learned::probe`] asked for, in the task group of `policy`.
+    /// Episodes of the policies that [`GroupingUpdate::probe`] asked for, in the task group of
+    /// `policy`.
     Probes {
         /// Index of the policy that trained on the task group.
         policy: usize,
@@ -201,31 +212,32 @@ pub enum Lesson<'a> {
     },
 }
 
-/// Instructions of a grouping to the learner after a call of [`Grouping::learn`]. They end training
-/// data at a changepoint, let a policy act as a probe, and name merged policies.
+/// Result of [`Grouping::update`]: the usable part of a rollout, a policy that must act as a probe,
+/// and merged policies.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Learned {
+pub struct GroupingUpdate {
     /// Changepoint, in decisions of all environments since the start of the rollout, if its end
     /// shows another task group; later steps must not be used for training.
-    pub end: Option<usize>,
-    /// Index of the policy that must act next for [`Needs::episodes`], since it may serve the same
-    /// task group. The grouping receives its episodes as [`Lesson::Probes`].
+    pub changepoint: Option<usize>,
+    /// Index of the policy that must act next, for [`EpisodeRequirements::episodes`], since it may
+    /// serve the same task group. The grouping receives its episodes as
+    /// [`AssignedEpisodes::Probes`].
     pub probe: Option<usize>,
     /// For each policy, the index of the policy that it was merged into, if any; empty for
     /// groupings that merge no policies.
     pub merged_into: Vec<Option<usize>>,
 }
 
-/// Policy that episodes seem to belong to.
+/// Policy that was recognised as the best fit of some episodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Recognised {
+pub struct RecognisedPolicy {
     /// Index of the policy that fits the episodes best.
     pub policy: usize,
-    /// `true` if the evidence accepts this policy; otherwise none is known to fit.
+    /// `true` if the evidence accepts this policy; otherwise no known policy fits.
     pub fits: bool,
 }
 
-impl From<&GroupingDecision> for Recognised {
+impl From<&GroupingDecision> for RecognisedPolicy {
     /// Takes the policy that the decision names, or else the nearest one, or policy 0 if nothing
     /// was compared.
     fn from(decision: &GroupingDecision) -> Self {
@@ -238,9 +250,9 @@ impl From<&GroupingDecision> for Recognised {
     }
 }
 
-impl Recognised {
+impl RecognisedPolicy {
     /// Returns the index of the recognised policy; `None` if the evidence does not accept it.
-    pub fn named(self) -> Option<usize> {
+    pub fn accepted(self) -> Option<usize> {
         self.fits.then_some(self.policy)
     }
 }

@@ -10,29 +10,31 @@ use serde_json::Value;
 
 use crate::error::LearnerError;
 
-use super::grouping::{Candidates, Grouping, GroupingDecision, Learned, Lesson, Query};
+use super::grouping::{
+    AssignedEpisodes, AssignmentData, AssignmentRequest, Grouping, GroupingDecision, GroupingUpdate,
+};
 
-/// Grouping that assigns every rollout to policy 0: the paper's baselines Equi and CNN.
+/// Grouping with a single policy for all rollouts: the paper's baselines Equi and CNN.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Single;
+pub struct SinglePolicyGrouping;
 
-impl Grouping for Single {
+impl Grouping for SinglePolicyGrouping {
     fn assign(
         &mut self,
-        _: Query<'_>,
-        _: &mut dyn Candidates,
+        _: AssignmentRequest<'_>,
+        _: &mut dyn AssignmentData,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
         Ok(GroupingDecision::of(Decision::Existing(0)))
     }
 }
 
-/// Ground-truth label of the present task group, written by a run and read by an oracle.
+/// Ground-truth label of the present task group: a run writes it, and an oracle grouping reads it.
 #[derive(Clone, Debug, Default)]
 pub struct Labels(Arc<Mutex<Option<String>>>);
 
 impl Labels {
-    /// Sets the label of the task group that runs from here on.
+    /// Sets the label of the task group from here on.
     pub fn set(&self, group: &str) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(group.to_owned());
     }
@@ -46,13 +48,13 @@ impl Labels {
 /// Grouping that creates one policy for each ground-truth label of a task group; the other
 /// groupings receive no labels.
 #[derive(Debug)]
-pub struct Oracle {
+pub struct OracleGrouping {
     labels: Labels,
     /// Label of the task group of each policy.
     known: Vec<String>,
 }
 
-impl Oracle {
+impl OracleGrouping {
     /// Creates a grouping that reads the labels written by a run.
     pub(crate) fn new(labels: Labels) -> Self {
         Self { labels, known: Vec::new() }
@@ -63,29 +65,33 @@ impl Oracle {
     }
 }
 
-impl Grouping for Oracle {
+impl Grouping for OracleGrouping {
     fn assign(
         &mut self,
-        query: Query<'_>,
-        _: &mut dyn Candidates,
+        request: AssignmentRequest<'_>,
+        _: &mut dyn AssignmentData,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
         let label = self.labels.get().ok_or_else(unlabelled)?;
         let policy = self.policy(&label);
         // the label may change before the new policy trains, so it is recorded here
-        if policy.is_none() && !matches!(query, Query::Recognition) {
+        if policy.is_none() && !matches!(request, AssignmentRequest::Recognise) {
             self.known.push(label);
         }
         let decision = policy.map_or(Decision::New, Decision::Existing);
         Ok(GroupingDecision::of(decision))
     }
 
-    /// Records the label of the very first rollout, for which there is no query.
-    fn learn(&mut self, _: Lesson<'_>, _: &mut ChaCha8Rng) -> Result<Learned, LearnerError> {
+    /// Records the label of the very first rollout, for which there is no request.
+    fn update(
+        &mut self,
+        _: AssignedEpisodes<'_>,
+        _: &mut ChaCha8Rng,
+    ) -> Result<GroupingUpdate, LearnerError> {
         if self.known.is_empty() {
             self.known.push(self.labels.get().unwrap_or_default());
         }
-        Ok(Learned::default())
+        Ok(GroupingUpdate::default())
     }
 
     fn state(&self) -> Value {
@@ -103,35 +109,36 @@ impl Grouping for Oracle {
     }
 }
 
-/// Returns the error of the grouping [`Oracle`] if no label was set.
+/// Returns the error of the grouping [`OracleGrouping`] if no label was set.
 pub(super) fn unlabelled() -> LearnerError {
-    LearnerError::InvalidSetting {
-        name: "grouping",
-        value: "oracle".to_owned(),
-        expected: "a grouping without labels, or a learner that a run trains: only runs and their \
-                   evaluations know labels",
-    }
+    let expected = "a grouping without labels, or a learner that a run trains: only runs and their \
+                    evaluations know labels";
+    LearnerError::invalid("grouping", "oracle", expected)
 }
 
 #[cfg(test)]
 mod tests {
-    use cluster::{Candidate, Contest};
+    use cluster::{Candidate, PairwiseComparison};
     use rand::SeedableRng;
 
     use super::*;
     use crate::groupings::grouping::Episodes;
 
-    const ROLLOUT: Query<'static> = Query::Rollout { can_wait: true };
+    const ROLLOUT: AssignmentRequest<'static> = AssignmentRequest::Assign { allow_undecided: true };
 
     /// An oracle must not look at pictures.
     struct Blind;
 
-    impl Candidates for Blind {
+    impl AssignmentData for Blind {
         fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
             panic!("an oracle does not compare")
         }
 
-        fn contests(&mut self, _: [usize; 2], _: usize) -> Result<[Contest; 2], LearnerError> {
+        fn comparisons(
+            &mut self,
+            _: [usize; 2],
+            _: usize,
+        ) -> Result<[PairwiseComparison; 2], LearnerError> {
             panic!("an oracle does not compare")
         }
 
@@ -140,33 +147,36 @@ mod tests {
         }
     }
 
-    fn ask(oracle: &mut Oracle, query: Query<'_>) -> Result<Decision, LearnerError> {
+    fn ask(
+        oracle: &mut OracleGrouping,
+        request: AssignmentRequest<'_>,
+    ) -> Result<Decision, LearnerError> {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
-        Ok(oracle.assign(query, &mut Blind, &mut rng)?.policy)
+        Ok(oracle.assign(request, &mut Blind, &mut rng)?.policy)
     }
 
     #[test]
-    fn every_label_has_a_policy_and_looking_opens_none() {
+    fn every_label_has_a_policy_and_recognition_creates_none() {
         let labels = Labels::default();
-        let mut oracle = Oracle::new(labels.clone());
+        let mut oracle = OracleGrouping::new(labels.clone());
         let message = ask(&mut oracle, ROLLOUT).unwrap_err().to_string();
         assert!(message.contains("a grouping without labels"), "{message}");
         labels.set("a");
-        let first = Lesson::Probes { policy: 0, probes: &[] };
+        let first = AssignedEpisodes::Probes { policy: 0, probes: &[] };
         let mut rng = ChaCha8Rng::seed_from_u64(0);
-        oracle.learn(first, &mut rng).unwrap();
-        let mut look = |label: &str, query| {
+        oracle.update(first, &mut rng).unwrap();
+        let mut decide = |label: &str, request| {
             labels.set(label);
-            ask(&mut oracle, query).unwrap()
+            ask(&mut oracle, request).unwrap()
         };
-        assert_eq!(look("a", ROLLOUT), Decision::Existing(0));
-        assert_eq!(look("b", Query::Recognition), Decision::New);
-        assert_eq!(look("c", ROLLOUT), Decision::New);
-        assert_eq!(look("c", Query::Recognition), Decision::Existing(1));
-        assert_eq!(look("a", ROLLOUT), Decision::Existing(0));
-        assert_eq!(look("b", ROLLOUT), Decision::New, "it was looked at");
+        assert_eq!(decide("a", ROLLOUT), Decision::Existing(0));
+        assert_eq!(decide("b", AssignmentRequest::Recognise), Decision::New);
+        assert_eq!(decide("c", ROLLOUT), Decision::New);
+        assert_eq!(decide("c", AssignmentRequest::Recognise), Decision::Existing(1));
+        assert_eq!(decide("a", ROLLOUT), Decision::Existing(0));
+        assert_eq!(decide("b", ROLLOUT), Decision::New, "recognition did not create it");
         let state = oracle.state();
-        let mut restored = Oracle::new(labels.clone());
+        let mut restored = OracleGrouping::new(labels.clone());
         restored.restore(&state, 3).unwrap();
         let again = ask(&mut restored, ROLLOUT).unwrap();
         assert_eq!(again, Decision::Existing(2));

@@ -5,17 +5,17 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::LearnerError;
 
-use super::distance::Distance;
-use super::evidence::Evident;
+use super::evidence::EvidenceGrouping;
 use super::grouping::Grouping;
-use super::oracle::{Labels, Oracle, Single, unlabelled};
+use super::oracle::{Labels, OracleGrouping, SinglePolicyGrouping, unlabelled};
+use super::threshold::ThresholdGrouping;
 
 /// Choice of a grouping, which assigns rollouts to policies.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum GroupingSettings {
-    /// Permutation test on camera pictures, motion and returns of whole episodes, which does not
-    /// use the policies' features.
+    /// Permutation test on camera images, motion and returns of whole episodes, which does not use
+    /// the policies' features.
     Evidence(RecogniserSettings),
     /// The paper's rule: the nearest policy in 1-Wasserstein distance, or a new policy if the
     /// distance is above `d_epsilon`.
@@ -62,17 +62,14 @@ impl GroupingSettings {
     /// Creates the grouping for a run that writes `labels`.
     pub(crate) fn build_with(&self, labels: &Labels) -> Result<Box<dyn Grouping>, LearnerError> {
         Ok(match *self {
-            Self::Evidence(settings) => Box::new(Evident::new(settings)?),
-            Self::Threshold { threshold } => Box::new(Distance::new(threshold)?),
-            Self::Single => Box::new(Single),
-            Self::Oracle => Box::new(Oracle::new(labels.clone())),
+            Self::Evidence(settings) => Box::new(EvidenceGrouping::new(settings)?),
+            Self::Threshold { threshold } => Box::new(ThresholdGrouping::new(threshold)?),
+            Self::Single => Box::new(SinglePolicyGrouping),
+            Self::Oracle => Box::new(OracleGrouping::new(labels.clone())),
             Self::Removed(_) => {
-                return Err(LearnerError::InvalidSetting {
-                    name: "grouping",
-                    value: "calibrated".to_owned(),
-                    expected: "evidence, which replaces it; to continue a run, take the version of \
-                               this program that began it",
-                });
+                let expected = "evidence, which replaces it; to continue a run, take the version \
+                                of this program that began it";
+                return Err(LearnerError::invalid("grouping", "calibrated", expected));
             }
         })
     }

@@ -11,7 +11,7 @@ pub use checkpoint::read_checkpoint_note;
 pub use episodes::{Rollout, StepView};
 pub use settings::{CommonSettings, Handover, NewPolicyInit, PolicyCollectionSettings, Training};
 
-use cluster::{Candidate, Contest, Reservoir};
+use cluster::{Candidate, PairwiseComparison, Reservoir};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, RlError, RolloutState, RolloutStats, VectorEnv};
@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use web_time::Instant;
 
 use crate::error::LearnerError;
-use crate::groupings::{Candidates, Episodes, Grouping};
+use crate::groupings::{AssignmentData, Episodes, Grouping};
 
 use super::learner::Iteration;
 use episodes::{FirstFrames, ObservedEpisodes, embed_first_frames};
@@ -69,7 +69,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         grouping: Box<dyn Grouping>,
     ) -> Result<Self, LearnerError> {
         let common = settings.common();
-        let steps = common.steps_per_env(spec, grouping.needs().episodes)?;
+        let steps = common.steps_per_env(spec, grouping.requirements().episodes)?;
         let mut collection = Self {
             spec: spec.clone(),
             grouping,
@@ -80,13 +80,13 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             settings,
         };
         // policy 0 takes the first rollout, for which there is nothing to compare
-        collection.open_policy(None)?;
+        collection.create_policy(None)?;
         Ok(collection)
     }
 
     /// Adds a policy with an empty buffer, random or with the parameters of `parent`; returns its
     /// index.
-    fn open_policy(&mut self, parent: Option<usize>) -> Result<usize, LearnerError> {
+    fn create_policy(&mut self, parent: Option<usize>) -> Result<usize, LearnerError> {
         let policy = match parent {
             Some(parent) => self.policies[parent].policy.clone(),
             None => {
@@ -105,11 +105,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         if index < self.policies.len() {
             return Ok(index);
         }
-        Err(LearnerError::InvalidSetting {
-            name: "policy",
-            value: index.to_string(),
-            expected: "the index of a policy that was created",
-        })
+        Err(LearnerError::invalid("policy", index, "the index of a policy that was created"))
     }
 
     /// Returns the number of episodes whose first frames policy `index` keeps, the size of its `B`;
@@ -157,12 +153,12 @@ impl<'a, S: PolicyCollectionSettings> CandidateClouds<'a, S> {
         Self {
             policies,
             frames: &observed.frames,
-            episodes: Episodes { spec, collector, courses: &observed.courses },
+            episodes: Episodes { spec, collector, trajectories: &observed.trajectories },
         }
     }
 }
 
-impl<S: PolicyCollectionSettings> Candidates for CandidateClouds<'_, S> {
+impl<S: PolicyCollectionSettings> AssignmentData for CandidateClouds<'_, S> {
     fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
         let clouds = self.policies.iter_mut().map(|entry| {
             Ok(Candidate {
@@ -173,7 +169,11 @@ impl<S: PolicyCollectionSettings> Candidates for CandidateClouds<'_, S> {
         clouds.collect()
     }
 
-    fn contests(&mut self, rivals: [usize; 2], most: usize) -> Result<[Contest; 2], LearnerError> {
+    fn comparisons(
+        &mut self,
+        indices: [usize; 2],
+        most: usize,
+    ) -> Result<[PairwiseComparison; 2], LearnerError> {
         let (mut policies, buffers): (Vec<_>, Vec<_>) = self
             .policies
             .iter_mut()
@@ -182,16 +182,16 @@ impl<S: PolicyCollectionSettings> Candidates for CandidateClouds<'_, S> {
                 (&mut entry.policy, &kept[..kept.len().min(most)])
             })
             .unzip();
-        let mut contest = |policy: usize| -> Result<Contest, LearnerError> {
-            let policy = &mut *policies[policy];
-            let [first, second] = rivals.map(|rival| embed_first_frames(policy, buffers[rival]));
-            Ok(Contest {
+        let mut compare = |index: usize| -> Result<PairwiseComparison, LearnerError> {
+            let policy = &mut *policies[index];
+            let [first, second] = indices.map(|other| embed_first_frames(policy, buffers[other]));
+            Ok(PairwiseComparison {
                 rollout: embed_first_frames(policy, self.frames)?,
-                rivals: [first?, second?],
+                policies: [first?, second?],
             })
         };
         // features of both policies, since those of the wrong one may distort distances
-        let [first, second] = rivals.map(&mut contest);
+        let [first, second] = indices.map(&mut compare);
         Ok([first?, second?])
     }
 

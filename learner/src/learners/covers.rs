@@ -32,9 +32,9 @@ pub struct CoversSettings {
     pub ppo: PpoSettings,
     /// Rule that chooses the policy that a rollout belongs to.
     pub grouping: GroupingSettings,
-    /// Number of frames at the start of each episode that the assignment to a policy looks at: the
-    /// paper's `k`. It is 4 there; here a decision holds ten control steps, and only the very first
-    /// frame does not depend on the policy that acts.
+    /// Number of frames at the start of each episode by which a rollout is assigned to a policy:
+    /// the paper's `k`. It is 4 there; here a decision holds ten control steps, and only the very
+    /// first frame does not depend on the policy that acts.
     pub first_frames: usize,
     /// Number of decisions of one rollout, all environments together: the paper's `N_s`, and its
     /// `N_u`, since both count steps.
@@ -46,13 +46,13 @@ pub struct CoversSettings {
     /// keeps all of them. The paper's `B` keeps all, but then memory and transport problems grow
     /// with the number of rollouts.
     pub buffer_episodes: Option<usize>,
-    /// Use of a rollout that another policy is assigned to than the one that collected it.
+    /// Treatment of a rollout that is assigned to a policy other than the one that collected it.
     pub handover: Handover,
     /// Initial parameters of a new policy.
     pub new_policy: NewPolicyInit,
     /// Seed of all random numbers of the learner.
     pub seed: u64,
-    /// Device that policies train on, which is not stored in files of settings.
+    /// Device that policies train on; settings files do not store it.
     #[serde(skip)]
     pub device: LearningDevice,
 }

@@ -83,11 +83,7 @@ impl FromStr for DeviceChoice {
 
     fn from_str(name: &str) -> Result<Self, LearnerError> {
         let found = Self::ALL.into_iter().find(|choice| choice.name() == name);
-        found.ok_or_else(|| LearnerError::InvalidSetting {
-            name: "device",
-            value: name.to_owned(),
-            expected: "cpu, gpu or auto",
-        })
+        found.ok_or_else(|| LearnerError::invalid("device", name, "cpu, gpu or auto"))
     }
 }
 
@@ -99,11 +95,8 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
 
 #[cfg(not(feature = "wgpu"))]
 fn first_gpu() -> Result<LearningDevice, LearnerError> {
-    Err(LearnerError::InvalidSetting {
-        name: "device",
-        value: "gpu".to_owned(),
-        expected: "`cpu` or `auto`: this program was built without `--features wgpu`",
-    })
+    let expected = "`cpu` or `auto`: this program was built without `--features wgpu`";
+    Err(LearnerError::invalid("device", "gpu", expected))
 }
 
 /// Returns `true` if the first adapter of `wgpu` is a hardware GPU.

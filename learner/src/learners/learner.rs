@@ -9,19 +9,19 @@ use rl::{ExportedPolicy, Observations, PolicyOutput, RolloutStats, UnitActivity,
 
 use crate::disk::{LocalDisk, write_atomically};
 use crate::error::LearnerError;
-use crate::groupings::Recognised;
+use crate::groupings::RecognisedPolicy;
 
-/// Learner on a stream of tasks. No method takes a task's label.
+/// Continual learner: trains policies on a stream of tasks. No method takes a task's label.
 pub trait Learner: Send {
-    /// Runs one iteration of learning: collects experience in `env`, whose episodes begin anew, and
-    /// learns from it.
+    /// Runs one training iteration: collects experience in `env`, whose episodes begin anew, and
+    /// trains a policy on it.
     ///
     /// # Errors
     /// Errors of the environment, a policy or a grouping.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, LearnerError>;
 
     /// Returns the policy that fits the tasks of `env`, judged by new episodes: exactly `episodes`,
-    /// or for `None` as many as the learner needs; learns nothing.
+    /// or for `None` as many as the learner needs. Nothing is trained.
     ///
     /// All random numbers come from `rng`, so that recognition does not change what is learnt next.
     ///
@@ -32,10 +32,9 @@ pub trait Learner: Send {
         env: &mut dyn VectorEnv,
         episodes: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Recognised, LearnerError>;
+    ) -> Result<RecognisedPolicy, LearnerError>;
 
-    /// Runs `rounds` episodes in every environment with the mean actions of policy `index`; learns
-    /// nothing.
+    /// Evaluates policy `index` with its mean actions, in `rounds` episodes of every environment.
     ///
     /// # Errors
     /// [`LearnerError::InvalidSetting`] for a policy that does not exist, or an error of the
@@ -96,7 +95,7 @@ pub trait Learner: Send {
     }
 }
 
-/// Report of one call of [`Learner::evaluate_policy`].
+/// Result of an evaluation of a policy ([`Learner::evaluate_policy`]).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PolicyEvaluation {
     /// Returns and successes of the episodes.
@@ -106,7 +105,7 @@ pub struct PolicyEvaluation {
     pub activity: UnitActivity,
 }
 
-/// Report of one call of [`Learner::learn`].
+/// Report of one training iteration of a learner ([`Learner::learn`]).
 #[derive(Clone, Debug, Default)]
 pub struct Iteration {
     /// Index of the policy that trained.
@@ -157,7 +156,7 @@ pub enum CheckpointExtent {
     },
 }
 
-/// Logged value of a learner.
+/// Value that a learner logs: one number, or one for each policy.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Metric {
     /// Single number for the whole learner.
@@ -214,7 +213,7 @@ impl Metrics {
 }
 
 const DISTANCES: &str = "distances";
-const HEIRS: &str = "heirs";
+const MERGED_INTO: &str = "heirs";
 
 /// Name of a log column with one number for each policy, and the function that reads the number
 /// from a permutation test.
@@ -232,17 +231,17 @@ const TEST_COLUMNS: [TestColumn; 5] = [
 /// policy only.
 pub fn per_policy_column_names() -> impl Iterator<Item = &'static str> {
     let tests = TEST_COLUMNS.into_iter().map(|(name, _)| name);
-    [DISTANCES, HEIRS].into_iter().chain(tests)
+    [DISTANCES, MERGED_INTO].into_iter().chain(tests)
 }
 
 /// Largest number of rollouts of an iteration that the grouping may leave undecided.
 // Groups that all change at once need one each. The bound prevents an endless iteration.
-const MOST_DISCARDED: usize = 16;
+const MAX_DISCARDED: usize = 16;
 
 impl Iteration {
-    /// Returns `true` if a grouping may leave one more rollout undecided.
-    pub(super) fn can_wait(&self) -> bool {
-        self.discarded < MOST_DISCARDED
+    /// Returns `true` if one more rollout may be left undecided and discarded.
+    pub(super) fn may_discard(&self) -> bool {
+        self.discarded < MAX_DISCARDED
     }
 
     /// Logs the evidence of the grouping, the merged policies if any, and the values `update` of
@@ -255,8 +254,8 @@ impl Iteration {
             metrics.add_per_policy(name, evidence.iter().map(|e| e.test.as_ref().map(number)));
         }
         if !self.merged_into.is_empty() {
-            let heirs = self.merged_into.iter();
-            metrics.add_per_policy(HEIRS, heirs.map(|heir| heir.map(|heir| heir as f64)));
+            let merged = self.merged_into.iter();
+            metrics.add_per_policy(MERGED_INTO, merged.map(|into| into.map(|index| index as f64)));
         }
         for (name, value) in update {
             metrics.add_number(name, value);

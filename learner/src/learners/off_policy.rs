@@ -54,7 +54,7 @@ pub struct OffPolicySettings {
     /// Rule that chooses the policy that a rollout belongs to. Its replay takes rollouts of any
     /// policy, unless they show two groups.
     pub grouping: GroupingSettings,
-    /// Number of frames at the start of each episode that the assignment to a policy looks at.
+    /// Number of frames at the start of each episode by which a rollout is assigned to a policy.
     pub first_frames: usize,
     /// Number of decisions of one rollout, all environments together. Gradient steps are taken
     /// between rollouts.

@@ -46,8 +46,8 @@ impl Default for LearnerSettings {
 }
 
 impl LearnerSettings {
-    /// Creates a learner with these settings that has not learnt anything. A grouping that needs
-    /// labels reads `labels`, which only a run writes.
+    /// Creates an untrained learner with these settings. A grouping that needs labels reads
+    /// `labels`, which only a run writes.
     ///
     /// # Errors
     /// A setting out of range, or images that the network cannot take.
@@ -58,8 +58,7 @@ impl LearnerSettings {
     ) -> Result<Box<dyn Learner>, LearnerError> {
         each!(self, settings => {
             let grouping = settings.grouping.build_with(labels)?;
-            let learner = PolicyCollection::with_grouping(settings.clone(), spec, grouping)?;
-            Ok(Box::new(learner))
+            Ok(Box::new(PolicyCollection::with_grouping(settings.clone(), spec, grouping)?))
         })
     }
 
@@ -130,11 +129,7 @@ impl LearnerSettings {
         };
         match choice {
             DeviceChoice::Cpu | DeviceChoice::Auto => Ok(()),
-            DeviceChoice::Gpu => Err(LearnerError::InvalidSetting {
-                name: "device",
-                value: "gpu".to_owned(),
-                expected,
-            }),
+            DeviceChoice::Gpu => Err(LearnerError::invalid("device", choice, expected)),
         }
     }
 
@@ -149,41 +144,30 @@ impl LearnerSettings {
     /// Takes over the removed grouping `calibrated` from the settings of a run of an earlier
     /// version, if `self` has the grouping that replaces it.
     pub fn take_removed_grouping(&mut self, run: &Self) {
-        let removed = run.common().grouping;
-        if matches!(removed, GroupingSettings::Removed(_))
-            && matches!(self.common().grouping, GroupingSettings::Evidence(_))
+        if let removed @ GroupingSettings::Removed(_) = run.grouping()
+            && matches!(self.grouping(), GroupingSettings::Evidence(_))
         {
             each!(self, settings => settings.grouping = removed);
         }
     }
 
+    /// Returns the rule that assigns rollouts to policies.
+    pub fn grouping(&self) -> GroupingSettings {
+        self.common().grouping
+    }
+
     /// Returns `true` if the learner may keep more than one policy.
     pub fn may_hold_several_policies(&self) -> bool {
-        self.common().grouping != GroupingSettings::Single
+        self.grouping() != GroupingSettings::Single
     }
 
     /// Returns the reason why the learner cannot name the policy of a task group; `None` if it can.
     pub fn recognition_obstacle(&self) -> Option<&'static str> {
-        match self.common().grouping {
+        match self.grouping() {
             GroupingSettings::Single => Some("there is one policy for everything"),
             GroupingSettings::Oracle => Some("the learner is told the group"),
             _ => None,
         }
-    }
-
-    /// Returns the fixed distance above which a rollout belongs to another task group, if there is
-    /// one.
-    pub fn fixed_threshold(&self) -> Option<f64> {
-        match self.common().grouping {
-            GroupingSettings::Threshold { threshold } => Some(threshold),
-            _ => None,
-        }
-    }
-
-    /// Returns `true` if the Wasserstein distances of a rollout and those of its permutation test
-    /// have one unit.
-    pub fn permuted_distances_are_comparable(&self) -> bool {
-        !matches!(self.common().grouping, GroupingSettings::Evidence(_))
     }
 
     /// Returns the number of decisions of one rollout, all environments together.

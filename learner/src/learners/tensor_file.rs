@@ -45,22 +45,14 @@ pub struct Tensor {
 impl Tensor {
     /// Makes an array of single-precision numbers.
     pub fn floats(name: String, shape: Vec<usize>, values: &[f32]) -> Self {
-        Self {
-            name,
-            dtype: Dtype::F32,
-            shape,
-            bytes: values.iter().flat_map(|v| v.to_le_bytes()).collect(),
-        }
+        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        Self { name, dtype: Dtype::F32, shape, bytes }
     }
 
     /// Makes an array of whole numbers.
     pub fn integers(name: String, shape: Vec<usize>, values: &[u64]) -> Self {
-        Self {
-            name,
-            dtype: Dtype::U64,
-            shape,
-            bytes: values.iter().flat_map(|v| v.to_le_bytes()).collect(),
-        }
+        let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        Self { name, dtype: Dtype::U64, shape, bytes }
     }
 
     /// Rejects an array with numbers that are not finite.
@@ -101,12 +93,11 @@ pub(super) fn encode_tensor_file(
     tensors.iter().try_for_each(|tensor| tensor.check(path))?;
     let envelope = Envelope { format: FORMAT_VERSION, header };
     let text = serde_json::to_string(&envelope).map_err(|e| LearnerError::cannot_write(path, e))?;
-    let bytes =
-        serialize(tensors, text).map_err(|error| LearnerError::cannot_write(path, error))?;
-    seal(bytes).map_err(|error| LearnerError::cannot_write(path, error))
+    let bytes = serialize(tensors, text).and_then(insert_checksum);
+    bytes.map_err(|error| LearnerError::cannot_write(path, error))
 }
 
-/// Returns the bytes of a checkpoint file whose checksum is still zero.
+/// Returns the bytes of a checkpoint file, with zeros in place of the checksum.
 fn serialize(tensors: &[Tensor], header: String) -> Result<Vec<u8>, SafeTensorError> {
     let space = Tensor::bytes(CHECKSUM.to_owned(), vec![4], vec![0; 4]);
     let mut views = Vec::with_capacity(tensors.len() + 1);
@@ -120,7 +111,7 @@ fn serialize(tensors: &[Tensor], header: String) -> Result<Vec<u8>, SafeTensorEr
 }
 
 /// Writes the checksum of a checkpoint file into its array.
-fn seal(mut bytes: Vec<u8>) -> Result<Vec<u8>, SafeTensorError> {
+fn insert_checksum(mut bytes: Vec<u8>) -> Result<Vec<u8>, SafeTensorError> {
     let (length, metadata) = SafeTensors::read_metadata(&bytes)?;
     let Some(range) = checksum_range(length, &metadata) else {
         return Err(SafeTensorError::TensorNotFound(CHECKSUM.to_owned()));
@@ -259,7 +250,7 @@ impl<'a> TensorFile<'a> {
 mod tests {
     use super::*;
 
-    fn sealed() -> Vec<u8> {
+    fn written() -> Vec<u8> {
         let tensors = [
             Tensor::floats("a".to_owned(), vec![3], &[1.0, -2.0, 0.5]),
             Tensor::bytes("z".to_owned(), vec![2, 2], vec![1, 2, 3, 4]),
@@ -273,7 +264,7 @@ mod tests {
 
     #[test]
     fn every_flipped_bit_and_every_cut_is_noticed() {
-        let whole = sealed();
+        let whole = written();
         assert_eq!(open(&whole).unwrap(), "a note");
         for bit in 0..8 * whole.len() {
             let mut flipped = whole.clone();
@@ -288,7 +279,7 @@ mod tests {
     #[test]
     fn a_newer_format_is_named() {
         let text = serde_json::json!({ "format": FORMAT_VERSION + 1, "news": true });
-        let bytes = seal(serialize(&[], text.to_string()).unwrap()).unwrap();
+        let bytes = serialize(&[], text.to_string()).and_then(insert_checksum).unwrap();
         let message = open(&bytes).unwrap_err().to_string();
         assert!(message.contains(&format!("has format {}", FORMAT_VERSION + 1)), "{message}");
     }

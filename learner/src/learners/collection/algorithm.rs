@@ -7,15 +7,15 @@
 //!
 //! A run calls [`Learner::learn`] once per iteration (`experiments/src/run.rs`); the environment
 //! changes the task group by itself. The assignment of lines 8 to 10 is a [`crate::Grouping`]: by
-//! default (`groupings/evidence.rs`) W1 of what pictures, motion and rewards show, with a
-//! permutation test in the place of the paper's threshold; it is undecided if one rollout is too
-//! little. `recognise_policy` and `evaluate_policy` serve evaluations; the second `impl` has the
-//! steps of `learn`.
+//! default (`groupings/evidence.rs`) W1 of images, motion and returns, with a permutation test in
+//! the place of the paper's threshold; it is undecided if one rollout is too little.
+//! `recognise_policy` and `evaluate_policy` serve evaluations; the second `impl` has the steps of
+//! `learn`.
 
 use std::path::Path;
 
 use cluster::Decision;
-use evidence::Course;
+use evidence::Trajectory;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Experience, ExportPolicy, ExportedPolicy, MeasureActivity, Observations, PolicyOutput, RlError,
@@ -24,19 +24,19 @@ use rl::{
 use web_time::Instant;
 
 use crate::error::LearnerError;
-use crate::groupings::{GroupingDecision, Query, Recognised};
+use crate::groupings::{AssignmentRequest, GroupingDecision, RecognisedPolicy};
 use crate::learners::learner::{
     CheckpointExtent, Iteration, IterationSeconds, Learner, PolicyEvaluation,
 };
 
-use super::episodes::{FirstFrames, ObservedEpisodes, courses, first_frames};
+use super::episodes::{FirstFrames, ObservedEpisodes, first_frames, trajectories};
 use super::settings::{NewPolicyInit, PolicyCollectionSettings, RolloutOf, Training};
 use super::{CandidateClouds, PolicyCollection, PolicyEntry};
 
-/// Number of decisions of an episode from one measurement of the activity of a network's units to
-/// the next, during an evaluation.
+/// Number of decisions between two measurements of the activity of a network's units, in an
+/// evaluation.
 // One measurement costs about as much as a decision with its picture.
-const BETWEEN_LOOKS: usize = 10;
+const ACTIVITY_INTERVAL: usize = 10;
 
 impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
     /// Runs lines 4 to 16 of Algorithm 1 once. Lines 2, 3 and 18 count the steps up to the next
@@ -52,13 +52,13 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
 
             // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
             // Extension: a single rollout may be too little to decide, and trains no policy then.
-            let query = Query::Rollout { can_wait: iteration.can_wait() };
-            let mut decision = self.assign(query, &observed, &mut iteration.seconds)?;
+            let request = AssignmentRequest::Assign { allow_undecided: iteration.may_discard() };
+            let mut decision = self.assign(request, &observed, &mut iteration.seconds)?;
             if decision.policy == Decision::Undecided {
                 self.discard(&mut iteration);
                 continue;
             }
-            observed.drop_before_changepoint(decision.cut);
+            observed.drop_before_changepoint(decision.changepoint);
 
             // Lines 11 and 12: a new random policy with B = O; lines 13 and 14: the nearest policy,
             // whose B takes O. Extension: D of another policy is off-policy, so the one that was
@@ -71,8 +71,8 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
             }
             self.discard(&mut iteration);
         };
-        // Extension: groupings that remember whole episodes learn, too.
-        let learned = self.teach_grouping(actor, &decision, &mut iteration.seconds)?;
+        // Extension: a grouping that remembers whole episodes is updated, too.
+        let memory_update = self.update_grouping(actor, &decision, &mut iteration.seconds)?;
 
         // Lines 15 and 16: update the current policy with D, which the next rollout overwrites:
         // `Ppo::update` (rl/src/ppo.rs) through `PpoTraining`, or soft actor-critic.
@@ -80,7 +80,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         let update = self.update(&mut iteration.seconds)?;
         iteration.policy = self.current;
         iteration.policy_created = self.current >= policies;
-        self.merge_duplicates(env, learned, &mut iteration)?;
+        self.merge_duplicates(env, memory_update, &mut iteration)?;
 
         iteration.evidence = decision.evidence;
         iteration.log_metrics(update);
@@ -94,15 +94,15 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         env: &mut dyn VectorEnv,
         episodes: Option<usize>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Recognised, LearnerError> {
-        let observed = self.watch(env, episodes, rng)?;
+    ) -> Result<RecognisedPolicy, LearnerError> {
+        let observed = self.collect_for_recognition(env, episodes, rng)?;
         if !self.has_trained() {
-            return Ok(Recognised { policy: 0, fits: true });
+            return Ok(RecognisedPolicy { policy: 0, fits: true });
         }
         let mut candidates =
             CandidateClouds::new(&mut self.policies, self.current, &self.spec, &observed);
-        let decision = self.grouping.assign(Query::Recognition, &mut candidates, rng)?;
-        let recognised = Recognised::from(&decision);
+        let decision = self.grouping.assign(AssignmentRequest::Recognise, &mut candidates, rng)?;
+        let recognised = RecognisedPolicy::from(&decision);
         self.check_policy(recognised.policy)?;
         Ok(recognised)
     }
@@ -118,7 +118,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         let policy = &mut self.policies[index].policy;
         let stats = rl::evaluate_with_callback(env, policy, rounds, |policy, state| {
             let steps = state.episodes.first().map_or(0, |episode| episode.length);
-            if steps.is_multiple_of(BETWEEN_LOOKS) {
+            if steps.is_multiple_of(ACTIVITY_INTERVAL) {
                 activity.add(&policy.unit_activity(&state.observations, &state.memory)?);
             }
             Ok(())
@@ -190,18 +190,18 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     pub(super) fn observed_episodes_in(&self, rollout: &RolloutOf<S>) -> ObservedEpisodes {
         ObservedEpisodes {
             frames: first_frames(rollout, self.settings.common().first_frames),
-            courses: self.courses_in(rollout),
+            trajectories: self.trajectories_in(rollout),
         }
     }
 
     /// Returns the whole episodes of a rollout if the grouping needs them, else none.
-    pub(super) fn courses_in(&self, rollout: &RolloutOf<S>) -> Vec<Course> {
-        if self.grouping.needs().whole_episodes { courses(rollout) } else { Vec::new() }
+    pub(super) fn trajectories_in(&self, rollout: &RolloutOf<S>) -> Vec<Trajectory> {
+        if self.grouping.requirements().whole_episodes { trajectories(rollout) } else { Vec::new() }
     }
 
     /// Rejects a rollout with too few first frames to be assigned.
     fn check_episodes(&self, got: usize) -> Result<(), LearnerError> {
-        let needed = self.grouping.needs().episodes;
+        let needed = self.grouping.requirements().episodes;
         if got >= needed {
             return Ok(());
         }
@@ -215,7 +215,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Asks the grouping which policy a rollout belongs to (lines 8 to 10).
     pub(super) fn assign(
         &mut self,
-        query: Query<'_>,
+        request: AssignmentRequest<'_>,
         observed: &ObservedEpisodes,
         seconds: &mut IterationSeconds,
     ) -> Result<GroupingDecision, LearnerError> {
@@ -227,7 +227,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         let mut candidates =
             CandidateClouds::new(&mut self.policies, self.current, &self.spec, observed);
         let rng = &mut self.generators.assignment;
-        let decision = self.grouping.assign(query, &mut candidates, rng)?;
+        let decision = self.grouping.assign(request, &mut candidates, rng)?;
         seconds.assignment += clock.elapsed().as_secs_f64();
         Ok(decision)
     }
@@ -249,7 +249,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             Decision::Existing(index) => self.check_policy(index)?,
             Decision::New | Decision::Undecided => {
                 let parent = self.parent(decision)?;
-                self.open_policy(parent)?
+                self.create_policy(parent)?
             }
         };
         let buffer = &mut self.policies[self.current].buffer;
@@ -265,11 +265,10 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         match (self.settings.common().new_policy, decision.nearest) {
             (NewPolicyInit::Random, _) => Ok(None),
             (NewPolicyInit::Copy, Some(nearest)) => Ok(Some(nearest)),
-            (NewPolicyInit::Copy, None) => Err(LearnerError::InvalidSetting {
-                name: "new_policy",
-                value: "copy".to_owned(),
-                expected: "random with a grouping that measures no distances: none is nearest",
-            }),
+            (NewPolicyInit::Copy, None) => {
+                let expected = "random with a grouping that measures no distances: none is nearest";
+                Err(LearnerError::invalid("new_policy", "copy", expected))
+            }
         }
     }
 
@@ -288,7 +287,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
 
     /// Collects new episodes that are not used for training: exactly `episodes`, or for `None` at
     /// least as many as the grouping needs.
-    fn watch(
+    fn collect_for_recognition(
         &mut self,
         env: &mut dyn VectorEnv,
         episodes: Option<usize>,
@@ -297,7 +296,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         let steps = self.settings.common().first_frames;
         let mut rollout = self.settings.new_rollout(env.spec(), steps)?;
         let mut observed = ObservedEpisodes::default();
-        while observed.frames.len() < episodes.unwrap_or(self.grouping.needs().episodes) {
+        while observed.frames.len() < episodes.unwrap_or(self.grouping.requirements().episodes) {
             let policy = &mut self.policies[self.current].policy;
             let mut state = RolloutState::reset(env, policy)?;
             collect(env, policy, &mut rollout, &mut state, rng)?;
@@ -310,7 +309,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         }
         if let Some(episodes) = episodes {
             observed.frames.truncate(episodes);
-            observed.courses.truncate(episodes);
+            observed.trajectories.truncate(episodes);
         }
         Ok(observed)
     }

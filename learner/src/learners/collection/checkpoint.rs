@@ -88,15 +88,11 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
 
     /// Rejects a checkpoint with first frames of too few episodes to recognise task groups.
     fn check_extent(&self, extent: CheckpointExtent) -> Result<(), LearnerError> {
+        let least = self.grouping.requirements().episodes;
         match extent {
-            CheckpointExtent::Policies { episodes_per_policy: episodes }
-                if episodes < self.grouping.needs().episodes =>
-            {
-                Err(LearnerError::InvalidSetting {
-                    name: "episodes",
-                    value: episodes.to_string(),
-                    expected: "at least the `min_episodes` of the grouping, see `experiment.json`",
-                })
+            CheckpointExtent::Policies { episodes_per_policy: episodes } if episodes < least => {
+                let expected = "at least the `min_episodes` of the grouping, see `experiment.json`";
+                Err(LearnerError::invalid("episodes", episodes, expected))
             }
             CheckpointExtent::Policies { .. } | CheckpointExtent::Everything => Ok(()),
         }
@@ -184,7 +180,7 @@ impl<'a> Checkpoint<'a> {
         // the settings determine the sizes of arrays, so they are checked first
         let common = header.settings.common();
         common
-            .steps_per_env(spec, grouping.needs().episodes)
+            .steps_per_env(spec, grouping.requirements().episodes)
             .map_err(|error| error.with_path(self.path))?;
         let state = grouping.restore(&header.grouping, header.members.len());
         state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;
@@ -208,18 +204,14 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
     fn header(&self, extent: CheckpointExtent) -> EntryHeader {
         match extent {
             CheckpointExtent::Everything => {
-                EntryHeader { counters: Some(self.counters()), seen: self.buffer.seen() }
+                let counters = self.training.algorithm_state().counters.into_iter();
+                let counters = counters.map(|(name, count)| (name.to_owned(), count)).collect();
+                EntryHeader { counters: Some(counters), seen: self.buffer.seen() }
             }
             CheckpointExtent::Policies { .. } => {
                 EntryHeader { counters: None, seen: self.kept(extent).len() as u64 }
             }
         }
-    }
-
-    fn counters(&self) -> BTreeMap<String, u64> {
-        let counters = self.training.algorithm_state().counters;
-        let owned = |(name, count): (&str, u64)| (name.to_owned(), count);
-        counters.into_iter().map(owned).collect()
     }
 
     /// Returns the first frames of the episodes that a checkpoint of this extent holds.

@@ -1,10 +1,10 @@
-//! Episodes of a rollout: their first frames, which assignment looks at since later ones depend on
-//! the policy, and whole ones for groupings that ask for them.
+//! Episodes of a rollout: their first frames, by which rollouts are assigned since later frames
+//! depend on the policy, and whole trajectories for groupings that need them.
 
 use std::ops::Range;
 
 use cluster::Frames;
-use evidence::Course;
+use evidence::Trajectory;
 use rl::{EnvSpec, FeatureExtractor, Observations, RlError, RolloutBuffer, StepOutcome};
 
 use crate::error::LearnerError;
@@ -19,7 +19,7 @@ pub(super) struct FirstFrames {
 }
 
 impl FirstFrames {
-    /// Takes the first `count` observations of an episode.
+    /// Creates a value from the first `count` observations of an episode.
     pub(super) fn new(count: usize, observations: Observations) -> Self {
         Self { began: 0, count, observations }
     }
@@ -41,28 +41,28 @@ pub(super) struct ObservedEpisodes {
     /// First frames of the episodes: the paper's `O`.
     pub frames: Vec<FirstFrames>,
     /// Whole episodes; empty if the grouping does not need them.
-    pub courses: Vec<Course>,
+    pub trajectories: Vec<Trajectory>,
 }
 
 impl ObservedEpisodes {
     /// Appends the episodes of a later rollout.
     pub fn extend(&mut self, later: Self) {
         self.frames.extend(later.frames);
-        self.courses.extend(later.courses);
+        self.trajectories.extend(later.trajectories);
     }
 
     /// Removes first frames of episodes that began before a changepoint, which belong to the
     /// earlier task group. If all episodes began before it, all stay.
-    pub fn drop_before_changepoint(&mut self, cut: Option<usize>) {
+    pub fn drop_before_changepoint(&mut self, changepoint: Option<usize>) {
         // `None` is less than any `Some`, so without a changepoint all frames are later
-        let is_later = |episode: &FirstFrames| Some(episode.began) >= cut;
+        let is_later = |episode: &FirstFrames| Some(episode.began) >= changepoint;
         if self.frames.iter().any(is_later) {
             self.frames.retain(is_later);
         }
     }
 }
 
-/// Experience of one collection of a policy in its environments, which begins with a reset.
+/// Rollout of a policy: the steps of all environments since their last reset.
 pub trait Rollout {
     /// Returns the sizes and symmetry types of the environments of the rollout.
     fn spec(&self) -> &EnvSpec;
@@ -73,15 +73,15 @@ pub trait Rollout {
     /// Returns step `step` (from 0) of environment `env` (from 0) in the rollout.
     fn step(&self, step: usize, env: usize) -> StepView<'_>;
 
-    /// Forgets all steps of the last collection after the first `steps`, at least 1.
+    /// Removes the steps of the rollout after the first `steps`, at least 1.
     ///
     /// # Errors
-    /// A collection that is not finished.
+    /// A rollout that is not finished.
     fn truncate(&mut self, steps: usize) -> Result<(), RlError>;
 
-    /// Keeps only the latest `collections` collections since an algorithm last trained. A rollout
-    /// that holds a single collection forgets it when the next one begins.
-    fn keep_latest(&mut self, _collections: usize) {}
+    /// Removes all but the latest `rollouts` that were collected since the algorithm last trained.
+    /// The default is for storage that the next rollout overwrites.
+    fn keep_latest(&mut self, _rollouts: usize) {}
 }
 
 /// Step of one environment in a rollout.
@@ -125,14 +125,14 @@ impl Rollout for RolloutBuffer {
 }
 
 /// Steps of one episode in a rollout.
-struct Span {
+struct EpisodeSpan {
     env: usize,
     steps: Range<usize>,
     is_whole: bool,
 }
 
 /// Returns the steps of every episode of a rollout, one environment after the other.
-fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
+fn episode_spans<R: Rollout>(rollout: &R) -> Vec<EpisodeSpan> {
     let mut spans = Vec::new();
     for env in 0..rollout.spec().num_envs {
         let mut start = 0;
@@ -140,7 +140,7 @@ fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
             let end =
                 (start..rollout.num_steps()).find(|&t| rollout.step(t, env).outcome.is_ended());
             let stop = end.map_or(rollout.num_steps(), |last| last + 1);
-            spans.push(Span { env, steps: start..stop, is_whole: end.is_some() });
+            spans.push(EpisodeSpan { env, steps: start..stop, is_whole: end.is_some() });
             start = stop;
         }
     }
@@ -150,7 +150,7 @@ fn spans<R: Rollout>(rollout: &R) -> Vec<Span> {
 /// Returns the first `k` observations of every episode that has at least `k`.
 pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames> {
     let (envs, mut episodes) = (rollout.spec().num_envs, Vec::new());
-    for Span { env, steps, .. } in spans(rollout) {
+    for EpisodeSpan { env, steps, .. } in episode_spans(rollout) {
         if steps.len() < k {
             continue;
         }
@@ -168,25 +168,25 @@ pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames
     episodes
 }
 
-/// Returns every episode of the rollout, unfinished ones included.
-pub(super) fn courses<R: Rollout>(rollout: &R) -> Vec<Course> {
-    let (envs, mut courses) = (rollout.spec().num_envs, Vec::new());
-    for span in spans(rollout) {
-        let mut course = Course {
+/// Returns the trajectory of every episode of a rollout, unfinished ones included.
+pub(super) fn trajectories<R: Rollout>(rollout: &R) -> Vec<Trajectory> {
+    let (envs, mut trajectories) = (rollout.spec().num_envs, Vec::new());
+    for span in episode_spans(rollout) {
+        let mut trajectory = Trajectory {
             began: span.steps.start * envs,
             is_whole: span.is_whole,
             image: rollout.step(span.steps.start, span.env).image.to_vec(),
-            ..Course::default()
+            ..Trajectory::default()
         };
         for step in span.steps {
             let step = rollout.step(step, span.env);
-            course.vectors.extend(step.vector);
-            course.actions.extend(step.action);
-            course.rewards.push(step.reward);
+            trajectory.vectors.extend(step.vector);
+            trajectory.actions.extend(step.action);
+            trajectory.rewards.push(step.reward);
         }
-        courses.push(course);
+        trajectories.push(trajectory);
     }
-    courses
+    trajectories
 }
 
 /// Returns the invariant features of episodes, as `policy` sees them now: features drift while a
@@ -245,17 +245,13 @@ mod tests {
     }
 
     #[test]
-    fn every_episode_gives_its_first_frames() {
-        let rollout = rollout(&[(0, 2), (1, 4)]);
-        assert_eq!(images(&rollout, 2), [vec![0, 1], vec![3, 4], vec![10, 11]]);
-        assert_eq!(images(&rollout, 1), [vec![0], vec![3], vec![10]]);
-    }
-
-    #[test]
-    fn episodes_that_are_too_short_give_nothing() {
+    fn every_episode_that_is_long_enough_gives_its_first_frames() {
+        let two_ends = rollout(&[(0, 2), (1, 4)]);
+        assert_eq!(images(&two_ends, 2), [vec![0, 1], vec![3, 4], vec![10, 11]]);
+        assert_eq!(images(&two_ends, 1), [vec![0], vec![3], vec![10]]);
         // environment 0: steps 0 | 1, 2 | 3, 4 (still running); environment 1: one long episode
-        let rollout = rollout(&[(0, 0), (0, 2)]);
-        assert_eq!(images(&rollout, 2), [vec![1, 2], vec![3, 4], vec![10, 11]]);
-        assert_eq!(images(&rollout, 3), [vec![10, 11, 12]]);
+        let short = rollout(&[(0, 0), (0, 2)]);
+        assert_eq!(images(&short, 2), [vec![1, 2], vec![3, 4], vec![10, 11]]);
+        assert_eq!(images(&short, 3), [vec![10, 11, 12]]);
     }
 }

@@ -1,13 +1,15 @@
 //! Steps of the learner that the paper's Algorithm 1 does not have: undecided rollouts, trials of
-//! policies before they train, rollouts of two groups, and policies that are merged.
+//! policies before they train, rollouts of two groups, and merges of policies.
 
 use cluster::Decision;
-use evidence::{Course, Trial};
+use evidence::{Trajectory, Trial};
 use rl::{Experience as _, VectorEnv};
 use web_time::Instant;
 
 use crate::error::LearnerError;
-use crate::groupings::{Episodes, GroupingDecision, Learned, Lesson, Query};
+use crate::groupings::{
+    AssignedEpisodes, AssignmentRequest, Episodes, GroupingDecision, GroupingUpdate,
+};
 use crate::learners::learner::{Iteration, IterationSeconds};
 
 use super::PolicyCollection;
@@ -46,7 +48,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         loop {
             // all collections so far are of other policies, and a replay would take those of
             // another group, too
-            if decision.cut.is_some() || decision.group_changed {
+            if decision.changepoint.is_some() || decision.group_changed {
                 self.rollout.keep_latest(0);
             }
             let mut passes = true;
@@ -61,7 +63,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                 let actor = self.current;
                 self.roll_out(env, iteration)?;
                 let is_final = decision.trial == Trial::None
-                    || (iteration.policy_created && !iteration.can_wait());
+                    || (iteration.policy_created && !iteration.may_discard());
                 if is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)? {
                     return Ok(Some(actor));
                 }
@@ -82,7 +84,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// A rollout of two groups is discarded, and a provisional policy must act before it trains.
     fn may_reuse(&self, decision: &GroupingDecision) -> bool {
         self.settings.common().handover == Handover::Reuse
-            && decision.cut.is_none()
+            && decision.changepoint.is_none()
             && !decision.is_provisional
     }
 
@@ -102,8 +104,9 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         decision: &mut GroupingDecision,
         iteration: &mut Iteration,
     ) -> Result<bool, LearnerError> {
-        let query = Query::Trial { earlier: decision, can_wait: iteration.can_wait() };
-        let judged = self.assign(query, &observed, &mut iteration.seconds)?;
+        let allow_undecided = iteration.may_discard();
+        let request = AssignmentRequest::Confirm { proposal: decision, allow_undecided };
+        let judged = self.assign(request, &observed, &mut iteration.seconds)?;
         let passes = judged.policy == Decision::Existing(self.current);
         if passes {
             decision.accepted = judged.accepted;
@@ -111,7 +114,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         }
         if judged.policy != Decision::Undecided {
             // a policy that exists needs no frames of two groups
-            let is_mixed = judged.cut.is_some() && judged.policy != Decision::New;
+            let is_mixed = judged.changepoint.is_some() && judged.policy != Decision::New;
             let frames = if is_mixed { Vec::new() } else { observed.frames };
             iteration.policy_created = self.make_current(&judged, frames)?;
         }
@@ -119,7 +122,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Ok(false)
     }
 
-    /// Lets the current policy act for as many episodes as the grouping needs, at least one in each
+    /// Collects as many episodes of the current policy as the grouping needs, at least one in each
     /// environment. Returns `None` if that takes at least as many steps as a rollout, or if the
     /// horizon is unknown.
     fn probe(
@@ -127,7 +130,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         env: &mut dyn VectorEnv,
         iteration: &mut Iteration,
     ) -> Result<Option<RolloutOf<S>>, LearnerError> {
-        let episodes = self.grouping.needs().episodes.div_ceil(self.spec.num_envs);
+        let episodes = self.grouping.requirements().episodes.div_ceil(self.spec.num_envs);
         let steps = env
             .horizon()
             .and_then(|horizon| horizon.checked_mul(episodes.max(1)))
@@ -141,60 +144,60 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Ok(Some(rollout))
     }
 
-    /// Shows the grouping the rollout of `collector`, which the current policy is about to learn
-    /// from, and drops its steps after a changepoint.
-    pub(super) fn teach_grouping(
+    /// Updates the grouping with the rollout of `collector`, which the current policy is about to
+    /// train on, and drops the rollout's steps after a changepoint.
+    pub(super) fn update_grouping(
         &mut self,
         collector: usize,
         decision: &GroupingDecision,
         seconds: &mut IterationSeconds,
-    ) -> Result<Learned, LearnerError> {
+    ) -> Result<GroupingUpdate, LearnerError> {
         let clock = Instant::now();
-        let courses = self.courses_in(&self.rollout);
-        let lesson = Lesson::Rollout {
+        let trajectories = self.trajectories_in(&self.rollout);
+        let assigned = AssignedEpisodes::Rollout {
             policy: self.current,
             accepted: &decision.accepted,
-            episodes: Episodes { spec: &self.spec, collector, courses: &courses },
+            episodes: Episodes { spec: &self.spec, collector, trajectories: &trajectories },
         };
         let rng = &mut self.generators.assignment;
-        let learned = self.grouping.learn(lesson, rng)?;
-        if let Some(end) = learned.end {
-            self.rollout.truncate(end / self.spec.num_envs)?;
+        let update = self.grouping.update(assigned, rng)?;
+        if let Some(changepoint) = update.changepoint {
+            self.rollout.truncate(changepoint / self.spec.num_envs)?;
         }
         seconds.assignment += clock.elapsed().as_secs_f64();
-        Ok(learned)
+        Ok(update)
     }
 
-    /// Lets policies act that may serve the same task group as the current one, until the grouping
-    /// has decided on a merge. One of the two continues for both, with its parameters, optimiser
-    /// and index.
+    /// Collects episodes of policies that may serve the same task group as the current one, until
+    /// the grouping has decided on a merge. One of the two continues for both, with its parameters,
+    /// optimiser and index.
     pub(super) fn merge_duplicates(
         &mut self,
         env: &mut dyn VectorEnv,
-        mut learned: Learned,
+        mut update: GroupingUpdate,
         iteration: &mut Iteration,
     ) -> Result<(), LearnerError> {
         let policy = self.current;
-        let mut acted: Vec<(usize, Vec<Course>)> = Vec::new();
-        while let Some(next) = learned.probe {
+        let mut acted: Vec<(usize, Vec<Trajectory>)> = Vec::new();
+        while let Some(next) = update.probe {
             self.current = self.check_policy(next)?;
             let Some(probe) = self.probe(env, iteration)? else {
                 break;
             };
-            acted.push((next, self.courses_in(&probe)));
-            let probes = acted.iter().map(|(collector, courses)| Episodes {
+            acted.push((next, self.trajectories_in(&probe)));
+            let probes = acted.iter().map(|(collector, trajectories)| Episodes {
                 spec: &self.spec,
                 collector: *collector,
-                courses,
+                trajectories,
             });
             let probes: Vec<Episodes<'_>> = probes.collect();
             let rng = &mut self.generators.assignment;
-            let lesson = Lesson::Probes { policy, probes: &probes };
-            learned = self.grouping.learn(lesson, rng)?;
+            let assigned = AssignedEpisodes::Probes { policy, probes: &probes };
+            update = self.grouping.update(assigned, rng)?;
         }
-        let heir = learned.merged_into.get(policy).copied().flatten();
-        self.current = heir.unwrap_or(policy);
-        iteration.merged_into = learned.merged_into;
+        let merged_into = update.merged_into.get(policy).copied().flatten();
+        self.current = merged_into.unwrap_or(policy);
+        iteration.merged_into = update.merged_into;
         Ok(())
     }
 }

@@ -72,7 +72,7 @@ pub trait Training: Sized + Send + 'static {
     /// Type of the storage of a rollout until it is assigned to a policy.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
 
-    /// Prepares `rollout` for being filled by the policy that this training belongs to.
+    /// Prepares `rollout` before the policy of this training collects it. The default does nothing.
     fn prepare_rollout(&self, _rollout: &mut Self::Rollout) {}
 
     /// Prepares a rollout that another policy collected for training `policy`.
@@ -103,8 +103,8 @@ pub trait Training: Sized + Send + 'static {
     /// A state of another algorithm or network.
     fn restore_algorithm(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
 
-    /// Returns all arrays besides [`Training::algorithm_state`] that the next training step depends
-    /// on, under names that begin with `prefix`.
+    /// Returns the arrays besides [`Training::algorithm_state`] that a checkpoint needs, under
+    /// names that begin with `prefix`.
     fn extra_tensors(&self, _prefix: &str) -> Vec<Tensor> {
         Vec::new()
     }
@@ -127,13 +127,13 @@ pub trait Training: Sized + Send + 'static {
 pub struct CommonSettings {
     /// Rule that chooses the policy that a rollout belongs to.
     pub grouping: GroupingSettings,
-    /// Number of frames at the start of each episode that the assignment to a policy looks at.
+    /// Number of frames at the start of each episode by which a rollout is assigned to a policy.
     pub first_frames: usize,
     /// Number of decisions of one rollout, all environments together.
     pub rollout_steps: usize,
     /// Number of episodes whose first frames are kept for each policy; `None` keeps all of them.
     pub buffer_episodes: Option<usize>,
-    /// Use of a rollout that is assigned to another policy than the one that collected it.
+    /// Treatment of a rollout that is assigned to a policy other than the one that collected it.
     pub handover: Handover,
     /// Initial parameters of a new policy.
     pub new_policy: NewPolicyInit,
@@ -155,9 +155,8 @@ impl CommonSettings {
         spec: &EnvSpec,
         min_episodes: usize,
     ) -> Result<usize, LearnerError> {
-        let refuse = |name, value: usize, expected| {
-            Err(LearnerError::InvalidSetting { name, value: value.to_string(), expected })
-        };
+        let refuse =
+            |name, value: usize, expected| Err(LearnerError::invalid(name, value, expected));
         if self.first_frames == 0 {
             return refuse("first_frames", 0, "at least 1 frame");
         }
@@ -180,8 +179,8 @@ impl CommonSettings {
     }
 }
 
-/// Use of a rollout that another policy is assigned to than the one that collected it. The paper's
-/// Algorithm 1 updates the assigned policy with it and does not say how.
+/// Treatment of a rollout that is assigned to a policy other than the one that collected it. The
+/// paper's Algorithm 1 updates the assigned policy with it and does not say how.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Handover {

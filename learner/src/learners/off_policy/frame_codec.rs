@@ -4,11 +4,11 @@
 //! as its difference (xor) from the one before it, the first one as differences of neighbouring
 //! pixels, and runs of zeros as their lengths.
 
-/// Zero bytes that end a run of non-zero bytes in the run-length code of [`shorten`].
+/// Zero bytes that end a run of non-zero bytes in the run-length code of [`encode_runs`].
 // A shorter gap costs less than the two lengths of another run.
 const GAP: [u8; 4] = [0; 4];
 
-/// Sizes of the pictures of an episode.
+/// Sizes of the pictures of an episode, which are compressed together.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameSizes {
     /// Size of one picture in bytes.
@@ -18,46 +18,45 @@ pub struct FrameSizes {
 }
 
 impl FrameSizes {
-    /// Appends the compressed pictures to `out`, and overwrites `pictures` with their differences.
+    /// Appends the compressed `pictures` to `out`, and overwrites them with their differences.
     pub fn pack(self, pictures: &mut [u8], out: &mut Vec<u8>) {
         let (first, _) = pictures.split_at_mut(self.picture_bytes.min(pictures.len()));
         let first = first.len();
         // from the last picture to the first, so that the one before is not yet overwritten
         for start in (first..pictures.len()).step_by(self.picture_bytes.max(1)).rev() {
             let (before, own) = pictures.split_at_mut(start);
-            differ(own, &before[start - self.picture_bytes..]);
+            xor_with(own, &before[start - self.picture_bytes..]);
         }
         for i in (self.pixel_bytes..first).rev() {
             pictures[i] ^= pictures[i - self.pixel_bytes];
         }
-        shorten(pictures, out);
+        encode_runs(pictures, out);
     }
 
-    /// Fills `pictures` with the decompressed front of `packed` and returns the rest of `packed`;
-    /// `None` if the data does not fit.
+    /// Decompresses the front of `packed` into `pictures` and returns the rest of `packed`; `None`
+    /// if the data does not fit.
     pub fn unpack<'a>(self, packed: &'a [u8], pictures: &mut [u8]) -> Option<&'a [u8]> {
-        let rest = lengthen(packed, pictures)?;
+        let rest = decode_runs(packed, pictures)?;
         let first = self.picture_bytes.min(pictures.len());
         for i in self.pixel_bytes..first {
             pictures[i] ^= pictures[i - self.pixel_bytes];
         }
         for start in (first..pictures.len()).step_by(self.picture_bytes.max(1)) {
             let (before, own) = pictures.split_at_mut(start);
-            differ(own, &before[start - self.picture_bytes..]);
+            xor_with(own, &before[start - self.picture_bytes..]);
         }
         Some(rest)
     }
 }
 
 /// Replaces a picture by its difference (xor) from `other`, or the difference by the picture.
-fn differ(picture: &mut [u8], other: &[u8]) {
-    let pairs = picture.iter_mut().zip(other);
-    pairs.for_each(|(own, byte)| *own ^= byte);
+fn xor_with(picture: &mut [u8], other: &[u8]) {
+    picture.iter_mut().zip(other).for_each(|(own, byte)| *own ^= byte);
 }
 
 /// Writes `bytes` in a run-length code: each run is a number of zeros, a number of other bytes, and
 /// these bytes.
-fn shorten(mut bytes: &[u8], out: &mut Vec<u8>) {
+fn encode_runs(mut bytes: &[u8], out: &mut Vec<u8>) {
     while !bytes.is_empty() {
         let (zeros, rest) = bytes.split_at(leading_zeros(bytes));
         let other = rest.windows(GAP.len()).position(|window| window == GAP);
@@ -78,7 +77,7 @@ fn leading_zeros(bytes: &[u8]) -> usize {
     whole + bytes[whole..].iter().take_while(|&&byte| byte == 0).count()
 }
 
-fn lengthen<'a>(mut packed: &'a [u8], mut out: &mut [u8]) -> Option<&'a [u8]> {
+fn decode_runs<'a>(mut packed: &'a [u8], mut out: &mut [u8]) -> Option<&'a [u8]> {
     while !out.is_empty() {
         let zeros = read_length(&mut packed)?;
         let other = read_length(&mut packed)?;

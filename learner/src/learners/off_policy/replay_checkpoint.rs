@@ -8,10 +8,10 @@ use crate::learners::tensor_file::{Tensor, TensorFile};
 use super::frame_codec::FrameSizes;
 
 /// Value that stands for the episode index of an environment without a running episode.
-const NONE: u64 = u64::MAX;
+const NO_EPISODE: u64 = u64::MAX;
 /// Upper bound of the number of observations that contexts of running episodes need; limits the
 /// memory that a damaged file can claim.
-const CONTEXTS: usize = 100_000;
+const MAX_CONTEXT_FRAMES: usize = 100_000;
 /// Number of scalars that are written for every episode: steps, removed steps, outcome, and a flag
 /// of contents.
 const FIELDS: usize = 4;
@@ -29,7 +29,7 @@ pub fn replay_tensors(replay: &ReplayBuffer, prefix: &str) -> Vec<Tensor> {
         Tensor::floats(name(what), vec![all.len()], &all)
     };
     let running = state.running_episodes.iter();
-    let running: Vec<u64> = running.map(|n| n.map_or(NONE, u64::from)).collect();
+    let running: Vec<u64> = running.map(|n| n.map_or(NO_EPISODE, u64::from)).collect();
     let order = state.step_order.iter().flatten();
     let order: Vec<u64> = order.copied().map(u64::from).collect();
     let episodes: Vec<u64> = state.stored_episodes.iter().flat_map(numbers).collect();
@@ -112,14 +112,14 @@ pub fn read_replay(
     };
     let small = |what: &str, value: u64| u32::try_from(value).map_err(|_| damaged(what));
     let running = file.integers(&name("running"))?.into_iter();
-    let running = running.map(|n| (n != NONE).then(|| small("running", n)).transpose());
+    let running = running.map(|n| (n != NO_EPISODE).then(|| small("running", n)).transpose());
     let order = file.integers(&name("order"))?;
     let (order, _) = order.as_chunks::<2>();
     let order =
         order.iter().map(|&[episode, step]| Ok([small("order", episode)?, small("order", step)?]));
     let sizes = Sizes::new(fresh);
     // an episode has one more observation than steps, at most twice as many, and those of contexts
-    let most_frames = 2 * fresh.settings().capacity + CONTEXTS;
+    let most_frames = 2 * fresh.settings().capacity + MAX_CONTEXT_FRAMES;
     let episodes = Episodes::read(file, &name, &sizes, most_frames)?;
     let state = ReplayState {
         num_recorded: recorded,

@@ -4,14 +4,14 @@ use rl::{Actor, EnvSpec, Experience, Observations, ReplayBuffer, RlError, SacPol
 
 use crate::learners::collection::{Rollout, StepView};
 
-/// Steps collected since the last [`StagedRollout::commit_to`], in collections that each begin with
-/// a reset of the environments.
+/// Rollouts that wait until they are assigned to a policy and its replay buffer
+/// ([`StagedRollout::commit_to`]). Each begins with a reset of the environments.
 pub struct StagedRollout {
     spec: EnvSpec,
     steps: usize,
     /// Number of next decisions whose actions are uniformly random.
     uniform: u64,
-    collections: Vec<Vec<Step>>,
+    rollouts: Vec<Vec<Step>>,
     /// Actions of the step that is being collected, `[number of environments, action dimensions]`.
     actions: Vec<f32>,
 }
@@ -24,9 +24,9 @@ struct Step {
 }
 
 impl StagedRollout {
-    /// Creates an empty rollout for collections of `steps` steps in every environment.
+    /// Creates empty storage for rollouts of `steps` steps in every environment.
     pub fn new(spec: &EnvSpec, steps: usize) -> Self {
-        Self { spec: spec.clone(), steps, uniform: 0, collections: Vec::new(), actions: Vec::new() }
+        Self { spec: spec.clone(), steps, uniform: 0, rollouts: Vec::new(), actions: Vec::new() }
     }
 
     /// Makes the actions of the next `decisions` decisions uniformly random in [-1, 1].
@@ -34,10 +34,10 @@ impl StagedRollout {
         self.uniform = decisions;
     }
 
-    /// Moves all collections into the replay buffer `replay`.
+    /// Moves all rollouts into the replay buffer `replay`.
     pub fn commit_to(&mut self, replay: &mut ReplayBuffer) -> Result<(), RlError> {
-        for steps in self.collections.drain(..) {
-            // each collection began with a reset, which ends the running episodes of the replay
+        for steps in self.rollouts.drain(..) {
+            // each rollout began with a reset, which ends the running episodes of the replay
             replay.cut_episodes();
             Experience::<SacPolicy>::begin(replay, &self.spec)?;
             for step in steps {
@@ -47,9 +47,9 @@ impl StagedRollout {
         Ok(())
     }
 
-    /// Returns the steps of the last collection.
+    /// Returns the steps of the last rollout.
     fn last(&self) -> &[Step] {
-        self.collections.last().map_or(&[], Vec::as_slice)
+        self.rollouts.last().map_or(&[], Vec::as_slice)
     }
 }
 
@@ -61,7 +61,7 @@ impl<A: Actor> Experience<A> for StagedRollout {
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
         self.spec = spec.clone();
         self.actions.resize(spec.num_envs * spec.action_irreps.len(), 0.0);
-        self.collections.push(Vec::with_capacity(self.steps));
+        self.rollouts.push(Vec::with_capacity(self.steps));
         Ok(())
     }
 
@@ -77,8 +77,8 @@ impl<A: Actor> Experience<A> for StagedRollout {
             actions: self.actions.clone(),
             transition: to.clone(),
         };
-        if let Some(collection) = self.collections.last_mut() {
-            collection.push(step);
+        if let Some(rollout) = self.rollouts.last_mut() {
+            rollout.push(step);
         }
         Ok(())
     }
@@ -106,14 +106,14 @@ impl Rollout for StagedRollout {
     }
 
     fn truncate(&mut self, steps: usize) -> Result<(), RlError> {
-        if let Some(last) = self.collections.last_mut() {
+        if let Some(last) = self.rollouts.last_mut() {
             last.truncate(steps);
         }
         Ok(())
     }
 
-    fn keep_latest(&mut self, collections: usize) {
-        let too_many = self.collections.len().saturating_sub(collections);
-        self.collections.drain(..too_many);
+    fn keep_latest(&mut self, rollouts: usize) {
+        let too_many = self.rollouts.len().saturating_sub(rollouts);
+        self.rollouts.drain(..too_many);
     }
 }

@@ -1,20 +1,20 @@
 //! Grouping by the 1-Wasserstein distance of invariant features.
 
-use cluster::{assign_by_threshold, lead};
+use cluster::{assign_by_threshold, energy_margin};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::LearnerError;
 
-use super::grouping::{Candidates, Grouping, GroupingDecision, Query};
+use super::grouping::{AssignmentData, AssignmentRequest, Grouping, GroupingDecision};
 
 /// Grouping of the paper: compares a rollout's first frames (`O`) with those that each policy keeps
 /// (`B`), in that policy's features, and takes the nearest policy within a threshold.
 #[derive(Clone, Copy, Debug)]
-pub struct Distance {
+pub struct ThresholdGrouping {
     threshold: f64,
 }
 
-impl Distance {
+impl ThresholdGrouping {
     /// Creates a grouping with the largest distance within a task group (`d_epsilon`), in the
     /// features' unit.
     ///
@@ -26,21 +26,20 @@ impl Distance {
     }
 }
 
-impl Grouping for Distance {
+impl Grouping for ThresholdGrouping {
     fn assign(
         &mut self,
-        _: Query<'_>,
-        candidates: &mut dyn Candidates,
+        _: AssignmentRequest<'_>,
+        data: &mut dyn AssignmentData,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
-        let assignment = assign_by_threshold(&candidates.clouds()?, self.threshold)?;
-        Ok(assignment.into())
+        Ok(assign_by_threshold(&data.clouds()?, self.threshold)?.into())
     }
 }
 
-/// Largest number of episodes of each policy that [`nearest`] compares with a rollout; this bounds
-/// the time of the networks.
-const COMPARED: usize = 40;
+/// Largest number of episodes of each policy that [`nearest_policy`] compares with a rollout; this
+/// bounds the time of the networks.
+const MAX_COMPARED: usize = 40;
 
 /// Returns the index of the policy whose first frames are nearest to those of the rollout; 0 if
 /// `policies` is empty.
@@ -51,47 +50,45 @@ const COMPARED: usize = 40;
 ///
 /// # Errors
 /// Errors of a network.
-pub(super) fn nearest(
-    candidates: &mut dyn Candidates,
+pub(super) fn nearest_policy(
+    data: &mut dyn AssignmentData,
     policies: impl IntoIterator<Item = usize>,
 ) -> Result<usize, LearnerError> {
-    let mut best = None;
+    let mut policies = policies.into_iter();
+    let mut best = policies.next().unwrap_or(0);
     for policy in policies {
-        best = match best {
-            Some(best) if lead(&candidates.contests([best, policy], COMPARED)?)? >= 0.0 => {
-                Some(best)
-            }
-            _ => Some(policy),
-        };
+        if energy_margin(&data.comparisons([best, policy], MAX_COMPARED)?)? < 0.0 {
+            best = policy;
+        }
     }
-    Ok(best.unwrap_or(0))
+    Ok(best)
 }
 
 #[cfg(test)]
 mod tests {
-    use cluster::{Candidate, Contest, Frames};
+    use cluster::{Candidate, Frames, PairwiseComparison};
     use rand::{RngExt, SeedableRng};
 
     use super::*;
     use crate::groupings::grouping::Episodes;
 
-    /// Policies that know frames around -1 and 1 of two features. The first feature alone tells
-    /// whose a frame is, and policy 1 hardly sees it.
-    struct Glance {
+    /// Policies that know frames around -1 and 1 of two features. The first feature alone separates
+    /// them, and policy 1 hardly sees it.
+    struct TwoFeatures {
         seen: [f32; 2],
         rng: ChaCha8Rng,
     }
 
-    impl Glance {
-        const SIGHT: [[f32; 2]; 2] = [[1.0, 1.0], [0.2, 1.0]];
+    impl TwoFeatures {
+        const SCALES: [[f32; 2]; 2] = [[1.0, 1.0], [0.2, 1.0]];
 
         fn frames(&self, policy: usize, points: &[[f32; 2]]) -> Frames {
-            let [x, y] = Self::SIGHT[policy];
+            let [x, y] = Self::SCALES[policy];
             let seen = points.iter().flat_map(|p| [x * p[0], y * p[1]]);
             Frames::new(seen.collect(), 1, 2).unwrap()
         }
 
-        fn home(&self, policy: usize) -> Vec<[f32; 2]> {
+        fn known(&self, policy: usize) -> Vec<[f32; 2]> {
             let mut rng = self.rng.clone();
             let centre = [-1.0, 1.0][policy];
             let mut near = |width: f32| rng.random_range(-width..width);
@@ -100,15 +97,19 @@ mod tests {
         }
     }
 
-    impl Candidates for Glance {
+    impl AssignmentData for TwoFeatures {
         fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
             panic!("two policies at a time are compared")
         }
 
-        fn contests(&mut self, rivals: [usize; 2], _: usize) -> Result<[Contest; 2], LearnerError> {
-            Ok(rivals.map(|policy| Contest {
+        fn comparisons(
+            &mut self,
+            policies: [usize; 2],
+            _: usize,
+        ) -> Result<[PairwiseComparison; 2], LearnerError> {
+            Ok(policies.map(|policy| PairwiseComparison {
                 rollout: self.frames(policy, &[self.seen]),
-                rivals: rivals.map(|rival| self.frames(policy, &self.home(rival))),
+                policies: policies.map(|other| self.frames(policy, &self.known(other))),
             }))
         }
 
@@ -120,13 +121,13 @@ mod tests {
     /// The second feature of the first frame is beyond what policy 0 knows and within what policy 1
     /// does.
     #[test]
-    fn a_strange_frame_goes_to_the_policy_whose_frames_it_is_nearer_to() {
-        let mut glance = Glance { seen: [0.0; 2], rng: ChaCha8Rng::seed_from_u64(3) };
+    fn an_unusual_frame_goes_to_the_policy_whose_frames_it_is_nearer_to() {
+        let mut data = TwoFeatures { seen: [0.0; 2], rng: ChaCha8Rng::seed_from_u64(3) };
         for (seen, expected) in [([-1.0, 1.2], 0), ([-1.0, 0.1], 0), ([1.0, 0.1], 1)] {
-            glance.seen = seen;
-            assert_eq!(nearest(&mut glance, [0, 1]).unwrap(), expected);
-            assert_eq!(nearest(&mut glance, [1, 0]).unwrap(), expected);
+            data.seen = seen;
+            assert_eq!(nearest_policy(&mut data, [0, 1]).unwrap(), expected);
+            assert_eq!(nearest_policy(&mut data, [1, 0]).unwrap(), expected);
         }
-        assert_eq!(nearest(&mut glance, []).unwrap(), 0);
+        assert_eq!(nearest_policy(&mut data, []).unwrap(), 0);
     }
 }
