@@ -4,7 +4,10 @@ use std::f64::consts::FRAC_PI_2;
 use std::time::Duration;
 
 use glam::{DQuat, DVec3};
-use robots::{Chain, IkSettings, OrientationConstraint, Pose, RobotDescription};
+use robots::{
+    CartesianControl, Chain, ControlSettings, IkSettings, OrientationConstraint, Pose,
+    RobotDescription,
+};
 
 use crate::error::{EnvError, ReachShortfall};
 use crate::layout::HAND_TARGET_START;
@@ -73,8 +76,13 @@ impl BaseSearch<'_> {
     /// table if there is one, and the one where the hand is fastest.
     ///
     /// # Errors
-    /// [`EnvError::OutOfReach`] with the placement from which it reaches the most.
+    /// [`EnvError::OutOfReach`] with the placement from which it reaches the most;
+    /// [`EnvError::Control`] for joints that cannot be controlled.
     pub fn search(&self) -> Result<BasePlacement, EnvError> {
+        let unplaced = Chain::new(self.robot, self.hand)?;
+        let middle = unplaced.spread_configuration(0);
+        // reports what keeps the arm from moving before the search takes it for a short reach
+        CartesianControl::new(unplaced, &middle, ControlSettings::default())?;
         let grid = |ys: &[f64]| -> Vec<DVec3> {
             ys.iter().flat_map(|&y| BASE_Z.map(|z| DVec3::new(0.0, y, z))).collect()
         };
