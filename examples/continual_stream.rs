@@ -28,7 +28,7 @@ fn main() -> ExitCode {
 fn learn(options: &StreamOptions) -> Result<CommandOutcome, CoversError> {
     let experiment = options.budget.experiment(Method::Covers);
     let experiment = options.run_options.settings.apply(experiment)?;
-    experiment.check(&TaskRegistry::standard())?;
+    experiment.check(&TaskRegistry::all())?;
     let name = run_name(options.budget.name(), &experiment);
     let folder = options.run_options.run_folder.create_run_folder(&name)?;
     let bar = progress_bar(experiment.schedule.total_decisions());

@@ -16,12 +16,13 @@ const SUPPORTED_VERSION: u32 = 222;
 /// Advice on a missing header or compiler library.
 const REMEDY: &str = "Install MuJoCo 2.2.2 and libclang. On Debian 12:\n\n    \
      apt-get install libmujoco-dev libclang-dev\n\n\
-     Elsewhere, point BINDGEN_EXTRA_CLANG_ARGS at the headers (-I<folder holding mujoco/>) \
-     and LIBCLANG_PATH at the folder of libclang.";
+     Elsewhere, unpack the archive of that release, point MUJOCO_DIR at its folder (which holds \
+     include/ and lib/) and LIBCLANG_PATH at the folder of libclang.";
 
 fn main() -> ExitCode {
     println!("cargo::rerun-if-changed=build.rs");
     println!("cargo::rerun-if-env-changed=DOCS_RS");
+    println!("cargo::rerun-if-env-changed=MUJOCO_DIR");
     println!("cargo::rustc-link-lib=mujoco");
     match generate() {
         Ok(()) => ExitCode::SUCCESS,
@@ -41,12 +42,33 @@ fn generate() -> Result<(), String> {
         return fs::write(&file, PREPARED).map_err(unwritable);
     }
     require_libclang()?;
+    let installation = env::var_os("MUJOCO_DIR").map(PathBuf::from);
+    if let Some(archive) = &installation {
+        println!("cargo::rustc-link-search=native={}", library_folder(archive)?.display());
+    }
     let headers = Headers::default();
-    let bindings = declarations(&headers)?;
+    let bindings = declarations(&headers, installation.as_deref())?;
     require_version(&bindings.to_string())?;
     // what bindgen cannot read, the macro tables of mjxmacro.h, is found in the same folder
     println!("cargo::rustc-env=MUJOCO_HEADER_FOLDER={}", headers.folder()?);
     bindings.write_to_file(&file).map_err(unwritable)
+}
+
+/// Returns the folder of the library in an unpacked archive of MuJoCo, whose own file name ends with
+/// the release.
+fn library_folder(installation: &Path) -> Result<PathBuf, String> {
+    let library = installation.join("lib/libmujoco.so");
+    let file = library.canonicalize().map_err(|error| {
+        format!(
+            "MUJOCO_DIR is {}, where lib/libmujoco.so is missing: {error}",
+            installation.display()
+        )
+    })?;
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    if name != "libmujoco.so" && !name.ends_with(".2.2.2") {
+        return Err(format!("{} is not of MuJoCo 2.2.2: got {name}", library.display()));
+    }
+    Ok(installation.join("lib"))
 }
 
 /// bindgen panics when it cannot load libclang; asking for its version first, with the panic
@@ -85,8 +107,13 @@ impl bindgen::callbacks::ParseCallbacks for Headers {
     }
 }
 
-fn declarations(headers: &Headers) -> Result<bindgen::Bindings, String> {
+fn declarations(
+    headers: &Headers,
+    installation: Option<&Path>,
+) -> Result<bindgen::Bindings, String> {
+    let include = installation.map(|folder| format!("-I{}", folder.join("include").display()));
     bindgen::Builder::default()
+        .clang_args(include)
         .header_contents("wrapper.h", "#include <mujoco/mujoco.h>\n")
         .allowlist_item("_?mj.*")
         .blocklist_item("_mjPRIVATE.*")

@@ -12,6 +12,26 @@ use learner::DeviceChoice;
 use learner::overrides::{self, Override};
 use symmetry::Group;
 
+/// Outcome of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CommandOutcome {
+    /// Finished command.
+    Done,
+    /// Run that SIGINT, SIGTERM, SIGHUP or a closed standard output stopped. It wrote a checkpoint,
+    /// from which `covers resume` continues.
+    Interrupted,
+}
+
+impl CommandOutcome {
+    /// Returns the exit code of the process: 0, or 3 after an interruption.
+    pub fn exit_code(self) -> u8 {
+        match self {
+            Self::Done => 0,
+            Self::Interrupted => 3,
+        }
+    }
+}
+
 /// Options for threads and machine-readable output.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct ThreadAndJsonOptions {

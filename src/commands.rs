@@ -1,15 +1,16 @@
 //! Subcommands of `covers` that train, resume, evaluate and pack learners.
 
 use std::io::{Write, stderr};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
 use crate::CoversError;
+pub use crate::cli::CommandOutcome;
 use crate::cli::{ThreadAndJsonOptions, TrainOptions, device_parser};
-use crate::sweep::{self, ArrayJob, SweepOutcome, SweepPlan};
-use experiments::cli::{print_escaped, thread_count_parser};
+use crate::sweep_command::SweepOptions;
+use experiments::cli::print_escaped;
 use experiments::evaluation::Evaluator;
 use experiments::text::{event_text, score_table, summary_table};
 use experiments::{Event, Run, RunError, RunFolder, StopSignal, Stream, memory, thread_pool};
@@ -47,34 +48,6 @@ pub struct ResumeOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub threads_and_json: ThreadAndJsonOptions,
-}
-
-/// Options of `covers sweep`.
-#[derive(Clone, Debug, Args)]
-#[command(
-    after_help = "Examples:\n  covers sweep plan.json --runs runs\n  covers sweep plan.json --slurm > job.sh"
-)]
-pub struct SweepOptions {
-    /// Plan: a JSON file with `methods`, `seeds`, a `budget`, settings to `set`, and `variants` of
-    /// settings for a study.
-    pub plan: PathBuf,
-    /// Folder that holds the folders of the runs, and which all workers share.
-    #[arg(long, default_value = "runs")]
-    pub runs: PathBuf,
-    /// Worker threads of each run; results do not depend on them.
-    #[arg(long, default_value_t = 1, value_parser = thread_count_parser())]
-    pub threads: u16,
-    /// Run only the job with this index, from 0; wait if another worker runs it.
-    #[arg(long)]
-    pub job: Option<usize>,
-    /// Print a Slurm script that runs the plan as a job array, and run nothing.
-    #[arg(long, conflicts_with_all = ["job", "kubernetes"])]
-    pub slurm: bool,
-    /// Print a Kubernetes job (JSON) that runs the plan in containers of this image, and run
-    /// nothing. The volume with the plan and the runs must be mounted at /covers, here as in the
-    /// containers.
-    #[arg(long, value_name = "IMAGE", conflicts_with = "job")]
-    pub kubernetes: Option<String>,
 }
 
 /// Options of `covers eval`.
@@ -119,26 +92,6 @@ pub struct PackOptions {
     pub episodes: usize,
 }
 
-/// Outcome of a command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CommandOutcome {
-    /// Finished command.
-    Done,
-    /// Run that SIGINT, SIGTERM, SIGHUP or a closed standard output stopped. It wrote a checkpoint,
-    /// from which `covers resume` continues.
-    Interrupted,
-}
-
-impl CommandOutcome {
-    /// Returns the exit code of the process: 0, or 3 after an interruption.
-    pub fn exit_code(self) -> u8 {
-        match self {
-            Self::Done => 0,
-            Self::Interrupted => 3,
-        }
-    }
-}
-
 impl Command {
     /// Runs the command and prints to `out`.
     ///
@@ -150,11 +103,11 @@ impl Command {
             Self::Resume(options) => {
                 let threads = Some(options.threads_and_json.threads.count());
                 let (folder, tasks) =
-                    (RunFolder::from_path(&options.run_folder), TaskRegistry::standard());
+                    (RunFolder::from_path(&options.run_folder), TaskRegistry::all());
                 let mut run = Run::resume_with_tasks(folder, threads, options.device, tasks)?;
                 finish(&mut run, options.threads_and_json.json, out)
             }
-            Self::Sweep(options) => sweep(options, out),
+            Self::Sweep(options) => options.run(out),
             Self::Eval(options) => Ok(evaluate(options, out).map(|()| CommandOutcome::Done)?),
             Self::Report(options) => Ok(options.run(out).map(|()| CommandOutcome::Done)?),
             Self::Pack(options) => Ok(pack(options, out).map(|()| CommandOutcome::Done)?),
@@ -164,7 +117,7 @@ impl Command {
 
 fn train(options: &TrainOptions, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
     let experiment = options.experiment()?;
-    experiment.check(&TaskRegistry::standard())?;
+    experiment.check(&TaskRegistry::all())?;
     // before the run's folder is created, so that a refused run leaves nothing
     memory::check_run(&experiment)?;
     experiment.envs.embodiment.spec().parts().map_err(RunError::from)?;
@@ -184,62 +137,13 @@ fn train(options: &TrainOptions, out: &mut impl Write) -> Result<CommandOutcome,
     finish(&mut run, options.run_options.run_folder.json, out)
 }
 
-fn sweep(options: &SweepOptions, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
-    let jobs = SweepPlan::read(&options.plan)?.jobs()?;
-    if options.slurm || options.kubernetes.is_some() {
-        print_escaped(out, &array_job(options, jobs.len())?)?;
-        return Ok(CommandOutcome::Done);
-    }
-    let chosen = match options.job {
-        None => &jobs[..],
-        Some(job) => jobs.get(job..=job).ok_or_else(|| RunError::InvalidSetting {
-            name: "job",
-            value: job.to_string(),
-            expected: "the index of a job of the plan, from 0 to one less than its number of jobs",
-        })?,
-    };
-    let threads = usize::from(options.threads);
-    let ended =
-        sweep::run_worker(chosen, &options.runs, threads, &StopSignal::from_os_signals()?, out)?;
-    let SweepOutcome { stopped, failed_jobs: failed } = ended;
-    match (stopped, failed.is_empty()) {
-        (false, true) => Ok(CommandOutcome::Done),
-        (false, false) => Err(CoversError::SweepJobsFailed { failed_jobs: failed }),
-        (true, true) => Ok(CommandOutcome::Interrupted),
-        // the exit code says that the sweep can be continued, so failures are only printed
-        (true, false) => {
-            print_escaped(out, &CoversError::SweepJobsFailed { failed_jobs: failed }.to_string())?;
-            Ok(CommandOutcome::Interrupted)
-        }
-    }
-}
-
-/// Returns the Slurm script or the Kubernetes job of a plan.
-fn array_job(options: &SweepOptions, jobs: usize) -> Result<String, CoversError> {
-    let array = ArrayJob {
-        plan: &options.plan,
-        runs: &options.runs,
-        job_count: jobs,
-        threads: usize::from(options.threads),
-    };
-    if let Some(image) = &options.kubernetes {
-        return Ok(format!("{:#}", array.kubernetes_job_json(image)?));
-    }
-    // members of the array may start in another folder
-    let absolute = |path: &Path| std::path::absolute(path).map_err(RunError::reading(path));
-    let (plan, runs) = (absolute(array.plan)?, absolute(array.runs)?);
-    let program = std::env::current_exe().map_err(RunError::reading(Path::new("covers")))?;
-    let (plan, runs) = (&plan, &runs);
-    Ok(ArrayJob { plan, runs, ..array }.slurm_script(&program))
-}
-
 /// Runs to the end or until a signal, and prints every event. A closed output stops the run as a
 /// signal does.
 fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
     let stop = StopSignal::from_os_signals()?;
     run.set_stop_signal(stop.clone());
     let folder = run.folder().path().display();
-    say_or_stop(out, &format!("{folder}: {}", run.start_message()), &stop);
+    say_or_stop(out, &format!("{folder}: {}", run.start_message_with_memory()), &stop);
     while let Some(event) = run.advance()? {
         if let Event::Rollout(progress) = &event
             && let Some(warning) = progress.warning
@@ -321,7 +225,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     } else {
         experiment.envs.without_randomisation()
     };
-    let tasks = TaskRegistry::standard();
+    let tasks = TaskRegistry::all();
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
     // a round of one group is an episode of each environment in each of four variants
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);

@@ -22,11 +22,6 @@ use experiments::{Experiment, Run, RunError, RunFolder, instruction_sets, memory
 const MUJOCO: &str = "2.2.2";
 /// Number of images in the measurement of rendering.
 const PICTURES: u32 = 100;
-/// Memory that a run of COVERS needs (bytes), with a margin.
-const MEMORY: u64 = 1 << 30;
-/// Additional memory for a full replay buffer of 200,000 transitions (bytes).
-const REPLAY: u64 = 3 << 30;
-
 /// Disk space that a run with the budget `full` needs (bytes), with a margin: its tables, the kept
 /// checkpoints and the one that is being written. Measured: 26 MB for COVERS, 39 MB for ordinary
 /// networks, 51 MB for learners with replay buffers after half of the stream.
@@ -117,7 +112,7 @@ impl DoctorOptions {
 /// Checks all parts of this machine. Training is measured on this many threads; `runs` is the
 /// folder that runs would be written to.
 pub fn check_machine(threads: usize, runs: &Path) -> Vec<Finding> {
-    let memory = the_memory();
+    let memory = the_memory(threads);
     // rendering libraries that find no memory would end the process, and with it the report
     let may_draw = memory::check_environments(threads).is_ok();
     let mut others = vec![memory, the_disk(runs), the_simulator()];
@@ -161,22 +156,26 @@ fn the_cpu() -> Finding {
     Finding::good("CPU", found).unless(fast, Health::Fair, fix)
 }
 
-fn the_memory() -> Finding {
+fn the_memory(threads: usize) -> Finding {
     if let Err(limit) = memory::check_environments(1) {
         return Finding::bad("memory", &limit.to_string(), "raise the limit of this process");
     }
     let Some(free) = memory::available_bytes() else {
         return Finding::good("memory", "unknown");
     };
-    let found = format!("{:.1} GiB free", free as f64 / f64::from(1 << 30));
-    let found = Finding::good("memory", found);
-    let replay = "enough for COVERS; a full replay buffer (clear, 3rl, equi-sac) takes 3 GiB more";
-    let fix = "a run of COVERS takes up to 1 GiB: close other programs";
-    found.unless(free >= MEMORY + REPLAY, Health::Fair, replay).unless(
-        free >= MEMORY,
-        Health::Bad,
-        fix,
-    )
+    let needs = |method: Method| {
+        memory::needed_bytes(&Budget::Full.experiment(method).with_threads(threads))
+    };
+    let (covers, most) =
+        (needs(Method::Covers), Method::ALL.map(needs).into_iter().max().unwrap_or(0));
+    let [free_text, covers_text, most_text] = [free, covers, most].map(memory::gibibytes);
+    let found = format!(
+        "{free_text} free; a full run on {threads} threads takes {covers_text} for covers, up to \
+         {most_text} for methods with replays"
+    );
+    Finding::good("memory", found)
+        .unless(free >= most, Health::Fair, "enough for COVERS, but not for every method")
+        .unless(free >= covers, Health::Bad, "close other programs, or use fewer threads")
 }
 
 fn the_disk(runs: &Path) -> Finding {

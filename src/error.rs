@@ -3,6 +3,7 @@
 use deploy::DeployError;
 use experiments::RunError;
 use learner::LearnerError;
+use model_check::CheckError;
 use render::RenderError;
 use report::ReportError;
 use watch::WatchError;
@@ -26,6 +27,9 @@ pub enum CoversError {
     /// Error of a robot's deployment or calibration.
     #[error(transparent)]
     Deploy(#[from] DeployError),
+    /// Error of checking a model.
+    #[error(transparent)]
+    ModelCheck(#[from] CheckError),
     /// Failed jobs of a sweep.
     #[error(
         "these jobs failed: {}. The reason of each is printed above; the next sweep tries them \

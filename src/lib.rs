@@ -32,10 +32,12 @@ pub mod doctor;
 mod error;
 pub mod export;
 mod manual;
+pub mod model;
 pub mod preset_list;
 pub mod program;
 pub mod robot;
 pub mod sweep;
+pub mod sweep_command;
 
 pub use error::CoversError;
 pub use experiments::{

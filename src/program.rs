@@ -11,11 +11,12 @@ use crate::completions::CompletionsOptions;
 use crate::doctor::DoctorOptions;
 use crate::export::ExportOptions;
 use crate::manual::ManualOptions;
+use crate::model::ModelCommand;
 use crate::preset_list::PresetsOptions;
 use crate::robot::RobotCommand;
 use deploy::{CalibrateOptions, DeployOptions};
-use experiments::memory;
-use experiments::printable::escape_unprintable_lines;
+use experiments::printable::printable_message;
+use experiments::{memory, survive_file_size_limit};
 use render::RenderOptions;
 use watch::WatchOptions;
 
@@ -61,6 +62,9 @@ enum Subcommands {
     /// Checks a robot's URDF, or converts it to MJCF.
     #[command(subcommand, after_help = "Example: covers robot check arm.urdf")]
     Robot(RobotCommand),
+    /// Checks whether the left and the right side of a model are mirror images.
+    #[command(subcommand, after_help = "Example: covers model check robot.xml")]
+    Model(ModelCommand),
     /// Reports what this machine has, how fast it is, and how to fix what is missing.
     Doctor(DoctorOptions),
     /// Lists methods and budgets, or prints all settings of a preset.
@@ -78,6 +82,7 @@ impl Program {
     /// # Errors
     /// Errors of the subcommand, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<u8, CoversError> {
+        survive_file_size_limit()?;
         // a renderer that finds no memory would end the process without a message
         if self.renders() {
             memory::check_environments(1)?;
@@ -92,6 +97,7 @@ impl Program {
             Subcommands::Export(export) => export.run(out).map(done)?,
             Subcommands::Check(check) => u8::from(!check.run(out)?),
             Subcommands::Robot(robot) => u8::from(!robot.run(out)?),
+            Subcommands::Model(model) => u8::from(!model.run(out)?),
             Subcommands::Doctor(doctor) => u8::from(!doctor.run(out)?),
             Subcommands::Presets(presets) => presets.run(out).map(done)?,
             Subcommands::Completions(shell) => shell.run(Self::command(), out).map(done)?,
@@ -112,6 +118,7 @@ impl Program {
             Subcommands::Learner(_)
             | Subcommands::Doctor(_)
             | Subcommands::Robot(_)
+            | Subcommands::Model(_)
             | Subcommands::Watch(_)
             | Subcommands::Presets(_)
             | Subcommands::Completions(_)
@@ -120,9 +127,10 @@ impl Program {
     }
 }
 
-/// Formats an error for standard error, with control characters of file names escaped.
+/// Formats an error for standard error: control characters of file names are escaped, and the
+/// middle of a very long message is left out.
 pub fn format_error(error: &CoversError) -> String {
-    format!("error: {}", escape_unprintable_lines(&error.to_string()))
+    format!("error: {}", printable_message(error))
 }
 
 #[cfg(test)]

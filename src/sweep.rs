@@ -4,6 +4,6 @@ mod arrays;
 mod plan;
 mod worker;
 
-pub use arrays::ArrayJob;
+pub use arrays::{ArrayJob, KubernetesOptions};
 pub use plan::{SweepJob, SweepPlan};
-pub use worker::{SweepOutcome, run_worker};
+pub use worker::{SweepOutcome, WorkerSettings, run_worker};

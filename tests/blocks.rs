@@ -82,7 +82,8 @@ fn wrong_command(own: &[&str]) -> Option<String> {
             if let Some(at) = cargo.iter().position(|word| *word == "--manifest-path") {
                 // a program of another workspace
                 let manifest = cargo[at + 1];
-                let known = ["rerun/Cargo.toml", "fuzz/Cargo.toml"].contains(&manifest);
+                let known = ["rerun", "fuzz", "web"].map(|folder| format!("{folder}/Cargo.toml"));
+                let known = known.iter().any(|path| path == manifest);
                 return (!known).then(|| format!("there is no workspace `{manifest}`"));
             }
             let example = cargo.iter().position(|word| *word == "--example");

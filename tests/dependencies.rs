@@ -46,8 +46,9 @@ const SEVERAL_VERSIONS: [(&str, usize); 8] = [
 ];
 
 /// Additional crates that tests, examples and benches of a crate may import.
-const FOR_TESTS: [(&str, &[&str]); 4] = [
+const FOR_TESTS: [(&str, &[&str]); 5] = [
     ("robots", &["mujoco"]),
+    ("model-check", &["equivariant"]),
     ("envs", &["inpainting"]),
     ("evidence", &["rl", "worlds"]),
     ("covers", &["cluster", "equivariant"]),

@@ -373,7 +373,7 @@ fn options_are_checked_and_named() {
     assert!(refuse(&["--budgit", "short"]).contains("--budgit"));
     assert!(
         refuse(&["--budget", "long"])
-            .contains("[possible values: smoke, short, full, table, zero-shot]")
+            .contains("[possible values: smoke, short, full, table, zero-shot, ten, mt10, all]")
     );
     let most = envs::MAX_THREADS;
     assert!(refuse(&["--threads", "0"]).contains(&format!("0 is not in 1..={most}")));

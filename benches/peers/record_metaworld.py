@@ -127,8 +127,11 @@ def episode(env, task, policy, seed):
 
 def main(folder):
     assert mujoco.mj_versionString() == "2.2.2", mujoco.mj_versionString()
+    tasks = sys.argv[2:] or OWN + STOCK
+    unknown = set(tasks) - {*OWN, *STOCK}
+    assert not unknown, f"no such task: {', '.join(sorted(unknown))}; expected some of {', '.join(OWN + STOCK)}"
     folder.mkdir(parents=True, exist_ok=True)
-    for task in sys.argv[2:] or OWN + STOCK:
+    for task in tasks:
         env = make(task)
         for policy in ["expert", "random"]:
             episodes = [episode(env, task, policy, seed) for seed in range(2)]

@@ -47,7 +47,7 @@ impl Subject {
     fn parse(embodiment: &str, group: &str) -> Result<Self, Failure> {
         Ok(Self {
             embodiment: embodiment.parse()?,
-            group: TaskRegistry::standard().get(group)?,
+            group: TaskRegistry::all().get(group)?,
             camera: Camera { size: 64, ..Camera::default() },
         })
     }

@@ -168,7 +168,7 @@ impl DeployOptions {
     fn groups(&self) -> Result<Vec<TaskGroup>, RunError> {
         let schedule =
             RunFolder::from_path(&self.run_and_rig.run_folder).read_experiment()?.schedule;
-        schedule.select_groups(self.task.as_deref(), &TaskRegistry::standard())
+        schedule.select_groups(self.task.as_deref(), &TaskRegistry::all())
     }
 
     fn simulated(&self, settings: RigSettings) -> Result<(Deployment, SimulatedRig), DeployError> {

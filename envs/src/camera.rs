@@ -190,6 +190,7 @@ pub(crate) fn for_each_ring_pixel(
         let pixel = |value: f64| value.clamp(0.0, size as f64) as usize;
         pixel(low)..pixel(high)
     };
+    // squared once, as every pixel compares squares
     let squares = radii.map(|radius| radius * radius);
     for row in reach(1) {
         // in this order, since (row + 0.5) - middle is exact and negates exactly under a flip

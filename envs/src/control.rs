@@ -51,6 +51,7 @@ impl Control {
     /// # Errors
     /// [`EnvError::InvalidSetting`].
     pub fn check(&self) -> Result<(), EnvError> {
+        // an episode that ends within a decision would have a shorter last one
         let whole = self.horizon > 0 && self.horizon.checked_rem(self.action_repeat) == Some(0);
         let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
         let expected = "a positive multiple of the action repeat";

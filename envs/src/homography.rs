@@ -26,6 +26,7 @@ impl Homography {
     /// [`Homography::nominal_offset`] returns the nominal camera's pixel for the point where that
     /// ray meets the table.
     pub fn new(camera: &Camera, position: DVec3, turn: DVec3) -> Self {
+        // the table is `height` away, so a metre on it is as long as one in the focal plane
         let focal = camera.millimetres_to_pixels(1e3 * camera.height);
         let rotation = DMat3::from_quat(DQuat::from_scaled_axis(turn));
         let higher = 1.0 + position.z / camera.height;
@@ -46,6 +47,7 @@ impl Homography {
     /// shows at the offset (u, v); both from the picture's centre, in pixels.
     pub fn nominal_offset(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         let [x, y, divisor] = self.rows.map(|[a, b, c]| a * u + b * v + c);
+        // one division for both coordinates of every pixel
         let scale = 1.0 / divisor;
         [self.shift[0] + x * scale, self.shift[1] + y * scale]
     }

@@ -56,6 +56,20 @@ impl TaskGroup {
         Self::WINDOW_CLOSE,
     ];
 
+    /// Ten task groups in which nothing is held: the standard ones first.
+    pub const TEN: [Self; 10] = [
+        Self::GOAL_REACH,
+        Self::BUTTON_PRESS,
+        Self::DRAWER_CLOSE,
+        Self::PLATE_SLIDE,
+        Self::WINDOW_OPEN,
+        Self::WINDOW_CLOSE,
+        Self::DOOR_OPEN,
+        Self::DRAWER_OPEN,
+        Self::BUTTON_PRESS_TOPDOWN,
+        Self::FAUCET_CLOSE,
+    ];
+
     /// All task groups of this crate: the standard ones first.
     pub const ALL: [Self; 14] = [
         Self::GOAL_REACH,
@@ -72,6 +86,14 @@ impl TaskGroup {
         Self::PUSH,
         Self::PICK_PLACE,
         Self::PEG_INSERT_SIDE,
+    ];
+
+    /// Sets of task groups by name: `standard`, `ten`, `mt10` and `all`.
+    pub const SETS: [(&str, &[Self]); 4] = [
+        ("standard", &Self::STANDARD),
+        ("ten", &Self::TEN),
+        ("mt10", &Self::MT10),
+        ("all", &Self::ALL),
     ];
 
     /// Rejects a task group whose name is not in kebab-case.
@@ -151,6 +173,19 @@ impl TaskRegistry {
         })
     }
 
+    /// Returns the task groups of the set called `name` ([`TaskGroup::SETS`]), or else the
+    /// registered task group of that name alone.
+    ///
+    /// # Errors
+    /// [`EnvError::UnknownTask`], which lists the known groups.
+    pub fn set(&self, name: &str) -> Result<Vec<TaskGroup>, EnvError> {
+        match TaskGroup::SETS.into_iter().find(|(known, _)| *known == name) {
+            // sets are of this crate: a program's own groups are chosen by name
+            Some((_, groups)) => Ok(groups.to_vec()),
+            None => Ok(vec![self.get(name)?]),
+        }
+    }
+
     /// Returns the registered task groups in the order of their registration.
     pub fn groups(&self) -> &[TaskGroup] {
         &self.groups
@@ -223,10 +258,23 @@ mod tests {
         let names: std::collections::HashSet<_> =
             all.groups().iter().map(|group| group.name()).collect();
         assert_eq!(names.len(), 14);
-        assert_eq!(all.groups()[..4], TaskGroup::STANDARD);
-        for group in TaskRegistry::mt10().groups() {
-            assert_eq!(all.get(group.name()).unwrap(), *group);
+        assert_eq!(TaskRegistry::mt10().groups(), TaskGroup::MT10);
+    }
+
+    #[test]
+    fn sets_hold_each_group_once_and_no_set_is_called_like_a_group() {
+        let all = TaskRegistry::all();
+        for (name, size) in [("standard", 4), ("ten", 10), ("mt10", 10), ("all", 14)] {
+            let groups = all.set(name).unwrap();
+            assert_eq!(groups.len(), size, "{name}");
+            let distinct: std::collections::HashSet<_> = groups.iter().collect();
+            assert_eq!(distinct.len(), size, "{name}");
+            assert!(groups.iter().all(|group| all.get(group.name()).unwrap() == *group), "{name}");
+            assert!(all.get(name).is_err());
         }
+        assert_eq!(all.set("push").unwrap(), [TaskGroup::PUSH]);
+        let message = all.set("mt50").unwrap_err().to_string();
+        assert!(message.contains("`mt50`") && message.contains("peg-insert-side"), "{message}");
     }
 
     #[test]

@@ -135,6 +135,7 @@ impl SceneRenderer {
 
     /// Downsamples the rendered picture into `rgb` and adds the mark.
     fn finish_picture(&self, table: &TableTop, rgb: &mut [u8]) {
+        // marks after downsampling, so that their edges stay those of the observed pixels
         self.scene.camera.downsample(&self.rendered, rgb);
         if let Some(mark) = &self.mark {
             // not on `rendered`, since close-ups are cut from it and have no mark

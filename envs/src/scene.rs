@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use glam::DVec3;
-use mujoco::{BodyId, CameraId, Data, MocapId, Model, SiteId, State};
+use mujoco::{BodyId, CameraId, Data, JointType, MocapId, Model, SiteId, State};
 use rand_chacha::ChaCha8Rng;
 
 use crate::actuation::{Actuation, ServoController};
@@ -85,9 +85,10 @@ impl Scene {
     /// Compiles the scene of `group` in the symmetric layout and simulates it until it is at rest.
     ///
     /// # Errors
-    /// [`EnvError::InvalidSetting`] for an invalid camera, or an offset or joint position that is
-    /// not finite; [`EnvError::InvalidTaskName`], [`EnvError::InvalidEmbodimentName`], or MuJoCo's
-    /// error for the model.
+    /// [`EnvError::InvalidSetting`] for an invalid camera, an offset or joint position that is not
+    /// finite, a loose joint that is not free or is beside a mocap body `object`, or a handed task
+    /// without objects; [`EnvError::InvalidTaskName`], [`EnvError::InvalidEmbodimentName`], or
+    /// MuJoCo's error for the model.
     pub fn new(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Result<Self, EnvError> {
         Self::new_in_layout(Layout::Symmetric, group, embodiment, camera)
     }
@@ -114,7 +115,10 @@ impl Scene {
         }
         let settling = layout.settling(hand_target_start, embodiment.spec())?;
         let parts = group.task().parts();
-        check_parts(&parts)?;
+        let of_meta_world = meta_world.map_or(&[][..], |spec| spec.start_joints);
+        // the layout's come last and win over the task's own
+        let start_joints = [parts.start_joints, of_meta_world].concat();
+        check_parts(&parts, &start_joints)?;
         let model = Arc::new(compile(layout, group, embodiment, &camera)?);
         let mocap = |name| model.mocap_body(name);
         let (start_state, controller) = settle(&model, &settling, embodiment.spec().actuation()?)?;
@@ -145,10 +149,10 @@ impl Scene {
             object_body: parts.object_body.map(|name| model.body(name)).transpose()?,
             object_offset: parts.object_offset,
             goal_observable: parts.goal_observable,
-            start_joints: addresses(&model, parts.start_joints)?,
+            start_joints: addresses(&model, &start_joints)?,
             start_state,
             controller,
-            mirrored_model: parts.handed.then(|| mirrored(&model, &parts)),
+            mirrored_model: mirrored(&model, &parts, layout)?,
             model,
         })
     }
@@ -219,11 +223,11 @@ pub(crate) fn check_placement(placement: &Placement) -> Result<(), EnvError> {
 }
 
 /// Rejects task parts with values that would lead to measurements and rewards that are NaN.
-fn check_parts(parts: &TaskParts<'_>) -> Result<(), EnvError> {
+fn check_parts(parts: &TaskParts<'_>, start_joints: &[(&str, f64)]) -> Result<(), EnvError> {
     let offset = parts.object_offset;
     let expected = "finite numbers of metres";
     require(offset.is_finite(), "object_offset", &offset, expected)?;
-    for (joint, position) in parts.start_joints {
+    for (joint, position) in start_joints {
         let value = format!("{position} for the joint `{joint}`");
         let expected_position = "finite positions";
         require(position.is_finite(), "start_joints", &value, expected_position)?;
@@ -257,12 +261,26 @@ fn compile(
     Ok(Model::from_files(MAIN, &files)?)
 }
 
-/// Returns the model with mirrored objects.
-fn mirrored(model: &Model, parts: &TaskParts<'_>) -> Arc<Model> {
+/// Returns the model with mirrored objects, if they are handed and the layout has variants that
+/// mirror them.
+fn mirrored(
+    model: &Model,
+    parts: &TaskParts<'_>,
+    layout: Layout,
+) -> Result<Option<Arc<Model>>, EnvError> {
+    if !parts.handed {
+        return Ok(None);
+    }
+    // a scene lacks `object` if its object is loose, and it may lack `goal`
     let placed = ["object", "goal"].into_iter().filter_map(|name| model.body(name).ok());
-    let joint = parts.loose_joint.and_then(|name| model.joint(name).ok());
-    let loose = joint.map(|joint| model.joint_body(joint));
-    Arc::new(model.reflected(&placed.chain(loose).collect::<Vec<_>>()))
+    let loose = parts.loose_joint.map(|name| model.joint(name)).transpose()?;
+    let roots: Vec<_> = placed.chain(loose.map(|joint| model.joint_body(joint))).collect();
+    let expected = "false, or a scene with a body `object` or `goal`, or a loose joint";
+    require(!roots.is_empty(), "handed", &true, expected)?;
+    if layout.elements().len() == 1 {
+        return Ok(None);
+    }
+    Ok(Some(Arc::new(model.reflected(&roots)?)))
 }
 
 /// Addresses of a free joint.
@@ -277,6 +295,11 @@ pub(crate) struct LooseJoint {
 fn loose_joint(model: &Model, parts: &TaskParts<'_>) -> Result<Option<LooseJoint>, EnvError> {
     let Some(name) = parts.loose_joint else { return Ok(None) };
     let joint = model.joint(name)?;
+    let joint_type = model.joint_type(joint);
+    let value = format!("`{name}` of type {joint_type:?}");
+    require(joint_type == JointType::Free, "loose_joint", &value, "a free joint")?;
+    let beside = format!("`{name}` beside a mocap body `object`");
+    require(model.mocap_body("object").is_err(), "loose_joint", &beside, "one of the two")?;
     let (qpos, qvel) = (model.joint_qpos_address(joint), model.joint_dof_address(joint));
     Ok(Some(LooseJoint { qpos, qvel }))
 }

@@ -71,11 +71,13 @@ impl VecEnvSettings {
     /// [`EnvError::InvalidSetting`].
     pub fn check(&self) -> Result<(), EnvError> {
         require(self.num_envs > 0, "num_envs", &self.num_envs, "at least 1")?;
+        // more threads than environments are allowed: the rest has no work
         let few = (1..=MAX_THREADS).contains(&self.threads);
         require(few, "threads", &self.threads, "1 to 1024")?;
         self.camera.check()?;
         if let Some(amounts) = &self.randomisation {
             amounts.check(&self.camera)?;
+            // a close-up is cut out before camera errors are added
             let first = self.camera.extra_views == ExtraView::First;
             require(first, "camera.beside", &"a close-up", FIRST_PICTURE)?;
         }

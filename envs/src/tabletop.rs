@@ -76,10 +76,8 @@ pub struct TableTop {
     scene: Arc<Scene>,
     control: Control,
     data: Data,
-    /// Simulation of the scene's other model, if it has two.
+    /// Simulation of the scene's other model, once a variant has used it.
     other_data: Option<Data>,
-    /// `true` if `data` is of the model with mirrored objects.
-    mirrored: bool,
     episode: Option<Episode>,
 }
 
@@ -91,8 +89,7 @@ impl TableTop {
     pub fn new(scene: Arc<Scene>, control: Control) -> Result<Self, EnvError> {
         control.check()?;
         let data = Data::new(Arc::clone(&scene.model));
-        let other_data = scene.mirrored_model.as_ref().map(|model| Data::new(Arc::clone(model)));
-        Ok(Self { scene, control, data, other_data, mirrored: false, episode: None })
+        Ok(Self { scene, control, data, other_data: None, episode: None })
     }
 
     /// Returns the scene of the environment.
@@ -160,13 +157,16 @@ impl TableTop {
     /// Exchanges the simulations if `element` mirrors the objects and the present one does not, or
     /// the other way round.
     fn choose_model(&mut self, element: D2) {
+        let Some(mirrored) = &self.scene.mirrored_model else { return };
+        // two flips are half a turn, which needs no mirrored objects
         let mirrors = element.flips_x() != element.flips_y();
-        if let Some(other) = &mut self.other_data
-            && mirrors != self.mirrored
-        {
-            std::mem::swap(&mut self.data, other);
-            self.mirrored = mirrors;
+        if mirrors == Arc::ptr_eq(self.data.model(), mirrored) {
+            return;
         }
+        let model = if mirrors { mirrored } else { &self.scene.model };
+        let kept = self.other_data.take();
+        let chosen = kept.unwrap_or_else(|| Data::new(Arc::clone(model)));
+        self.other_data = Some(std::mem::replace(&mut self.data, chosen));
     }
 
     /// Moves object and goal to `placement`, and the task's joints to their start positions.
@@ -187,6 +187,7 @@ impl TableTop {
             let pose = &mut self.data.qpos_mut()[joint.qpos..][..7];
             pose[..3].copy_from_slice(&position);
             pose[3..].copy_from_slice(&orientation_quat(element));
+            // in the start state the object may still be settling
             self.data.qvel_mut()[joint.qvel..][..6].fill(0.0);
         }
         if let Some(address) = scene.decoy_qpos_address {
@@ -212,8 +213,8 @@ impl TableTop {
     /// Restores the episode of a snapshot, which then continues to the same bits.
     ///
     /// # Errors
-    /// [`EnvError::SceneMismatch`] for a snapshot of another scene, task or control; nothing has
-    /// changed then.
+    /// [`EnvError::SceneMismatch`] for a snapshot of another scene, task or control, and nothing
+    /// has changed; or MuJoCo's error for the state, and no episode is running.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<(), EnvError> {
         let key = self.key();
         if snapshot.key != key {
@@ -222,6 +223,7 @@ impl TableTop {
                 expected: key.describe(&key),
             });
         }
+        self.end_episode();
         self.choose_model(snapshot.episode.element);
         self.data.restore_state(&snapshot.simulation)?;
         self.data.forward_kinematics()?;
@@ -345,8 +347,10 @@ impl TableTop {
             let group = self.scene.group;
             return Err(EnvError::NonFiniteCommand { group, hand, finger });
         }
+        // experts command in the canonical frame, and actions are in the world's
         let here = map_point(episode.element, self.hand_position());
         let wanted = map_point(episode.element, hand - here) / self.control.displacement;
+        // each axis alone, as a policy's actions are clipped
         let bounded = wanted.clamp(DVec3::NEG_ONE, DVec3::ONE);
         Ok([bounded.x as f32, bounded.y as f32, bounded.z as f32, finger as f32])
     }

@@ -131,9 +131,10 @@ pub struct StepReward {
 pub struct TaskParts<'a> {
     /// MJCF of the task's objects, a `<mujocoinclude>`; `None` for the bare table.
     ///
-    /// A mocap body `object` is required unless there is a [`loose_joint`](Self::loose_joint); it
-    /// is moved to the placement's object. A mocap body `goal` is optional. Both are rotated by half a turn in the variants that flip y, so
-    /// everything in them must be symmetric along x, or the task [`handed`](Self::handed). Visible geoms are in group 1 and are boxes or
+    /// A mocap body `object`, which is moved to the placement's object, is required; with a
+    /// [`loose_joint`](Self::loose_joint) it is refused. A mocap body `goal` is optional. Both are
+    /// rotated by half a turn in the variants that flip y, so everything in them must be symmetric
+    /// along x, or the task [`handed`](Self::handed). Visible geoms are in group 1 and are boxes or
     /// upright cylinders, which are drawn as exact mirror images; collision shapes are in group 4.
     /// Everything has a name. A geom that collides keeps the embodiment's `contype` and
     /// `conaffinity`; one that does not sets both to 0.
@@ -161,7 +162,8 @@ pub struct TaskParts<'a> {
     pub start_joints: &'a [(&'a str, f64)],
     /// `true` if objects are not their own mirror images along x, for instance a door with its
     /// hinges on the left. Variants that flip one axis then have mirrored objects, whose joints
-    /// keep their coordinates.
+    /// keep their coordinates. [`Model::reflected`](mujoco::Model::reflected) says what such
+    /// objects may hold.
     pub handed: bool,
     /// `true` if the goal is part of the vector observation; otherwise zeros take its place.
     pub goal_observable: bool,
@@ -176,6 +178,9 @@ pub struct MetaWorldSpec<'a> {
     pub hand_target: DVec3,
     /// Lowest height of the hand's target (metres).
     pub lowest_target: f64,
+    /// Names of further joints that do not start where they come to rest, with their start
+    /// positions (metres, radians); finite.
+    pub start_joints: &'a [(&'a str, f64)],
     /// Additional MJCF of the scene, a `<mujocoinclude>`. The name `decoy` is then reserved for a
     /// free joint, whose body starts at the placement's object.
     pub extra_mjcf: Option<&'a str>,

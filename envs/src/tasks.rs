@@ -1,14 +1,11 @@
-//! Tasks of the paper and of Meta-World's MT10, one file for each object: constants, placement, reward, scripted expert, and parts of
-//! the scene.
+//! Tasks of the paper and of Meta-World's MT10, one file for each object: constants, placement,
+//! reward, scripted expert, and parts of the scene.
 
-mod approach;
 mod block;
-mod button_press;
-mod button_press_topdown;
+mod button;
 mod caging;
 mod door;
-mod drawer_close;
-mod drawer_open;
+mod drawer;
 mod faucet_close;
 mod goal_reach;
 mod peg_insert_side;
@@ -16,11 +13,9 @@ mod plate_slide;
 mod window;
 
 pub use block::{PickPlace, Push};
-pub use button_press::ButtonPress;
-pub use button_press_topdown::ButtonPressTopdown;
+pub use button::{ButtonPress, ButtonPressTopdown};
 pub use door::{DoorClose, DoorOpen};
-pub use drawer_close::DrawerClose;
-pub use drawer_open::DrawerOpen;
+pub use drawer::{DrawerClose, DrawerOpen};
 pub use faucet_close::FaucetClose;
 pub use goal_reach::GoalReach;
 pub use peg_insert_side::PegInsertSide;
@@ -33,16 +28,17 @@ use glam::{DVec2, DVec3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::task::{MetaWorldSpec, Placement, TaskParts};
+use crate::task::{Measurement, MetaWorldSpec, Placement, TaskParts};
 
-/// Canonical x of every object and goal (metres): right of the centre, so that a flip along x gives
-/// a different task.
+/// Canonical x of most objects and goals (metres): right of the centre, so that a flip along x
+/// gives a different task. Windows, cabinets, blocks and pegs have ranges of their own.
 const CANONICAL_X: Range<f64> = 0.08..0.20;
 
-/// Meta-World's x of every object and goal (metres).
+/// Meta-World's x of most objects and goals (metres); cabinets and pegs have ranges of their own.
 const META_WORLD_X: Range<f64> = -0.1..0.1;
-/// Start of Meta-World's hand over the centre, and in tasks with high objects behind it (metres).
+/// Start of Meta-World's hand over the centre (metres).
 const META_WORLD_HAND_START: DVec3 = DVec3::new(0.0, 0.0, 0.2);
+/// Start of Meta-World's hand in tasks with high objects (metres): behind the centre.
 const META_WORLD_HAND_BACK: DVec3 = DVec3::new(0.0, -0.2, 0.2);
 /// Lowest target of Meta-World's hand (metres).
 const META_WORLD_LOWEST: f64 = 0.05;
@@ -66,16 +62,44 @@ fn spec(
         name,
         hand_target: META_WORLD_HAND_START,
         lowest_target: META_WORLD_LOWEST,
+        start_joints: &[],
         extra_mjcf: None,
         draw_placement,
     }
 }
 
 fn uniform(rng: &mut ChaCha8Rng, range: Range<f64>) -> f64 {
+    // not `random_range`, whose rounding may change between releases of `rand`
     range.start + (range.end - range.start) * rng.random::<f64>()
+}
+
+/// Draws a point at height `z` with x and y from their ranges (metres).
+fn draw_at(z: f64, [x, y]: [Range<f64>; 2], rng: &mut ChaCha8Rng) -> DVec3 {
+    DVec3::new(uniform(rng, x), uniform(rng, y), z)
+}
+
+/// Draws a point with coordinates from their ranges (metres).
+fn draw_in([x, y, z]: [Range<f64>; 3], rng: &mut ChaCha8Rng) -> DVec3 {
+    DVec3::new(uniform(rng, x), uniform(rng, y), uniform(rng, z))
+}
+
+/// Draws placements until object and goal are at least `distance` (metres) apart in the plane.
+fn draw_apart(distance: f64, mut draw: impl FnMut() -> Placement) -> Placement {
+    loop {
+        let placement = draw();
+        if (placement.goal - placement.object).truncate().length() >= distance {
+            return placement;
+        }
+    }
+}
+
+/// Returns where the hand is when its fingertips are at `point` (metres): commands move the hand.
+fn hand_for_tips(now: &Measurement, point: DVec3) -> DVec3 {
+    point + (now.hand - now.tcp)
 }
 
 /// Returns the angle (radians) from one direction to another; glam's `angle_to` is approximate.
 fn angle_to(from: DVec2, to: DVec2) -> f64 {
+    // exact to the last bits, so that rewards are those of Meta-World
     from.perp_dot(to).atan2(from.dot(to))
 }

@@ -34,6 +34,7 @@ impl Worker {
             .spawn(move || {
                 let mut sub_envs = SubEnvs::new(owned, settings);
                 while let Ok(command) = inbox.recv() {
+                    // nobody waits for an answer once the vector environment is dropped
                     if outbox.send(sub_envs.handle(command)).is_err() {
                         break;
                     }

@@ -228,6 +228,7 @@ fn a_flaw_of_the_metaworld_layout_alone_is_found() {
             name: "push-block",
             hand_target: DVec3::new(0.0, 0.0, 0.2),
             lowest_target: 0.05,
+            start_joints: &[],
             extra_mjcf: None,
             draw_placement: |_| Placement { object: DVec3::ZERO, goal: DVec3::X },
         }),

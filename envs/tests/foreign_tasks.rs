@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Camera, Control, Embodiment, EnvError, Scene, StepBuffers, TableTop, TaskGroup,
-    VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, Control, Embodiment, EnvError, Scene, Snapshot, StepBuffers, TableTop,
+    TaskGroup, TaskParts, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -112,6 +112,35 @@ fn parts_that_are_not_numbers_are_refused() {
 }
 
 #[test]
+fn objects_that_cannot_be_placed_or_mirrored_are_refused() {
+    let loose = |parts: &mut TaskParts<'_>| parts.loose_joint = Some("push");
+    let sliding = Spoilt { parts: loose, ..Spoilt::default() };
+    let free = "<body name=\"free\"><freejoint name=\"push\"/><geom name=\"free\" \
+                size=\"0.01\"/></body></worldbody>";
+    let text = common::SCENE.replace("name=\"push\"", "name=\"slide\"");
+    let task = PushBlock { scene: text.replace("</worldbody>", free), ..PushBlock::default() };
+    let both = Spoilt { task, parts: loose, ..Spoilt::default() };
+    let bare =
+        |parts: &mut TaskParts<'_>| *parts = TaskParts { handed: true, ..TaskParts::default() };
+    let empty = Spoilt { parts: bare, ..Spoilt::default() };
+    let ball = common::SCENE.replace(
+        "type=\"slide\" axis=\"0 1 0\" range=\"-0.01 0.14\" limited=\"true\"",
+        "type=\"ball\"",
+    );
+    let task = PushBlock { scene: ball, ..PushBlock::default() };
+    let turning = Spoilt { task, parts: |parts| parts.handed = true, ..Spoilt::default() };
+    for (spoilt, says) in [
+        (sliding, "setting `loose_joint` is `push` of type Slide, expected a free joint"),
+        (both, "`push` beside a mocap body `object`, expected one of the two"),
+        (empty, "setting `handed` is true, expected false, or a scene with"),
+        (turning, "cannot be mirrored: it has a ball joint"),
+    ] {
+        let message = scene(spoilt.group()).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+    }
+}
+
+#[test]
 fn an_expert_that_asks_for_what_is_no_number_is_refused() {
     let lost = Spoilt { expert: |command, _| command.hand.x = f64::INFINITY, ..Spoilt::default() };
     let limp = Spoilt { expert: |command, _| command.finger = f64::NAN, ..Spoilt::default() };
@@ -123,14 +152,22 @@ fn an_expert_that_asks_for_what_is_no_number_is_refused() {
     }
 }
 
-/// With the data of another model a reset must fail half way.
+/// With the data of another model a reset and a restoration must fail half way.
 #[test]
-fn a_reset_that_fails_leaves_no_episode_running() {
-    let mut table = started(Spoilt::default().group(), Control::default());
-    let placement = table.scene().draw_placement(&mut ChaCha8Rng::seed_from_u64(1));
-    let other = mujoco::Model::from_xml("<mujoco/>").unwrap();
-    *table.simulation_mut() = mujoco::Data::new(Arc::new(other));
-    table.reset_to(D2::Identity, placement).unwrap_err();
-    assert!(matches!(table.save(), Err(EnvError::NotReset)));
-    assert!(matches!(table.step(&[0.0; ACTION_DIM]), Err(EnvError::NotReset)));
+fn a_start_that_fails_leaves_no_episode_running() {
+    type Start = fn(&mut TableTop, Snapshot) -> Result<(), EnvError>;
+    let reset: Start = |table, _| {
+        let placement = table.scene().draw_placement(&mut ChaCha8Rng::seed_from_u64(1));
+        table.reset_to(D2::Identity, placement)
+    };
+    let restore: Start = |table, snapshot| table.restore(&snapshot);
+    for start in [reset, restore] {
+        let mut table = started(Spoilt::default().group(), Control::default());
+        let snapshot = table.save().unwrap();
+        let other = mujoco::Model::from_xml("<mujoco/>").unwrap();
+        *table.simulation_mut() = mujoco::Data::new(Arc::new(other));
+        start(&mut table, snapshot).unwrap_err();
+        assert!(matches!(table.save(), Err(EnvError::NotReset)));
+        assert!(matches!(table.step(&[0.0; ACTION_DIM]), Err(EnvError::NotReset)));
+    }
 }

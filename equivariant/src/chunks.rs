@@ -9,21 +9,21 @@ use rayon::prelude::*;
 use crate::real::Real;
 
 /// Maximum number of chunk gradients held in memory at once; batches may be larger.
-const WAVE: usize = 64;
+const MAX_CHUNK_GRADIENTS: usize = 64;
 /// Number of parameters whose chunk gradients one task adds up; a part of this size stays in the
 /// first-level cache.
-const PIECE: usize = 2048;
+const PARAMS_PER_TASK: usize = 2048;
 
 thread_local! {
     /// `true` while this thread runs one of several chunks of a minibatch. A chunk that panics
     /// leaves the flag set, which only costs speed.
-    static BUSY: Cell<bool> = const { Cell::new(false) };
+    static RUNS_ONE_OF_MANY_CHUNKS: Cell<bool> = const { Cell::new(false) };
 }
 
 /// Returns `true` if this thread runs one of several chunks of a minibatch: they use free threads
 /// better than a split of one chunk.
-pub(crate) fn in_one_of_many_chunks() -> bool {
-    BUSY.get()
+pub(crate) fn runs_one_of_many_chunks() -> bool {
+    RUNS_ONE_OF_MANY_CHUNKS.get()
 }
 
 /// Engine that runs a minibatch in chunks of samples on the threads of the current rayon pool.
@@ -103,11 +103,13 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
         assert_eq!(gradient.len(), self.num_params, "wrong number of parameters");
         let count = self.prepare(num_samples);
         let mut buffers = std::mem::take(&mut self.gradients);
-        buffers.resize_with(buffers.len().max(count.min(WAVE)), || vec![T::ZERO; self.num_params]);
+        buffers.resize_with(buffers.len().max(count.min(MAX_CHUNK_GRADIENTS)), || {
+            vec![T::ZERO; self.num_params]
+        });
         let mut results = Vec::with_capacity(count);
         // waves bound the memory of gradients, and adding one after another keeps the chunks' order
-        for first in (0..count).step_by(WAVE) {
-            let wave = first..count.min(first + WAVE);
+        for first in (0..count).step_by(MAX_CHUNK_GRADIENTS) {
+            let wave = first..count.min(first + MAX_CHUNK_GRADIENTS);
             let buffers = &mut buffers[..wave.len()];
             let run_chunk = |(chunk, buffer): (usize, &mut Vec<T>)| {
                 buffer.fill(T::ZERO);
@@ -115,7 +117,7 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
                 self.run(count, |workspace| f(range, workspace, buffer))
             };
             results.par_extend(wave.into_par_iter().zip(&mut *buffers).map(run_chunk));
-            add_in_order(gradient, buffers);
+            add_gradients_in_order(gradient, buffers);
         }
         self.gradients = buffers;
         results
@@ -170,9 +172,9 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
         let idle = self.lock().pop();
         let mut workspace = idle.unwrap_or_else(|| (self.new_workspace)());
         // chunks may run inside a chunk of another engine, whose flag comes back afterwards
-        let outer = BUSY.replace(count > 1);
+        let outer = RUNS_ONE_OF_MANY_CHUNKS.replace(count > 1);
         let result = f(&mut workspace);
-        BUSY.set(outer);
+        RUNS_ONE_OF_MANY_CHUNKS.set(outer);
         self.lock().push(workspace);
         result
     }
@@ -184,12 +186,12 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
 }
 
 /// Adds the chunk gradients `buffers` to `sum`, entry by entry and in their order.
-fn add_in_order<T: Real>(sum: &mut [T], buffers: &[Vec<T>]) {
+fn add_gradients_in_order<T: Real>(sum: &mut [T], buffers: &[Vec<T>]) {
     // Parallel over parameters, sequential over buffers: every sum has the order of the chunks.
-    let pieces = sum.par_chunks_mut(PIECE).enumerate();
+    let pieces = sum.par_chunks_mut(PARAMS_PER_TASK).enumerate();
     pieces.for_each(|(i, piece)| {
         for buffer in buffers {
-            for (total, &value) in piece.iter_mut().zip(&buffer[i * PIECE..]) {
+            for (total, &value) in piece.iter_mut().zip(&buffer[i * PARAMS_PER_TASK..]) {
                 *total += value;
             }
         }

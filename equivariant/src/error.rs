@@ -15,7 +15,7 @@ pub enum LayerError {
         "{layer}: {group} flips the {axis}, and a window of {k} pixels, stride {s} and padding {p} leaves a \
          remainder there: got ({size} + 2 * {p} - {k}) mod {s} = {remainder}, expected 0; change size, padding, \
          kernel or stride so that the flip stays exact",
-        k = kernel.size, s = kernel.stride, p = kernel.padding
+        k = window.size, s = window.stride, p = window.padding
     )]
     AsymmetricWindow {
         /// Name of the layer that cannot be built.
@@ -27,7 +27,7 @@ pub enum LayerError {
         /// Length of the input image along the axis, in pixels.
         size: usize,
         /// Window that does not sit symmetrically on the axis.
-        kernel: SlidingWindow,
+        window: SlidingWindow,
         /// Remainder of (image length + 2 padding - window size) divided by the stride, in pixels;
         /// must be 0.
         remainder: usize,
@@ -36,7 +36,7 @@ pub enum LayerError {
     #[error(
         "{layer}: got a window of {k} pixels, stride {s} and padding {p} on the {axis} of {size}, \
          expected 1 <= {k} <= {size} + 2 * {p} and a stride of at least 1",
-        k = kernel.size, s = kernel.stride, p = kernel.padding
+        k = window.size, s = window.stride, p = window.padding
     )]
     InvalidWindow {
         /// Name of the layer that cannot be built.
@@ -46,7 +46,7 @@ pub enum LayerError {
         /// Length of the input image along the axis, in pixels.
         size: usize,
         /// Window that is larger than the padded image, or whose size or stride is zero.
-        kernel: SlidingWindow,
+        window: SlidingWindow,
     },
     /// Field type on which the layer would not be equivariant.
     #[error("{layer}: got the type `{got}`, expected {expected}")]

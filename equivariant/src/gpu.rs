@@ -15,20 +15,20 @@
 
 mod adapter;
 mod channels;
-mod clock;
-mod command;
+mod compiled_kernel;
 mod device;
 mod error;
+mod kernel_dispatch;
 mod kernels;
 mod network;
 mod plan;
 mod program;
-mod step;
+mod timer;
 
 pub use adapter::{Adapter, AdapterKind, available_adapters};
 pub use device::Device;
 pub use error::GpuError;
+pub use kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupCount};
 pub use network::{Gradients, Network};
 pub use plan::{Plan, Tensor};
-pub use program::{Batch, Passes, Program};
-pub use step::{BufferSlot, KernelStep, WorkgroupCount};
+pub use program::{BatchUniforms, Passes, Program};

@@ -33,9 +33,9 @@ mod window;
 
 /// Mathematics of steerable kernels on the pixel grid, written for clarity rather than speed.
 mod steerable {
-    pub(crate) mod blocks;
     pub(crate) mod dense;
     pub(crate) mod hadamard;
+    pub(crate) mod irrep_weights;
     pub(crate) mod taps;
     pub(crate) mod windows;
 }
@@ -71,7 +71,7 @@ pub use chunks::ParallelChunks;
 pub use error::LayerError;
 pub use layers::*;
 pub use real::Real;
-pub use scratch::{BackwardPass, Scratch};
+pub use scratch::{BackwardArgs, Scratch};
 pub use shape::Shape;
 pub use simd::lanes::InstructionSet;
 pub use simd::lines::pixel_byte_to_float;

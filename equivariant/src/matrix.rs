@@ -51,16 +51,16 @@ pub(crate) fn row_major_mut<T>(
 fn clear_upper_halves() {
     #[cfg(target_arch = "x86_64")]
     if let Some(simd) = pulp::x86::V3::try_new() {
-        simd.vectorize(Wide(simd));
+        simd.vectorize(AvxAddition(simd));
     }
 }
 
 /// Addition of eight numbers by one AVX instruction; the sum is not used.
 #[cfg(target_arch = "x86_64")]
-struct Wide(pulp::x86::V3);
+struct AvxAddition(pulp::x86::V3);
 
 #[cfg(target_arch = "x86_64")]
-impl pulp::NullaryFnOnce for Wide {
+impl pulp::NullaryFnOnce for AvxAddition {
     type Output = ();
 
     #[inline(always)]

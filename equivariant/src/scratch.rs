@@ -3,10 +3,10 @@
 use std::fmt;
 
 /// Bytes of a cache line of the CPU; every scratch memory starts on one.
-const LINE: usize = 64;
+const CACHE_LINE_BYTES: usize = 64;
 /// Number of values of the narrowest type, `f32`, in a cache line: at most as many are skipped to
 /// reach one.
-const SLACK: usize = LINE / size_of::<f32>();
+const VALUES_PER_LINE: usize = CACHE_LINE_BYTES / size_of::<f32>();
 
 /// Memory for the passes of a layer: values that `forward` saves for `backward`, and working space.
 ///
@@ -54,10 +54,10 @@ impl<T: Clone> Scratch<T> {
     /// Creates scratch memory of `len` values, all equal to `value`. Layers must not read what they
     /// did not write; a test fills the memory with NaN to check that.
     pub fn filled_with(len: usize, value: T) -> Scratch<T> {
-        let values = vec![value; len + SLACK];
+        let values = vec![value; len + VALUES_PER_LINE];
         Scratch {
             // align_offset may give up and return usize::MAX, which min turns into a valid start
-            start: values.as_ptr().align_offset(LINE).min(SLACK),
+            start: values.as_ptr().align_offset(CACHE_LINE_BYTES).min(VALUES_PER_LINE),
             values,
             len,
             origin: ScratchOrigin::default(),
@@ -89,7 +89,7 @@ impl<T: Clone> Clone for Scratch<T> {
 /// The compiler knows that arguments of a function do not overlap, but not that these fields do
 /// not. So put loops over them into functions that take the slices as arguments.
 #[derive(Debug)]
-pub struct BackwardPass<'a, T> {
+pub struct BackwardArgs<'a, T> {
     /// Parameters of the layer.
     pub params: &'a [T],
     /// Input of the forward pass, `[N, H, W, C]` (samples, height, width, channels).
@@ -110,7 +110,7 @@ pub struct BackwardPass<'a, T> {
 /// Rounds the length of a part of a scratch memory up to whole cache lines, so that the next part
 /// starts on one.
 pub(crate) fn round_up_to_cache_line(len: usize) -> usize {
-    len.next_multiple_of(SLACK)
+    len.next_multiple_of(VALUES_PER_LINE)
 }
 
 /// Splits `len` values off the front of a slice.
@@ -153,11 +153,14 @@ mod tests {
             let _between = vec![0u8; 8 * len + 8];
             let mut clone = scratch.clone();
             assert_eq!(clone.first_values(len), scratch.first_values(len));
-            assert_eq!(clone.first_values(len).as_ptr() as usize % LINE, 0);
+            assert_eq!(clone.first_values(len).as_ptr() as usize % CACHE_LINE_BYTES, 0);
             assert_eq!(clone.len(), len);
             starts.extend([scratch.start, clone.start]);
         }
         assert!(starts.len() > 1, "all at one offset: {starts:?}");
-        assert_eq!(Scratch::filled_with(9, 0.0f64).first_values(9).as_ptr() as usize % LINE, 0);
+        assert_eq!(
+            Scratch::filled_with(9, 0.0f64).first_values(9).as_ptr() as usize % CACHE_LINE_BYTES,
+            0
+        );
     }
 }

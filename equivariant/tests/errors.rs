@@ -72,6 +72,12 @@ fn windows_that_are_inexact_or_do_not_fit_are_refused() {
                      expected 1 <= 7 <= 5 + 2 * 0";
     assert_refused(inexact, refused(SlidingWindow::new(2, 2, 0)));
     assert_refused(too_large, refused(SlidingWindow::new(7, 1, 0)));
+    let wide = |window| message(R2Conv::new(fields, fields, window, [6, 5]));
+    assert!(wide(SlidingWindow::new(2, 2, 0)).contains("D2 flips the width"));
+    assert!(wide(SlidingWindow::new(6, 1, 0)).contains("on the width of 5"));
+    for none in [SlidingWindow::new(0, 1, 0), SlidingWindow::new(3, 0, 0)] {
+        assert_refused("got a window of", refused(none));
+    }
 }
 
 #[test]

@@ -32,15 +32,15 @@ fn drawn<T: Scalar>(gru: &Gru) -> Vec<T> {
 
 /// Returns last states, gradient of the input and gradient of the parameters of `d_out . out`.
 fn run(gru: &Gru, params: &[f64], x: &[f64], d_out: &[f64]) -> [Vec<f64>; 3] {
-    // a larger pass than needed, with values of an earlier run
-    let mut pass = gru.new_workspace(STEPS + 1, LENGTHS.len() + 2);
+    // a larger workspace than needed, with values of an earlier run
+    let mut workspace = gru.new_workspace(STEPS + 1, LENGTHS.len() + 2);
     let other = normal(2 * 6 * gru.in_type().dim(), 9);
-    gru.forward(params, &other, &[2; 6], &mut pass);
-    gru.forward(params, x, &LENGTHS, &mut pass);
-    let out = pass.last_states().to_vec();
+    gru.forward(params, &other, &[2; 6], &mut workspace);
+    gru.forward(params, x, &LENGTHS, &mut workspace);
+    let out = workspace.last_states().to_vec();
     // starts at one, not zero, since gradients must be added
     let (mut dx, mut dparams) = (vec![f64::NAN; x.len()], vec![1.0; params.len()]);
-    gru.backward(params, x, d_out, Some(&mut dx), &mut dparams, &mut pass);
+    gru.backward(params, x, d_out, Some(&mut dx), &mut dparams, &mut workspace);
     dparams.iter_mut().for_each(|d| *d -= 1.0);
     [out, dx, dparams]
 }
@@ -89,7 +89,7 @@ fn the_unit_commutes_with_every_group() {
     for group in Group::ALL {
         let gru = unit(group);
         let params = drawn::<f32>(&gru);
-        let mut pass = gru.new_workspace(3, 1);
+        let mut workspace = gru.new_workspace(3, 1);
         let steps = Shape::image(1, 1, gru.in_type());
         let error = equivariance_error_of_fn(
             steps,
@@ -97,8 +97,8 @@ fn the_unit_commutes_with_every_group() {
             |x, y| {
                 let scaled = [1.0, -0.5, 2.0].map(|by| x.iter().map(move |v| v * by));
                 let sequence: Vec<f32> = scaled.into_iter().flatten().collect();
-                gru.forward(&params, &sequence, &[3], &mut pass);
-                y.copy_from_slice(pass.last_states());
+                gru.forward(&params, &sequence, &[3], &mut workspace);
+                y.copy_from_slice(workspace.last_states());
             },
             8,
             &mut rng(7),
@@ -113,10 +113,10 @@ fn only_the_steps_of_a_sequence_count() {
     let gru = unit(Group::D2);
     let (width, inputs) = (gru.out_type().dim(), gru.in_type().dim());
     let params = drawn::<f64>(&gru);
-    let mut pass = gru.new_workspace(STEPS, LENGTHS.len());
+    let mut workspace = gru.new_workspace(STEPS, LENGTHS.len());
     let mut last = |x: &[f64], lengths: [usize; 4]| {
-        gru.forward(&params, x, &lengths, &mut pass);
-        pass.last_states().to_vec()
+        gru.forward(&params, x, &lengths, &mut workspace);
+        workspace.last_states().to_vec()
     };
     let x: Vec<f64> = normal(STEPS * LENGTHS.len() * inputs, 6);
     let mut other = x.clone();
@@ -148,13 +148,13 @@ fn shared_rows_are_rows_of_their_own_added_up() {
         let own: Vec<f64> = reads.iter().flat_map(row).copied().collect();
         let d_out = normal(LENGTHS.len() * gru.out_type().dim(), 5);
         let [out, dx, dparams] = run(&gru, &params, &own, &d_out);
-        let mut pass = gru.new_workspace(STEPS, LENGTHS.len());
-        gru.forward_shared_inputs(&params, &shared, &reads, &LENGTHS, &mut pass);
-        assert!(largest_deviation(pass.last_states(), &out) < 1e-14);
+        let mut workspace = gru.new_workspace(STEPS, LENGTHS.len());
+        gru.forward_shared_inputs(&params, &shared, &reads, &LENGTHS, &mut workspace);
+        assert!(largest_deviation(workspace.last_states(), &out) < 1e-14);
         let (mut dshared, mut dshared_params) =
             (vec![f64::NAN; shared.len()], vec![0.0; params.len()]);
         let to = Some(&mut dshared[..]);
-        gru.backward(&params, &shared, &d_out, to, &mut dshared_params, &mut pass);
+        gru.backward(&params, &shared, &d_out, to, &mut dshared_params, &mut workspace);
         let mut sums = vec![0.0; shared.len()];
         for (&index, gradient) in reads.iter().zip(dx.chunks_exact(inputs)) {
             let sum = &mut sums[index * inputs..(index + 1) * inputs];
@@ -174,10 +174,10 @@ fn wrong_calls_are_refused() {
     // rows before the sequence are ignored
     gru.forward_shared_inputs(&params, &x, &[9, 1], &[1], &mut own());
     let backward = |from: &Gru, dparams: &mut [f32], times| {
-        let mut pass = from.new_workspace(2, 1);
-        gru.forward(&params, &x, &[1], &mut pass);
+        let mut workspace = from.new_workspace(2, 1);
+        gru.forward(&params, &x, &[1], &mut workspace);
         for _ in 0..times {
-            gru.backward(&params, &x, &d_out, None, dparams, &mut pass);
+            gru.backward(&params, &x, &d_out, None, dparams, &mut workspace);
         }
     };
     let mut dparams = vec![0.0; params.len()];
@@ -192,8 +192,11 @@ fn wrong_calls_are_refused() {
             "got 1 sequences of 3 steps in 2, expected at most 1 of 4",
             panic_of(|| gru.forward(&params, &x, &[3], &mut own())),
         ),
-        ("got a pass that holds no values", panic_of(|| backward(&gru, &mut dparams.clone(), 2))),
-        ("got a pass of a unit with", panic_of(|| backward(&other, &mut dparams.clone(), 1))),
+        (
+            "got a workspace that holds no values",
+            panic_of(|| backward(&gru, &mut dparams.clone(), 2)),
+        ),
+        ("got a workspace of a unit with", panic_of(|| backward(&other, &mut dparams.clone(), 1))),
         ("got dparams of 1 values", panic_of(|| backward(&gru, &mut [0.0], 1))),
     ];
     for (expected, message) in refused {

@@ -69,7 +69,7 @@ proptest! {
         let params = with_zero_bias(&layer, seed);
         let kernel = layer.as_ordinary_conv().kernel(&params);
         let len = layer.in_shape().len();
-        // five samples, so that groups of two to four that are staged together leave one incomplete
+        // five samples, so that groups of two to four that are converted together leave one incomplete
         let x = normal::<f64>(5 * len, seed + 1);
         let y = forward(&layer, &params, &x);
         let expected: Vec<f64> = x.chunks(len).flat_map(|x| naive(&layer, &kernel, window, x)).collect();

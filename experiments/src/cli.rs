@@ -38,5 +38,6 @@ impl Threads {
 /// [`RunError::Write`].
 pub fn print_escaped(out: &mut impl Write, line: &str) -> Result<(), RunError> {
     let line = escape_unprintable_lines(line);
-    writeln!(out, "{line}").map_err(RunError::writing(Path::new("standard output")))
+    let written = writeln!(out, "{line}").and_then(|()| out.flush());
+    written.map_err(RunError::writing(Path::new("standard output")))
 }

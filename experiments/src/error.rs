@@ -1,5 +1,6 @@
 //! Errors of experiments and run folders.
 
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 
 use learner::LearnerError;
@@ -96,8 +97,8 @@ pub enum RunError {
     /// Table of a finished run that was changed after the run had ended.
     #[error(
         "{} was changed after the run had ended: its checksum is {found}, summary.json says \
-         {expected}. `covers resume` on the run's folder restores all tables but timings.csv from \
-         the last checkpoint",
+         {expected}. `covers resume` on the run's folder restores all tables from the last \
+         checkpoint",
         path.display()
     )]
     ChangedTable {
@@ -133,8 +134,8 @@ pub enum RunError {
     FailedEarlier,
     /// Memory limit that is too low for a command.
     #[error(
-        "{limit} leaves {left_mib} MiB of memory, and about {needed_mib} MiB are needed: raise it, \
-         or use fewer threads"
+        "{limit} leaves {left_mib} MiB, and about {needed_mib} MiB of memory are needed: raise it, \
+         use fewer threads, or close other programs"
     )]
     NotEnoughMemory {
         /// Memory that the command needs (MiB).
@@ -145,10 +146,10 @@ pub enum RunError {
         limit: String,
     },
     /// Signal handlers that cannot be installed.
-    #[error("cannot install handlers for SIGINT, SIGTERM and SIGHUP: {source}")]
+    #[error("cannot install handlers for signals: {source}")]
     SignalHandlers {
         /// Error of the operating system.
-        source: std::io::Error,
+        source: io::Error,
     },
     /// Output file that exists already and would be overwritten.
     #[error("{} exists already: choose another name, or remove it", path.display())]
@@ -207,13 +208,37 @@ impl RunError {
         LearnerError::damaged_file(path, problem).into()
     }
 
+    /// Returns `true` for an error of a disk that may pass: no room, or a file server that does not
+    /// answer.
+    pub fn is_transient(&self) -> bool {
+        /// Number of the system's error "Input/output error" (`EIO`), which has no `ErrorKind`.
+        const INPUT_OUTPUT: i32 = 5;
+        let (Self::Read { source, .. } | Self::Write { source, .. }) = self else {
+            return false;
+        };
+        source.downcast_ref::<io::Error>().is_some_and(|error| {
+            error.raw_os_error() == Some(INPUT_OUTPUT)
+                || matches!(
+                    error.kind(),
+                    ErrorKind::StorageFull
+                        | ErrorKind::QuotaExceeded
+                        | ErrorKind::StaleNetworkFileHandle
+                        | ErrorKind::TimedOut
+                        | ErrorKind::HostUnreachable
+                        | ErrorKind::NetworkUnreachable
+                        | ErrorKind::NetworkDown
+                        | ErrorKind::ResourceBusy
+                )
+        })
+    }
+
     /// Returns a [`RunError::Write`] for the file at `path`, or [`RunError::TakenOver`] if that is
     /// the cause.
     pub fn cannot_write(path: &Path, source: impl Into<BoxedEnvError>) -> Self {
         let (path, source) = (path.to_owned(), source.into());
         // a fenced disk can return nothing but an `io::Error`, so the cause is inside of it
         let taken_over = source
-            .downcast_ref::<std::io::Error>()
+            .downcast_ref::<io::Error>()
             .and_then(|error| error.get_ref()?.downcast_ref::<TakenOver>());
         match taken_over {
             Some(taken_over) => Self::TakenOver(taken_over.clone()),

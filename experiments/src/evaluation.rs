@@ -15,6 +15,7 @@ use symmetry::D2;
 use crate::error::RunError;
 use crate::experiment::Experiment;
 use crate::schedule::Schedule;
+use crate::stop::StopSignal;
 use crate::stream::Stream;
 use learner::{Labels, Learner, PolicyEvaluation};
 
@@ -105,6 +106,11 @@ impl Evaluator {
             .iter()
             .flat_map(|&group| D2::ALL.map(|element| TaskVariant { group, element }))
             .collect()
+    }
+
+    /// Sets the signal after which every decision of an evaluation is an error.
+    pub(crate) fn set_stop_signal(&mut self, stop: StopSignal) {
+        self.stream.set_stop_signal(stop);
     }
 
     /// Scores the learner on all variants, with `rounds` episodes in each environment.

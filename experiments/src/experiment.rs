@@ -13,13 +13,15 @@ use crate::error::RunError;
 use crate::schedule::{Clock, Schedule, Timetable};
 use crate::stream::Stream;
 use learner::overrides::{parse_json, read_json};
-use learner::{DeviceChoice, Labels, LearnerSettings};
+use learner::{DeviceChoice, GroupingSettings, Labels, LearnerSettings};
 
 /// Number of the ChaCha stream that draws the schedule. The numbers of the experiment's streams are
 /// counted down from the top, since the learner's count up from 0 under the same seed.
 const SCHEDULE: u64 = u64::MAX;
 const ENVIRONMENTS: u64 = u64::MAX - 1;
 const EVALUATION: u64 = u64::MAX - 2;
+/// Largest distance and half extent of a camera in metres.
+const MAX_CAMERA_LENGTH: f64 = 100.0;
 /// Number of 32-bit words between consecutive seeds of a ChaCha stream: one block of ChaCha.
 const BLOCK: u128 = 16;
 
@@ -160,20 +162,7 @@ impl Experiment {
     /// # Errors
     /// The first setting that is out of range or contradicts another one.
     pub fn check(&self, tasks: &TaskRegistry) -> Result<(), RunError> {
-        for (name, value) in [
-            ("evaluation.rounds", self.evaluation.episodes_per_env),
-            ("evaluation.every", self.evaluation.every.unwrap_or(1)),
-            ("checkpoints.every", self.checkpoints.every),
-            ("checkpoints.keep", self.checkpoints.keep),
-        ] {
-            if value == 0 {
-                return Err(RunError::InvalidSetting {
-                    name,
-                    value: value.to_string(),
-                    expected: "at least 1",
-                });
-            }
-        }
+        self.check_counts()?;
         if self.evaluation.every.is_some() && self.evaluation.visit_episodes_per_env == 0 {
             return Err(RunError::InvalidSetting {
                 name: "evaluation.visit_rounds",
@@ -184,12 +173,59 @@ impl Experiment {
         self.schedule.check()?;
         self.schedule.resolve_groups(tasks)?;
         self.envs.check()?;
+        self.check_camera()?;
         self.check_seed()?;
         self.check_rollouts()?;
         self.check_visits()?;
         self.check_still_channels()?;
         let spec = Stream::env_spec(&self.envs);
         self.learner.new_learner(&spec, &Labels::default())?;
+        Ok(())
+    }
+
+    /// Rejects counts of 0 and counts that no run finishes in any reasonable time.
+    fn check_counts(&self) -> Result<(), RunError> {
+        let plan = &self.evaluation;
+        let (grouping, epochs) = match &self.learner {
+            LearnerSettings::Covers(settings) => (settings.grouping, settings.ppo.epochs),
+            LearnerSettings::OffPolicy(settings) => (settings.grouping, 1),
+        };
+        let permutations = match grouping {
+            GroupingSettings::Evidence(settings) => settings.permutations,
+            _ => 0,
+        };
+        for (name, value, range, expected) in [
+            ("evaluation.rounds", plan.episodes_per_env, 1..=10_000, "1 to 10000"),
+            ("evaluation.visit_rounds", plan.visit_episodes_per_env, 0..=10_000, "0 to 10000"),
+            ("evaluation.looks", plan.recognition_repeats, 0..=10_000, "0 to 10000"),
+            ("evaluation.every", plan.every.unwrap_or(1), 1..=usize::MAX, "at least 1"),
+            ("checkpoints.every", self.checkpoints.every, 1..=usize::MAX, "at least 1"),
+            ("checkpoints.keep", self.checkpoints.keep, 1..=usize::MAX, "at least 1"),
+            ("covers.ppo.epochs", epochs, 0..=10_000, "1 to 10000"),
+            ("grouping.evidence.permutations", permutations, 0..=1_000_000, "20 to 1000000"),
+        ] {
+            if !range.contains(&value) {
+                let value = value.to_string();
+                return Err(RunError::InvalidSetting { name, value, expected });
+            }
+        }
+        Ok(())
+    }
+
+    /// Rejects cameras so far away or with so wide a view that OpenGL overflows.
+    fn check_camera(&self) -> Result<(), RunError> {
+        let camera = &self.envs.camera;
+        for (name, value) in
+            [("envs.camera.height", camera.height), ("envs.camera.half_extent", camera.half_extent)]
+        {
+            if value > MAX_CAMERA_LENGTH {
+                return Err(RunError::InvalidSetting {
+                    name,
+                    value: value.to_string(),
+                    expected: "at most 100 m",
+                });
+            }
+        }
         Ok(())
     }
 
@@ -314,6 +350,7 @@ impl SeedSequence {
 mod tests {
     use super::*;
     use crate::presets::{Budget, Method};
+    use evidence::RecogniserSettings;
     use learner::CoversSettings;
 
     fn smoke() -> Experiment {
@@ -325,6 +362,11 @@ mod tests {
             LearnerSettings::Covers(settings) => settings,
             other => panic!("{other:?}"),
         }
+    }
+
+    fn evidence(permutations: usize) -> GroupingSettings {
+        let settings = RecogniserSettings::default();
+        GroupingSettings::Evidence(RecogniserSettings { permutations, ..settings })
     }
 
     #[test]
@@ -375,7 +417,7 @@ mod tests {
     #[test]
     fn runs_that_could_not_finish_are_refused() {
         type Spoil = fn(&mut Experiment);
-        let cases: [Spoil; 15] = [
+        let cases: [Spoil; 22] = [
             |e| e.schedule.cycles = 0,
             |e| e.evaluation.episodes_per_env = 0,
             |e| e.evaluation.every = Some(0),
@@ -391,6 +433,13 @@ mod tests {
             |e| e.envs.seed = 1,
             |e| e.schedule.groups[1].decisions = 79,
             |e| covers(e).rollout_steps = 120,
+            |e| e.evaluation.episodes_per_env = usize::MAX,
+            |e| e.evaluation.visit_episodes_per_env = usize::MAX,
+            |e| e.evaluation.recognition_repeats = usize::MAX,
+            |e| covers(e).ppo.epochs = usize::MAX,
+            |e| covers(e).grouping = evidence(usize::MAX),
+            |e| e.envs.camera.height = 1e308,
+            |e| e.envs.camera.half_extent = 1e308,
         ];
         for spoil in cases {
             let mut experiment = smoke();

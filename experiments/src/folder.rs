@@ -1,10 +1,11 @@
 //! Folder of one run: settings as JSON, tables as CSV, images as PNG, learners as safetensors.
 
 use std::collections::BTreeMap;
-use std::fs::{create_dir, create_dir_all};
+use std::fs::{create_dir, create_dir_all, read_dir};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use rl::EnvSpec;
 use serde::Deserialize;
@@ -17,10 +18,9 @@ use learner::disk::{Disk, LocalDisk, PARTIAL_EXTENSION, parent_folder, write_ato
 use learner::{CheckpointExtent, Labels, Learner, LearnerSettings};
 
 use super::checkpoints;
-use crate::lock::FolderLock;
+use crate::lock::{FolderLock, LOCK};
 use crate::note::SavedRun;
 use crate::provenance::Provenance;
-use crate::table::rename_old;
 
 /// Name of the file with a run's settings.
 const EXPERIMENT: &str = "experiment.json";
@@ -28,11 +28,14 @@ const EXPERIMENT: &str = "experiment.json";
 pub const SUMMARY_FILE: &str = "summary.json";
 /// Name of the table of wall-clock seconds per rollout, which checkpoints do not hold.
 pub(crate) const TIMINGS_FILE: &str = "timings.csv";
+/// Name of the copy of the timings that is written with every checkpoint, and from which they are
+/// restored. Checkpoints of equal runs are equal, so the copy cannot be inside them.
+pub(crate) const SAVED_TIMINGS_FILE: &str = "timings-saved.csv";
 /// File names of the tables (CSV) of a run.
 const TABLES: [&str; 5] =
     ["evaluation.csv", "metrics.csv", "recognition.csv", TIMINGS_FILE, "units.csv"];
 /// Names of the files of a run, without its settings and checkpoints.
-const FILES: [&str; 9] = [
+const FILES: [&str; 10] = [
     "contact_sheet.png",
     "evaluation.csv",
     "log.txt",
@@ -40,7 +43,8 @@ const FILES: [&str; 9] = [
     "provenance.jsonl",
     "recognition.csv",
     SUMMARY_FILE,
-    "timings.csv",
+    SAVED_TIMINGS_FILE,
+    TIMINGS_FILE,
     "units.csv",
 ];
 
@@ -48,6 +52,11 @@ const FILES: [&str; 9] = [
 pub(crate) fn crc32_hex(table: &[u8]) -> String {
     format!("{:08x}", crc32fast::hash(table))
 }
+
+/// Names, lengths and modification times of the files of a run, to be compared with a later
+/// snapshot: no clock of another machine decides anything.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FolderSnapshot(Vec<(PathBuf, Option<(u64, Option<SystemTime>)>)>);
 
 /// Folder of one run. A lock ensures that a single process writes to it.
 #[derive(Clone, Debug)]
@@ -108,6 +117,40 @@ impl RunFolder {
         let lock = FolderLock::acquire(&self.path)?;
         self.disk = Arc::new(lock.fenced_disk(Arc::clone(&self.unfenced)));
         Ok((self, lock))
+    }
+
+    /// Returns the state of the folder's files, which changes as long as a process works on the run.
+    ///
+    /// # Errors
+    /// [`RunError::Read`].
+    pub fn snapshot(&self) -> Result<FolderSnapshot, RunError> {
+        let mut files = Vec::new();
+        for folder in [self.path.clone(), self.checkpoint_folder()] {
+            let read = |error| RunError::cannot_read(&folder, error);
+            let entries = match read_dir(&folder) {
+                Err(error) if error.kind() == ErrorKind::NotFound => continue,
+                entries => entries.map_err(read)?,
+            };
+            for entry in entries {
+                let path = entry.map_err(read)?.path();
+                // a file that was removed since it was listed is a change, too
+                let metadata = path.symlink_metadata().ok();
+                let state = metadata.map(|file| (file.len(), file.modified().ok()));
+                files.push((path, state));
+            }
+        }
+        files.sort_unstable();
+        Ok(FolderSnapshot(files))
+    }
+
+    /// Releases the lock of a process that does not go on. Should it go on later, its next change
+    /// of a file fails with [`RunError::TakenOver`] once another process has taken the lock.
+    ///
+    /// # Errors
+    /// [`RunError::Write`].
+    pub fn break_lock(&self) -> Result<(), RunError> {
+        // the system's lock is on the file, not on its name, so a new file of this name is free
+        self.remove(&self.file_path(LOCK))
     }
 
     /// Allows a new run to start in the folder even if it holds another run, whose files are then
@@ -181,10 +224,6 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::ChangedTable`], [`RunError::Read`].
     pub fn verify_tables(&self) -> Result<(), RunError> {
-        TABLES.iter().try_for_each(|name| self.verify_table(name))
-    }
-
-    fn verify_table(&self, name: &str) -> Result<(), RunError> {
         /// Part of `summary.json` that holds the checksums of the run's tables.
         #[derive(Deserialize)]
         struct Checksums {
@@ -195,34 +234,20 @@ impl RunFolder {
         let summary = std::fs::read(&path).map_err(RunError::reading(&path))?;
         let summary: Checksums =
             serde_json::from_slice(&summary).map_err(RunError::reading(&path))?;
-        let Some(expected) = summary.tables.get(name) else {
-            return Ok(());
-        };
-        let table_path = self.file_path(name);
-        let found = match std::fs::read(&table_path) {
-            Ok(table) => crc32_hex(&table),
-            Err(error) if error.kind() == ErrorKind::NotFound => "missing".to_owned(),
-            Err(error) => return Err(RunError::cannot_read(&table_path, error)),
-        };
-        if found == *expected {
-            return Ok(());
+        for name in TABLES {
+            let Some(expected) = summary.tables.get(name) else { continue };
+            let path = self.file_path(name);
+            let found = match std::fs::read(&path) {
+                Ok(table) => crc32_hex(&table),
+                Err(error) if error.kind() == ErrorKind::NotFound => "missing".to_owned(),
+                Err(error) => return Err(RunError::cannot_read(&path, error)),
+            };
+            if found != *expected {
+                let expected = expected.clone();
+                return Err(RunError::ChangedTable { path, found, expected });
+            }
         }
-        let expected = expected.clone();
-        Err(RunError::ChangedTable { path: table_path, found, expected })
-    }
-
-    /// Renames the timings of a finished run if they were changed. No checkpoint can restore them,
-    /// and unknown times are better than edited ones.
-    ///
-    /// # Errors
-    /// [`RunError::Read`], [`RunError::Write`].
-    pub(crate) fn rename_changed_timings(&self) -> Result<(), RunError> {
-        let path = self.file_path(TIMINGS_FILE);
-        match self.verify_table(TIMINGS_FILE) {
-            Err(RunError::ChangedTable { .. }) if path.exists() => rename_old(self.disk(), &path),
-            Err(RunError::ChangedTable { .. }) | Ok(()) => Ok(()),
-            Err(error) => Err(error),
-        }
+        Ok(())
     }
 
     /// Reads the run's settings, from the newest intact checkpoint if their file is lost.
@@ -381,7 +406,7 @@ impl RunFolder {
             }
         }
         for folder in [&path, &self.path] {
-            for entry in std::fs::read_dir(folder).map_err(write)? {
+            for entry in read_dir(folder).map_err(write)? {
                 let entry = entry.map_err(write)?.path();
                 if entry.extension().is_some_and(|extension| extension == PARTIAL_EXTENSION) {
                     self.disk.remove(&entry).map_err(write)?;

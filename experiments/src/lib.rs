@@ -42,7 +42,7 @@ mod workers;
 
 pub use error::RunError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
-pub use folder::{RunFolder, SUMMARY_FILE};
+pub use folder::{FolderSnapshot, RunFolder, SUMMARY_FILE};
 pub use latest_frame::LatestFrame;
 pub use progress::{EvaluationReport, Event, RolloutReport, Summary};
 pub use provenance::{Provenance, instruction_sets, processor_name};
@@ -50,6 +50,6 @@ pub use run::Run;
 pub use run_data::{GroupFilm, RunData};
 pub use run_stats::{RunStats, acting_policy};
 pub use schema::{DormantUnitsRow, RecognitionRow, RolloutRow, ScoreRow, TimingRow};
-pub use stop::StopSignal;
+pub use stop::{StopSignal, survive_file_size_limit};
 pub use stream::{Stream, VECTOR_INPUTS, scale_vectors};
 pub use workers::thread_pool;

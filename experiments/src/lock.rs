@@ -10,7 +10,7 @@ use learner::disk::{Disk, random_number};
 
 /// Name of the file that the writer of a folder locks. It is never read, since some file servers
 /// let no other handle read a locked file.
-const LOCK: &str = "lock";
+pub(crate) const LOCK: &str = "lock";
 /// Name of the file that says which process took the lock last.
 const OWNER: &str = "owner";
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use crate::error::RunError;
 use crate::evaluation::{DormantUnits, Recognition, Score};
 
-use crate::folder::{RunFolder, TIMINGS_FILE, crc32_hex};
+use crate::folder::{RunFolder, SAVED_TIMINGS_FILE, TIMINGS_FILE, crc32_hex};
 use crate::progress::{EvaluationReport, RolloutReport};
 use crate::rows::TableSnapshots;
 use crate::schema::{DormantUnitsRow, RecognitionRow, ScoreRow, TimingRow};
@@ -31,7 +31,12 @@ impl RunTables {
         let open = |name: &str, text: String| {
             CsvFile::open(folder.file_path(name), folder.shared_disk(), text.into_bytes())
         };
-        let timings = std::fs::read(folder.file_path(TIMINGS_FILE)).unwrap_or_default();
+        let read = |name| std::fs::read(folder.file_path(name)).unwrap_or_default();
+        let (mut timings, saved) = (read(TIMINGS_FILE), read(SAVED_TIMINGS_FILE));
+        // rows behind the copy are later rollouts of the run; anything else was lost or edited
+        if !timings.starts_with(&saved) {
+            timings = saved;
+        }
         Ok(Self {
             metrics: open("metrics.csv", snapshots.metrics)?,
             scores: open("evaluation.csv", snapshots.scores)?,
@@ -54,7 +59,12 @@ impl RunTables {
 
     /// Returns the sums of the timings of rollouts so far, as far as they are known.
     pub fn timing_sums(&self) -> TimingSums {
-        TimingSums::of_table(self.timings.text())
+        TimingSums::of_table(self.timings())
+    }
+
+    /// Returns the contents of `timings.csv`.
+    pub fn timings(&self) -> &[u8] {
+        self.timings.text()
     }
 
     /// Syncs all tables to the disk.

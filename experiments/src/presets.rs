@@ -195,6 +195,12 @@ pub enum Budget {
     /// Training on one variant of each group, two visits each, 174,000 decisions; the other
     /// variants appear in evaluations only.
     ZeroShot,
+    /// Ten groups in which nothing is held, two visits each, 886,000 decisions.
+    Ten,
+    /// The ten groups of Meta-World's MT10, two visits each, 1,000,000 decisions.
+    Mt10,
+    /// All fourteen groups, two visits each, 1,370,000 decisions.
+    All,
 }
 
 impl Budget {
@@ -206,6 +212,9 @@ impl Budget {
             Self::Full => "full",
             Self::TableProtocol => "table",
             Self::ZeroShot => "zero-shot",
+            Self::Ten => "ten",
+            Self::Mt10 => "mt10",
+            Self::All => "all",
         }
     }
 
@@ -247,19 +256,23 @@ impl Budget {
     /// Returns the schedule of task groups that a run trains on. The smoke budget's visits last
     /// whole rollouts, of `rollout` decisions.
     fn schedule(self, rollout: usize) -> Schedule {
-        // lengths of the visits of Goal Reach, Button Press, Drawer Close and Plate Slide, in
-        // thousands of decisions; in rollouts for the smoke budget
-        let (cycles, visits) = match self {
-            Self::Smoke => (1, [2, 2, 2, 2]),
-            Self::Short => (2, [4, 12, 6, 28]),
-            Self::Full => (3, [4, 12, 6, 31]),
-            Self::TableProtocol => (3, [6, 18, 9, 35]),
-            Self::ZeroShot => (2, [8, 27, 12, 40]),
-        };
         let unit = if self == Self::Smoke { rollout } else { 1000 };
-        let decisions = visits.map(|visit| visit * unit);
-        let group_visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
-        let mut schedule = Schedule::shuffled(cycles, &group_visits);
+        // of Goal Reach, Button Press, Drawer Close and Plate Slide, in units
+        let standard = |visits: [usize; 4]| {
+            TaskGroup::STANDARD.into_iter().zip(visits.map(|visit| visit * unit)).collect()
+        };
+        let long = |groups: &[TaskGroup]| groups.iter().map(|&group| long_visit(group)).collect();
+        let (cycles, visits): (_, Vec<_>) = match self {
+            Self::Smoke => (1, standard([2, 2, 2, 2])),
+            Self::Short => (2, standard([4, 12, 6, 28])),
+            Self::Full => (3, standard([4, 12, 6, 31])),
+            Self::TableProtocol => (3, standard([6, 18, 9, 35])),
+            Self::ZeroShot => (2, standard([8, 27, 12, 40])),
+            Self::Ten => (2, long(&TaskGroup::TEN)),
+            Self::Mt10 => (2, long(&TaskGroup::MT10)),
+            Self::All => (2, long(&TaskGroup::ALL)),
+        };
+        let mut schedule = Schedule::shuffled(cycles, &visits);
         if self == Self::ZeroShot {
             for plan in &mut schedule.groups {
                 plan.variants = vec![D2::Identity];
@@ -282,6 +295,12 @@ impl Budget {
                 visit_episodes_per_env: 4,
                 ..EvaluationPlan::AFTER_STREAM_ONLY
             },
+            // an evaluation after each of 20 visits plays all groups seen so far
+            Self::Ten | Self::Mt10 | Self::All => EvaluationPlan {
+                episodes_per_env: 2,
+                visit_episodes_per_env: 2,
+                ..EvaluationPlan::AFTER_STREAM_ONLY
+            },
             // 10 rounds of 10 environments give 100 episodes; evaluations between play a fifth
             Self::TableProtocol => EvaluationPlan {
                 episodes_per_env: 10,
@@ -291,6 +310,20 @@ impl Budget {
             },
         }
     }
+}
+
+/// Returns the group with the decisions of its visits in streams of ten or more groups.
+fn long_visit(group: TaskGroup) -> (TaskGroup, usize) {
+    // odd multiples of an episode in each of ten environments: rollouts of two episodes, as the
+    // paper's, span task switches
+    let learned_early = [
+        (TaskGroup::GOAL_REACH, 6_500),
+        (TaskGroup::BUTTON_PRESS, 18_500),
+        (TaskGroup::DRAWER_CLOSE, 9_500),
+        (TaskGroup::PLATE_SLIDE, 45_500),
+    ];
+    let found = learned_early.into_iter().find(|(early, _)| *early == group);
+    found.unwrap_or((group, 60_500))
 }
 
 /// Shortens rollouts to eight environments times ten decisions, and updates to a minimum that still

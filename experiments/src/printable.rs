@@ -1,5 +1,10 @@
 //! Escaping of text from files and folders, for safe display in terminals.
 
+use std::fmt::Display;
+
+/// Largest number of characters of a message that is printed in full.
+const LONGEST_MESSAGE: usize = 2000;
+
 /// Escapes every control character (line ends included) and every character that changes the
 /// direction of writing as a code like `\u001b`, so that the text cannot move the cursor or hide
 /// anything. The codes are JSON's, so that escaped JSON strings keep their meaning.
@@ -10,6 +15,20 @@ pub fn escape_unprintable(text: &str) -> String {
 /// Escapes the control characters of a text with several lines; line ends and tabs stay.
 pub fn escape_unprintable_lines(text: &str) -> String {
     escaped_but(text, |character| matches!(character, '\n' | '\t'))
+}
+
+/// Returns a message for a terminal or a log: control characters are escaped, and the middle of a
+/// message of more than 2000 characters is left out.
+pub fn printable_message(message: &impl Display) -> String {
+    let message = message.to_string();
+    let length = message.chars().count();
+    if length <= LONGEST_MESSAGE {
+        return escape_unprintable_lines(&message);
+    }
+    let left_out = length - LONGEST_MESSAGE;
+    let start: String = message.chars().take(LONGEST_MESSAGE / 2).collect();
+    let end: String = message.chars().skip(LONGEST_MESSAGE / 2 + left_out).collect();
+    escape_unprintable_lines(&format!("{start} ({left_out} characters left out) {end}"))
 }
 
 fn escaped_but(text: &str, stays: fn(char) -> bool) -> String {
@@ -39,6 +58,18 @@ fn is_control(character: char) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn long_messages_keep_their_ends() {
+        let short = "no \u{1b}[2J".to_owned();
+        assert_eq!(printable_message(&short), "no \\u001b[2J");
+        let longest = "é".repeat(LONGEST_MESSAGE);
+        assert_eq!(printable_message(&longest), longest);
+        let message = printable_message(&format!("cannot {} be", "x".repeat(200_000)));
+        assert!(message.starts_with("cannot x") && message.ends_with("x be"), "{message}");
+        assert!(message.contains(" (198010 characters left out) "), "{message}");
+        assert!(message.len() < 2100);
+    }
 
     #[test]
     fn nothing_that_steers_a_terminal_is_left() {

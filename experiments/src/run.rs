@@ -17,10 +17,12 @@ use crate::latest_frame::LatestFrame;
 use learner::{CheckpointExtent, DeviceChoice, Iteration, Learner};
 
 use super::checkpoints;
-use crate::folder::RunFolder;
+use crate::folder::{RunFolder, SAVED_TIMINGS_FILE};
 use crate::lock::FolderLock;
 use crate::logs::RunTables;
+use crate::memory;
 use crate::note::RunState;
+use crate::printable::printable_message;
 use crate::progress::{EvaluationReport, Event, RolloutReport, Summary};
 use crate::provenance::Provenance;
 use crate::run_stats::RunStats;
@@ -58,13 +60,13 @@ pub struct Run {
 }
 
 impl Run {
-    /// Starts a run over the paper's four task groups that writes its files to `folder`.
+    /// Starts a run over task groups of `envs` that writes its files to `folder`.
     ///
     /// # Errors
     /// [`RunError::InvalidSetting`], [`RunError::FolderHoldsRun`], [`RunError::Locked`]; errors of
     /// the environments or the file system.
     pub fn start(experiment: Experiment, folder: RunFolder) -> Result<Self, RunError> {
-        Self::start_with_tasks(experiment, TaskRegistry::standard(), folder)
+        Self::start_with_tasks(experiment, TaskRegistry::all(), folder)
     }
 
     /// Starts a run over task groups of `tasks` that writes its files to `folder`.
@@ -89,7 +91,7 @@ impl Run {
     /// [`learner::LearnerError::PoliciesOnlyCheckpoint`] for a packed folder; errors of the
     /// environments.
     pub fn resume(folder: &Path, threads: Option<usize>) -> Result<Self, RunError> {
-        let (folder, tasks) = (RunFolder::from_path(folder), TaskRegistry::standard());
+        let (folder, tasks) = (RunFolder::from_path(folder), TaskRegistry::all());
         Self::resume_with_tasks(folder, threads, DeviceChoice::Cpu, tasks)
     }
 
@@ -121,9 +123,6 @@ impl Run {
         // happen if anything else fails
         folder.prepare_for_run()?;
         checkpoints::rename_damaged(folder.disk(), &prepared.unreadable_checkpoints)?;
-        if folder.is_finished() {
-            folder.rename_changed_timings()?;
-        }
         let tables = RunTables::open(&folder, stats.rollouts, tables)?;
         stats.seconds = tables.timing_sums().seconds;
         let run = Self {
@@ -183,6 +182,12 @@ impl Run {
         &self.start_message
     }
 
+    /// Returns [`Run::start_message`] with the memory that the run needs.
+    pub fn start_message_with_memory(&self) -> String {
+        let memory = memory::gibibytes(memory::needed_bytes(&self.experiment));
+        format!("{}; takes up to about {memory} of memory", self.start_message)
+    }
+
     /// Returns the settings of the run.
     pub fn experiment(&self) -> &Experiment {
         &self.experiment
@@ -223,7 +228,7 @@ impl Run {
         if let Err(error) = &event {
             self.broken = true;
             // if the log cannot be written either, the first error is the one to return
-            let _ = self.log(&format!("error: {error}"));
+            let _ = self.log(&format!("error: {}", printable_message(error)));
         }
         event
     }
@@ -371,6 +376,7 @@ impl Run {
         let bytes = self.learner.to_checkpoint_bytes(&path, CheckpointExtent::Everything, &note)?;
         // tables and logs are synced first, so that a checkpoint is never ahead of them on the disk
         self.tables.sync()?;
+        self.folder.replace_file(SAVED_TIMINGS_FILE, self.tables.timings())?;
         self.folder.sync_files(&[Provenance::FILE_NAME, LOG])?;
         let (disk, keep) = (self.folder.disk(), self.experiment.checkpoints.keep);
         checkpoints::write_checkpoint(

@@ -1,4 +1,4 @@
-//! Evaluation of a run, which may take minutes and can be stopped between variants.
+//! Evaluation of a run, which may take minutes and can be stopped at any decision.
 
 use envs::TaskVariant;
 use rayon::ThreadPool;
@@ -37,6 +37,7 @@ impl<'a> StoppableEvaluation<'a> {
         own: OwnPolicies,
         stop: &'a StopSignal,
     ) -> Self {
+        evaluator.set_stop_signal(stop.clone());
         Self { pool, learner, evaluator, own, stop }
     }
 
@@ -74,7 +75,14 @@ impl<'a> StoppableEvaluation<'a> {
                 return Ok(false);
             }
             let (evaluator, learner) = (&mut *self.evaluator, &mut *self.learner);
-            run_catching_panics(self.pool, || visit(evaluator, learner, variant))?;
+            match run_catching_panics(self.pool, || visit(evaluator, learner, variant)) {
+                // a panic may have left the learner half changed, which no checkpoint may hold
+                Err(error @ RunError::Panicked { .. }) => return Err(error),
+                // The stream refuses to go on. Any other error comes again when the evaluation is
+                // repeated after the resumption.
+                Err(_) if self.stop.is_requested() => return Ok(false),
+                visited => visited?,
+            }
         }
         Ok(true)
     }

@@ -4,7 +4,7 @@ use std::fs;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
 
 use crate::error::RunError;
@@ -50,6 +50,16 @@ impl StopSignal {
     pub fn is_requested(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
+}
+
+/// Turns the signal that a write beyond `ulimit -f` sends (SIGXFSZ), and which would end the process
+/// without a message, into an error of the write.
+///
+/// # Errors
+/// [`RunError::SignalHandlers`].
+pub fn survive_file_size_limit() -> Result<(), RunError> {
+    let registered = flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
+    registered.map(|_| ()).map_err(|source| RunError::SignalHandlers { source })
 }
 
 /// Returns `true` if the process was started with SIGHUP ignored, as `nohup` does.

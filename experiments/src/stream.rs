@@ -7,6 +7,7 @@ use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEn
 use symmetry::D2;
 
 use crate::error::RunError;
+use crate::stop::StopSignal;
 
 /// Return of a perfect episode on the paper's scale.
 const PERFECT_EPISODE: f64 = 500.0;
@@ -54,6 +55,7 @@ pub struct Stream {
     truncated: Vec<bool>,
     failures: usize,
     seconds: f64,
+    stop: StopSignal,
 }
 
 impl Stream {
@@ -76,7 +78,13 @@ impl Stream {
             truncated: vec![false; settings.num_envs],
             failures: 0,
             seconds: 0.0,
+            stop: StopSignal::default(),
         })
+    }
+
+    /// Sets the signal after which every step is an error.
+    pub(crate) fn set_stop_signal(&mut self, stop: StopSignal) {
+        self.stop = stop;
     }
 
     /// Returns the shapes of observations and actions of environments with these settings, without
@@ -150,6 +158,9 @@ impl VectorEnv for Stream {
     }
 
     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
+        if self.stop.is_requested() {
+            return Err("a stop was requested".into());
+        }
         let clock = Instant::now();
         let failures = self.env.step(
             actions,

@@ -123,10 +123,7 @@ impl CsvFile {
 }
 
 /// Renames a file to a free name with the extension `.old`, `.old2` and so on.
-///
-/// # Errors
-/// [`RunError::Write`].
-pub(crate) fn rename_old(disk: &dyn Disk, path: &Path) -> Result<(), RunError> {
+fn rename_old(disk: &dyn Disk, path: &Path) -> Result<(), RunError> {
     let aside = free_name(path);
     disk.rename(path, &aside).map_err(RunError::writing(&aside))
 }

@@ -1,5 +1,6 @@
 //! Settings by name, as in `--set covers.ppo.gamma=0.97`, and errors that propose the nearest name.
 
+use std::io;
 use std::path::Path;
 use std::str::FromStr;
 
@@ -15,6 +16,9 @@ const LEARNER: &str = "learner";
 /// Length in characters of the longest unknown name for which a similar setting is proposed; limits
 /// the time of the search.
 const LONGEST: usize = 100;
+
+/// Largest size of a settings file in bytes.
+const LARGEST_FILE: u64 = 64 << 20;
 
 /// Path of a setting and its new value, as given by `--set PATH=VALUE`.
 ///
@@ -116,9 +120,20 @@ fn compare(one: &Value, other: &Value, path: &str, differing: &mut Vec<String>) 
 /// # Errors
 /// [`LearnerError::Read`] names the file and what is wrong in it, see [`parse_json`].
 pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, LearnerError> {
-    let text =
-        std::fs::read_to_string(path).map_err(|error| LearnerError::cannot_read(path, error))?;
+    let text = read_text(path).map_err(|error| LearnerError::cannot_read(path, error))?;
     parse_json(&text).map_err(|error| LearnerError::cannot_read(path, error))
+}
+
+/// Reads a file of text. Devices and pipes are refused, since they may never end.
+fn read_text(path: &Path) -> io::Result<String> {
+    let problem = match std::fs::metadata(path)? {
+        file if !file.is_file() => "it is no regular file".to_owned(),
+        file if file.len() > LARGEST_FILE => {
+            format!("it has {} bytes, expected at most {LARGEST_FILE}", file.len())
+        }
+        _ => return std::fs::read_to_string(path),
+    };
+    Err(io::Error::other(problem))
 }
 
 /// Reads settings from JSON.

@@ -85,6 +85,14 @@ pub enum ModelError {
         /// Names of all mocap bodies of the model.
         known: Vec<String>,
     },
+    /// Model with poses that a mirrored or moved copy would keep.
+    #[error("the model cannot be {change}: it has {what} there, whose pose would stay; remove it")]
+    FixedPoses {
+        /// Rejected change of poses: `mirrored` or `moved`.
+        change: &'static str,
+        /// Object whose pose would stay, for instance `a keyframe`.
+        what: &'static str,
+    },
 }
 
 fn list(names: &[String]) -> String {

@@ -112,6 +112,10 @@ pub(crate) mod model {
         BODY_PARENTID = body_parentid: [i32; nbody, 1],
         BODY_POS = body_pos: [f64; nbody, 3],
         BODY_QUAT = body_quat: [f64; nbody, 4],
+        CAM_BODYID = cam_bodyid: [i32; ncam, 1],
+        EQ_OBJ1ID = eq_obj1id: [i32; neq, 1],
+        EQ_OBJ2ID = eq_obj2id: [i32; neq, 1],
+        EQ_TYPE = eq_type: [i32; neq, 1],
         GEOM_BODYID = geom_bodyid: [i32; ngeom, 1],
         GEOM_CONAFFINITY = geom_conaffinity: [i32; ngeom, 1],
         GEOM_CONTYPE = geom_contype: [i32; ngeom, 1],
@@ -119,6 +123,7 @@ pub(crate) mod model {
         GEOM_POS = geom_pos: [f64; ngeom, 3],
         GEOM_QUAT = geom_quat: [f64; ngeom, 4],
         GEOM_RGBA = geom_rgba: [f32; ngeom, 4],
+        GEOM_SAMEFRAME = geom_sameframe: [u8; ngeom, 1],
         GEOM_SIZE = geom_size: [f64; ngeom, 3],
         GEOM_TYPE = geom_type: [i32; ngeom, 1],
         JNT_AXIS = jnt_axis: [f64; njnt, 3],
@@ -129,10 +134,13 @@ pub(crate) mod model {
         JNT_QPOSADR = jnt_qposadr: [i32; njnt, 1],
         JNT_RANGE = jnt_range: [f64; njnt, 2],
         JNT_TYPE = jnt_type: [i32; njnt, 1],
+        LIGHT_BODYID = light_bodyid: [i32; nlight, 1],
+        QPOS_SPRING = qpos_spring: [f64; nq, 1],
         QPOS0 = qpos0: [f64; nq, 1],
         SITE_BODYID = site_bodyid: [i32; nsite, 1],
         SITE_POS = site_pos: [f64; nsite, 3],
         SITE_QUAT = site_quat: [f64; nsite, 4],
+        SITE_SAMEFRAME = site_sameframe: [u8; nsite, 1],
     }
 }
 

@@ -48,6 +48,7 @@
 /// Raw declarations of MuJoCo's C library, for [`Model::as_raw`] and [`Data::as_mut_ptr`].
 pub use mujoco_sys as raw;
 
+mod arrays;
 mod backend;
 mod data;
 mod error;
@@ -63,13 +64,14 @@ mod renderer;
 mod state;
 mod vfs;
 
+pub use arrays::{IntegerArray, NumberArray, RowEdit};
 pub use backend::Backend;
 pub use data::{Contact, Data};
 pub use error::{ContextError, ModelError, MujocoError, Quantity, RenderError, SimError};
 pub use gl::opengl_description;
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, RendererId, SiteId};
 pub use init::version;
-pub use model::{Model, Shape};
+pub use model::{JointType, Model, Shape};
 pub use renderer::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
 pub use state::State;
 

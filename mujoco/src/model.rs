@@ -9,7 +9,7 @@ use crate::fields::ArrayField;
 use crate::fields::model::{
     ACTUATOR_CTRLLIMITED, ACTUATOR_CTRLRANGE, BODY_INVWEIGHT0, BODY_MOCAPID, GEOM_BODYID,
     GEOM_CONAFFINITY, GEOM_CONTYPE, GEOM_GROUP, GEOM_RGBA, GEOM_SIZE, GEOM_TYPE, JNT_BODYID,
-    JNT_DOFADR, JNT_LIMITED, JNT_QPOSADR, JNT_RANGE,
+    JNT_DOFADR, JNT_LIMITED, JNT_QPOSADR, JNT_RANGE, JNT_TYPE,
 };
 use crate::ids::{
     Actuator, ActuatorId, Body, BodyId, Camera, Geom, GeomId, Id, Joint, JointId, Lookup, MocapId,
@@ -58,8 +58,8 @@ pub struct Model {
     family: Arc<()>,
 }
 
-// SAFETY: nothing writes to the mjModel after `load` or `reflected`: no method of this crate does, and MuJoCo
-// takes it as `const mjModel*` in every function that this crate calls.
+// SAFETY: nothing writes to the mjModel after `load`, `reflected` or `translated`: no method of
+// this crate does, and MuJoCo takes it as `const mjModel*` in every function that this crate calls.
 unsafe impl Send for Model {}
 // SAFETY: as above; concurrent reads of memory that nobody writes.
 unsafe impl Sync for Model {}
@@ -89,9 +89,16 @@ impl Model {
         Ok(Self { raw, warning, family: Arc::new(()) })
     }
 
-    /// Returns the model that owns `raw`, a copy of this one in which poses alone differ.
-    pub(crate) fn with_raw(&self, raw: NonNull<raw::mjModel>) -> Self {
-        Self { raw, warning: self.warning.clone(), family: Arc::clone(&self.family) }
+    /// Returns the model that owns `raw`, a copy of this one with other poses.
+    pub(crate) fn relative(&self, raw: NonNull<raw::mjModel>) -> Self {
+        Self { raw, warning: self.warning.clone(), family: Arc::new(()) }
+    }
+
+    /// Returns the model that owns `raw`, a copy of this one with mirrored poses.
+    pub(crate) fn reflection(&self, raw: NonNull<raw::mjModel>) -> Self {
+        let mut model = self.relative(raw);
+        model.family = Arc::clone(&self.family);
+        model
     }
 
     /// Returns `true` if both are the same model, or reflections of one another.
@@ -112,6 +119,11 @@ impl Model {
     /// Returns MuJoCo's warning during compilation, if any.
     pub fn compile_warning(&self) -> Option<&str> {
         self.warning.as_deref()
+    }
+
+    /// Returns the model that owns `raw`, a copy of this one with other values.
+    pub(crate) fn edited_copy(&self, raw: NonNull<raw::mjModel>) -> Self {
+        Self { raw, warning: self.warning.clone(), family: Arc::new(()) }
     }
 
     sizes! {
@@ -186,6 +198,11 @@ impl Model {
             self.unnamed_of::<Actuator>(),
         ];
         kinds.concat()
+    }
+
+    /// Returns the type of a joint.
+    pub fn joint_type(&self, joint: JointId) -> JointType {
+        JointType::from_raw(self.value(&JNT_TYPE, joint))
     }
 
     /// Returns the index of a joint's first element in `qpos`.
@@ -348,6 +365,31 @@ impl std::fmt::Debug for Model {
             .field("nbody", &self.nbody())
             .field("ngeom", &self.ngeom());
         debug.finish()
+    }
+}
+
+/// Type of a joint, by the motion that it permits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointType {
+    /// Free joint: position (3) and orientation (4) of a body in the world.
+    Free,
+    /// Ball joint: orientation (4) of a body about a point.
+    Ball,
+    /// Sliding joint: displacement (metres) along an axis.
+    Slide,
+    /// Hinge: angle (radians) about an axis.
+    Hinge,
+}
+
+impl JointType {
+    /// Converts MuJoCo's `mjtJoint`, which has no fifth value.
+    pub(crate) fn from_raw(value: i32) -> Self {
+        match value.cast_unsigned() {
+            raw::mjJNT_FREE => Self::Free,
+            raw::mjJNT_BALL => Self::Ball,
+            raw::mjJNT_SLIDE => Self::Slide,
+            _ => Self::Hinge,
+        }
     }
 }
 

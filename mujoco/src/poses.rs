@@ -2,38 +2,100 @@
 
 use std::ptr::{self, NonNull};
 
+use crate::error::ModelError;
 use crate::fields::ArrayField;
 use crate::fields::model::{
-    BODY_IPOS, BODY_IQUAT, BODY_PARENTID, BODY_POS, BODY_QUAT, GEOM_BODYID, GEOM_POS, GEOM_QUAT,
-    JNT_AXIS, JNT_BODYID, JNT_POS, JNT_QPOSADR, JNT_TYPE, QPOS0, SITE_BODYID, SITE_POS, SITE_QUAT,
+    BODY_IPOS, BODY_IQUAT, BODY_PARENTID, BODY_POS, BODY_QUAT, CAM_BODYID, EQ_OBJ1ID, EQ_OBJ2ID,
+    EQ_TYPE, GEOM_BODYID, GEOM_POS, GEOM_QUAT, GEOM_SAMEFRAME, GEOM_TYPE, JNT_AXIS, JNT_BODYID,
+    JNT_POS, JNT_QPOSADR, JNT_TYPE, LIGHT_BODYID, QPOS_SPRING, QPOS0, SITE_BODYID, SITE_POS,
+    SITE_QUAT, SITE_SAMEFRAME,
 };
 use crate::ids::BodyId;
-use crate::model::Model;
+use crate::model::{JointType, Model};
 use crate::raw;
 
 impl Model {
-    /// Returns a copy of the model in which `roots` and all bodies below them are mirrored in the
-    /// plane x = 0 of the root's parent: the left door for a right one.
+    /// Returns a copy of the model in which `roots` and all bodies below them are mirrored, each in
+    /// the plane x = 0 of its parent: the left door for a right one.
     ///
-    /// Joints keep their coordinates: a positive one opens either door. Geoms keep their shapes,
-    /// which must be symmetric across the x axis of their frames, as all but meshes are. Ids are
-    /// those of this model, a [`State`](crate::State) of one model is one of the other, and a
-    /// [`Renderer`](crate::Renderer) of one draws both.
-    pub fn reflected(&self, roots: &[BodyId]) -> Self {
-        let mut copy = self.copied();
+    /// Joints keep their coordinates: a positive one opens either door. A mocap body and the body
+    /// of a free joint stand where the state puts them, mirrored in the plane x = 0 of their own
+    /// frames. Ids are those of this model, a [`State`](crate::State) of one model is one of the
+    /// other, and a [`Renderer`](crate::Renderer) of one draws both.
+    ///
+    /// # Errors
+    /// [`ModelError::FixedPoses`] for a model with keyframes; and if a ball joint, a mesh, a height
+    /// field, a camera, a light, or a body of a weld or connect constraint is below a root.
+    pub fn reflected(&self, roots: &[BodyId]) -> Result<Self, ModelError> {
         let below = self.bodies_below(roots);
+        self.check_reflectable(&below)?;
+        let mut copy = self.copied();
         // SAFETY: nobody else holds the copy yet.
         reflect(unsafe { copy.as_mut() }, &below);
-        self.with_raw(copy)
+        Ok(self.reflection(copy))
     }
 
-    /// Returns a copy of the model in which everything but cameras and lights stands elsewhere, by
-    /// `offset` (metres). Ids are those of this model.
-    pub fn translated(&self, offset: [f64; 3]) -> Self {
+    /// Returns a copy of the model in which everything but the world's cameras and lights stands
+    /// elsewhere, by `offset` (metres). Ids are those of this model, but a
+    /// [`Renderer`](crate::Renderer) of one does not draw the other.
+    ///
+    /// # Errors
+    /// [`ModelError::FixedPoses`] for a model with keyframes, or with a weld or connect constraint
+    /// to the world.
+    pub fn translated(&self, offset: [f64; 3]) -> Result<Self, ModelError> {
+        self.check_poses("moved", |body| body == 0)?;
         let mut copy = self.copied();
         // SAFETY: nobody else holds the copy yet.
         translate(unsafe { copy.as_mut() }, offset);
-        self.with_raw(copy)
+        Ok(self.relative(copy))
+    }
+
+    /// Rejects models with an object below the roots that mirrored poses alone do not mirror.
+    fn check_reflectable(&self, below: &[bool]) -> Result<(), ModelError> {
+        let is_below = |body: i32| below[body as usize];
+        self.check_poses("mirrored", is_below)?;
+        let joint = |kind: i32| JointType::from_raw(kind) == JointType::Ball;
+        let mesh = |kind: i32| kind.cast_unsigned() == raw::mjGEOM_MESH;
+        let field = |kind: i32| kind.cast_unsigned() == raw::mjGEOM_HFIELD;
+        let of_kind = |kinds, owners, is_kind: fn(i32) -> bool| {
+            let kinds = self.rows(kinds).iter().map(|row| row[0]);
+            kinds.zip(self.rows(owners)).any(|(kind, owner)| is_kind(kind) && is_below(owner[0]))
+        };
+        let any_below =
+            |owners| self.rows(owners).iter().any(|owner: &[i32; 1]| is_below(owner[0]));
+        for (what, found) in [
+            ("a ball joint", of_kind(&JNT_TYPE, &JNT_BODYID, joint)),
+            ("a mesh", of_kind(&GEOM_TYPE, &GEOM_BODYID, mesh)),
+            ("a height field", of_kind(&GEOM_TYPE, &GEOM_BODYID, field)),
+            ("a camera", any_below(&CAM_BODYID)),
+            ("a light", any_below(&LIGHT_BODYID)),
+        ] {
+            if found {
+                return Err(ModelError::FixedPoses { change: "mirrored", what });
+            }
+        }
+        Ok(())
+    }
+
+    /// Rejects models with poses that are kept outside bodies, joints, geoms and sites: those of
+    /// keyframes, and of welds and connections of the bodies that `of` selects.
+    fn check_poses(
+        &self,
+        change: &'static str,
+        of: impl Fn(i32) -> bool,
+    ) -> Result<(), ModelError> {
+        if self.as_raw().nkey > 0 {
+            return Err(ModelError::FixedPoses { change, what: "a keyframe" });
+        }
+        let ends = self.rows(&EQ_OBJ1ID).iter().zip(self.rows(&EQ_OBJ2ID));
+        let mut constraints = self.rows(&EQ_TYPE).iter().zip(ends);
+        let of_bodies = [raw::mjEQ_CONNECT, raw::mjEQ_WELD];
+        if constraints.any(|([kind], ([one], [other]))| {
+            of_bodies.contains(&kind.cast_unsigned()) && (of(*one) || of(*other))
+        }) {
+            return Err(ModelError::FixedPoses { change, what: "a weld or connect constraint" });
+        }
+        Ok(())
     }
 
     fn copied(&self) -> NonNull<raw::mjModel> {
@@ -68,20 +130,23 @@ fn reflect(model: &mut raw::mjModel, below: &[bool]) {
     }
     let owners = column(model, &JNT_BODYID);
     each(model, &JNT_POS, &owners, below, reflect_point);
-    let (kinds, addresses) = (column(model, &JNT_TYPE), column(model, &JNT_QPOSADR));
+    let (types, addresses) = (column(model, &JNT_TYPE), column(model, &JNT_QPOSADR));
     let moving = owners.iter().enumerate().filter(|(_, owner)| below[**owner as usize]);
     for (joint, _) in moving {
-        match kinds[joint].cast_unsigned() {
-            raw::mjJNT_SLIDE => reflect_point(&mut rows(model, &JNT_AXIS)[joint]),
+        match JointType::from_raw(types[joint]) {
+            JointType::Slide => reflect_point(&mut rows(model, &JNT_AXIS)[joint]),
             // an axis of rotation turns the other way where it is mirrored
-            raw::mjJNT_HINGE => rows(model, &JNT_AXIS)[joint][1..].iter_mut().for_each(negate),
-            raw::mjJNT_FREE => {
-                let free = &mut rows(model, &QPOS0)[addresses[joint] as usize..][..7];
-                for at in [0, 5, 6] {
-                    negate(&mut free[at][0]);
+            JointType::Hinge => rows(model, &JNT_AXIS)[joint][1..].iter_mut().for_each(negate),
+            JointType::Free => {
+                for field in [&QPOS0, &QPOS_SPRING] {
+                    let pose = &mut rows(model, field)[addresses[joint] as usize..][..7];
+                    for at in [0, 5, 6] {
+                        negate(&mut pose[at][0]);
+                    }
                 }
             }
-            _ => {}
+            // refused by `check_reflectable`: its coordinates are no numbers to keep
+            JointType::Ball => {}
         }
     }
 }
@@ -97,18 +162,24 @@ fn translate(model: &mut raw::mjModel, offset: [f64; 3]) {
     for &body in &top_bodies {
         add(&mut rows(model, &BODY_POS)[body], offset);
     }
-    for (owners, field) in [(&GEOM_BODYID, &GEOM_POS), (&SITE_BODYID, &SITE_POS)] {
+    for (owners, positions, same_frame) in
+        [(&GEOM_BODYID, &GEOM_POS, &GEOM_SAMEFRAME), (&SITE_BODYID, &SITE_POS, &SITE_SAMEFRAME)]
+    {
         for (at, owner) in column(model, owners).into_iter().enumerate() {
             if owner == 0 {
-                add(&mut rows(model, field)[at], offset);
+                add(&mut rows(model, positions)[at], offset);
+                // MuJoCo reads no position of what it knows to stand at its body's origin
+                rows(model, same_frame)[at] = [0];
             }
         }
     }
-    let (kinds, addresses) = (column(model, &JNT_TYPE), column(model, &JNT_QPOSADR));
-    for (kind, address) in kinds.into_iter().zip(addresses) {
-        if kind.cast_unsigned() == raw::mjJNT_FREE {
-            let free = rows(model, &QPOS0)[address as usize..].as_flattened_mut();
-            free.iter_mut().zip(offset).for_each(|(value, by)| *value += by);
+    let (types, addresses) = (column(model, &JNT_TYPE), column(model, &JNT_QPOSADR));
+    for (joint_type, address) in types.into_iter().zip(addresses) {
+        if JointType::from_raw(joint_type) == JointType::Free {
+            for field in [&QPOS0, &QPOS_SPRING] {
+                let pose = rows(model, field)[address as usize..].as_flattened_mut();
+                pose.iter_mut().zip(offset).for_each(|(value, by)| *value += by);
+            }
         }
     }
 }

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use mujoco::{Data, Model, ModelError, Shape};
+use mujoco::{Data, JointType, Model, ModelError, Shape};
 
 const ARM: &str = r#"<mujoco>
   <option timestep="0.0025"/>
@@ -204,7 +204,7 @@ const GATE: &str = r#"<mujoco>
 fn a_reflected_model_moves_as_the_mirror_image() {
     let model = Model::from_xml(GATE).unwrap();
     let roots = ["frame", "ball"].map(|name| model.body(name).unwrap());
-    let mirrored = model.reflected(&roots);
+    let mirrored = model.reflected(&roots).unwrap();
     assert_eq!(mirrored.name(roots[1]), Some("ball"));
     let mut tables = [model, mirrored].map(|model| Data::new(Arc::new(model)));
     for (data, side) in tables.iter_mut().zip([1.0, -1.0]) {
@@ -250,7 +250,7 @@ fn a_reflected_model_moves_as_the_mirror_image() {
 fn a_translated_model_moves_elsewhere_alike() {
     let model = Model::from_xml(GATE).unwrap();
     let offset = [0.5, -0.25, 1.0];
-    let moved = model.translated(offset);
+    let moved = model.translated(offset).unwrap();
     let mut tables = [model, moved].map(|model| Data::new(Arc::new(model)));
     for data in &mut tables {
         data.qvel_mut()[0] = 2.0;
@@ -264,4 +264,81 @@ fn a_translated_model_moves_elsewhere_alike() {
         let off = (0..3).map(|i| (b[i] - a[i] - offset[i]).abs());
         assert!(off.fold(0.0, f64::max) < 1e-14, "{name}: {a:?} {b:?}");
     }
+}
+
+#[test]
+fn a_geom_at_the_origin_of_the_world_is_translated_too() {
+    let model = Model::from_xml(
+        r#"<mujoco><worldbody>
+             <geom name="ball" size=".1"/><site name="mark"/>
+           </worldbody></mujoco>"#,
+    );
+    let moved = Arc::new(model.unwrap().translated([1.0, 2.0, 3.0]).unwrap());
+    let mut data = Data::new(Arc::clone(&moved));
+    data.forward().unwrap();
+    assert_eq!(data.geom_position(moved.geom("ball").unwrap()), [1.0, 2.0, 3.0]);
+    assert_eq!(data.site_position(moved.site("mark").unwrap()), [1.0, 2.0, 3.0]);
+}
+
+#[test]
+fn joints_tell_their_types() {
+    let model = Model::from_xml(
+        r#"<mujoco><worldbody>
+             <body><freejoint name="free"/><geom size=".1"/>
+               <body><joint name="ball" type="ball"/><geom size=".1"/></body>
+               <body><joint name="slide" type="slide"/><geom size=".1"/></body>
+               <body><joint name="hinge"/><geom size=".1"/></body></body>
+           </worldbody></mujoco>"#,
+    )
+    .unwrap();
+    let types =
+        ["free", "ball", "slide", "hinge"].map(|name| model.joint_type(model.joint(name).unwrap()));
+    let expected = [JointType::Free, JointType::Ball, JointType::Slide, JointType::Hinge];
+    assert_eq!(types, expected);
+}
+
+/// A world with a `body` beside it, which holds `inside`.
+fn with_body(inside: &str, outside: &str) -> Model {
+    Model::from_xml(&format!(
+        r#"<mujoco><option><flag contact="disable"/></option>{outside}
+             <asset><hfield name="hills" nrow="2" ncol="2" size="1 1 .1 .1"/>
+               <mesh name="wedge" vertex="0 0 0  .5 0 0  0 .3 0  .1 .1 .4"/></asset>
+             <worldbody><geom name="floor" type="plane" size="1 1 1"/>
+               <body name="other"><geom size=".1"/></body>
+               <body name="body"><geom size=".1"/>{inside}</body>
+             </worldbody></mujoco>"#
+    ))
+    .unwrap()
+}
+
+#[test]
+fn poses_that_a_copy_would_keep_are_refused() {
+    let weld = |other| format!("<equality><weld body1=\"body\" {other}/></equality>");
+    let [to_world, to_other] = ["", "body2=\"other\""].map(weld);
+    let key = "<keyframe><key/></keyframe>";
+    let reflected = |inside, outside| {
+        let model = with_body(inside, outside);
+        model.reflected(&[model.body("body").unwrap()]).unwrap_err().to_string()
+    };
+    for (inside, outside, says) in [
+        ("<body><joint type=\"ball\"/><geom size=\".1\"/></body>", "", "a ball joint"),
+        ("<geom type=\"mesh\" mesh=\"wedge\"/>", "", "a mesh"),
+        ("<geom type=\"hfield\" hfield=\"hills\"/>", "", "a height field"),
+        ("<camera/>", "", "a camera"),
+        ("<light/>", "", "a light"),
+        ("", &to_other, "a weld or connect constraint"),
+        ("", key, "a keyframe"),
+    ] {
+        let message = reflected(inside, outside);
+        assert!(message.contains("cannot be mirrored") && message.contains(says), "{message}");
+    }
+    for (outside, says) in
+        [(to_world.as_str(), "a weld or connect constraint"), (key, "a keyframe")]
+    {
+        let message = with_body("", outside).translated([1.0; 3]).unwrap_err().to_string();
+        assert!(message.contains("cannot be moved") && message.contains(says), "{message}");
+    }
+    let fine = with_body("", &to_other);
+    fine.translated([1.0; 3]).unwrap();
+    fine.reflected(&[]).unwrap();
 }

@@ -158,13 +158,19 @@ fn bad_arguments_are_refused() {
     let mut image = vec![0; renderer.image_len()];
     assert_eq!(renderer.render(&mut other, camera, &mut image), Err(RenderError::OtherModel));
 
+    let moved = Arc::new(data.model().translated([0.0, 0.0, 1.0]).unwrap());
+    let refused = renderer.render(&mut Data::new(moved), camera, &mut image);
+    assert_eq!(refused, Err(RenderError::OtherModel));
+    let twin = Arc::new(data.model().reflected(&[]).unwrap());
+    renderer.render(&mut Data::new(twin), camera, &mut image).unwrap();
+
     let undrawn = renderer.render_over_backdrop(&mut data, &mut Backdrop::default(), &mut image);
     assert_eq!(undrawn, Err(RenderError::NoBackdrop));
 
     let model = data.model().clone();
     for (width, height) in [(0, 8), (8, 4097)] {
-        let refused = Renderer::new(model.clone(), width, height, RenderOptions::default());
-        assert!(matches!(refused, Err(RenderError::ImageSizeOutOfRange { .. })));
+        let sized = Renderer::new(model.clone(), width, height, RenderOptions::default());
+        assert!(matches!(sized, Err(RenderError::ImageSizeOutOfRange { .. })));
     }
 }
 

@@ -1,4 +1,4 @@
-"""Table-top tasks of COVERS as Gymnasium environments: sixteen tasks with a camera above the table.
+"""Table-top tasks of COVERS as Gymnasium environments: fourteen groups of four tasks, with a camera above the table.
 
     import covers_envs
     env = covers_envs.make_vec("button-press", num_envs=16, seed=0)
@@ -10,15 +10,31 @@ from typing import Any
 
 import gymnasium
 
-from covers_envs._core import task_names
+from covers_envs._core import task_names, task_sets
+from covers_envs.benchmarks import FixedGoalsEnv, make_mt1, make_mt10
 from covers_envs.policy import OnnxPolicy, policy_settings
 from covers_envs.single import CoversEnv
 from covers_envs.vector import CoversVectorEnv
 
-__all__ = ["TASKS", "CoversEnv", "CoversVectorEnv", "OnnxPolicy", "make", "make_vec", "policy_settings"]
+__all__ = [
+    "TASKS",
+    "TASK_SETS",
+    "CoversEnv",
+    "CoversVectorEnv",
+    "FixedGoalsEnv",
+    "OnnxPolicy",
+    "make",
+    "make_mt1",
+    "make_mt10",
+    "make_vec",
+    "policy_settings",
+]
 
-#: Names of the four groups, each of which draws a variant for every episode, then of the sixteen variants.
+#: Names of the groups, each of which draws a variant for every episode, then of their variants.
 TASKS: tuple[str, ...] = tuple(task_names())
+
+#: Names of the groups of each set: `standard`, `ten`, `mt10` and `all`.
+TASK_SETS: dict[str, tuple[str, ...]] = {name: tuple(groups) for name, groups in task_sets()}
 
 
 def make_vec(task: str | list[str] = "goal-reach", num_envs: int = 1, **settings: Any) -> CoversVectorEnv:

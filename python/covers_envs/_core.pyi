@@ -17,6 +17,7 @@ _Out: TypeAlias = tuple[
 ]
 
 def task_names() -> list[str]: ...
+def task_sets() -> list[tuple[str, list[str]]]: ...
 
 class Core:
     def __init__(

@@ -36,13 +36,13 @@ class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """Begins an episode, and returns its first observation."""
         super().reset(seed=seed)
         observation, _ = self._vector.reset(seed=seed)
-        return _first(observation), {}
+        return first(observation), {}
 
     def step(self, action: NDArray[np.float32]) -> tuple[Observation, float, bool, bool, Info]:
         """Takes one decision. An episode ends by truncation alone, never by termination."""
         observation, rewards, _, truncated, infos = self._vector.step(np.asarray(action)[None])
         info = {name: array[0] for name, array in infos.items() if not name.startswith("_")}
-        return _first(observation), float(rewards[0]), False, bool(truncated[0]), info
+        return first(observation), float(rewards[0]), False, bool(truncated[0]), info
 
     def expert_action(self) -> NDArray[np.float32]:
         """Returns the scripted expert's action in the current state, `[4]`."""
@@ -58,5 +58,6 @@ class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self._vector.close()
 
 
-def _first(observation: Observation) -> Observation:
+def first(observation: Observation) -> Observation:
+    """Returns the observation of a vector's first environment."""
     return {name: array[0] for name, array in observation.items()}

@@ -37,7 +37,7 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
     Observations: `image`, uint8 `[N, size, size, C]`, the current image and the extra images;
     `vector`, float32 `[N, 7]`, hand x, y, z (metres from the table's centre), aperture, goal x, y,
-    z (given in Goal Reach, zero elsewhere). Actions: float32 `[N, 4]` in [-1, 1]. Rewards are in
+    z (given in Goal Reach and Pick Place, zero elsewhere). Actions: float32 `[N, 4]` in [-1, 1]. Rewards are in
     [0, 1]. Episodes end by truncation alone.
 
     Args:

@@ -285,9 +285,15 @@ mod _core {
     #[pymodule_export]
     const ACTION_DIM: usize = envs::ACTION_DIM;
 
-    /// Returns the names of the four groups, then those of the sixteen tasks.
+    /// Returns the names of the groups, then those of their variants.
     #[pyo3::pyfunction]
     fn task_names() -> Vec<String> {
         super::task::names()
+    }
+
+    /// Returns the sets of groups, each with the names of its groups.
+    #[pyo3::pyfunction]
+    fn task_sets() -> Vec<(&'static str, Vec<&'static str>)> {
+        super::task::sets()
     }
 }

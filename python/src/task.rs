@@ -8,9 +8,15 @@ use crate::{error, value_error};
 
 /// Returns the names of the groups, then those of their variants.
 pub fn names() -> Vec<String> {
-    let groups = TaskGroup::STANDARD.map(|group| group.name().to_owned());
-    let variants = TaskGroup::STANDARD.map(|group| D2::ALL.map(|element| name(group, element)));
+    let groups = TaskGroup::ALL.map(|group| group.name().to_owned());
+    let variants = TaskGroup::ALL.map(|group| D2::ALL.map(|element| name(group, element)));
     [&groups[..], variants.as_flattened()].concat()
+}
+
+/// Returns the sets of groups, each with the names of its groups.
+pub fn sets() -> Vec<(&'static str, Vec<&'static str>)> {
+    let names = |groups: &[TaskGroup]| groups.iter().map(|group| group.name()).collect();
+    TaskGroup::SETS.map(|(set, groups)| (set, names(groups))).to_vec()
 }
 
 /// Returns the one group that `tasks` name, and the elements to draw its variants from. A group's
@@ -36,13 +42,13 @@ fn mixed(first: TaskGroup, second: TaskGroup) -> String {
 }
 
 fn find(task: &str, layout: Layout) -> PyResult<(TaskGroup, Vec<D2>)> {
-    for group in TaskGroup::STANDARD {
+    for group in TaskGroup::ALL {
         let element = D2::ALL.into_iter().find(|&g| name(group, g) == task);
         if let Some(element) = element {
             return Ok((group, vec![element]));
         }
     }
-    let group = TaskRegistry::standard().get(task).map_err(error)?;
+    let group = TaskRegistry::all().get(task).map_err(error)?;
     Ok((group, layout.elements().to_vec()))
 }
 

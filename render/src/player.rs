@@ -54,7 +54,7 @@ impl PolicyPlayer {
         let experiment = folder.read_experiment()?.with_threads(threads);
         let (spec, labels) = (Stream::env_spec(&experiment.envs), Labels::default());
         let learner = folder.load_learner(&experiment.learner, &spec, &labels)?;
-        let evaluator = Evaluator::of_run(&experiment, &TaskRegistry::standard(), labels)?;
+        let evaluator = Evaluator::of_run(&experiment, &TaskRegistry::all(), labels)?;
         Ok(Self { experiment, learner, evaluator })
     }
 
@@ -140,7 +140,7 @@ impl PolicyPlayer {
 /// # Errors
 /// A folder without policies; errors of the environments and the learner.
 pub fn film_groups(folder: &RunFolder, threads: usize) -> Result<Vec<(String, Vec<u8>)>, RunError> {
-    let groups = folder.read_experiment()?.schedule.resolve_groups(&TaskRegistry::standard())?;
+    let groups = folder.read_experiment()?.schedule.resolve_groups(&TaskRegistry::all())?;
     let mut player = PolicyPlayer::load(folder, threads)?;
     let pool = thread_pool(threads)?;
     let names = D2::ALL.map(|element| element.to_string());

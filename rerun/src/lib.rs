@@ -56,7 +56,7 @@ impl Options {
         }
         let run = RunData::read_partial(&self.run)?;
         let schedule = &run.experiment.schedule;
-        let groups = schedule.select_groups(self.group.as_deref(), &TaskRegistry::standard())?;
+        let groups = schedule.select_groups(self.group.as_deref(), &TaskRegistry::all())?;
         let threads = self.threads.count();
         let mut show = PolicyPlayer::load(&RunFolder::from_path(&self.run), threads)?;
         let recording = Recording::new(path, &run.name, blueprint::of(&run, &groups))?;

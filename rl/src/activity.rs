@@ -109,9 +109,9 @@ mod tests {
             // the encoder has 2 and 3 fields, then come those of the vector and of both heads
             let fields = 2 + 3 + 2 + 2 + 3;
             assert_eq!(activity(params).num_units(), 4 * fields);
-            let parts = network.parts();
-            check_killed_units(&network.actor, params.to_vec(), parts.actor, activity);
-            check_killed_units(&network.critic, params.to_vec(), parts.critic, activity);
+            let ranges = network.param_ranges();
+            check_killed_units(&network.actor, params.to_vec(), ranges.actor, activity);
+            check_killed_units(&network.critic, params.to_vec(), ranges.critic, activity);
         }
     }
 }

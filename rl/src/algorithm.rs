@@ -84,7 +84,8 @@ impl AlgorithmState<'_> {
         })
     }
 
-    /// Rejects numbers in the arrays that are not `allowed` in the array of this name.
+    /// Rejects the state if a number of its arrays is not `allowed`, which gets the name of the
+    /// array and the number.
     fn require_all(
         &self,
         expected: &'static str,

@@ -30,12 +30,12 @@ pub struct RolloutBuffer {
     final_values: Vec<f32>,
     last_values: Vec<f32>,
     /// Final observations of the episodes that were truncated by a time limit, in the order of
-    /// `truncated`.
-    finals: Observations,
+    /// `truncated_samples`.
+    final_observations: Observations,
     /// Indices t * N + n, ascending, of the steps in which a time limit truncated the episode of
     /// environment n.
-    truncated: Vec<usize>,
-    last: Observations,
+    truncated_samples: Vec<usize>,
+    last_observations: Observations,
     /// Exploration noise of the actions.
     noise: ActionNoise,
     /// Decisions of the step that is being collected, `[N]`.
@@ -65,9 +65,9 @@ impl RolloutBuffer {
             outcomes: vec![StepOutcome::Running; all.num_envs],
             final_values: vec![0.0; all.num_envs],
             last_values: vec![0.0; spec.num_envs],
-            finals: Observations::empty(),
-            truncated: Vec::new(),
-            last: Observations::new(spec),
+            final_observations: Observations::empty(),
+            truncated_samples: Vec::new(),
+            last_observations: Observations::new(spec),
             noise: ActionNoise::independent(spec.num_envs, spec.action_irreps.len()),
             step_decisions: Decisions::new(spec),
             step_final_values: vec![0.0; spec.num_envs],
@@ -124,20 +124,20 @@ impl RolloutBuffer {
         copy_row(&mut self.outcomes, t, &transition.outcomes);
         copy_row(&mut self.final_values, t, final_values);
         // before `pushed` counts the step, whose index it needs
-        self.keep_finals(transition);
+        self.store_final_observations(transition);
         self.pushed += 1;
         Ok(())
     }
 
     /// Stores the final observations of episodes that were truncated in the step that is being
     /// pushed, which [`RolloutBuffer::reevaluate`] needs.
-    fn keep_finals(&mut self, transition: &Transition) {
+    fn store_final_observations(&mut self, transition: &Transition) {
         for (n, &outcome) in transition.outcomes.iter().enumerate() {
             if outcome == StepOutcome::Truncated {
                 let (image, vector) = transition.final_observations.sample(&self.spec, n);
-                self.finals.images.extend_from_slice(image);
-                self.finals.vectors.extend_from_slice(vector);
-                self.truncated.push(self.pushed * self.spec.num_envs + n);
+                self.final_observations.images.extend_from_slice(image);
+                self.final_observations.vectors.extend_from_slice(vector);
+                self.truncated_samples.push(self.pushed * self.spec.num_envs + n);
             }
         }
     }
@@ -157,7 +157,7 @@ impl RolloutBuffer {
         last.check(&self.spec, self.spec.num_envs)?;
         last.check_finite(&self.spec)?;
         self.last_values.copy_from_slice(last_values);
-        self.last.clone_from(last);
+        self.last_observations.clone_from(last);
         self.finished = true;
         Ok(())
     }
@@ -177,13 +177,14 @@ impl RolloutBuffer {
         policy.evaluate_actions(&self.observations, &mut decisions)?;
         decisions.check(&self.spec, self.num_samples())?;
         decisions.check_finite()?;
-        let final_values = finite_values(policy, &self.finals, self.truncated.len())?;
-        let last_values = finite_values(policy, &self.last, self.spec.num_envs)?;
+        let final_values =
+            finite_values(policy, &self.final_observations, self.truncated_samples.len())?;
+        let last_values = finite_values(policy, &self.last_observations, self.spec.num_envs)?;
         // after the last possible error
         self.decisions.log_probs = decisions.log_probs;
         self.decisions.values = decisions.values;
         self.last_values = last_values;
-        for (&sample, value) in self.truncated.iter().zip(final_values) {
+        for (&sample, value) in self.truncated_samples.iter().zip(final_values) {
             self.final_values[sample] = value;
         }
         Ok(())
@@ -193,9 +194,9 @@ impl RolloutBuffer {
     pub fn clear(&mut self) {
         self.pushed = 0;
         self.finished = false;
-        self.truncated.clear();
-        self.finals.images.clear();
-        self.finals.vectors.clear();
+        self.truncated_samples.clear();
+        self.final_observations.images.clear();
+        self.final_observations.vectors.clear();
         // a truncated buffer gets its capacity back
         self.resize(self.capacity);
     }
@@ -356,7 +357,7 @@ impl<P: OnPolicyActor> Experience<P> for RolloutBuffer {
         memory: &mut P::Memory,
         rng: &mut ChaCha8Rng,
     ) -> Result<&[f32], RlError> {
-        let noise = self.noise.draw(rng);
+        let noise = self.noise.sample(rng);
         policy.decide(observations, memory, noise, &mut self.step_decisions)?;
         Ok(&self.step_decisions.actions)
     }
@@ -377,7 +378,7 @@ impl<P: OnPolicyActor> Experience<P> for RolloutBuffer {
         // a new episode starts with new noise
         let ended = |&(_, outcome): &(usize, &StepOutcome)| outcome.is_ended();
         let ends = to.outcomes.iter().enumerate().filter(ended);
-        ends.for_each(|(env, _)| self.noise.forget_episode(env));
+        ends.for_each(|(env, _)| self.noise.restart(env));
         Ok(())
     }
 
@@ -418,13 +419,13 @@ impl RolloutBuffer {
         let (from, to) = (steps * n, (steps + 1) * n);
         let (image, vector) = (self.spec.image_len(), self.spec.vector_irreps.len());
         let next = &self.observations;
-        self.last.images.copy_from_slice(&next.images[from * image..to * image]);
-        self.last.vectors.copy_from_slice(&next.vectors[from * vector..to * vector]);
+        self.last_observations.images.copy_from_slice(&next.images[from * image..to * image]);
+        self.last_observations.vectors.copy_from_slice(&next.vectors[from * vector..to * vector]);
         self.last_values.copy_from_slice(&self.decisions.values[from..to]);
-        let ends = self.truncated.partition_point(|&sample| sample < from);
-        self.truncated.truncate(ends);
-        self.finals.images.truncate(ends * image);
-        self.finals.vectors.truncate(ends * vector);
+        let ends = self.truncated_samples.partition_point(|&sample| sample < from);
+        self.truncated_samples.truncate(ends);
+        self.final_observations.images.truncate(ends * image);
+        self.final_observations.vectors.truncate(ends * vector);
         self.resize(steps);
         self.pushed = steps;
         Ok(())

@@ -6,32 +6,33 @@ use std::sync::Arc;
 
 use equivariant::LayerSignature;
 use equivariant::gpu::{
-    Batch, BufferSlot, Device, GpuError, KernelStep, Passes, Plan, Program, Tensor, WorkgroupCount,
+    BatchUniforms, BufferSlot, Device, GpuError, KernelDispatch, Passes, Plan, Program, Tensor,
+    WorkgroupCount,
 };
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, require};
 use crate::network::ActorCritic;
-use crate::network_policy::ActorCriticPolicy;
+use crate::network_policy::{ActorCriticPolicy, impl_gaussian_policy};
 use crate::network_settings::CriticSettings;
 use crate::policy::{Actor, Decisions, OnPolicyActor, ValueFunction};
 
-/// WGSL source of the struct of an entry of [`DeviceObservations::draws`]: a decision's index and
+/// WGSL source of the struct of an entry of [`ObservationBuffers::samples`]: a decision's index and
 /// advantage.
-pub(crate) const DRAW_STRUCT_WGSL: &str = include_str!("device/wgsl/draw.wgsl");
+pub(crate) const SAMPLE_STRUCT_WGSL: &str = include_str!("device/wgsl/sample.wgsl");
 
 /// GPU buffers of observations, and of the samples of batches, which refer to observations by
 /// index.
 #[derive(Clone, Copy)]
-pub(crate) struct DeviceObservations {
+pub(crate) struct ObservationBuffers {
     /// Buffer of the bytes of all images, four in a 32-bit word.
     images: BufferSlot,
     /// Buffer of all observation vectors, components in irrep-major order (sorted by irrep).
     vectors: BufferSlot,
     /// Buffer of the samples of batches: for each, the index of its observation and the advantage
     /// of its decision.
-    pub draws: BufferSlot,
+    pub samples: BufferSlot,
 }
 
 /// Output tensors of an actor-critic network on a GPU, and the start of two of its parameter
@@ -41,19 +42,19 @@ pub(crate) struct NetworkOutputs {
     pub mean: Tensor,
     pub value: Tensor,
     /// Index in the GPU's parameter buffer of the first parameter after those of the image encoder.
-    pub heads: usize,
+    pub head_params_start: usize,
     /// Index in the GPU's parameter buffer of the first log_std.
-    pub log_std: usize,
+    pub log_std_start: usize,
 }
 
-impl DeviceObservations {
-    /// Reserves GPU buffers for `observations` observations and for batches of `draws` samples in
+impl ObservationBuffers {
+    /// Reserves GPU buffers for `observations` observations and for batches of `samples` samples in
     /// all; without images if the network has no image encoder.
     pub fn new(
         plan: &mut Plan,
         network: &ActorCritic<f32>,
         observations: usize,
-        draws: usize,
+        samples: usize,
     ) -> Self {
         let spec = network.spec();
         let encoder = network.trunk.encoder.as_ref();
@@ -63,7 +64,7 @@ impl DeviceObservations {
         Self {
             images: plan.add_buffer(bytes.div_ceil(4), 0),
             vectors: plan.add_buffer(components, 0),
-            draws: plan.add_buffer(draws.saturating_mul(2), 0),
+            samples: plan.add_buffer(samples.saturating_mul(2), 0),
         }
     }
 
@@ -92,19 +93,19 @@ impl DeviceObservations {
 pub(crate) fn add_network(
     plan: &mut Plan,
     network: &ActorCritic<f32>,
-    observed: DeviceObservations,
+    observation_buffers: ObservationBuffers,
 ) -> Result<NetworkOutputs, GpuError> {
     let trunk = &network.trunk;
     let image = trunk.encoder.as_ref().map(|layers| plan.add_input(layers.in_shape()));
     let vector = trunk.vector.as_ref().map(|layers| plan.add_input(layers.in_shape()));
-    let gather = gather(plan, observed, image, vector);
+    let gather = gather_kernel(plan, observation_buffers, image, vector);
     plan.add_kernels(vec![gather], Vec::new());
     let top = match (&trunk.encoder, image) {
         (Some(layers), Some(x)) => Some(plan.add_layer(layers, x)?),
         _ => None,
     };
     // parameters are laid out in the order in which layers are added: the encoder's come first
-    let heads = plan.num_device_params();
+    let head_params_start = plan.num_device_params();
     let fields = match (&trunk.vector, vector) {
         (Some(layers), Some(x)) => Some(plan.add_layer(layers, x)?),
         _ => None,
@@ -123,26 +124,31 @@ pub(crate) fn add_network(
     };
     let value = plan.add_layer(&network.critic, of_critic)?;
     let action = network.action_order.len();
-    Ok(NetworkOutputs { mean, value, heads, log_std: plan.reserve_params(action, 0..action) })
+    Ok(NetworkOutputs {
+        mean,
+        value,
+        head_params_start,
+        log_std_start: plan.reserve_params(action, 0..action),
+    })
 }
 
 /// Creates the GPU kernel that copies a batch's observations to the network's inputs; a network may
 /// have no image or no vector.
-fn gather(
+fn gather_kernel(
     plan: &mut Plan,
-    observed: DeviceObservations,
+    observation_buffers: ObservationBuffers,
     image: Option<Tensor>,
     vector: Option<Tensor>,
-) -> KernelStep {
+) -> KernelDispatch {
     let [pixels, components] = [image, vector].map(|x| x.map_or(0, |x| x.shape.len()));
     let [x_image, x_vector] =
         [image, vector].map(|x| x.map_or_else(|| plan.add_buffer(0, 0), |x| x.values));
-    KernelStep::new("gather", 1, WorkgroupCount::threads_per_sample(pixels + components))
+    KernelDispatch::new("gather", 1, WorkgroupCount::threads_per_sample(pixels + components))
         .add_u32_constants([("IMAGE", pixels), ("VECTOR", components)])
-        .add_wgsl(DRAW_STRUCT_WGSL)
-        .add_input_buffer("draws", "Draw", observed.draws)
-        .add_input_buffer("images", "u32", observed.images)
-        .add_input_buffer("vectors", "f32", observed.vectors)
+        .add_wgsl(SAMPLE_STRUCT_WGSL)
+        .add_input_buffer("samples", "Sample", observation_buffers.samples)
+        .add_input_buffer("images", "u32", observation_buffers.images)
+        .add_input_buffer("vectors", "f32", observation_buffers.vectors)
         .add_output_buffer("x_image", "f32", x_image)
         .add_output_buffer("x_vector", "f32", x_vector)
         .add_wgsl(include_str!("device/wgsl/gather.wgsl"))
@@ -160,12 +166,12 @@ pub struct DevicePolicy {
     network: Arc<ActorCritic<f32>>,
     plan: Plan,
     program: Program,
-    observed: DeviceObservations,
+    observation_buffers: ObservationBuffers,
     /// GPU buffers of the mean actions `[N, A]`, components in irrep-major order, and of the state
     /// values `[N]`.
     outputs: [BufferSlot; 2],
     /// `true` if the GPU holds the policy's current parameters.
-    current: bool,
+    params_are_uploaded: bool,
 }
 
 impl DevicePolicy {
@@ -182,21 +188,21 @@ impl DevicePolicy {
         require("samples", samples as f32, "at least 1", samples > 0)?;
         let mut plan = Plan::new();
         let network = Arc::clone(policy.network());
-        let observed = DeviceObservations::new(&mut plan, &network, samples, samples);
-        let outputs = add_network(&mut plan, &network, observed)?;
+        let observation_buffers = ObservationBuffers::new(&mut plan, &network, samples, samples);
+        let outputs = add_network(&mut plan, &network, observation_buffers)?;
         let plan = plan.forward_only();
         let program = Program::new(device, &plan, samples)?;
-        // draw i is observation i, with an advantage of 0 that nothing reads
-        let draws: Vec<u32> = (0..samples as u32).flat_map(|i| [i, 0]).collect();
-        program.write_words(observed.draws, &draws);
+        // sample i is observation i, with an advantage of 0 that nothing reads
+        let identity: Vec<u32> = (0..samples as u32).flat_map(|i| [i, 0]).collect();
+        program.write_words(observation_buffers.samples, &identity);
         Ok(Self {
             policy,
             network,
             plan,
             program,
-            observed,
+            observation_buffers,
             outputs: [outputs.mean.values, outputs.value.values],
-            current: false,
+            params_are_uploaded: false,
         })
     }
 
@@ -209,7 +215,7 @@ impl DevicePolicy {
     /// copied to the device at the next decision, which fails with [`RlError::NetworkMismatch`] if
     /// the policy was replaced by one with another network.
     pub fn policy_mut(&mut self) -> &mut ActorCriticPolicy {
-        self.current = false;
+        self.params_are_uploaded = false;
         &mut self.policy
     }
 
@@ -221,18 +227,18 @@ impl DevicePolicy {
         }
         let spec = self.network.spec();
         let (samples, width) = (observations.checked_num_samples(spec)?, spec.action_irreps.len());
-        if !self.current {
+        if !self.params_are_uploaded {
             let params = self.plan.params_to_device_order(self.policy.params());
             self.program.write_floats(self.plan.params_buffer(), &params);
         }
         // an error below may mean that the parameters did not reach the device: write them again
-        self.current = false;
+        self.params_are_uploaded = false;
         self.policy.outputs.resize(samples * (width + 1), 0.0);
         let most = self.program.max_samples();
         for start in (0..samples).step_by(most) {
             self.run_batch(observations, start..samples.min(start + most))?;
         }
-        self.current = samples > 0;
+        self.params_are_uploaded = samples > 0;
         Ok(samples)
     }
 
@@ -246,13 +252,13 @@ impl DevicePolicy {
         let (pixels, width) = (network.spec().image_len(), action.len());
         let images = &observations.images[range.start * pixels..range.end * pixels];
         let vectors = &observations.vectors[range.start * vector.len()..range.end * vector.len()];
-        self.observed.write(&self.program, network, images, vectors);
+        self.observation_buffers.write(&self.program, network, images, vectors);
         let samples = range.len();
-        let batch = Batch { samples, ..Batch::default() };
+        let batch = BatchUniforms { samples, ..BatchUniforms::default() };
         self.program.submit(Passes::Forward, batch);
         let [mean, value] = self.outputs;
-        let fronts = [(mean, samples * width), (value, samples)];
-        let [means, values] = self.program.read_floats(fronts)?;
+        let requests = [(mean, samples * width), (value, samples)];
+        let [means, values] = self.program.read_floats(requests)?;
         let rows = self.policy.outputs[range.start * (width + 1)..].chunks_exact_mut(width + 1);
         for ((row, mean_row), &state_value) in rows.zip(means.chunks_exact(width)).zip(&values) {
             for (&i, &component) in network.action_order.iter().zip(mean_row) {
@@ -264,52 +270,7 @@ impl DevicePolicy {
     }
 }
 
-impl Actor for DevicePolicy {
-    type Memory = ();
-
-    fn new_memory(&self, _: usize) {}
-
-    fn act(
-        &mut self,
-        observations: &Observations,
-        (): &mut (),
-        rng: &mut ChaCha8Rng,
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        let samples = self.run(observations)?;
-        self.policy.write_actions(samples, rng, out)
-    }
-
-    fn mean_actions(
-        &mut self,
-        observations: &Observations,
-        (): &mut (),
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        let samples = self.run(observations)?;
-        self.policy.write_means(samples, out)
-    }
-}
-
-impl OnPolicyActor for DevicePolicy {
-    fn decide(
-        &mut self,
-        observations: &Observations,
-        (): &mut (),
-        noise: &[f32],
-        out: &mut Decisions,
-    ) -> Result<(), RlError> {
-        let samples = self.run(observations)?;
-        self.policy.write_decisions(samples, noise, out)
-    }
-}
-
-impl ValueFunction for DevicePolicy {
-    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        let samples = self.run(observations)?;
-        self.policy.write_values(samples, out)
-    }
-}
+impl_gaussian_policy!(DevicePolicy);
 
 impl fmt::Debug for DevicePolicy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

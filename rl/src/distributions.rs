@@ -123,9 +123,9 @@ pub(crate) struct ActionNoise {
     correlation: f32,
     width: usize,
     values: Vec<f32>,
-    fresh: Vec<f32>,
+    new_values: Vec<f32>,
     /// `true` for each environment whose running episode has already been given noise, `[N]`.
-    begun: Vec<bool>,
+    is_running: Vec<bool>,
 }
 
 impl ActionNoise {
@@ -136,8 +136,8 @@ impl ActionNoise {
             correlation: 0.0,
             width,
             values: vec![0.0; envs * width],
-            fresh: vec![0.0; envs * width],
-            begun: vec![false; envs],
+            new_values: vec![0.0; envs * width],
+            is_running: vec![false; envs],
         }
     }
 
@@ -155,22 +155,22 @@ impl ActionNoise {
 
     /// Starts a new noise sequence in every environment, independent of the noise so far.
     pub fn restart_all(&mut self) {
-        self.begun.fill(false);
+        self.is_running.fill(false);
     }
 
     /// Starts a new noise sequence in environment `env`, in 0..N, independent of its noise so far.
-    pub fn forget_episode(&mut self, env: usize) {
-        self.begun[env] = false;
+    pub fn restart(&mut self, env: usize) {
+        self.is_running[env] = false;
     }
 
     /// Samples the noise `[N, A]` of the next step of all environments.
-    pub fn draw(&mut self, rng: &mut ChaCha8Rng) -> &[f32] {
-        standard_normals(rng, &mut self.fresh);
+    pub fn sample(&mut self, rng: &mut ChaCha8Rng) -> &[f32] {
+        standard_normals(rng, &mut self.new_values);
         // weights whose squares add up to 1 keep the variance at 1
         let (kept, new) = (self.correlation, (1.0 - self.correlation.powi(2)).sqrt());
         let rows = self.values.chunks_exact_mut(self.width);
-        let fresh = self.fresh.chunks_exact(self.width);
-        for ((row, drawn), begun) in rows.zip(fresh).zip(&mut self.begun) {
+        let new_values = self.new_values.chunks_exact(self.width);
+        for ((row, drawn), begun) in rows.zip(new_values).zip(&mut self.is_running) {
             if std::mem::replace(begun, true) {
                 row.iter_mut().zip(drawn).for_each(|(x, e)| *x = kept * *x + new * e);
             } else {
@@ -187,7 +187,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::fixtures::slope;
+    use crate::fixtures::central_difference;
 
     #[test]
     fn normals_have_unit_moments() {
@@ -271,7 +271,7 @@ mod tests {
         sample_tanh_gaussian(&OUTPUT, &NOISE, &mut action);
         tanh_gaussian_gradient(&OUTPUT, &NOISE, &action, &weights, c, &mut d_output);
         for (i, got) in d_output.into_iter().enumerate() {
-            let slope = slope(&mut OUTPUT.clone(), i, 1e-6, loss);
+            let slope = central_difference(&mut OUTPUT.clone(), i, 1e-6, loss);
             assert!((got - slope).abs() < 1e-8, "{i}: {got} {slope}");
         }
     }
@@ -284,7 +284,7 @@ mod tests {
         for _ in 0..3 {
             let mut plain = [0.0; 100];
             standard_normals(&mut own, &mut plain);
-            assert_eq!(noise.draw(&mut rng), plain);
+            assert_eq!(noise.sample(&mut rng), plain);
         }
     }
 

@@ -14,13 +14,13 @@ use crate::error::RlError;
 /// Kernel size, stride and padding of a convolution that halves an image: 4 x 4, 2 and 1 pixels. On
 /// images with even sides its windows lie symmetrically, since (size + 2 - 4) mod 2 = 0, so the
 /// layer is exactly equivariant.
-const HALVING: SlidingWindow = SlidingWindow::new(4, 2, 1);
+const HALVING_WINDOW: SlidingWindow = SlidingWindow::new(4, 2, 1);
 /// Kernel size, stride and padding of a convolution that keeps an image's size: 3 x 3, 1 and 1
 /// pixels.
-const SAME: SlidingWindow = SlidingWindow::new(3, 1, 1);
+const SAME_SIZE_WINDOW: SlidingWindow = SlidingWindow::new(3, 1, 1);
 /// Kernel size, stride and padding of a convolution that removes one pixel on every side of an
 /// image: 3 x 3, 1 and 0 pixels.
-const VALID: SlidingWindow = SlidingWindow::new(3, 1, 0);
+const UNPADDED_WINDOW: SlidingWindow = SlidingWindow::new(3, 1, 0);
 /// Window size, stride and padding of max-pooling: 2 x 2, 2 and 0 pixels.
 pub(crate) const POOL_WINDOW: SlidingWindow = SlidingWindow::new(2, 2, 0);
 /// Side in pixels of the feature maps after all halvings of [`EncoderSettings::Pooled`].
@@ -29,7 +29,7 @@ const POOLED_SIDE: usize = 8;
 /// [`EncoderSettings::Keypoints`].
 const TEMPERATURE: f64 = 1.0;
 
-/// Image encoder, from images to one vector of regular fields
+/// Kind and layer widths of the image encoder, which maps an image to a vector of regular fields
 /// ([`NetworkSettings::top_fields`](crate::NetworkSettings::top_fields)). All kinds are exactly
 /// equivariant. Widths are in regular fields of D2, see
 /// [`NetworkSettings::group`](crate::NetworkSettings::group).
@@ -144,15 +144,15 @@ impl EncoderSettings {
         if height == 0 {
             return Ok(None);
         }
-        let stack = || Stack {
+        let builder = || EncoderBuilder {
             group,
             layers: Vec::new(),
             shape: Shape::image(height, width, group.trivial_type(channels)),
         };
         let layers = match self {
-            Self::Strided { fields } => stack().strided(fields, top_fields)?,
-            Self::Pooled { fields, inner } => stack().pooled(fields, *inner, top_fields)?,
-            Self::Keypoints { fields, maps } => stack().keypoints(fields, *maps, top_fields)?,
+            Self::Strided { fields } => builder().strided(fields, top_fields)?,
+            Self::Pooled { fields, inner } => builder().pooled(fields, *inner, top_fields)?,
+            Self::Keypoints { fields, maps } => builder().keypoints(fields, *maps, top_fields)?,
             Self::Blind => return Ok(None),
         };
         Ok(Some(Sequential::new(layers)?))
@@ -177,23 +177,23 @@ pub(crate) fn num_group_fields(group: Group, fields: usize) -> usize {
 type Layers<T> = Vec<Box<dyn Layer<T>>>;
 
 /// Returns the side in pixels of an image that `halvings` halvings reduce to one pixel.
-fn halved(halvings: usize) -> usize {
+fn downsampling_factor(halvings: usize) -> usize {
     // the cap only avoids an overflow: no image is 2^31 pixels wide
     1 << halvings.min(31)
 }
 
 /// Builder of an encoder: the layers so far, and the shape of their output.
-struct Stack<T> {
+struct EncoderBuilder<T> {
     group: Group,
     layers: Layers<T>,
     shape: Shape,
 }
 
-impl<T: Scalar> Stack<T> {
+impl<T: Scalar> EncoderBuilder<T> {
     fn strided(mut self, fields: &[usize], top_fields: usize) -> Result<Layers<T>, RlError> {
         self.check_multiple("strided", fields.len())?;
-        self.halve(fields)?;
-        self.rectified(top_fields, SlidingWindow::new(self.shape.height, 1, 0))?;
+        self.conv_relu_halvings(fields)?;
+        self.conv_relu(top_fields, SlidingWindow::new(self.shape.height, 1, 0))?;
         Ok(self.layers)
     }
 
@@ -203,18 +203,18 @@ impl<T: Scalar> Stack<T> {
         inner: [usize; 2],
         top_fields: usize,
     ) -> Result<Layers<T>, RlError> {
-        let side = POOLED_SIDE * halved(fields.len());
+        let side = POOLED_SIDE * downsampling_factor(fields.len());
         let fits = self.shape.height == side;
         self.check("pooled", fields.len(), fits, format!("exactly {side} x {side}"))?;
         for &width in fields {
-            self.rectified(width, SAME)?;
+            self.conv_relu(width, SAME_SIZE_WINDOW)?;
             self.pool()?;
         }
-        self.rectified(inner[0], SAME)?;
+        self.conv_relu(inner[0], SAME_SIZE_WINDOW)?;
         // from 8 x 8 to 6 x 6, 3 x 3 and 1 x 1 pixels
-        self.rectified(inner[1], VALID)?;
+        self.conv_relu(inner[1], UNPADDED_WINDOW)?;
         self.pool()?;
-        self.rectified(top_fields, VALID)?;
+        self.conv_relu(top_fields, UNPADDED_WINDOW)?;
         Ok(self.layers)
     }
 
@@ -225,8 +225,8 @@ impl<T: Scalar> Stack<T> {
         top_fields: usize,
     ) -> Result<Layers<T>, RlError> {
         self.check_multiple("keypoints", fields.len())?;
-        self.halve(fields)?;
-        self.conv(maps, SAME)?;
+        self.conv_relu_halvings(fields)?;
+        self.conv(maps, SAME_SIZE_WINDOW)?;
         self.add(SpatialSoftArgmax::new(self.shape, TEMPERATURE)?);
         let top = self.regular_field_type(top_fields);
         self.add(Linear::new(self.shape.fields, top)?);
@@ -234,7 +234,7 @@ impl<T: Scalar> Stack<T> {
     }
 
     fn check_multiple(&self, encoder: &'static str, halvings: usize) -> Result<(), RlError> {
-        let (Shape { height, width, .. }, of) = (self.shape, halved(halvings));
+        let (Shape { height, width, .. }, of) = (self.shape, downsampling_factor(halvings));
         let fits = height.is_multiple_of(of) && width.is_multiple_of(of);
         let expected = format!("height and width to be multiples of {of}, at least {of}");
         self.check(encoder, halvings, fits, expected)
@@ -260,11 +260,11 @@ impl<T: Scalar> Stack<T> {
         self.group.regular_type(num_group_fields(self.group, fields))
     }
 
-    fn halve(&mut self, fields: &[usize]) -> Result<(), RlError> {
-        fields.iter().try_for_each(|&fields| self.rectified(fields, HALVING))
+    fn conv_relu_halvings(&mut self, fields: &[usize]) -> Result<(), RlError> {
+        fields.iter().try_for_each(|&fields| self.conv_relu(fields, HALVING_WINDOW))
     }
 
-    fn rectified(&mut self, fields: usize, kernel: SlidingWindow) -> Result<(), RlError> {
+    fn conv_relu(&mut self, fields: usize, kernel: SlidingWindow) -> Result<(), RlError> {
         self.conv(fields, kernel)?;
         self.add(Relu::new(self.shape)?);
         Ok(())

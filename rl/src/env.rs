@@ -20,10 +20,11 @@ pub struct EnvSpec {
     /// Height, width (pixels) and channels of an image, or [`EnvSpec::NO_IMAGE`]. Every channel is
     /// of trivial type: a group element moves the pixels and leaves the colours alone.
     pub image_shape: [usize; 3],
-    /// Irreducible representation of every component of the observation vector, in its natural
-    /// order; length D, which is 0 for environments with images only.
+    /// Irreducible representation of every component of the observation vector, in the
+    /// environment's order; length D, which is 0 for environments with images only.
     pub vector_irreps: Vec<Irrep>,
-    /// Irreducible representation of every component of the action, in its natural order; length A.
+    /// Irreducible representation of every component of the action, in the environment's order;
+    /// length A.
     pub action_irreps: Vec<Irrep>,
 }
 
@@ -94,8 +95,8 @@ pub struct Observations {
     /// Pixels `[N, H, W, C]` in 0..=255; pixel row 0 lies at the largest y, pixel column 0 at the
     /// smallest x.
     pub images: Vec<u8>,
-    /// Observation vectors `[N, D]` with components in natural order. Their magnitudes should be of
-    /// order 1, and each is at most [`MAX_ABS_OBSERVATION`].
+    /// Observation vectors `[N, D]` with components in the environment's order. Their magnitudes
+    /// should be of order 1, and each is at most [`MAX_ABS_OBSERVATION`].
     pub vectors: Vec<f32>,
 }
 
@@ -182,17 +183,17 @@ fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlErr
     let Some(component) = wrong else {
         return Ok(());
     };
-    let place = ValueLocation { env: Some(env), component: Some(component), step: None };
+    let location = ValueLocation { env: Some(env), component: Some(component), step: None };
     let value = row[component];
-    check_finite_at(what, f64::from(value), place)?;
-    Err(RlError::ObservationTooLarge { what, place, value, limit: MAX_ABS_OBSERVATION })
+    check_finite_at(what, f64::from(value), location)?;
+    Err(RlError::ObservationTooLarge { what, location, value, limit: MAX_ABS_OBSERVATION })
 }
 
 fn check_rewards(rewards: &[f32]) -> Result<(), RlError> {
     let wrong = rewards.iter().position(|reward| !reward.is_finite());
     wrong.map_or(Ok(()), |env| {
-        let place = ValueLocation { env: Some(env), ..ValueLocation::default() };
-        check_finite_at("a reward", f64::from(rewards[env]), place)
+        let location = ValueLocation { env: Some(env), ..ValueLocation::default() };
+        check_finite_at("a reward", f64::from(rewards[env]), location)
     })
 }
 
@@ -205,8 +206,8 @@ pub(crate) fn transform_image(g: D2, image: &[u8], spec: &EnvSpec) -> Vec<u8> {
     g.transform_image(image, height, width, channels)
 }
 
-/// Returns the components of a vector, in natural order, transformed by the group element `g`: each
-/// times the sign that its irrep gives to `g`.
+/// Returns the components of a vector, in the environment's order, transformed by the group element
+/// `g`: each times the sign that its irrep gives to `g`.
 pub(crate) fn transform_vector(g: D2, components: &[f32], irreps: &[Irrep]) -> Vec<f32> {
     let signs = irreps.iter().map(|irrep| f32::from(irrep.sign(g)));
     components.iter().zip(signs).map(|(c, s)| c * s).collect()
@@ -329,9 +330,10 @@ pub trait VectorEnv {
     /// Any failure of the environment.
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError>;
 
-    /// Runs one step of all N environments with the actions `[N, A]`, components in natural order,
-    /// and writes every field of `out`. Actions may be any finite numbers, since those of a
-    /// Gaussian policy are not clipped: an environment with bounds clips them itself.
+    /// Runs one step of all N environments with the actions `[N, A]`, components in the
+    /// environment's order, and writes every field of `out`. Actions may be any finite numbers,
+    /// since those of a Gaussian policy are not clipped: an environment with bounds clips them
+    /// itself.
     ///
     /// Scale rewards so that an episode returns a number of order 1, between 1e-2 and 1e3. Nothing
     /// normalises them, and PPO with its default settings does not improve with rewards of 1e-6 and

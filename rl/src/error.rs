@@ -250,27 +250,27 @@ pub enum RlError {
     },
     /// An infinite or NaN quantity.
     #[error(
-        "{what} is {value}{place}, expected a finite number; check the environment's observations \
+        "{what} is {value}{location}, expected a finite number; check the environment's observations \
          and rewards, then lower the learning rates"
     )]
     NotFinite {
         /// Name of the quantity that is infinite or NaN.
         what: &'static str,
         /// Environment, component and step of the infinite or NaN number.
-        place: ValueLocation,
+        location: ValueLocation,
         /// Infinite or NaN value of the quantity.
         value: f64,
     },
     /// An observation too large to train on.
     #[error(
-        "{what} is {value:e}{place}, expected a number of order 1, at most {limit:e} in \
+        "{what} is {value:e}{location}, expected a number of order 1, at most {limit:e} in \
          magnitude; divide it by its unit in the environment"
     )]
     ObservationTooLarge {
         /// Name of the observed quantity that is too large.
         what: &'static str,
         /// Environment, component and step of the number that is too large.
-        place: ValueLocation,
+        location: ValueLocation,
         /// Value of the observation's component that is too large.
         value: f32,
         /// Largest magnitude accepted for a component of an observation vector.
@@ -309,8 +309,10 @@ impl RlError {
     /// Adds the `step` of an environment's episode to an error that names the environment but no
     /// step.
     pub(crate) fn with_step(mut self, step: impl Fn(usize) -> Option<usize>) -> Self {
-        if let Self::NotFinite { place, .. } | Self::ObservationTooLarge { place, .. } = &mut self {
-            place.step = place.step.or_else(|| place.env.and_then(step));
+        if let Self::NotFinite { location, .. } | Self::ObservationTooLarge { location, .. } =
+            &mut self
+        {
+            location.step = location.step.or_else(|| location.env.and_then(step));
         }
         self
     }
@@ -341,13 +343,13 @@ pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError
     check_finite_at(what, value, ValueLocation::default())
 }
 
-/// Rejects a `value` that is infinite or NaN, and reports its `place`.
+/// Rejects a `value` that is infinite or NaN, and reports its `location`.
 pub(crate) fn check_finite_at(
     what: &'static str,
     value: f64,
-    place: ValueLocation,
+    location: ValueLocation,
 ) -> Result<(), RlError> {
-    if value.is_finite() { Ok(()) } else { Err(RlError::NotFinite { what, place, value }) }
+    if value.is_finite() { Ok(()) } else { Err(RlError::NotFinite { what, location, value }) }
 }
 
 /// Rejects arrays with infinities or NaN.
@@ -364,9 +366,9 @@ pub(crate) fn check_rows_finite(
 ) -> Result<(), RlError> {
     let wrong = values.iter().position(|value| !value.is_finite());
     wrong.map_or(Ok(()), |index| {
-        let place =
+        let location =
             ValueLocation { env: Some(index / width), component: Some(index % width), step: None };
-        check_finite_at(what, f64::from(values[index]), place)
+        check_finite_at(what, f64::from(values[index]), location)
     })
 }
 

@@ -54,8 +54,8 @@ pub enum Distribution {
 ///
 /// ```text
 /// image  [C, H, W], bytes b as b / 255 - 0.5 -> image layers  -> [G n, 1, 1], element-major
-/// vector [D], in natural order               -> vector layers -> [G m]
-/// [image, vector]                            -> actor         -> of actions, in natural order
+/// vector [D], in the environment's order     -> vector layers -> [G m]
+/// [image, vector]                            -> actor         -> of actions, in that order
 /// [image, vector], or maxima over G of each  -> critic        -> value [1]
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -111,9 +111,9 @@ pub(crate) enum ChannelBasis<'a> {
     /// Channels in the basis of the regular representation, ordered by group element, then by
     /// field.
     Regular,
-    /// Components in natural order; holds the index in natural order of each component in
-    /// irrep-major order (sorted by irrep).
-    Natural(&'a [usize]),
+    /// Components in the environment's order; holds the components' indices sorted by irrep
+    /// (irrep-major order).
+    Environment(&'a [usize]),
     /// Channels in the regular basis, those of the image before those of the vector; holds the
     /// number of regular fields of each.
     Joined([usize; 2]),
@@ -130,7 +130,7 @@ pub(crate) struct ExportedTrunk {
 ///
 /// # Errors
 /// [`RlError::NotExportable`] for keypoints and for images that are not square.
-pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk, RlError> {
+pub(crate) fn export_trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk, RlError> {
     let (group, spec) = (trunk.settings.group, &trunk.spec);
     let refused = match trunk.settings.encoder {
         EncoderSettings::Keypoints { .. } => Some("an encoder of keypoints"),
@@ -147,8 +147,8 @@ pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk,
     }
     let channels: Vec<usize> = (0..spec.image_shape[2]).collect();
     let export = |layers: &Option<Sequential<f32>>, own, order| {
-        let bases = [ChannelBasis::Natural(order), ChannelBasis::Regular];
-        layers.as_ref().map(|layers| chain(group, layers, &params[own], bases)).transpose()
+        let bases = [ChannelBasis::Environment(order), ChannelBasis::Regular];
+        layers.as_ref().map(|layers| export_layers(group, layers, &params[own], bases)).transpose()
     };
     let fields = |layers: &Sequential<f32>| layers.out_shape().len() / group.order();
     let joined = [&trunk.encoder, &trunk.vector].map(|layers| layers.as_ref().map_or(0, fields));
@@ -165,7 +165,7 @@ pub(crate) fn trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk,
 ///
 /// # Errors
 /// [`RlError::NotExportable`] for a layer that has no ordinary form.
-pub(crate) fn chain(
+pub(crate) fn export_layers(
     group: Group,
     layers: &Sequential<f32>,
     params: &[f32],
@@ -180,15 +180,15 @@ pub(crate) fn chain(
         ];
         let kind = layer.kind();
         exported.push(match kind.as_ordinary_conv() {
-            Some(dense) => linear(group, &dense, &params[layers.param_range(index)], bases),
-            None => weightless(&kind)?,
+            Some(dense) => export_linear(group, &dense, &params[layers.param_range(index)], bases),
+            None => export_parameterless(&kind)?,
         });
     }
     Ok(exported)
 }
 
 /// Exports a layer without weights: a ReLU or max-pooling.
-fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
+fn export_parameterless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
     match kind {
         LayerKind::Relu => Ok(ExportedLayer::Relu),
         LayerKind::MaxPool(POOL_WINDOW) => Ok(ExportedLayer::MaxPool(POOL_WINDOW)),
@@ -201,7 +201,7 @@ fn weightless(kind: &LayerKind<'_, f32>) -> Result<ExportedLayer, RlError> {
 
 /// Exports a convolution or linear layer, with its kernel in the channel `bases` of its input and
 /// output.
-fn linear(
+fn export_linear(
     group: Group,
     dense: &OrdinaryConv<'_>,
     params: &[f32],
@@ -214,20 +214,20 @@ fn linear(
     let mut bias = dense.bias(params);
     // the input axis of each output channel, then the output axis of kernel and bias
     for row in weight.chunks_exact_mut(inputs * taps) {
-        change(group, bases[0], taps, row);
+        change_basis(group, bases[0], taps, row);
     }
-    change(group, bases[1], inputs * taps, &mut weight);
-    change(group, bases[1], 1, &mut bias);
+    change_basis(group, bases[1], inputs * taps, &mut weight);
+    change_basis(group, bases[1], 1, &mut bias);
     debug_assert_eq!(bias.len(), outputs);
     ExportedLayer::Linear { weight, shape, bias, window: dense.window() }
 }
 
 /// Transforms the first axis of the array `values` `[channels, inner]` from the irrep basis to
 /// `basis`.
-fn change(group: Group, basis: ChannelBasis<'_>, inner: usize, values: &mut [f32]) {
+fn change_basis(group: Group, basis: ChannelBasis<'_>, inner: usize, values: &mut [f32]) {
     // the Hadamard transform maps irreps to the regular basis of a field
     let irreps = match basis {
-        ChannelBasis::Natural(_) => values.to_vec(),
+        ChannelBasis::Environment(_) => values.to_vec(),
         ChannelBasis::Regular | ChannelBasis::Joined(_) => {
             hadamard_transform(group, values);
             values.to_vec()
@@ -235,7 +235,7 @@ fn change(group: Group, basis: ChannelBasis<'_>, inner: usize, values: &mut [f32
     };
     let order = match basis {
         ChannelBasis::Regular => return,
-        ChannelBasis::Natural(order) => order.to_vec(),
+        ChannelBasis::Environment(order) => order.to_vec(),
         ChannelBasis::Joined(fields) => joined_order(group.order(), fields),
     };
     for (from, to) in irreps.chunks_exact(inner).zip(order) {
@@ -266,7 +266,7 @@ mod tests {
     #[test]
     fn layers_without_weights_are_told_apart() {
         let shape = Shape { height: 4, width: 4, fields: FieldType::new(Group::D2, [2; 4]) };
-        let plain = |layer: &dyn Layer<f32>| weightless(&layer.kind()).ok();
+        let plain = |layer: &dyn Layer<f32>| export_parameterless(&layer.kind()).ok();
         let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOL_WINDOW));
         assert_eq!(plain(&relu), Some(ExportedLayer::Relu));
         assert_eq!(plain(&pool.unwrap()), Some(ExportedLayer::MaxPool(POOL_WINDOW)));

@@ -59,11 +59,11 @@ fn fill_random(rng: &mut ChaCha8Rng, out: &mut Observations) {
 /// Returns six steps of two environments; at the fourth, the first one's episode ends by a time-out
 /// and the second one's by a termination.
 pub fn replay() -> ReplayBuffer {
-    marked(0)
+    replay_with_newest(0)
 }
 
 /// Returns the steps of [`replay`] with a mark before the last `newest` ones.
-pub fn marked(newest: usize) -> ReplayBuffer {
+pub fn replay_with_newest(newest: usize) -> ReplayBuffer {
     let mut rng = ChaCha8Rng::seed_from_u64(8);
     let mut replay = ReplayBuffer::new(ReplaySettings::default(), &spec()).unwrap();
     let (mut now, mut transition) = (Observations::new(&spec()), Transition::new(&spec()));
@@ -87,7 +87,12 @@ pub fn marked(newest: usize) -> ReplayBuffer {
 }
 
 /// Returns the derivative of `loss` with respect to number `i` by central differences of step `h`.
-pub fn slope(at: &mut [f64], i: usize, h: f64, mut loss: impl FnMut(&[f64]) -> f64) -> f64 {
+pub fn central_difference(
+    at: &mut [f64],
+    i: usize,
+    h: f64,
+    mut loss: impl FnMut(&[f64]) -> f64,
+) -> f64 {
     let centre = at[i];
     let [high, low] = [centre + h, centre - h].map(|moved| {
         at[i] = moved;
@@ -110,7 +115,7 @@ pub fn observations(samples: usize) -> Observations {
 
 /// Sets the bias of a field of the first layer of `head` with parameters `params`, and its weights
 /// to zero unless `weights`.
-fn set(head: &Sequential<f32>, params: &mut [f32], field: usize, bias: f32, weights: bool) {
+fn set_bias(head: &Sequential<f32>, params: &mut [f32], field: usize, bias: f32, weights: bool) {
     let first = &head.layers()[0];
     let (from, to) = (first.in_shape().fields, first.out_shape().fields);
     let fields = to.num_regular_fields().unwrap();
@@ -126,10 +131,10 @@ fn set(head: &Sequential<f32>, params: &mut [f32], field: usize, bias: f32, weig
 }
 
 /// Activates all units of the hidden layer of `head` with parameters `params`.
-pub fn wake(head: &Sequential<f32>, params: &mut [f32]) {
+pub fn activate_units(head: &Sequential<f32>, params: &mut [f32]) {
     let hidden = head.layers()[0].out_shape().fields;
     for field in 0..hidden.num_regular_fields().unwrap() {
-        set(head, params, field, 100.0, true);
+        set_bias(head, params, field, 100.0, true);
     }
 }
 
@@ -143,10 +148,10 @@ pub fn check_killed_units(
 ) {
     let hidden = head.layers()[0].out_shape().fields;
     let fields = hidden.num_regular_fields().unwrap();
-    wake(head, &mut params[own.clone()]);
+    activate_units(head, &mut params[own.clone()]);
     let awake = activity(&params);
     for killed in 1..=fields {
-        set(head, &mut params[own.clone()], killed - 1, -1.0, false);
+        set_bias(head, &mut params[own.clone()], killed - 1, -1.0, false);
         let found = activity(&params);
         assert_eq!(found.num_units(), awake.num_units());
         let expected = awake.num_dormant_units(0.025) + killed * hidden.group().order();

@@ -35,7 +35,7 @@ impl GaeInputs<'_> {
 
     /// Returns the next state value V_(t+1) and the next advantage A_(t+1) of sample `i` = t * N +
     /// n; `later` holds the advantages computed so far.
-    fn following(&self, i: usize, later: &[f32]) -> (f32, f32) {
+    fn next_value_and_advantage(&self, i: usize, later: &[f32]) -> (f32, f32) {
         let n = self.last_values.len();
         match self.outcomes[i] {
             StepOutcome::Running if i + n < self.values.len() => (self.values[i + n], later[i + n]),
@@ -70,7 +70,7 @@ pub fn gae(
     assert_len("returns", returns.len(), inputs.rewards.len());
     // backwards, since A_t needs A_(t+1)
     for i in (0..inputs.rewards.len()).rev() {
-        let (bootstrap, tail) = inputs.following(i, advantages);
+        let (bootstrap, tail) = inputs.next_value_and_advantage(i, advantages);
         let delta = inputs.rewards[i] + gamma * bootstrap - inputs.values[i];
         advantages[i] = delta + gamma * lambda * tail;
         returns[i] = advantages[i] + inputs.values[i];

@@ -10,7 +10,9 @@ use crate::activity::UnitActivity;
 use crate::env::EnvSpec;
 use crate::error::RlError;
 use crate::network_settings::{CriticSettings, NetworkSettings};
-use crate::trunk::{HasTrunk, HasTrunkPass, LayerBuffers, ParamAllocator, Trunk, TrunkPass, head};
+use crate::trunk::{
+    HasTrunk, HasTrunkWorkspace, LayerBuffers, ParamAllocator, Trunk, TrunkWorkspace, head,
+};
 
 /// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network
 /// architecture").
@@ -38,8 +40,8 @@ pub struct ActorCritic<T> {
     pub(crate) trunk: Trunk<T>,
     pub(crate) actor: Sequential<T>,
     pub(crate) critic: Sequential<T>,
-    /// Index in natural order of each component of the action in irrep-major order (sorted by
-    /// irrep).
+    /// Indices of the components of the action in the environment's order, sorted by irrep
+    /// (irrep-major order).
     pub(crate) action_order: Vec<usize>,
 }
 
@@ -73,7 +75,7 @@ impl<T: Scalar> ActorCritic<T> {
     /// Returns the number of parameters of the network, which is the length of its flat parameter
     /// slice.
     pub fn num_params(&self) -> usize {
-        self.parts().log_std.end
+        self.param_ranges().log_std.end
     }
 
     /// Returns the range of the image encoder's parameters in the flat parameter slice.
@@ -106,15 +108,15 @@ impl<T: Scalar> ActorCritic<T> {
     /// sqrt(2) (He et al., ICCV 2015, equation 10), the last layers the gains of the settings;
     /// biases are zero, and log_std has the value in the settings.
     pub fn init_params(&self, rng: &mut dyn Rng) -> Vec<T> {
-        let (parts, settings) = (self.parts(), self.settings());
+        let (ranges, settings) = (self.param_ranges(), self.settings());
         let mut params = self.trunk.init_params(self.num_params(), rng);
-        self.actor.init_with_gain(rng, settings.action_gain.into(), &mut params[parts.actor]);
-        self.critic.init_with_gain(rng, settings.value_gain.into(), &mut params[parts.critic]);
-        params[parts.log_std].fill(T::from_f64(settings.log_std.into()));
+        self.actor.init_with_gain(rng, settings.action_gain.into(), &mut params[ranges.actor]);
+        self.critic.init_with_gain(rng, settings.value_gain.into(), &mut params[ranges.critic]);
+        params[ranges.log_std].fill(T::from_f64(settings.log_std.into()));
         params
     }
 
-    pub(crate) fn parts(&self) -> ParamRanges {
+    pub(crate) fn param_ranges(&self) -> ParamRanges {
         let mut layout = ParamAllocator::after(&self.trunk);
         ParamRanges {
             actor: layout.next(self.actor.num_params()),
@@ -151,8 +153,9 @@ fn critic<T: Scalar>(
 /// Activations, gradients and scratch memory of an [`ActorCritic`]'s passes over up to K samples,
 /// allocated once.
 ///
-/// The public arrays, between network and loss, are in f64 and in natural order. They have K rows;
-/// after a pass over n samples, the first n rows are valid and the others left from earlier passes.
+/// The public arrays, between network and loss, are in f64 and in the environment's order. They
+/// have K rows; after a pass over n samples, the first n rows are valid and the others left from
+/// earlier passes.
 #[derive(Clone, Debug)]
 pub struct Workspace<T> {
     /// Mean actions `[K, A]` of the last forward pass.
@@ -167,7 +170,7 @@ pub struct Workspace<T> {
     pub d_value: Vec<f64>,
     /// Gradient of the loss with respect to `log_std`, `[A]`; set before the backward pass.
     pub d_log_std: Vec<f64>,
-    trunk: TrunkPass<T>,
+    trunk: TrunkWorkspace<T>,
     actor: LayerBuffers<T>,
     critic: LayerBuffers<T>,
     /// Length n * F of the last forward pass's features, for n samples with F features each.
@@ -192,7 +195,7 @@ impl<T: Scalar> ActorCritic<T> {
             d_mean: vec![0.0; capacity * action],
             d_value: vec![0.0; capacity],
             d_log_std: vec![0.0; action],
-            trunk: self.trunk.new_pass(capacity),
+            trunk: self.trunk.workspace(capacity),
             actor: LayerBuffers::new(&self.actor, capacity),
             critic: LayerBuffers::new(&self.critic, capacity),
             features_len: 0,
@@ -221,15 +224,15 @@ impl<T: Scalar> ActorCritic<T> {
     /// # Panics
     /// If `params` is not [`ActorCritic::num_params`] long or n is beyond the capacity.
     pub fn forward(&self, params: &[T], n: usize, workspace: &mut Workspace<T>) {
-        let (parts, w) = (self.parts(), workspace);
+        let (ranges, w) = (self.param_ranges(), workspace);
         self.forward_features(params, n, w);
-        w.actor.forward(&self.actor, &params[parts.actor], n);
+        w.actor.forward(&self.actor, &params[ranges.actor], n);
         w.critic.x.copy_from_slice(match self.settings().critic {
             CriticSettings::Pooled { .. } => w.trunk.features(),
             CriticSettings::Joint { .. } => w.trunk.fields(),
         });
-        w.critic.forward(&self.critic, &params[parts.critic], n);
-        // layers use irrep-major order, the loss the environment's natural order
+        w.critic.forward(&self.critic, &params[ranges.critic], n);
+        // layers use irrep-major order, the loss the environment's order
         let width = self.action_order.len();
         for (mean, y) in w.mean.chunks_exact_mut(width).zip(w.actor.y.chunks_exact(width)).take(n) {
             for (&i, component) in self.action_order.iter().zip(y) {
@@ -237,17 +240,17 @@ impl<T: Scalar> ActorCritic<T> {
             }
         }
         to_f64(&w.critic.y[..n], &mut w.value);
-        to_f64(&params[parts.log_std], &mut w.log_std);
+        to_f64(&params[ranges.log_std], &mut w.log_std);
     }
 
     /// Returns the summed activations of the network's ReLU units for the n samples of the last
     /// forward pass.
     pub(crate) fn unit_activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> UnitActivity {
-        let parts = self.parts();
+        let ranges = self.param_ranges();
         let own = &params[self.trunk.params()];
         let mut sums = self.trunk.unit_activation_sums(own, n, &w.trunk);
-        sums.extend(w.actor.unit_activation_sums(&self.actor, &params[parts.actor], n));
-        sums.extend(w.critic.unit_activation_sums(&self.critic, &params[parts.critic], n));
+        sums.extend(w.actor.unit_activation_sums(&self.actor, &params[ranges.actor], n));
+        sums.extend(w.critic.unit_activation_sums(&self.critic, &params[ranges.critic], n));
         UnitActivity::from_layer_sums(sums)
     }
 
@@ -276,15 +279,15 @@ impl<T: Scalar> ActorCritic<T> {
         workspace: &mut Workspace<T>,
         dparams: &mut [T],
     ) {
-        let (parts, w) = (self.parts(), workspace);
+        let (ranges, w) = (self.param_ranges(), workspace);
         self.load_output_gradients(n, w);
-        w.actor.backward(&self.actor, params, parts.actor, n, dparams, true);
-        w.critic.backward(&self.critic, params, parts.critic, n, dparams, true);
+        w.actor.backward(&self.actor, params, ranges.actor, n, dparams, true);
+        w.critic.backward(&self.critic, params, ranges.critic, n, dparams, true);
         self.add_head_gradients(n, w);
         let own = self.trunk.params();
         let (own, trunk) = (&params[own.clone()], &mut dparams[own]);
         self.trunk.backward(own, n, &mut w.trunk, trunk);
-        for (sum, d) in dparams[parts.log_std].iter_mut().zip(&w.d_log_std) {
+        for (sum, d) in dparams[ranges.log_std].iter_mut().zip(&w.d_log_std) {
             *sum += T::from_f64(*d);
         }
     }
@@ -318,8 +321,8 @@ impl<T: Scalar> ActorCritic<T> {
     }
 }
 
-impl<T> HasTrunkPass<T> for Workspace<T> {
-    fn trunk(&mut self) -> &mut TrunkPass<T> {
+impl<T> HasTrunkWorkspace<T> for Workspace<T> {
+    fn trunk(&mut self) -> &mut TrunkWorkspace<T> {
         &mut self.trunk
     }
 }
@@ -363,7 +366,8 @@ mod tests {
         );
         assert_eq!((network.head_params().end, network.feature_dim()), (params.len(), 64));
         assert_eq!(params[params.len() - 4..], [-0.5; 4]);
-        let actor_out = &params[network.parts().actor.end - 4 * 32..network.parts().actor.end];
+        let actor_out =
+            &params[network.param_ranges().actor.end - 4 * 32..network.param_ranges().actor.end];
         assert!(actor_out.iter().all(|w| w.abs() < 0.02) && actor_out.iter().any(|&w| w != 0.0));
     }
 

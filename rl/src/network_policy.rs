@@ -13,16 +13,16 @@ use crate::activity::{MeasureActivity, UnitActivity};
 use crate::distributions::{log_prob, standard_normals};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_all_finite, check_len, check_params_fit_network};
-use crate::export;
 use crate::export::{
-    ChannelBasis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain,
+    ChannelBasis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, export_layers,
+    export_trunk,
 };
 use crate::network::{ActorCritic, Workspace};
 use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::policy::{
     Actor, Decisions, EvaluateActions, FeatureExtractor, OnPolicyActor, ValueFunction,
 };
-use crate::trunk::{HasTrunk, HasTrunkPass, Trunk};
+use crate::trunk::{HasTrunk, HasTrunkWorkspace, Trunk};
 
 /// Number of observations that a policy's thread processes at a time (a chunk), small enough that a
 /// batch of 20 environments occupies several threads.
@@ -71,11 +71,11 @@ impl<N, W> NetworkPolicy<N, W> {
 impl<N, W> NetworkPolicy<N, W>
 where
     N: HasTrunk<f32> + Send + Sync + 'static,
-    W: HasTrunkPass<f32> + Send + 'static,
+    W: HasTrunkWorkspace<f32> + Send + 'static,
 {
     /// Creates a policy from a network and its parameters; `buffers` allocates buffers for passes
     /// over up to a given number of samples.
-    pub(crate) fn from_parts(
+    pub(crate) fn from_network(
         network: Arc<N>,
         params: Vec<f32>,
         buffers: fn(&N, usize) -> W,
@@ -123,7 +123,7 @@ where
 impl<N, W> FeatureExtractor for NetworkPolicy<N, W>
 where
     N: HasTrunk<f32> + Send + Sync + 'static,
-    W: HasTrunkPass<f32> + Send + 'static,
+    W: HasTrunkWorkspace<f32> + Send + 'static,
 {
     fn feature_dim(&self) -> usize {
         self.trunk().feature_dim()
@@ -159,10 +159,10 @@ impl<N: HasTrunk<f32>, W> fmt::Debug for NetworkPolicy<N, W> {
 impl<N, W> Clone for NetworkPolicy<N, W>
 where
     N: HasTrunk<f32> + Send + Sync + 'static,
-    W: HasTrunkPass<f32> + Send + 'static,
+    W: HasTrunkWorkspace<f32> + Send + 'static,
 {
     fn clone(&self) -> Self {
-        Self::from_parts(Arc::clone(&self.network), self.params.clone(), self.buffers)
+        Self::from_network(Arc::clone(&self.network), self.params.clone(), self.buffers)
     }
 }
 
@@ -186,7 +186,7 @@ impl ActorCriticPolicy {
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec, seed: u64) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
         let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(Self::from_parts(Arc::new(network), params, ActorCritic::workspace))
+        Ok(Self::from_network(Arc::new(network), params, ActorCritic::workspace))
     }
 
     /// Builds the network for `spec` with the given flat parameters, as
@@ -202,11 +202,11 @@ impl ActorCriticPolicy {
     ) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
         check_saved_params(&params, network.num_params())?;
-        Ok(Self::from_parts(Arc::new(network), params, ActorCritic::workspace))
+        Ok(Self::from_network(Arc::new(network), params, ActorCritic::workspace))
     }
 
-    /// Returns the logarithms of the action's standard deviations `[A]`, in natural order, the same
-    /// for every state.
+    /// Returns the logarithms of the action's standard deviations `[A]`, in the environment's
+    /// order, the same for every state.
     pub fn log_std(&self) -> &[f32] {
         let params = self.params();
         &params[params.len() - self.action_dim()..]
@@ -236,6 +236,10 @@ impl ActorCriticPolicy {
             }
         };
         self.infer(observations, width + 1, forward)
+    }
+
+    fn policy(&self) -> &Self {
+        self
     }
 
     fn log_std_f64(&self) -> Vec<f64> {
@@ -322,45 +326,66 @@ impl ActorCriticPolicy {
     }
 }
 
-impl Actor for ActorCriticPolicy {
-    type Memory = ();
+/// Implements the traits that act on the outputs of a Gaussian policy's network, which `run` leaves
+/// in the [`ActorCriticPolicy`] that `policy` returns.
+macro_rules! impl_gaussian_policy {
+    ($Policy:ty) => {
+        impl Actor for $Policy {
+            type Memory = ();
 
-    fn new_memory(&self, _: usize) {}
+            fn new_memory(&self, _: usize) {}
 
-    fn act(
-        &mut self,
-        observations: &Observations,
-        (): &mut (),
-        rng: &mut ChaCha8Rng,
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        let samples = self.run(observations)?;
-        self.write_actions(samples, rng, out)
-    }
+            fn act(
+                &mut self,
+                observations: &Observations,
+                (): &mut (),
+                rng: &mut ChaCha8Rng,
+                out: &mut [f32],
+            ) -> Result<(), RlError> {
+                let samples = self.run(observations)?;
+                self.policy().write_actions(samples, rng, out)
+            }
 
-    fn mean_actions(
-        &mut self,
-        observations: &Observations,
-        (): &mut (),
-        out: &mut [f32],
-    ) -> Result<(), RlError> {
-        let samples = self.run(observations)?;
-        self.write_means(samples, out)
-    }
+            fn mean_actions(
+                &mut self,
+                observations: &Observations,
+                (): &mut (),
+                out: &mut [f32],
+            ) -> Result<(), RlError> {
+                let samples = self.run(observations)?;
+                self.policy().write_means(samples, out)
+            }
+        }
+
+        impl OnPolicyActor for $Policy {
+            fn decide(
+                &mut self,
+                observations: &Observations,
+                (): &mut (),
+                noise: &[f32],
+                out: &mut Decisions,
+            ) -> Result<(), RlError> {
+                let samples = self.run(observations)?;
+                self.policy().write_decisions(samples, noise, out)
+            }
+        }
+
+        impl ValueFunction for $Policy {
+            fn values(
+                &mut self,
+                observations: &Observations,
+                out: &mut [f32],
+            ) -> Result<(), RlError> {
+                let samples = self.run(observations)?;
+                self.policy().write_values(samples, out)
+            }
+        }
+    };
 }
+#[cfg(feature = "wgpu")]
+pub(crate) use impl_gaussian_policy;
 
-impl OnPolicyActor for ActorCriticPolicy {
-    fn decide(
-        &mut self,
-        observations: &Observations,
-        (): &mut (),
-        noise: &[f32],
-        out: &mut Decisions,
-    ) -> Result<(), RlError> {
-        let samples = self.run(observations)?;
-        self.write_decisions(samples, noise, out)
-    }
-}
+impl_gaussian_policy!(ActorCriticPolicy);
 
 impl EvaluateActions for ActorCriticPolicy {
     fn evaluate_actions(
@@ -375,32 +400,25 @@ impl EvaluateActions for ActorCriticPolicy {
     }
 }
 
-impl ValueFunction for ActorCriticPolicy {
-    fn values(&mut self, observations: &Observations, out: &mut [f32]) -> Result<(), RlError> {
-        let samples = self.run(observations)?;
-        self.write_values(samples, out)
-    }
-}
-
 impl ExportPolicy for ActorCriticPolicy {
     fn export(&self) -> Result<ExportedPolicy, RlError> {
         let (network, params) = (self.network(), self.params());
-        let (parts, trunk) = (network.parts(), export::trunk(&network.trunk, params)?);
+        let (ranges, trunk) = (network.param_ranges(), export_trunk(&network.trunk, params)?);
         let settings = network.settings();
-        let (group, critic) = (settings.group, &params[parts.critic]);
-        let to = |order| [trunk.joined, ChannelBasis::Natural(order)];
+        let (group, critic) = (settings.group, &params[ranges.critic]);
+        let to = |order| [trunk.joined, ChannelBasis::Environment(order)];
         let pooled = matches!(settings.critic, CriticSettings::Pooled { .. });
         let critic = if pooled {
             // pooled features are invariant: no change of basis
-            chain(Group::C1, &network.critic, critic, [ChannelBasis::Regular; 2])?
+            export_layers(Group::C1, &network.critic, critic, [ChannelBasis::Regular; 2])?
         } else {
-            chain(group, &network.critic, critic, to(&[0]))?
+            export_layers(group, &network.critic, critic, to(&[0]))?
         };
-        let actor = &params[parts.actor];
+        let actor = &params[ranges.actor];
         Ok(ExportedPolicy {
             spec: network.spec().clone(),
             order: group.order(),
-            actor: chain(group, &network.actor, actor, to(&network.action_order))?,
+            actor: export_layers(group, &network.actor, actor, to(&network.action_order))?,
             image: trunk.image,
             vector: trunk.vector,
             distribution: Distribution::Gaussian { log_std: self.log_std().to_vec() },

@@ -23,8 +23,8 @@ impl ActorMemory for () {
     fn forget_episode(&mut self, _: usize) {}
 }
 
-/// A policy that chooses actions `[N, A]` for N environments, A components each in natural order:
-/// any finite numbers.
+/// A policy that chooses actions `[N, A]` for N environments, A components each in the
+/// environment's order: any finite numbers.
 ///
 /// Every call is one step of N environments: `observations` are those of all environments, and
 /// `memory` is carried from step to step. With the memory `()`, N may differ from call to call.
@@ -128,7 +128,7 @@ pub trait EvaluateActions: ValueFunction {
 /// Actions that a policy sampled for N observations, with log-probabilities and state values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Decisions {
-    /// Sampled actions `[N, A]` in their natural order, not clipped.
+    /// Sampled actions `[N, A]` in the environment's order, not clipped.
     pub actions: Vec<f32>,
     /// Log-probability densities of the actions, `[N]`, in nats.
     pub log_probs: Vec<f32>,

@@ -24,7 +24,9 @@ use crate::buffer::RolloutBuffer;
 use crate::distributions::{entropy, log_prob};
 use crate::error::{RlError, check_all_finite, check_finite, check_params_fit_network};
 use crate::network_policy::ActorCriticPolicy;
-use crate::ppo::minibatch::{Batch, Cpu, Decision, Device, MAX_LOG_RATIO, Output, Update};
+use crate::ppo::minibatch::{
+    Backend, CpuBackend, Decision, MAX_LOG_RATIO, NetworkOutput, TrainingBatch, Update,
+};
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, PpoStats, PpoTotals};
 
@@ -33,8 +35,8 @@ use crate::ppo::stats::{LossSums, LossWeights, PpoStats, PpoTotals};
 pub struct Ppo {
     settings: PpoSettings,
     optimiser: Adam,
-    device: Box<dyn Device>,
-    batch: Batch,
+    backend: Box<dyn Backend>,
+    batch: TrainingBatch,
 }
 
 impl Ppo {
@@ -44,7 +46,7 @@ impl Ppo {
     /// [`RlError::InvalidSetting`] if a setting is out of range, [`RlError::LogStdBelowMinimum`] if
     /// a log_std of `policy` is already below [`PpoSettings::min_log_std`].
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
-        Self::on(settings, policy, Box::new(Cpu::new(policy)))
+        Self::on(settings, policy, Box::new(CpuBackend::new(policy)))
     }
 
     /// Creates PPO with fresh optimiser state, which trains `policy` or its clones on a GPU:
@@ -64,21 +66,21 @@ impl Ppo {
         if settings.symmetry.is_some() {
             return Err(RlError::UnsupportedOnGpu);
         }
-        Self::on(settings, policy, Box::new(gpu::Gpu::new(device)))
+        Self::on(settings, policy, Box::new(gpu::GpuBackend::new(device)))
     }
 
     fn on(
         settings: PpoSettings,
         policy: &ActorCriticPolicy,
-        device: Box<dyn Device>,
+        backend: Box<dyn Backend>,
     ) -> Result<Self, RlError> {
         settings.check()?;
-        settings.check_floor(policy.log_std())?;
+        settings.check_min_log_std(policy.log_std())?;
         Ok(Self {
             optimiser: Adam::new(policy.network().num_params(), settings.adam_epsilon),
             settings,
-            device,
-            batch: Batch::default(),
+            backend,
+            batch: TrainingBatch::default(),
         })
     }
 
@@ -120,12 +122,12 @@ impl Algorithm for Ppo {
             buffer,
             rng,
         };
-        let totals = run_epochs(&mut update, &mut *self.device)?;
+        let totals = run_epochs(&mut update, &mut *self.backend)?;
         check_all_finite("a parameter after the update", policy.params())?;
         let values = &buffer.decisions().values;
-        let transformed = self.batch.transformed.take();
+        let augmented = self.batch.augmented.take();
         Ok(PpoStats {
-            symmetry_loss: transformed.map(|_| totals.losses.symmetry_loss / totals.losses.samples),
+            symmetry_loss: augmented.map(|_| totals.losses.symmetry_loss / totals.losses.samples),
             ..totals.stats(values, &self.batch.returns, policy.log_std())
         })
     }
@@ -143,7 +145,7 @@ impl Algorithm for Ppo {
     }
 }
 
-impl Batch {
+impl TrainingBatch {
     /// Computes advantages and returns of the rollout in `buffer`, and transforms its observations
     /// by group elements from `rng` if there is a symmetry loss.
     fn fill(
@@ -159,14 +161,14 @@ impl Batch {
         check_all_finite("a return", returns)?;
         self.actions.clear();
         self.actions.extend(buffer.decisions().actions.iter().map(|&a| f64::from(a)));
-        self.transformed = settings.symmetry.map(|symmetry| symmetry.draw(buffer, rng));
+        self.augmented = settings.symmetry.map(|symmetry| symmetry.augment(buffer, rng));
         Ok(())
     }
 }
 
 /// Runs all epochs of an update over the minibatches, or up to the minibatch whose KL divergence
 /// stops it. A GPU, which queues minibatches, applies the same rules itself and reports at the end.
-fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<PpoTotals, RlError> {
+fn run_epochs(update: &mut Update, backend: &mut dyn Backend) -> Result<PpoTotals, RlError> {
     let settings = update.settings;
     let mut totals = PpoTotals::default();
     // indices into the batch and, below, the minibatch: the names are CleanRL's
@@ -178,7 +180,7 @@ fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<PpoTotals,
             normalise(&update.batch.advantages, mb_inds, &mut mb_advantages);
             let minibatch = update.minibatch(mb_inds, &mb_advantages);
             // `None`: queued on a GPU
-            let Some((losses, gradient)) = device.losses(update, &minibatch)? else {
+            let Some((losses, gradient)) = backend.losses(update, &minibatch)? else {
                 continue;
             };
             // counted even if the minibatch stops the update, whose statistics should show why
@@ -198,7 +200,7 @@ fn run_epochs(update: &mut Update, device: &mut dyn Device) -> Result<PpoTotals,
         }
         totals.epochs += 1;
     }
-    Ok(device.finish(update)?.unwrap_or(totals))
+    Ok(backend.finish(update)?.unwrap_or(totals))
 }
 
 /// Shuffles the indices of decisions by the Fisher-Yates method (Durstenfeld, Comm. ACM 7, 1964,
@@ -236,7 +238,7 @@ impl LossWeights {
     fn loss(
         &self,
         old: &Decision,
-        new: &Output,
+        new: &NetworkOutput,
         scale: f64,
         d_mean: &mut [f64],
         d_log_std: &mut [f64],

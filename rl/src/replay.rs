@@ -33,7 +33,7 @@ pub struct ReplayBuffer {
     stored_episodes: VecDeque<Episode>,
     /// Number of the first episode in `stored_episodes`; episodes are numbered in the order in
     /// which they began.
-    first: u32,
+    first_episode: u32,
     /// Identifiers of the steps that the buffer holds, the oldest first.
     step_order: VecDeque<StepId>,
     /// Number of each environment's running episode, `[N]`; `None` if the environment's next step
@@ -44,7 +44,7 @@ pub struct ReplayBuffer {
     /// Image arrays of dropped episodes, at most N, whose memory new episodes reuse. Returning them
     /// to the allocator instead fragments the memory, since they are large and of almost equal
     /// size: a fifth of the memory was lost after a few rounds.
-    spare: Vec<Vec<u8>>,
+    spare_images: Vec<Vec<u8>>,
     /// Actions of the step that is being collected, `[N, A]`.
     actions: Vec<f32>,
 }
@@ -63,12 +63,12 @@ impl ReplayBuffer {
             settings,
             spec: spec.clone(),
             stored_episodes: VecDeque::new(),
-            first: 0,
+            first_episode: 0,
             step_order: VecDeque::new(),
             running_episodes: vec![None; spec.num_envs],
             num_recorded: 0,
             num_before_newest: 0,
-            spare: Vec::new(),
+            spare_images: Vec::new(),
             actions: Vec::new(),
         })
     }
@@ -106,15 +106,17 @@ impl ReplayBuffer {
     /// collection may have another number of environments.
     pub fn cut_episodes(&mut self) {
         for number in self.running_episodes.iter_mut().filter_map(Option::take) {
-            if let Some(episode) = self.stored_episodes.get_mut((number - self.first) as usize) {
+            if let Some(episode) =
+                self.stored_episodes.get_mut((number - self.first_episode) as usize)
+            {
                 episode.shrink();
             }
         }
     }
 
-    /// Marks the steps recorded from now on as the newest experience, from which
-    /// [`ReplayBuffer::sample_indices`] draws a share. Before the first mark, all steps count as
-    /// newest.
+    /// Starts the newest experience, to which all steps recorded from now on belong:
+    /// [`ReplayBuffer::sample_indices`] takes a share of its steps from it. Before the first mark,
+    /// all steps count as newest.
     pub fn start_newest(&mut self) {
         self.set_num_newest(0);
     }
@@ -151,13 +153,13 @@ impl ReplayBuffer {
     /// # Panics
     /// If there is no such step.
     pub fn get(&self, index: usize) -> ReplayStep<'_> {
-        let place = self.step_order[index];
-        let episode = self.episode(place.episode);
+        let step_id = self.step_order[index];
+        let episode = self.episode(step_id.episode);
         ReplayStep {
             episode,
             sizes: &self.sizes,
-            number: place.episode,
-            step: place.step as usize - episode.removed,
+            number: step_id.episode,
+            step: step_id.step as usize - episode.removed,
         }
     }
 
@@ -189,12 +191,12 @@ impl ReplayBuffer {
     /// Returns the number of bytes that the replay buffer has allocated.
     pub fn allocated_bytes(&self) -> usize {
         let episodes = self.stored_episodes.iter().map(Episode::bytes).sum::<usize>();
-        let spare = self.spare.iter().map(Vec::capacity).sum::<usize>();
+        let spare = self.spare_images.iter().map(Vec::capacity).sum::<usize>();
         episodes + spare + self.step_order.capacity() * size_of::<StepId>()
     }
 
     fn episode(&self, number: u32) -> &Episode {
-        &self.stored_episodes[(number - self.first) as usize]
+        &self.stored_episodes[(number - self.first_episode) as usize]
     }
 
     /// Rejects a step of environment `env` that does not continue its running episode, and images
@@ -218,7 +220,7 @@ impl ReplayBuffer {
         if !episode.ends_with(&self.sizes, image, vector) {
             return Err(RlError::EpisodeNotContinued { env });
         }
-        if !episode.stands_still(&self.sizes, next_image) {
+        if !episode.has_same_still_channels(&self.sizes, next_image) {
             let channels = self.sizes.still;
             return Err(RlError::StillChannelChanged { env, channels });
         }
@@ -234,13 +236,13 @@ impl ReplayBuffer {
     ) {
         let number = self.running_episodes[env].unwrap_or_else(|| {
             let (image, vector) = observations.sample(&self.spec, env);
-            let spare = self.spare.pop().unwrap_or_default();
+            let spare = self.spare_images.pop().unwrap_or_default();
             self.stored_episodes.push_back(Episode::begin(&self.sizes, image, vector, spare));
-            self.first + self.stored_episodes.len() as u32 - 1
+            self.first_episode + self.stored_episodes.len() as u32 - 1
         });
         let (reward, outcome) = (transition.rewards[env], transition.outcomes[env]);
         let (image, vector) = next_observations(transition, env).sample(&self.spec, env);
-        let episode = &mut self.stored_episodes[(number - self.first) as usize];
+        let episode = &mut self.stored_episodes[(number - self.first_episode) as usize];
         self.step_order.push_back(StepId {
             episode: number,
             step: (episode.removed + episode.steps()) as u32,
@@ -256,24 +258,26 @@ impl ReplayBuffer {
     /// Drops the oldest step of the buffer, and frees ended episodes of which no step is held any
     /// more.
     fn drop_oldest(&mut self) {
-        let Some(place) = self.step_order.pop_front() else {
+        let Some(step_id) = self.step_order.pop_front() else {
             return;
         };
         let running = &self.running_episodes;
         let over = |number: u32| !running.contains(&Some(number));
-        let episode = &mut self.stored_episodes[(place.episode - self.first) as usize];
+        let episode = &mut self.stored_episodes[(step_id.episode - self.first_episode) as usize];
         episode.drop_oldest(&self.sizes);
-        if episode.held == 0 && over(place.episode) {
+        if episode.num_held == 0 && over(step_id.episode) {
             let dropped = std::mem::take(episode);
-            if self.spare.len() < self.running_episodes.len() {
-                self.spare.push(dropped.moving);
+            if self.spare_images.len() < self.running_episodes.len() {
+                self.spare_images.push(dropped.moving);
             }
         }
         // episodes do not end in the order in which they began, so one that is over may have to
         // wait for those before it
-        while self.stored_episodes.front().is_some_and(|e| e.held == 0) && over(self.first) {
+        while self.stored_episodes.front().is_some_and(|e| e.num_held == 0)
+            && over(self.first_episode)
+        {
             self.stored_episodes.pop_front();
-            self.first += 1;
+            self.first_episode += 1;
         }
     }
 }
@@ -425,12 +429,12 @@ impl<'a> ReplayStep<'a> {
         Some(Self { step, ..*self })
     }
 
-    /// Returns the step that comes `count` steps later among those of its episode that the buffer
-    /// holds, where the first follows the last. The wrap-around makes the result uniformly
+    /// Returns the step that comes `count` steps later in the episode, among the steps that the
+    /// buffer holds; the first of them follows the last. The wrap-around makes the result uniformly
     /// distributed if this step is.
     pub(crate) fn wrapping_later(&self, count: usize) -> Self {
-        let first = self.episode.steps() - self.episode.held;
-        let step = first + (self.step - first + count) % self.episode.held;
+        let first = self.episode.steps() - self.episode.num_held;
+        let step = first + (self.step - first + count) % self.episode.num_held;
         Self { step, ..*self }
     }
 }
@@ -483,9 +487,9 @@ impl ReplaySettings {
     /// [`RlError::InvalidSetting`] names the field, its value and its range.
     pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
         // steps are numbered by u32
-        let places = 1..=u32::MAX as usize;
+        let allowed_capacities = 1..=u32::MAX as usize;
         let (capacity, still) = (self.capacity, self.still_channels);
-        let allowed = places.contains(&capacity);
+        let allowed = allowed_capacities.contains(&capacity);
         require("capacity", capacity as f32, "1 to 2^32 - 1 steps", allowed)?;
         let has_steps = self.steps > 0;
         require("steps", self.steps as f32, "at least 1 step", has_steps)?;

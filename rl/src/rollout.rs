@@ -86,7 +86,7 @@ impl RolloutStats {
 }
 
 impl<M: ActorMemory> RolloutState<M> {
-    /// Starts an episode in every environment and creates a fresh memory of `actor`.
+    /// Starts an episode in every environment and creates a new memory of `actor`.
     ///
     /// # Errors
     /// [`RlError::Environment`] when the reset fails, [`RlError::ShapeMismatch`] when it changes
@@ -103,7 +103,7 @@ impl<M: ActorMemory> RolloutState<M> {
         observations.check_finite(&spec).map_err(|error| error.with_step(|_| Some(0)))?;
         Ok(Self {
             observations,
-            episodes: (0..spec.num_envs).map(fresh).collect(),
+            episodes: (0..spec.num_envs).map(new_episode).collect(),
             memory: actor.new_memory(spec.num_envs),
         })
     }
@@ -129,7 +129,7 @@ impl<M: ActorMemory> RolloutState<M> {
             episode.success |= transition.success[n];
             episode.success_at_end = transition.success_at_end[n];
             if transition.outcomes[n].is_ended() {
-                ended.push(std::mem::replace(episode, fresh(n)));
+                ended.push(std::mem::replace(episode, new_episode(n)));
                 self.memory.forget_episode(n);
             }
         }
@@ -156,7 +156,7 @@ pub(crate) fn step(
     transition.check(env.spec()).map_err(|error| error.with_step(next))
 }
 
-fn fresh(env: usize) -> EpisodeStats {
+fn new_episode(env: usize) -> EpisodeStats {
     EpisodeStats { env, ..EpisodeStats::default() }
 }
 
@@ -286,16 +286,16 @@ pub fn evaluate<A: Actor>(
     evaluate_with_callback(env, actor, rounds, |_, _| Ok(()))
 }
 
-/// Evaluates like [`evaluate`] and calls `look` with the actor and the state of the environments
-/// before every decision.
+/// Evaluates like [`evaluate`] and calls `callback` with the actor and the state of the
+/// environments before every decision.
 ///
 /// # Errors
-/// Errors of [`evaluate`], and of `look`.
+/// Errors of [`evaluate`], and of `callback`.
 pub fn evaluate_with_callback<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
     rounds: usize,
-    mut look: impl FnMut(&A, &RolloutState<A::Memory>) -> Result<(), RlError>,
+    mut callback: impl FnMut(&A, &RolloutState<A::Memory>) -> Result<(), RlError>,
 ) -> Result<RolloutStats, RlError> {
     let spec = env.spec().clone();
     let mut state = RolloutState::reset(env, actor)?;
@@ -304,7 +304,7 @@ pub fn evaluate_with_callback<A: Actor>(
     let mut left = vec![rounds; spec.num_envs];
     let mut stats = RolloutStats::default();
     while left.iter().any(|&open| open > 0) {
-        look(actor, &state)?;
+        callback(actor, &state)?;
         actor.mean_actions(&state.observations, &mut state.memory, &mut actions)?;
         step(env, &state.episodes, &actions, &mut transition)?;
         state.remember_step(&actions, &transition.rewards);

@@ -5,9 +5,9 @@
 pub(crate) mod context;
 #[cfg(test)]
 mod gradient_tests;
+mod losses;
 mod minibatch;
 pub(crate) mod network;
-mod passes;
 pub(crate) mod policy;
 pub(crate) mod settings;
 pub(crate) mod stats;
@@ -25,14 +25,14 @@ use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::env::StepOutcome;
 use crate::error::{RlError, check_all_finite, check_finite, check_params_fit_network};
 use crate::replay::ReplayBuffer;
-use crate::sac::minibatch::{Draws, SacWorkspace, training_chunk};
-use crate::sac::passes::Losses;
+use crate::sac::losses::Losses;
+use crate::sac::minibatch::{SacWorkspace, SampledMinibatch, training_chunk};
 use crate::sac::policy::SacPolicy;
 use crate::sac::settings::{SacSettings, Temperature};
 use crate::sac::stats::{SacStats, SacSums, SacTotals};
 
 // checkpoint names of the state beside the policy's own
-const TARGETS: &str = "targets";
+const TARGET_PARAMS: &str = "targets";
 const TEMPERATURE: &str = "temperature.log";
 const TEMPERATURE_FIRST: &str = "temperature.first";
 const TEMPERATURE_SECOND: &str = "temperature.second";
@@ -54,13 +54,13 @@ pub struct Sac {
     settings: SacSettings,
     optimiser: Adam,
     /// Parameters of the target critics.
-    targets: Vec<f32>,
+    target_params: Vec<f32>,
     /// Logarithm of the temperature alpha if it is learned; unused if it is fixed.
     log_alpha: [f32; 1],
     alpha_optimiser: Adam,
     chunks: ParallelChunks<f32, SacWorkspace<f32>>,
     gradient: Vec<f32>,
-    draws: Draws,
+    minibatch: SampledMinibatch,
 }
 
 impl Sac {
@@ -76,12 +76,12 @@ impl Sac {
         let num_params = network.num_params();
         Ok(Self {
             optimiser: Adam::new(num_params, settings.adam_epsilon),
-            targets: policy.params()[network.critic_params()].to_vec(),
+            target_params: policy.params()[network.critic_params()].to_vec(),
             log_alpha: [settings.temperature.initial().ln()],
             alpha_optimiser: Adam::new(1, settings.adam_epsilon),
             chunks: ParallelChunks::new(num_params, chunk, move || network.workspace(chunk)),
             gradient: vec![0.0; num_params],
-            draws: Draws::default(),
+            minibatch: SampledMinibatch::default(),
             settings,
         })
     }
@@ -117,9 +117,9 @@ impl Sac {
         rng: &mut ChaCha8Rng,
         totals: &mut SacTotals,
     ) -> Result<(), RlError> {
-        self.draws.draw(&self.settings, replay, rng);
+        self.minibatch.sample(&self.settings, replay, rng);
         let sums = self.losses(policy, replay)?;
-        totals.grad_norm_sum += self.descend(policy, totals)?;
+        totals.grad_norm_sum += self.clip_and_step(policy, totals)?;
         totals.steps += 1;
         totals.sums.add(&sums);
         self.update_alpha(policy, &sums);
@@ -127,29 +127,37 @@ impl Sac {
         Ok(())
     }
 
-    /// Computes the summed losses of the drawn minibatch, and its gradient in `self.gradient`.
+    /// Computes the summed losses of the sampled minibatch, and its gradient in `self.gradient`.
     fn losses(&mut self, policy: &SacPolicy, replay: &ReplayBuffer) -> Result<SacSums, RlError> {
         let losses = Losses {
             network: policy.network(),
             params: policy.params(),
-            targets: &self.targets,
-            batch: self.draws.batch(&self.settings, self.temperature(), replay),
+            target_params: &self.target_params,
+            replay,
+            minibatch: &self.minibatch,
+            gamma: self.settings.gamma.into(),
+            alpha: self.temperature(),
+            cloning_weight: self.settings.cloning_weight.into(),
         };
         self.gradient.fill(0.0);
         let mut sums = SacSums::default();
-        let parts = self.chunks.accumulate_gradients(
+        let chunk_losses = self.chunks.accumulate_gradients(
             self.settings.batch,
             &mut self.gradient,
-            |range, workspace, gradient| losses.chunk(range, workspace, gradient),
+            |range, workspace, gradient| losses.run_chunk(range, workspace, gradient),
         );
-        parts.iter().for_each(|part| sums.add(part));
+        chunk_losses.iter().for_each(|chunk| sums.add(chunk));
         let loss = sums.critic_loss + sums.actor_loss + sums.cloning_loss;
         check_finite("the loss of a minibatch", loss)?;
         Ok(sums)
     }
 
     /// Clips the gradient and takes an Adam step; returns the gradient's norm before clipping.
-    fn descend(&mut self, policy: &mut SacPolicy, totals: &mut SacTotals) -> Result<f64, RlError> {
+    fn clip_and_step(
+        &mut self,
+        policy: &mut SacPolicy,
+        totals: &mut SacTotals,
+    ) -> Result<f64, RlError> {
         let grad_norm = norm(&self.gradient);
         check_finite("the norm of the gradient", grad_norm)?;
         let clipped = clip_values(&mut self.gradient, self.settings.max_gradient);
@@ -180,7 +188,7 @@ impl Sac {
     fn update_targets(&mut self, policy: &SacPolicy) {
         let tau = self.settings.tau;
         let critics = &policy.params()[policy.network().critic_params()];
-        for (target, critic) in self.targets.iter_mut().zip(critics) {
+        for (target, critic) in self.target_params.iter_mut().zip(critics) {
             *target += tau * (critic - *target);
         }
     }
@@ -189,14 +197,14 @@ impl Sac {
 impl<T: Scalar> Losses<'_, T> {
     /// Writes the targets y of the critics' loss, from target critics and actor at the next
     /// observations.
-    fn next_q_values(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
+    fn write_td_targets(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         for (slot, position) in range.clone().enumerate() {
-            let (step, _) = self.batch.step(position);
-            let min_qf_next_target = w.min_qf(slot).1 - self.batch.alpha * w.log_pi[slot];
+            let (step, _) = self.step(position);
+            let min_qf_next_target = w.min_qf(slot).1 - self.alpha * w.log_pi[slot];
             // a truncated episode still has a next value, unlike a terminated one
             let continues = f64::from(u8::from(step.outcome() != StepOutcome::Terminated));
             let reward = f64::from(step.reward());
-            w.next_q_values[slot] = reward + self.batch.gamma * continues * min_qf_next_target;
+            w.td_targets[slot] = reward + self.gamma * continues * min_qf_next_target;
         }
     }
 
@@ -205,11 +213,11 @@ impl<T: Scalar> Losses<'_, T> {
         let mut sums = SacSums::default();
         for slot in 0..n {
             for qf in &mut w.critics {
-                let error = qf.y[slot].to_f64() - w.next_q_values[slot];
+                let error = qf.y[slot].to_f64() - w.td_targets[slot];
                 sums.critic_loss += 0.5 * error * error;
                 // the mean over both critics
                 sums.value += 0.5 * qf.y[slot].to_f64();
-                qf.dy[slot] = T::from_f64(error * self.batch.scale());
+                qf.dy[slot] = T::from_f64(error * self.scale());
             }
         }
         sums
@@ -222,11 +230,11 @@ impl<T: Scalar> Losses<'_, T> {
         for slot in 0..n {
             let (qf, min_qf_pi) = w.min_qf(slot);
             sums.samples += 1.0;
-            sums.actor_loss += self.batch.alpha * w.log_pi[slot] - min_qf_pi;
+            sums.actor_loss += self.alpha * w.log_pi[slot] - min_qf_pi;
             sums.log_pi += w.log_pi[slot];
             // only the critic with the smaller value enters the loss
             w.critics[1 - qf].dy[slot] = T::ZERO;
-            w.critics[qf].dy[slot] = T::from_f64(-self.batch.scale());
+            w.critics[qf].dy[slot] = T::from_f64(-self.scale());
         }
         sums
     }
@@ -265,7 +273,7 @@ impl Algorithm for Sac {
     fn save(&self) -> AlgorithmState<'_> {
         let alpha = &self.alpha_optimiser;
         let mut state = self.optimiser.save();
-        state.tensors.push((TARGETS, &self.targets));
+        state.tensors.push((TARGET_PARAMS, &self.target_params));
         // a fixed temperature has no state, so a state with a learned one does not fit it
         if matches!(self.settings.temperature, Temperature::Learned { .. }) {
             state.tensors.extend([
@@ -282,7 +290,7 @@ impl Algorithm for Sac {
         check_not_negative(state, &[SECOND_MOMENT_NAME, TEMPERATURE_SECOND])?;
         let alpha = &mut self.alpha_optimiser;
         let own: [&mut [f32]; 4] = [
-            &mut self.targets,
+            &mut self.target_params,
             &mut self.log_alpha,
             &mut alpha.first_moment,
             &mut alpha.second_moment,

@@ -12,7 +12,7 @@ use crate::rollout::{EpisodeStats, step};
 /// Number of randomly transformed copies of all episodes in the randomisation test. If the observed
 /// deviation from zero exceeds those of all 999 copies, the test rejects at a level of 1 / (999 +
 /// 1).
-const DRAWS: usize = 999;
+const NUM_RANDOMISATIONS: usize = 999;
 
 /// Minimum number of episodes that the check needs. A mean's deviation from zero, in standard
 /// errors, is at most the root of the number of episodes (6.9 for 48), and the largest of many
@@ -21,7 +21,7 @@ const MIN_EPISODES: usize = 48;
 
 /// Difference, in standard errors, up to which two means' deviations from zero count as equal,
 /// because of rounding errors.
-const EQUAL: f64 = 1e-9;
+const ROUNDING_TOLERANCE: f64 = 1e-9;
 
 /// Runs `env` for `steps` steps with standard normal actions, and rejects the environment if the
 /// data contradict the irreps in its [`EnvSpec`], as far as `group` acts on them.
@@ -52,39 +52,39 @@ pub fn check_symmetry(
 ) -> Result<(), RlError> {
     let spec = env.spec().clone();
     spec.check()?;
-    let features = FeatureExtractor::new(&spec, group);
-    let episodes = features.observe(env, steps, rng)?;
+    let quantities = TestedQuantities::new(&spec, group);
+    let episodes = quantities.episode_sums(env, steps, rng)?;
     let enough = episodes.len() >= MIN_EPISODES;
     let expected = "steps in which 48 episodes begin, in all environments together";
     require("steps", steps as f32, expected, enough)?;
     let mut elements = vec![D2::Identity; episodes.len()];
-    let norms = features.norms(&episodes);
-    let Some((worst, observed)) = features.largest(&episodes, &norms, &elements) else {
+    let norms = quantities.norms(&episodes);
+    let Some((worst, observed)) = quantities.largest_ratio(&episodes, &norms, &elements) else {
         return Ok(());
     };
-    for _ in 0..DRAWS {
+    for _ in 0..NUM_RANDOMISATIONS {
         elements.fill_with(|| group.elements()[rng.random_range(0..group.order())]);
-        let moved = features.largest(&episodes, &norms, &elements);
+        let moved = quantities.largest_ratio(&episodes, &norms, &elements);
         // one random deviation as large is enough to accept
-        if moved.is_some_and(|(_, moved)| moved > observed - EQUAL) {
+        if moved.is_some_and(|(_, moved)| moved > observed - ROUNDING_TOLERANCE) {
             return Ok(());
         }
     }
-    let term = &features.terms[worst];
+    let term = &quantities.terms[worst];
     Err(RlError::SymmetryViolated {
-        what: features.name(term),
-        irrep: features.irrep(term),
+        what: quantities.name(term),
+        irrep: quantities.irrep(term),
         deviation: observed,
     })
 }
 
 /// Factor of a quantity of one step whose mean over episodes is tested against zero. Indices are
-/// those of the features of an observation (see [`FeatureExtractor`]) and of the components of the
+/// those of the features of an observation (see [`TestedQuantities`]) and of the components of the
 /// action.
 #[derive(Clone, Copy, Debug)]
 enum Factor {
     /// Feature of the observation: a component of its vector or a moment of its image.
-    View(usize),
+    Feature(usize),
     /// Change of a feature of the observation in the step.
     Change(usize),
     /// Component of the action.
@@ -99,43 +99,46 @@ enum Factor {
 /// A view is the list of features of one observation: the components of its vector and, for each
 /// channel of its image, the moments 1, x, y and xy, divided by the moment 1 of a channel of full
 /// brightness.
-struct FeatureExtractor {
+struct TestedQuantities {
     spec: EnvSpec,
     /// Irrep of each feature of an observation: of the components of its vector, then of the
     /// moments of its image.
-    view: Vec<Irrep>,
+    feature_irreps: Vec<Irrep>,
     /// Quantities, each a product of these factors.
     terms: Vec<Vec<Factor>>,
 }
 
-impl FeatureExtractor {
+impl TestedQuantities {
     fn new(spec: &EnvSpec, group: Group) -> Self {
         let moments = (0..spec.image_shape[2]).flat_map(|_| Irrep::ALL);
-        let view: Vec<Irrep> = spec.vector_irreps.iter().copied().chain(moments).collect();
-        let mut features = Self { spec: spec.clone(), terms: Vec::new(), view };
-        let (views, actions) = (0..features.view.len(), 0..spec.action_irreps.len());
-        let mut terms: Vec<_> = views.clone().map(|i| vec![Factor::View(i)]).collect();
-        terms.extend(views.clone().map(|i| vec![Factor::View(i), Factor::Reward]));
+        let feature_irreps: Vec<Irrep> =
+            spec.vector_irreps.iter().copied().chain(moments).collect();
+        let mut quantities = Self { spec: spec.clone(), terms: Vec::new(), feature_irreps };
+        let (features, actions) = (0..quantities.feature_irreps.len(), 0..spec.action_irreps.len());
+        let mut terms: Vec<_> = features.clone().map(|i| vec![Factor::Feature(i)]).collect();
+        terms.extend(features.clone().map(|i| vec![Factor::Feature(i), Factor::Reward]));
         terms.extend(actions.clone().map(|a| vec![Factor::Action(a), Factor::Reward]));
-        for i in views.clone() {
-            terms.extend((i + 1..views.end).map(|j| vec![Factor::View(i), Factor::View(j)]));
+        for i in features.clone() {
+            terms.extend(
+                (i + 1..features.end).map(|j| vec![Factor::Feature(i), Factor::Feature(j)]),
+            );
         }
         for a in actions.map(Factor::Action) {
-            terms.extend(views.clone().map(|i| vec![a, Factor::Change(i)]));
-            terms.extend(views.clone().map(|i| vec![a, Factor::View(i), Factor::Reward]));
+            terms.extend(features.clone().map(|i| vec![a, Factor::Change(i)]));
+            terms.extend(features.clone().map(|i| vec![a, Factor::Feature(i), Factor::Reward]));
         }
         // only for quantities that change their sign does symmetry imply a mean of zero
         let acts = |irrep: Irrep| group.elements().iter().any(|&g| irrep.sign(g) < 0);
-        terms.retain(|term| acts(features.irrep(term)));
-        features.terms = terms;
-        features
+        terms.retain(|term| acts(quantities.irrep(term)));
+        quantities.terms = terms;
+        quantities
     }
 
     /// Returns the irrep that gives the sign by which the product of the factors `term` changes
     /// under a group element.
     fn irrep(&self, term: &[Factor]) -> Irrep {
         let irreps = term.iter().map(|&factor| match factor {
-            Factor::View(i) | Factor::Change(i) => self.view[i],
+            Factor::Feature(i) | Factor::Change(i) => self.feature_irreps[i],
             Factor::Action(a) => self.spec.action_irreps[a],
             Factor::Reward => Irrep::Trivial,
         });
@@ -144,13 +147,15 @@ impl FeatureExtractor {
 
     /// Returns the name of the product of the factors `term` for an error message.
     fn name(&self, term: &[Factor]) -> String {
-        let view = |i: usize| match i.checked_sub(self.spec.vector_irreps.len()) {
-            None => format!("vector component {i} ({})", self.view[i]),
-            Some(k) => format!("moment {} of channel {} of the image", self.view[i], k / 4),
+        let feature = |i: usize| match i.checked_sub(self.spec.vector_irreps.len()) {
+            None => format!("vector component {i} ({})", self.feature_irreps[i]),
+            Some(k) => {
+                format!("moment {} of channel {} of the image", self.feature_irreps[i], k / 4)
+            }
         };
         let names = term.iter().map(|&factor| match factor {
-            Factor::View(i) => view(i),
-            Factor::Change(i) => format!("the change of {}", view(i)),
+            Factor::Feature(i) => feature(i),
+            Factor::Change(i) => format!("the change of {}", feature(i)),
             Factor::Action(a) => format!("action component {a} ({})", self.spec.action_irreps[a]),
             Factor::Reward => "the reward".to_owned(),
         });
@@ -159,7 +164,7 @@ impl FeatureExtractor {
 
     /// Runs the environments with random actions and returns the sums of all tested quantities over
     /// each episode, unfinished episodes included.
-    fn observe(
+    fn episode_sums(
         &self,
         env: &mut dyn VectorEnv,
         steps: usize,
@@ -170,7 +175,7 @@ impl FeatureExtractor {
         env.reset(&mut observations).map_err(RlError::Environment)?;
         observations.check(spec, n)?;
         observations.check_finite(spec).map_err(|e| e.with_step(|_| Some(0)))?;
-        let mut views: Vec<_> = (0..n).map(|i| self.view_of(&observations, i)).collect();
+        let mut features: Vec<_> = (0..n).map(|i| self.features_of(&observations, i)).collect();
         let mut running = vec![EpisodeStats::default(); n];
         let mut sums = vec![vec![0.0; self.terms.len()]; n];
         let mut episodes = Vec::new();
@@ -181,22 +186,22 @@ impl FeatureExtractor {
             step(env, &running, &actions, &mut transition)?;
             for (i, action) in actions.chunks(spec.action_irreps.len()).enumerate() {
                 let ended = transition.outcomes[i].is_ended();
-                let next = self.view_of(&transition.observations, i);
+                let next = self.features_of(&transition.observations, i);
                 // not the next observation, which belongs to another episode
                 let after = if ended {
-                    self.view_of(&transition.final_observations, i)
+                    self.features_of(&transition.final_observations, i)
                 } else {
                     next.clone()
                 };
-                let step_views = StepViews {
-                    before: &views[i],
+                let step_features = StepFeatures {
+                    before: &features[i],
                     after: &after,
                     action,
                     reward: f64::from(transition.rewards[i]),
                 };
                 let terms = sums[i].iter_mut().zip(&self.terms);
-                terms.for_each(|(sum, term)| *sum += step_views.value(term));
-                views[i] = next;
+                terms.for_each(|(sum, term)| *sum += step_features.value(term));
+                features[i] = next;
                 running[i].length += 1;
                 if ended {
                     let fresh = vec![0.0; self.terms.len()];
@@ -212,7 +217,7 @@ impl FeatureExtractor {
 
     /// Returns the features of the observation of environment `i`: the components of its vector,
     /// then the moments of its image.
-    fn view_of(&self, observations: &Observations, i: usize) -> Vec<f64> {
+    fn features_of(&self, observations: &Observations, i: usize) -> Vec<f64> {
         let (image, vector) = observations.sample(&self.spec, i);
         let [height, width, channels] = self.spec.image_shape;
         let mut moments = vec![0.0; 4 * channels];
@@ -241,7 +246,7 @@ impl FeatureExtractor {
     /// Returns the index of the tested quantity whose sum over the episodes, each transformed by
     /// its group element, is largest relative to the quantity's norm, and that ratio; `None` if all
     /// quantities are zero.
-    fn largest(
+    fn largest_ratio(
         &self,
         episodes: &[Vec<f64>],
         norms: &[f64],
@@ -260,17 +265,17 @@ impl FeatureExtractor {
 
 /// One step of one environment: the action, the reward, and the features of the observations before
 /// and after it.
-struct StepViews<'a> {
+struct StepFeatures<'a> {
     before: &'a [f64],
     after: &'a [f64],
     action: &'a [f32],
     reward: f64,
 }
 
-impl StepViews<'_> {
+impl StepFeatures<'_> {
     fn value(&self, term: &[Factor]) -> f64 {
         let values = term.iter().map(|&factor| match factor {
-            Factor::View(i) => self.before[i],
+            Factor::Feature(i) => self.before[i],
             Factor::Change(i) => self.after[i] - self.before[i],
             Factor::Action(a) => f64::from(self.action[a]),
             Factor::Reward => self.reward,

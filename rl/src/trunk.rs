@@ -39,15 +39,15 @@ pub struct Trunk<T> {
     /// both.
     pub concat: Option<Concat>,
     pub pool: GroupMaxPool,
-    /// Index in natural order of each component of the observation vector in irrep-major order
-    /// (sorted by irrep).
+    /// Indices of the components of the observation vector in the environment's order, sorted by
+    /// irrep (irrep-major order).
     pub vector_order: Vec<usize>,
 }
 
 /// Activations, gradients and scratch memory of a [`Trunk`]'s passes over up to a fixed number of
 /// samples.
 #[derive(Clone, Debug)]
-pub struct TrunkPass<T> {
+pub struct TrunkWorkspace<T> {
     image: Option<EncoderBuffers<T>>,
     vector: Option<LayerBuffers<T>>,
     pool: LayerBuffers<T>,
@@ -59,8 +59,8 @@ pub trait HasTrunk<T> {
 }
 
 /// Buffers for the passes of a network that begins with a [`Trunk`].
-pub trait HasTrunkPass<T> {
-    fn trunk(&mut self) -> &mut TrunkPass<T>;
+pub trait HasTrunkWorkspace<T> {
+    fn trunk(&mut self) -> &mut TrunkWorkspace<T>;
 }
 
 impl<T: Scalar> Trunk<T> {
@@ -73,12 +73,12 @@ impl<T: Scalar> Trunk<T> {
         let fields = settings.regular_field_type(settings.vector_fields);
         let from = (!spec.vector_irreps.is_empty())
             .then(|| FieldType::from_irreps(group, &spec.vector_irreps));
-        let layers = |input| Ok::<_, RlError>(Sequential::new(lift(input, fields)?)?);
+        let layers = |input| Ok::<_, RlError>(Sequential::new(linear_relu(input, fields)?)?);
         let vector = from.map(layers).transpose()?;
         let shapes = [&encoder, &vector].map(|part| part.as_ref().map(LayerSignature::out_shape));
         let (joint, concat) = match shapes {
-            [Some(image), Some(lifted)] => {
-                let concat = Concat::new(image, lifted)?;
+            [Some(of_image), Some(of_vector)] => {
+                let concat = Concat::new(of_image, of_vector)?;
                 (concat.out_shape(), Some(concat))
             }
             [Some(alone), None] | [None, Some(alone)] => (alone, None),
@@ -140,25 +140,31 @@ impl<T: Scalar> Trunk<T> {
     }
 
     /// Allocates buffers for passes of the trunk over up to `capacity` samples.
-    pub fn new_pass(&self, capacity: usize) -> TrunkPass<T> {
+    pub fn workspace(&self, capacity: usize) -> TrunkWorkspace<T> {
         let (encoder, vector) = (self.encoder.as_ref(), self.vector.as_ref());
-        TrunkPass {
+        TrunkWorkspace {
             image: encoder.map(|encoder| EncoderBuffers::new(encoder, capacity)),
             vector: vector.map(|vector| LayerBuffers::new(vector, capacity)),
             pool: LayerBuffers::new(&self.pool, capacity),
         }
     }
 
-    /// Loads an observation into position `slot` of `pass`: pixels `[H, W, C]`, which the encoder
-    /// maps to [-0.5, 0.5], and the vector `[D]`, reordered to irrep-major order.
-    pub fn load_sample(&self, slot: usize, image: &[u8], vector: &[f32], pass: &mut TrunkPass<T>) {
+    /// Loads an observation into position `slot` of `workspace`: pixels `[H, W, C]`, which the
+    /// encoder maps to [-0.5, 0.5], and the vector `[D]`, reordered to irrep-major order.
+    pub fn load_sample(
+        &self,
+        slot: usize,
+        image: &[u8],
+        vector: &[f32],
+        workspace: &mut TrunkWorkspace<T>,
+    ) {
         assert_len("image", image.len(), self.spec.image_len());
         assert_len("vector", vector.len(), self.vector_order.len());
-        if let Some(encoder) = &mut pass.image {
+        if let Some(encoder) = &mut workspace.image {
             let len = self.canvas.iter().product::<usize>();
-            self.centre(image, &mut encoder.pictures[slot * len..(slot + 1) * len]);
+            self.centre(image, &mut encoder.pixels[slot * len..(slot + 1) * len]);
         }
-        if let Some(layer) = &mut pass.vector {
+        if let Some(layer) = &mut workspace.vector {
             let components = &mut layer.x[slot * vector.len()..(slot + 1) * vector.len()];
             for (x, &i) in components.iter_mut().zip(&self.vector_order) {
                 *x = T::from_f64(f64::from(vector[i]));
@@ -191,29 +197,29 @@ impl<T: Scalar> Trunk<T> {
         Cow::Owned(centre_on_canvas)
     }
 
-    /// Loads the observations at indices `range` into the slots of `pass` from 0 on.
+    /// Loads the observations at indices `range` into the slots of `workspace` from 0 on.
     pub fn load_all(
         &self,
         observations: &Observations,
         range: Range<usize>,
-        pass: &mut TrunkPass<T>,
+        workspace: &mut TrunkWorkspace<T>,
     ) {
         for (slot, i) in range.enumerate() {
             let (image, vector) = observations.sample(&self.spec, i);
-            self.load_sample(slot, image, vector, pass);
+            self.load_sample(slot, image, vector, workspace);
         }
     }
 
     /// Computes h, the features that actor and critic share, for the samples in slots 0..n.
-    pub fn forward(&self, params: &[T], n: usize, pass: &mut TrunkPass<T>) {
+    pub fn forward(&self, params: &[T], n: usize, workspace: &mut TrunkWorkspace<T>) {
         let (mut image, mut vector): (&[T], &[T]) = (&[], &[]);
-        if let (Some(layers), Some(buffers)) = (&self.encoder, &mut pass.image) {
+        if let (Some(layers), Some(buffers)) = (&self.encoder, &mut workspace.image) {
             image = buffers.forward(layers, &params[self.encoder_params()], n);
         }
-        if let (Some(layers), Some(buffers)) = (&self.vector, &mut pass.vector) {
+        if let (Some(layers), Some(buffers)) = (&self.vector, &mut workspace.vector) {
             vector = buffers.forward(layers, &params[self.vector_params()], n);
         }
-        let out = &mut pass.pool.x[..n * self.pool.in_shape().len()];
+        let out = &mut workspace.pool.x[..n * self.pool.in_shape().len()];
         match &self.concat {
             Some(concat) => concat.forward(image, vector, out),
             None if self.vector.is_none() => out.copy_from_slice(image),
@@ -227,45 +233,51 @@ impl<T: Scalar> Trunk<T> {
         &self,
         params: &[T],
         n: usize,
-        pass: &TrunkPass<T>,
+        workspace: &TrunkWorkspace<T>,
     ) -> Vec<Vec<f64>> {
         let mut sums = Vec::new();
-        if let (Some(layers), Some(buffers)) = (&self.encoder, &pass.image) {
+        if let (Some(layers), Some(buffers)) = (&self.encoder, &workspace.image) {
             sums.extend(buffers.unit_activation_sums(layers, &params[self.encoder_params()], n));
         }
-        if let (Some(layers), Some(buffers)) = (&self.vector, &pass.vector) {
+        if let (Some(layers), Some(buffers)) = (&self.vector, &workspace.vector) {
             sums.extend(buffers.unit_activation_sums(layers, &params[self.vector_params()], n));
         }
         sums
     }
 
     /// Returns h, the features that actor and critic share, of the samples in slots 0..n.
-    pub fn fields<'p>(&self, n: usize, pass: &'p TrunkPass<T>) -> &'p [T] {
-        &pass.fields()[..n * self.out_type().dim()]
+    pub fn fields<'p>(&self, n: usize, workspace: &'p TrunkWorkspace<T>) -> &'p [T] {
+        &workspace.fields()[..n * self.out_type().dim()]
     }
 
     /// Computes the invariant features of the n samples of the last forward pass.
-    pub fn pool(&self, n: usize, pass: &mut TrunkPass<T>) {
-        pass.pool.forward(&self.pool, &[], n);
+    pub fn pool(&self, n: usize, workspace: &mut TrunkWorkspace<T>) {
+        workspace.pool.forward(&self.pool, &[], n);
     }
 
     /// Computes the gradient of the loss with respect to h, the fields before pooling, from the
     /// gradient with respect to the invariant features, `[n, F]`.
-    pub fn pool_backward(&self, dfeatures: &[T], n: usize, pass: &mut TrunkPass<T>) {
-        pass.pool.dy[..dfeatures.len()].copy_from_slice(dfeatures);
-        pass.pool.backward(&self.pool, &[], 0..0, n, &mut [], true);
+    pub fn pool_backward(&self, dfeatures: &[T], n: usize, workspace: &mut TrunkWorkspace<T>) {
+        workspace.pool.dy[..dfeatures.len()].copy_from_slice(dfeatures);
+        workspace.pool.backward(&self.pool, &[], 0..0, n, &mut [], true);
     }
 
     /// Adds the gradient of the loss with respect to the trunk's parameters to `dparams`, from the
-    /// gradient with respect to h in [`TrunkPass::d_fields`].
-    pub fn backward(&self, params: &[T], n: usize, pass: &mut TrunkPass<T>, dparams: &mut [T]) {
-        let sum = &pass.pool.dx[..n * self.pool.in_shape().len()];
+    /// gradient with respect to h in [`TrunkWorkspace::d_fields`].
+    pub fn backward(
+        &self,
+        params: &[T],
+        n: usize,
+        workspace: &mut TrunkWorkspace<T>,
+        dparams: &mut [T],
+    ) {
+        let sum = &workspace.pool.dx[..n * self.pool.in_shape().len()];
         let len = |layers: &Sequential<T>| n * layers.out_shape().len();
         let (mut d_image, mut d_vector): (&mut [T], &mut [T]) = (&mut [], &mut []);
-        if let (Some(layers), Some(buffers)) = (&self.encoder, &mut pass.image) {
+        if let (Some(layers), Some(buffers)) = (&self.encoder, &mut workspace.image) {
             d_image = &mut buffers.dy[..len(layers)];
         }
-        if let (Some(layers), Some(buffers)) = (&self.vector, &mut pass.vector) {
+        if let (Some(layers), Some(buffers)) = (&self.vector, &mut workspace.vector) {
             d_vector = &mut buffers.dy[..len(layers)];
         }
         match &self.concat {
@@ -273,18 +285,18 @@ impl<T: Scalar> Trunk<T> {
             None if self.vector.is_none() => d_image.copy_from_slice(sum),
             None => d_vector.copy_from_slice(sum),
         }
-        if let (Some(layers), Some(buffers)) = (&self.encoder, &mut pass.image) {
+        if let (Some(layers), Some(buffers)) = (&self.encoder, &mut workspace.image) {
             let own = self.encoder_params();
             buffers.backward(layers, &params[own.clone()], n, &mut dparams[own]);
         }
-        if let (Some(layers), Some(buffers)) = (&self.vector, &mut pass.vector) {
+        if let (Some(layers), Some(buffers)) = (&self.vector, &mut workspace.vector) {
             // no gradient with respect to the observation, which nothing would read
             buffers.backward(layers, params, self.vector_params(), n, dparams, false);
         }
     }
 }
 
-impl<T: Scalar> TrunkPass<T> {
+impl<T: Scalar> TrunkWorkspace<T> {
     /// Returns h, the features that actor and critic share, of all slots; slots beyond the last
     /// forward pass hold values of an earlier one.
     pub fn fields(&self) -> &[T] {
@@ -304,7 +316,10 @@ impl<T: Scalar> TrunkPass<T> {
 }
 
 /// Builds a linear layer between two field types and a ReLU after it.
-fn lift<T: Scalar>(from: FieldType, to: FieldType) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {
+fn linear_relu<T: Scalar>(
+    from: FieldType,
+    to: FieldType,
+) -> Result<Vec<Box<dyn Layer<T>>>, RlError> {
     Ok(vec![Box::new(Linear::new(from, to)?), Box::new(Relu::new(Shape::vector(to))?)])
 }
 
@@ -314,7 +329,7 @@ pub(crate) fn head<T: Scalar>(
     hidden: FieldType,
     to: FieldType,
 ) -> Result<Sequential<T>, RlError> {
-    let mut layers = lift(from, hidden)?;
+    let mut layers = linear_relu(from, hidden)?;
     layers.push(Box::new(Linear::new(hidden, to)?));
     Ok(Sequential::new(layers)?)
 }
@@ -404,7 +419,7 @@ impl<T: Scalar> LayerBuffers<T> {
 #[derive(Clone, Debug)]
 pub(crate) struct EncoderBuffers<T> {
     /// Pixels of N images `[N, H, W, C]`, one byte for each channel.
-    pub pictures: Vec<u8>,
+    pub pixels: Vec<u8>,
     pub y: Vec<T>,
     pub dy: Vec<T>,
     scratch: Scratch<T>,
@@ -414,7 +429,7 @@ impl<T: Scalar> EncoderBuffers<T> {
     pub fn new(encoder: &Sequential<T>, samples: usize) -> Self {
         let output = samples * encoder.out_shape().len();
         Self {
-            pictures: vec![0; samples * encoder.in_shape().len()],
+            pixels: vec![0; samples * encoder.in_shape().len()],
             y: vec![T::ZERO; output],
             dy: vec![T::ZERO; output],
             scratch: encoder.allocate_scratch(samples),
@@ -424,8 +439,8 @@ impl<T: Scalar> EncoderBuffers<T> {
     /// Runs the encoder forward on the first n images and returns its output.
     pub fn forward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize) -> &[T] {
         let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
-        let (pictures, y) = (&self.pictures[..x], &mut self.y[..y]);
-        encoder.forward_from_bytes(params, pictures, y, &mut self.scratch);
+        let (pixels, y) = (&self.pixels[..x], &mut self.y[..y]);
+        encoder.forward_from_bytes(params, pixels, y, &mut self.scratch);
         y
     }
 
@@ -436,8 +451,8 @@ impl<T: Scalar> EncoderBuffers<T> {
         params: &[T],
         n: usize,
     ) -> Vec<Vec<f64>> {
-        let pictures = &self.pictures[..n * encoder.in_shape().len()];
-        let x: Vec<T> = pictures.iter().map(|&byte| pixel_byte_to_float(byte)).collect();
+        let pixels = &self.pixels[..n * encoder.in_shape().len()];
+        let x: Vec<T> = pixels.iter().map(|&byte| pixel_byte_to_float(byte)).collect();
         absolute_activation_sums(encoder, params, &x)
     }
 
@@ -446,12 +461,6 @@ impl<T: Scalar> EncoderBuffers<T> {
     pub fn backward(&mut self, encoder: &Sequential<T>, params: &[T], n: usize, dparams: &mut [T]) {
         let (x, y) = (n * encoder.in_shape().len(), n * encoder.out_shape().len());
         let outputs = [&self.y[..y], &self.dy[..y]];
-        encoder.backward_from_bytes(
-            params,
-            &self.pictures[..x],
-            outputs,
-            dparams,
-            &mut self.scratch,
-        );
+        encoder.backward_from_bytes(params, &self.pixels[..x], outputs, dparams, &mut self.scratch);
     }
 }

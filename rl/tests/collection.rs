@@ -1,15 +1,14 @@
 //! Collection: success, errors and noise, and rollouts that are shorter than an episode.
 
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, BoxedEnvError, EncoderSettings, EnvSpec, Experience, NetworkSettings,
-    Observations, RlError, RolloutBuffer, RolloutState, RolloutStats, StepOutcome, Transition,
-    VectorEnv, collect, evaluate,
+    Observations, RlError, RolloutBuffer, RolloutState, StepOutcome, Transition, VectorEnv,
+    evaluate,
 };
 use symmetry::Irrep;
 
-use crate::common::unseeing::Ages;
+use crate::common::actors::Ages;
+use crate::common::steps::OnPolicyRun;
 use crate::common::{EPISODE, PointReach};
 
 /// Two environments with episodes of three steps. Success holds within the last step of both, but
@@ -61,27 +60,20 @@ impl VectorEnv for Scripted {
     }
 }
 
-fn policy() -> ActorCriticPolicy {
-    let settings = NetworkSettings {
-        encoder: EncoderSettings::Strided { fields: vec![2] },
-        ..NetworkSettings::default()
-    };
-    ActorCriticPolicy::new(&settings, &Scripted::new().spec, 1).unwrap()
+fn policy(spec: &EnvSpec, encoder: EncoderSettings) -> ActorCriticPolicy {
+    let settings = NetworkSettings { encoder, ..NetworkSettings::default() };
+    ActorCriticPolicy::new(&settings, spec, 1).unwrap()
 }
 
-fn boxed() -> Box<dyn VectorEnv> {
-    Box::new(Scripted::new())
+fn strided(spec: &EnvSpec) -> ActorCriticPolicy {
+    policy(spec, EncoderSettings::Strided { fields: vec![2] })
 }
 
 #[test]
 fn success_at_the_end_is_that_of_the_last_state() {
-    let mut env = boxed();
-    let mut buffer = RolloutBuffer::new(env.spec(), 3).unwrap();
-    let mut state = RolloutState::reset(&mut *env, &policy()).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let stats = collect(&mut *env, &mut policy(), &mut buffer, &mut state, &mut rng).unwrap();
-    let evaluated = evaluate(&mut *env, &mut policy(), 2).unwrap();
-    for each in [stats, evaluated] {
+    let mut policy = strided(Scripted::new().spec());
+    let evaluated = evaluate(&mut Scripted::new(), &mut policy, 2).unwrap();
+    for each in [OnPolicyRun::new(Scripted::new(), policy, 3).collect(), evaluated] {
         assert_eq!(each.success_rate(), Some(1.0));
         assert_eq!(each.success_at_end_rate(), Some(0.5));
         assert!(each.episodes.iter().all(|e| e.success_at_end == (e.env == 1)));
@@ -92,16 +84,15 @@ fn success_at_the_end_is_that_of_the_last_state() {
 fn the_error_of_an_environment_is_handed_on() {
     let mut env = Scripted::new();
     env.fails = true;
-    let error = evaluate(&mut env, &mut policy(), 1).unwrap_err();
+    let mut policy = strided(&env.spec);
+    let error = evaluate(&mut env, &mut policy, 1).unwrap_err();
     assert!(matches!(&error, RlError::Environment(inner) if inner.is::<FellOver>()));
     assert_eq!(error.to_string(), "the environment failed: the table fell over");
 }
 
 /// A policy whose actions are the noise: all of its parameters are 0, also log_std.
 fn echo(spec: &EnvSpec) -> ActorCriticPolicy {
-    let settings =
-        NetworkSettings { encoder: EncoderSettings::Blind, ..NetworkSettings::default() };
-    let mut policy = ActorCriticPolicy::new(&settings, spec, 0).unwrap();
+    let mut policy = policy(spec, EncoderSettings::Blind);
     policy.params_mut().fill(0.0);
     policy
 }
@@ -109,16 +100,14 @@ fn echo(spec: &EnvSpec) -> ActorCriticPolicy {
 /// The noise `[T, N]` of two rollouts of five steps, one after the other, in environments with
 /// episodes of three and of four steps.
 fn noise(correlation: f32) -> Vec<f32> {
-    let mut env = Ages::new(&[3, 4]);
-    let buffer = RolloutBuffer::new(env.spec(), 5).unwrap();
-    let mut buffer = buffer.with_noise_correlation(correlation).unwrap();
-    let mut policy = echo(env.spec());
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let env = Ages::new(&[3, 4]);
+    let policy = echo(env.spec());
+    let mut run = OnPolicyRun::new(env, policy, 5);
+    run.buffer = run.buffer.with_noise_correlation(correlation).unwrap();
     let mut out = Vec::new();
     for _ in 0..2 {
-        collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
-        out.extend_from_slice(&buffer.decisions().actions);
+        run.collect();
+        out.extend_from_slice(&run.buffer.decisions().actions);
     }
     out
 }
@@ -167,50 +156,23 @@ fn a_rollout_shorter_than_an_episode_is_refused_with_both_numbers() {
     assert_eq!(Ages::new(&[3, 7, 5]).horizon(), Some(7));
 }
 
-/// Points, a policy, and rollouts of 4 steps, where an episode has 10.
-struct Short {
-    env: PointReach,
-    policy: ActorCriticPolicy,
-    buffer: RolloutBuffer,
-    rng: ChaCha8Rng,
+/// Rollouts of 4 steps, where an episode has 10.
+fn short() -> OnPolicyRun<PointReach, ActorCriticPolicy> {
+    let env = PointReach::new(2, 0);
+    let policy = strided(env.spec());
+    OnPolicyRun::new(env, policy, 4)
 }
 
-impl Short {
-    fn new() -> Self {
-        let env = PointReach::new(2, 0);
-        let settings = NetworkSettings {
-            encoder: EncoderSettings::Strided { fields: vec![2] },
-            ..NetworkSettings::default()
-        };
-        Self {
-            policy: ActorCriticPolicy::new(&settings, env.spec(), 0).unwrap(),
-            buffer: RolloutBuffer::new(env.spec(), 4).unwrap(),
-            rng: ChaCha8Rng::seed_from_u64(0),
-            env,
-        }
-    }
-
-    fn reset(&mut self) -> RolloutState {
-        RolloutState::reset(&mut self.env, &self.policy).unwrap()
-    }
-
-    fn collect(&mut self, state: &mut RolloutState) -> RolloutStats {
-        let (env, policy) = (&mut self.env, &mut self.policy);
-        collect(env, policy, &mut self.buffer, state, &mut self.rng).unwrap()
-    }
-}
-
-/// Returns that three rollouts report, and whether a late state was met.
+/// Returns that three rollouts report returns, and whether a late state was met.
 fn short_rollouts(reset: bool) -> [bool; 2] {
-    let mut short = Short::new();
-    let mut state = short.reset();
+    let mut run = short();
     let (mut returns, mut late) = (false, false);
     for _ in 0..3 {
         if reset {
-            state = short.reset();
+            run.state = RolloutState::reset(&mut run.env, &run.policy).unwrap();
         }
-        returns |= short.collect(&mut state).mean_return().is_some();
-        late |= state.episodes.iter().any(|e| e.length > 4) || returns;
+        returns |= run.collect().mean_return().is_some();
+        late |= run.state.episodes.iter().any(|e| e.length > 4) || returns;
     }
     [returns, late]
 }
@@ -225,12 +187,11 @@ fn short_rollouts_meet_late_states_only_where_episodes_go_on() {
 /// The situation after a truncated rollout was used for an update.
 #[test]
 fn after_a_rollout_that_lost_its_end_the_next_is_whole() {
-    let mut short = Short::new();
-    let mut state = short.reset();
+    let mut run = short();
     for _ in 0..2 {
-        let stats = short.collect(&mut state);
-        assert_eq!((stats.decisions, short.buffer.steps_per_env()), (8, 4));
-        short.buffer.truncate(3).unwrap();
-        assert_eq!(short.buffer.steps_per_env(), 3);
+        let stats = run.collect();
+        assert_eq!((stats.decisions, run.buffer.steps_per_env()), (8, 4));
+        run.buffer.truncate(3).unwrap();
+        assert_eq!(run.buffer.steps_per_env(), 3);
     }
 }

@@ -1,16 +1,17 @@
-//! The contract of the equivariant policy, for every group and every kind of encoder.
+//! The contract of the equivariant policies, for every group and every kind of encoder, with and
+//! without a context.
 
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, CriticSettings, EncoderSettings, EnvSpec, FeatureExtractor,
-    NetworkSettings, Observations, ValueFunction,
+    Actor, ActorCriticPolicy, ContextSettings, CriticSettings, EncoderSettings, EnvSpec,
+    FeatureExtractor, NetworkSettings, Observations, SacPolicy, ValueFunction,
 };
 use symmetry::{D2, Group, Irrep};
 
-use crate::common::parts::{
-    TOLERANCE, assert_equivariant_under_only, error, random_observations, transform_vector,
-    transformed,
+use crate::common::steps::{
+    TOLERANCE, assert_equivariant_under_only, equivariance_errors, error, random_observations,
+    transform_vector, transformed,
 };
 
 const SAMPLES: usize = 6;
@@ -142,28 +143,28 @@ fn the_standard_deviation_does_not_depend_on_the_state() {
 
 #[test]
 fn the_network_for_128_pixels_is_equivariant() {
-    let spec = EnvSpec {
-        num_envs: 1,
-        image_shape: [128, 128, 6],
-        vector_irreps: vec![Irrep::X, Irrep::Y],
-        action_irreps: vec![Irrep::X, Irrep::Y],
-    };
+    let spec = EnvSpec { num_envs: 1, image_shape: [128, 128, 6], ..spec() };
     let settings = NetworkSettings { action_gain: 1.0, ..NetworkSettings::so2_128() };
     let mut policy = ActorCriticPolicy::new(&settings, &spec, 5).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(11);
-    let mut picture = vec![0; spec.image_len()];
-    picture.fill_with(|| rng.random());
-    let [x, y] = [0.4, -0.7];
-    let mut mean = |g: D2| {
-        let images = g.transform_image(&picture, 128, 128, 6);
-        let vectors = g.apply_xy([x, y]).map(|v| v as f32).to_vec();
-        let mut out = [0.0; 2];
-        policy.mean_actions(&Observations { images, vectors }, &mut (), &mut out).unwrap();
-        out
-    };
-    let reference = mean(D2::Identity);
     for g in D2::ALL {
-        let expected = g.apply_xy(reference.map(f64::from)).map(|v| v as f32);
-        assert!(error(&mean(g), &expected) < TOLERANCE, "{g}");
+        let errors = equivariance_errors(&mut policy, &spec, g);
+        assert!(errors.iter().all(|&error| error < TOLERANCE), "{g}: {errors:?}");
+    }
+}
+
+#[test]
+fn tanh_gaussian_policies_are_equivariant_with_and_without_a_context() {
+    let settings = NetworkSettings {
+        encoder: EncoderSettings::Strided { fields: vec![4, 8] },
+        action_gain: 1.0,
+        ..NetworkSettings::default()
+    };
+    for group in Group::ALL {
+        for context in [None, Some(ContextSettings { size: 16, length: 2 })] {
+            let settings = NetworkSettings { group, ..settings.clone() };
+            let mut policy = SacPolicy::new(&settings, context, &spec(), 5).unwrap();
+            let errors = |g| equivariance_errors(&mut policy, &spec(), g);
+            assert_equivariant_under_only(group, &format!("{context:?}"), errors);
+        }
     }
 }

@@ -4,13 +4,13 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, ContextSettings, EncoderSettings, EnvSpec, NetworkSettings, Ppo,
-    PpoSettings, ReplayBuffer, ReplaySettings, RolloutBuffer, RolloutState, Sac, SacPolicy,
-    SacSettings, VectorEnv, collect, evaluate,
+    PpoSettings, ReplayBuffer, ReplaySettings, RolloutState, Sac, SacPolicy, SacSettings,
+    VectorEnv, collect, evaluate,
 };
 use symmetry::Group;
 
 use crate::common::guess::Guess;
-use crate::common::parts::joint;
+use crate::common::steps::{OnPolicyRun, joint};
 use crate::common::{EPISODE, PointReach};
 
 const ROLLOUTS: usize = 25;
@@ -18,62 +18,60 @@ const ROLLOUTS: usize = 25;
 const THRESHOLD: f64 = 7.5;
 
 /// Returns the mean return of the last of [`ROLLOUTS`] rollouts of 320 decisions.
-fn last_return(mut env: PointReach, encoder: EncoderSettings, learn: bool) -> f64 {
-    let network = joint(encoder, 8);
+fn last_return(env: PointReach, encoder: EncoderSettings, learn: bool) -> f64 {
     let settings = PpoSettings { encoder_learning_rate: 1e-3, gamma: 0.9, ..PpoSettings::tuned() };
-    let mut policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
+    let policy = ActorCriticPolicy::new(&joint(encoder, 8), env.spec(), 2).unwrap();
     let mut ppo = Ppo::new(settings, &policy).unwrap();
-    let mut buffer = RolloutBuffer::new(env.spec(), EPISODE).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    let mut run = OnPolicyRun::new(env, policy, EPISODE);
     let mut last = 0.0;
     for _ in 0..ROLLOUTS {
-        let stats = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
-        last = stats.mean_return().unwrap();
+        last = run.collect().mean_return().unwrap();
         if learn {
-            ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+            ppo.update(&mut run.policy, &run.buffer, &mut run.rng).unwrap();
         }
     }
     last
 }
 
-fn assert_learns(encoder: EncoderSettings) {
-    assert_learns_in(&PointReach::new(32, 1), encoder);
-}
-
-fn assert_learns_in(env: &PointReach, encoder: EncoderSettings) {
+/// Checks that training reaches a return that a frozen policy does not.
+fn assert_learns(env: &PointReach, encoder: EncoderSettings) {
     let last = |learn| last_return(env.clone(), encoder.clone(), learn);
     let [frozen, learned] = [false, true].map(last);
     assert!(learned > THRESHOLD, "{encoder:?} learned {learned}");
     assert!(frozen < THRESHOLD - 1.5, "{encoder:?} frozen {frozen}");
 }
 
-#[test]
-fn a_strided_encoder_reaches_a_return_that_a_frozen_policy_does_not() {
-    assert_learns(EncoderSettings::Strided { fields: vec![4] });
+fn keypoints() -> EncoderSettings {
+    EncoderSettings::Keypoints { fields: vec![4], maps: 4 }
 }
 
 #[test]
-fn a_pooled_encoder_reaches_a_return_that_a_frozen_policy_does_not() {
-    assert_learns(EncoderSettings::Pooled { fields: vec![], inner: [4, 4] });
+fn ppo_learns_with_a_strided_encoder() {
+    assert_learns(&PointReach::new(32, 1), EncoderSettings::Strided { fields: vec![4] });
 }
 
 #[test]
-fn keypoints_reach_a_return_that_a_frozen_policy_does_not() {
-    assert_learns(EncoderSettings::Keypoints { fields: vec![4], maps: 4 });
+fn ppo_learns_with_a_pooled_encoder() {
+    assert_learns(
+        &PointReach::new(32, 1),
+        EncoderSettings::Pooled { fields: vec![], inner: [4, 4] },
+    );
 }
 
 #[test]
-fn vectors_alone_reach_a_return_that_a_frozen_policy_does_not() {
+fn ppo_learns_with_keypoints() {
+    assert_learns(&PointReach::new(32, 1), keypoints());
+}
+
+#[test]
+fn ppo_learns_from_vectors_alone() {
     let env = PointReach::showing(32, 1, EnvSpec::NO_IMAGE, 4);
-    assert_learns_in(&env, EncoderSettings::Blind);
+    assert_learns(&env, EncoderSettings::Blind);
 }
 
 #[test]
-fn pictures_alone_that_are_not_square_reach_a_return_that_a_frozen_policy_does_not() {
-    let env = PointReach::showing(32, 1, [8, 12, 2], 0);
-    let encoder = EncoderSettings::Keypoints { fields: vec![4], maps: 4 };
-    assert_learns_in(&env, encoder);
+fn ppo_learns_from_pictures_alone_that_are_not_square() {
+    assert_learns(&PointReach::showing(32, 1, [8, 12, 2], 0), keypoints());
 }
 
 const ENVS: usize = 16;

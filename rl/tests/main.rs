@@ -17,5 +17,5 @@ mod revaluation;
 mod reward_scale;
 mod ring;
 mod sac;
-mod sac_equivariance;
+mod settings;
 mod update;

@@ -5,16 +5,12 @@ use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorMemory, ReplayBuffer, ReplaySettings, RolloutBuffer, RolloutState, VectorEnv,
+    Actor, ActorMemory, OnPolicyActor, ReplayBuffer, ReplaySettings, RolloutState, VectorEnv,
     collect, evaluate,
 };
 
-use crate::common::unseeing::{Acting, Ages, Unseeing};
-
-/// Counts the steps of each running episode: the smallest recurrent actor there is.
-struct Counter {
-    forgets: Forgets,
-}
+use crate::common::actors::{Ages, BlindActor};
+use crate::common::steps::OnPolicyRun;
 
 /// Reaction of a counter's memory to the end of an episode.
 #[derive(Clone, Copy)]
@@ -25,6 +21,7 @@ enum Forgets {
     Everything,
 }
 
+/// The steps of each running episode.
 struct Counts {
     steps: Vec<u8>,
     forgets: Forgets,
@@ -41,41 +38,31 @@ impl ActorMemory for Counts {
     }
 }
 
-impl Unseeing for Counter {
-    type Memory = Counts;
-
-    fn new_memory(&self, envs: usize) -> Counts {
-        Counts { steps: vec![0; envs], forgets: self.forgets }
-    }
-
-    fn decide(&self, memory: &mut Counts, out: &mut [f32]) {
-        for (action, steps) in out.iter_mut().zip(&mut memory.steps) {
-            *action = f32::from(*steps);
-            *steps = steps.saturating_add(1);
-        }
+/// Counts the steps of each running episode: the smallest recurrent actor there is.
+fn counter(forgets: Forgets) -> impl OnPolicyActor<Memory = Counts> {
+    BlindActor {
+        new_memory: move |envs| Counts { steps: vec![0; envs], forgets },
+        decide: |memory: &mut Counts, out: &mut [f32]| {
+            for (action, steps) in out.iter_mut().zip(&mut memory.steps) {
+                *action = f32::from(*steps);
+                *steps = steps.saturating_add(1);
+            }
+        },
     }
 }
 
-fn counter(forgets: Forgets) -> Acting<Counter> {
-    Acting(Counter { forgets })
-}
-
-/// Rewards of `rollouts` rollouts of `steps` steps that follow one another, after a reset.
-fn rewards(env: &mut dyn VectorEnv, forgets: Forgets, [rollouts, steps]: [usize; 2]) -> Vec<f32> {
-    let mut actor = counter(forgets);
-    let mut buffer = RolloutBuffer::new(env.spec(), steps).unwrap();
-    let mut state = RolloutState::reset(env, &actor).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let mut all = Vec::new();
-    for _ in 0..rollouts {
-        collect(env, &mut actor, &mut buffer, &mut state, &mut rng).unwrap();
-        all.extend_from_slice(buffer.rewards());
-    }
-    all
-}
-
-fn right(rewards: &[f32]) -> bool {
-    rewards.iter().all(|&reward| reward == 1.0)
+/// Returns `true` if every action of `rollouts` rollouts of `steps` steps that follow one another,
+/// after a reset, is right.
+fn is_right(lengths: &[usize], forgets: Forgets, [rollouts, steps]: [usize; 2]) -> bool {
+    let mut run = OnPolicyRun::new(Ages::new(lengths), counter(forgets), steps);
+    // after another reset of the same environments
+    (0..2).all(|_| {
+        run.state = RolloutState::reset(&mut run.env, &run.policy).unwrap();
+        (0..rollouts).all(|_| {
+            run.collect();
+            run.buffer.rewards().iter().all(|&reward| reward == 1.0)
+        })
+    })
 }
 
 proptest! {
@@ -87,40 +74,29 @@ proptest! {
         rollouts in 1usize..4,
         steps in 1usize..12,
     ) {
-        let mut env = Ages::new(&lengths);
-        for _ in 0..2 {
-            prop_assert!(right(&rewards(&mut env, Forgets::ThisOne, [rollouts, steps])));
-        }
+        prop_assert!(is_right(&lengths, Forgets::ThisOne, [rollouts, steps]));
         let mut actor = counter(Forgets::ThisOne);
-        for episode in evaluate(&mut env, &mut actor, 2).unwrap().episodes {
+        for episode in evaluate(&mut Ages::new(&lengths), &mut actor, 2).unwrap().episodes {
             prop_assert_eq!(episode.length, lengths[episode.env]);
             prop_assert_eq!(episode.total_reward, episode.length as f64);
         }
     }
 }
 
+/// The state carries the memory: a fresh one in the middle of an episode gives wrong actions, too.
 #[test]
-fn the_check_fails_for_memories_that_leak() {
+fn the_check_fails_for_memories_that_leak_or_are_lost() {
     for forgets in [Forgets::Nothing, Forgets::TheFirst, Forgets::Everything] {
-        assert!(!right(&rewards(&mut Ages::new(&[3, 4]), forgets, [2, 5])));
+        assert!(!is_right(&[3, 4], forgets, [2, 5]));
         let stats = evaluate(&mut Ages::new(&[3, 4]), &mut counter(forgets), 2).unwrap();
         assert!(stats.episodes.iter().any(|e| e.total_reward < e.length as f64));
     }
-}
-
-/// The state carries the memory: a fresh one in the middle of an episode gives wrong actions.
-#[test]
-fn the_check_fails_for_a_memory_that_is_lost_between_rollouts() {
-    let mut env = Ages::new(&[5]);
-    let mut actor = counter(Forgets::ThisOne);
-    let mut buffer = RolloutBuffer::new(env.spec(), 3).unwrap();
-    let mut state = RolloutState::reset(&mut env, &actor).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    collect(&mut env, &mut actor, &mut buffer, &mut state, &mut rng).unwrap();
-    assert!(right(buffer.rewards()));
-    state.memory = actor.new_memory(1);
-    collect(&mut env, &mut actor, &mut buffer, &mut state, &mut rng).unwrap();
-    assert!(!right(buffer.rewards()));
+    let mut run = OnPolicyRun::new(Ages::new(&[5]), counter(Forgets::ThisOne), 3);
+    run.collect();
+    assert_eq!(run.buffer.rewards(), [1.0; 3]);
+    run.state.memory = run.policy.new_memory(1);
+    run.collect();
+    assert_ne!(run.buffer.rewards(), [1.0; 3]);
 }
 
 /// A memory that records every call for the first environment.
@@ -145,25 +121,8 @@ impl ActorMemory for Notes {
 
     fn remember_step(&mut self, env: usize, action: &[f32], reward: f32) {
         if env == 0 {
-            let action = action[0];
-            self.heard.push(Heard::Step { action, reward });
+            self.heard.push(Heard::Step { action: action[0], reward });
         }
-    }
-}
-
-/// Acts wrongly at every second step.
-struct Wavering;
-
-impl Unseeing for Wavering {
-    type Memory = Notes;
-
-    fn new_memory(&self, _: usize) -> Notes {
-        Notes::default()
-    }
-
-    fn decide(&self, memory: &mut Notes, out: &mut [f32]) {
-        out.fill(memory.age);
-        memory.age += 2.0;
     }
 }
 
@@ -175,7 +134,14 @@ fn a_memory_hears_of_actions_and_rewards_before_the_end() {
     let mut heard = |steps, warm_up| {
         let settings = ReplaySettings { steps, warm_up, ..ReplaySettings::default() };
         let mut replay = ReplayBuffer::new(settings, env.spec()).unwrap();
-        let mut actor = Acting(Wavering);
+        // acts wrongly at every second step
+        let mut actor = BlindActor {
+            new_memory: |_| Notes::default(),
+            decide: |memory: &mut Notes, out: &mut [f32]| {
+                out.fill(memory.age);
+                memory.age += 2.0;
+            },
+        };
         let mut state = RolloutState::reset(&mut env, &actor).unwrap();
         collect(&mut env, &mut actor, &mut replay, &mut state, &mut rng).unwrap();
         (state.memory.heard, replay.get(0).action()[0])

@@ -7,7 +7,9 @@ use rl::{
     RolloutBuffer, StepOutcome, Transition, evaluate,
 };
 
-use crate::common::parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
+use crate::common::steps::{
+    ENVS, Spoiling, StepArrays, policy, push, rolled_out, spec, step_arrays,
+};
 
 /// Function that invalidates a number.
 type Change<T> = fn(&mut T);
@@ -57,7 +59,7 @@ fn an_error_names_environment_component_and_step() {
                 }
             });
             let result = if collects {
-                rolled_out(&mut env)
+                rolled_out(env)
             } else {
                 evaluate(&mut env, &mut policy(), 1).map(|_| ())
             };
@@ -65,7 +67,7 @@ fn an_error_names_environment_component_and_step() {
             assert!(message.starts_with(expected), "{message}");
         }
     }
-    let mut wrong = parts();
+    let mut wrong = step_arrays();
     wrong.decisions.actions[4] = f32::NAN;
     let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
     let message = push(&mut buffer, &wrong).unwrap_err().to_string();
@@ -77,7 +79,7 @@ fn an_error_names_environment_component_and_step() {
 #[test]
 fn observations_far_from_order_one_are_refused() {
     for (value, refused) in [(MAX_ABS_OBSERVATION, false), (1e13, true), (-1e30, true)] {
-        let mut wrong = parts();
+        let mut wrong = step_arrays();
         wrong.transition.observations.vectors[5] = value;
         let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
         let result = push(&mut buffer, &wrong);
@@ -88,13 +90,13 @@ fn observations_far_from_order_one_are_refused() {
 
 #[test]
 fn final_observations_of_running_episodes_have_no_meaning() {
-    let mut env = Spoiling::new(|t| t.final_observations.vectors[5] = f32::NAN);
-    assert!(rolled_out(&mut env).is_ok());
+    let env = Spoiling::new(|t| t.final_observations.vectors[5] = f32::NAN);
+    assert!(rolled_out(env).is_ok());
 }
 
 #[test]
 fn decisions_and_values_that_are_not_numbers_are_refused() {
-    let spoils: [(Change<Parts>, &str); 5] = [
+    let spoils: [(Change<StepArrays>, &str); 5] = [
         (|p| p.decisions.actions[1] = f32::NAN, "an action"),
         (|p| p.decisions.log_probs[1] = f32::NEG_INFINITY, "a log-probability"),
         (|p| p.decisions.values[2] = f32::NAN, "a value"),
@@ -103,21 +105,21 @@ fn decisions_and_values_that_are_not_numbers_are_refused() {
     ];
     for (spoil, name) in spoils {
         let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
-        let mut wrong = parts();
+        let mut wrong = step_arrays();
         spoil(&mut wrong);
         assert_eq!(not_finite(push(&mut buffer, &wrong)), name);
     }
     let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
-    push(&mut buffer, &parts()).unwrap();
-    let result = buffer.finish(&parts().observations, &[0.0, f32::NAN, 0.0]);
+    push(&mut buffer, &step_arrays()).unwrap();
+    let result = buffer.finish(&step_arrays().observations, &[0.0, f32::NAN, 0.0]);
     assert_eq!(not_finite(result), "a value");
 }
 
 /// Returns a finished rollout of one step.
 fn one_step() -> RolloutBuffer {
     let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
-    push(&mut buffer, &parts()).unwrap();
-    buffer.finish(&parts().observations, &[0.0; ENVS]).unwrap();
+    push(&mut buffer, &step_arrays()).unwrap();
+    buffer.finish(&step_arrays().observations, &[0.0; ENVS]).unwrap();
     buffer
 }
 
@@ -131,36 +133,30 @@ fn refused_update(
     not_finite(ppo.update(policy, buffer, &mut rng).map(|_| ()))
 }
 
-/// Rewards that are finite, but whose sum is not.
+/// Rewards that are finite but whose sum is not, and weights so large that the value is finite but
+/// its gradient is not.
 #[test]
-fn returns_that_overflow_leave_the_parameters_alone() {
-    let mut policy = policy();
-    let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
+fn returns_and_gradients_that_overflow_leave_the_parameters_alone() {
     let mut buffer = RolloutBuffer::new(&spec(), 2).unwrap();
-    let mut huge = parts();
+    let mut huge = step_arrays();
     huge.transition.outcomes.fill(StepOutcome::Running);
     huge.transition.rewards.fill(3e38);
     push(&mut buffer, &huge).unwrap();
     push(&mut buffer, &huge).unwrap();
     buffer.finish(&huge.observations, &[0.0; ENVS]).unwrap();
-    let before = policy.params().to_vec();
-    assert_eq!(refused_update(&mut ppo, &mut policy, &buffer), "a return");
-    assert_eq!((policy.params(), ppo.save().counters[0].1), (&before[..], 0));
-}
-
-/// Weights so large that the value is finite and its gradient is not.
-#[test]
-fn a_gradient_that_overflows_leaves_the_parameters_alone() {
-    let mut policy = policy();
-    let settings = PpoSettings { max_kl: 1e9, ..PpoSettings::default() };
-    let mut ppo = Ppo::new(settings, &policy).unwrap();
-    let buffer = one_step();
+    let mut steep = policy();
     // before the two log_std and the value's bias: the last layer of the critic
-    let bias = policy.params().len() - 3;
-    policy.params_mut()[bias - 2..bias].fill(1e30);
-    let before = policy.params().to_vec();
-    assert_eq!(refused_update(&mut ppo, &mut policy, &buffer), "the norm of the gradient");
-    assert_eq!((policy.params(), ppo.save().counters[0].1), (&before[..], 0));
+    let bias = steep.params().len() - 3;
+    steep.params_mut()[bias - 2..bias].fill(1e30);
+    for (mut policy, rollout, expected) in
+        [(policy(), buffer, "a return"), (steep, one_step(), "the norm of the gradient")]
+    {
+        let settings = PpoSettings { max_kl: 1e9, ..PpoSettings::default() };
+        let mut ppo = Ppo::new(settings, &policy).unwrap();
+        let before = policy.params().to_vec();
+        assert_eq!(refused_update(&mut ppo, &mut policy, &rollout), expected);
+        assert_eq!((policy.params(), ppo.save().counters[0].1), (&before[..], 0));
+    }
 }
 
 fn saved<'a>(first: &'a [f32], second: &'a [f32], counter: (&'a str, u64)) -> AlgorithmState<'a> {
@@ -193,8 +189,16 @@ fn saved_states_of_other_networks_and_damaged_ones_are_refused() {
         assert!(message.contains("`adam.second`") && message.contains(expected), "{message}");
         assert_eq!(ppo.save(), saved(&zeros, &zeros, ("adam.steps", 0)));
     }
-    ppo.restore(&saved(&zeros, &zeros, steps)).unwrap();
-    assert_eq!(ppo.save(), saved(&zeros, &zeros, steps));
+    // above 2^53, f64 no longer tells one count from the next
+    let most = 1 << 53;
+    for count in [most + 1, u64::MAX] {
+        let error = ppo.restore(&saved(&zeros, &zeros, ("adam.steps", count))).unwrap_err();
+        assert!(error.to_string().contains("`adam.steps`"), "{error}");
+    }
+    for count in [7, most] {
+        ppo.restore(&saved(&zeros, &zeros, ("adam.steps", count))).unwrap();
+        assert_eq!(ppo.save(), saved(&zeros, &zeros, ("adam.steps", count)));
+    }
 }
 
 /// Names can be chosen so that two layouts read alike when they are joined to one text.
@@ -214,25 +218,6 @@ fn names_that_read_like_another_layout_are_refused() {
             result => panic!("{result:?}"),
         }
     }
-}
-
-/// Above 2^53, f64 no longer tells one count from the next.
-#[test]
-fn counters_that_no_run_can_reach_are_refused() {
-    let policy = policy();
-    let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
-    let zeros = vec![0.0; policy.params().len()];
-    let most = 1 << 53;
-    for steps in [most + 1, u64::MAX] {
-        let result = ppo.restore(&saved(&zeros, &zeros, ("adam.steps", steps)));
-        let named = matches!(
-            &result,
-            Err(RlError::InvalidStateNumber { name, .. }) if name == "adam.steps"
-        );
-        assert!(named, "{result:?}");
-    }
-    let state = saved(&zeros, &zeros, ("adam.steps", most));
-    assert!(ppo.restore(&state).is_ok());
 }
 
 /// Adam's first step is as large as its rate, and f32 ends at 3.4e38.

@@ -3,16 +3,16 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, ContextSettings, CriticSettings, EncoderSettings, EnvSpec,
-    ExportPolicy, FeatureExtractor, NetworkSettings, Observations, Ppo, PpoSettings, ReplayBuffer,
-    ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac, SacPolicy, SacSettings, Transition,
-    ValueFunction, VectorEnv, check_symmetry, collect,
+    ActorCriticPolicy, Algorithm, ContextSettings, CriticSettings, EncoderSettings, EnvSpec,
+    ExportPolicy, NetworkSettings, Ppo, PpoSettings, ReplayBuffer, ReplaySettings, RlError,
+    RolloutState, Sac, SacPolicy, SacSettings, Transition, ValueFunction, VectorEnv,
+    check_symmetry, collect,
 };
-use symmetry::{D2, Group};
+use symmetry::Group;
 
-use crate::common::parts::{
-    Spoiling, TOLERANCE, assert_equivariant_under_only, error, joint, random_observations,
-    transform_vector, transformed,
+use crate::common::steps::{
+    OnPolicyRun, Spoiling, TOLERANCE, assert_equivariant_under_only, equivariance_errors, error,
+    joint, random_observations, transformed,
 };
 use crate::common::{EPISODE, PointReach};
 
@@ -39,51 +39,25 @@ fn network(encoder: EncoderSettings, group: Group) -> NetworkSettings {
     NetworkSettings { group, action_gain: 1.0, ..joint(encoder, 4) }
 }
 
-/// Random observations, and those moved by g.
-fn seen(spec: &EnvSpec, g: D2) -> [Observations; 2] {
-    let seen = random_observations(spec, &mut ChaCha8Rng::seed_from_u64(11));
-    let moved = transformed(spec, &seen, g, g);
-    [seen, moved]
-}
-
-/// Mean actions and features.
-fn outputs<P: Actor + FeatureExtractor>(policy: &mut P, seen: &Observations) -> [Vec<f32>; 2] {
-    let mut out = [vec![0.0; 2 * ENVS], vec![0.0; ENVS * policy.feature_dim()]];
-    let mut memory = policy.new_memory(ENVS);
-    policy.mean_actions(seen, &mut memory, &mut out[0]).unwrap();
-    policy.features(seen, &mut out[1]).unwrap();
-    out
-}
-
-fn assert_equivariant<P: Actor + FeatureExtractor>(policy: &mut P, spec: &EnvSpec, group: Group) {
-    assert_equivariant_under_only(group, &format!("{:?}", spec.image_shape), |g| {
-        let [here, there] = seen(spec, g).map(|seen| outputs(policy, &seen));
-        let expected = transform_vector(&here[0], &spec.action_irreps, g);
-        [error(&there[0], &expected), error(&there[1], &here[1])]
-    });
-}
-
 /// Two updates from collected rollouts; returns the policy, which has moved.
 fn trained_by_ppo(space: Space, network: &NetworkSettings) -> ActorCriticPolicy {
-    let mut env = env(space);
-    let mut policy = ActorCriticPolicy::new(network, env.spec(), 2).unwrap();
+    let env = env(space);
+    let policy = ActorCriticPolicy::new(network, env.spec(), 2).unwrap();
     let before = policy.params().to_vec();
     let settings = PpoSettings { max_kl: 1.0, ..PpoSettings::default() };
     let mut ppo = Ppo::new(settings, &policy).unwrap();
-    let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    let mut run = OnPolicyRun::new(env, policy, EPISODE + 3);
     for _ in 0..2 {
-        collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
-        let stats = ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+        run.collect();
+        let stats = ppo.update(&mut run.policy, &run.buffer, &mut run.rng).unwrap();
         assert!(stats.steps > 0 && stats.grad_norm > 0.0);
     }
-    buffer.reevaluate(&mut policy).unwrap();
-    let trained = policy.network();
+    run.buffer.reevaluate(&mut run.policy).unwrap();
+    let trained = run.policy.network();
     for own in [trained.encoder_params(), trained.head_params()] {
-        assert!(own.is_empty() || policy.params()[own.clone()] != before[own]);
+        assert!(own.is_empty() || run.policy.params()[own.clone()] != before[own]);
     }
-    policy
+    run.policy
 }
 
 #[test]
@@ -91,18 +65,21 @@ fn ppo_trains_an_equivariant_policy_in_every_space() {
     for space in SPACES {
         for encoder in encoders() {
             for group in [Group::D2, Group::D1x] {
-                let pooled = NetworkSettings {
-                    critic: CriticSettings::Pooled { width: 3 },
-                    ..network(encoder.clone(), group)
-                };
-                for network in [network(encoder.clone(), group), pooled] {
+                let joint = network(encoder.clone(), group);
+                let critic = CriticSettings::Pooled { width: 3 };
+                for network in [NetworkSettings { critic, ..joint.clone() }, joint] {
                     let spec = env(space).spec().clone();
                     let mut policy = trained_by_ppo(space, &network);
-                    assert_equivariant(&mut policy, &spec, group);
+                    let what = format!("{space:?}");
+                    assert_equivariant_under_only(group, &what, |g| {
+                        equivariance_errors(&mut policy, &spec, g)
+                    });
+                    let seen = random_observations(&spec, &mut ChaCha8Rng::seed_from_u64(11));
                     for &g in group.elements() {
-                        let [here, there] = seen(&spec, g).map(|seen| {
+                        let moved = transformed(&spec, &seen, g, g);
+                        let [here, there] = [&seen, &moved].map(|seen| {
                             let mut values = vec![0.0; ENVS];
-                            policy.values(&seen, &mut values).unwrap();
+                            policy.values(seen, &mut values).unwrap();
                             values
                         });
                         assert!(error(&there, &here) < TOLERANCE, "{space:?} {g}");
@@ -143,7 +120,9 @@ fn sac_trains_an_equivariant_policy_in_every_space() {
                 collect(&mut env, &mut policy, &mut replay, &mut state, &mut rng).unwrap();
                 assert!(sac.update(&mut policy, &replay, &mut rng).unwrap().steps > 0);
             }
-            assert_equivariant(&mut policy, env.spec(), Group::D2);
+            assert_equivariant_under_only(Group::D2, &format!("{space:?}"), |g| {
+                equivariance_errors(&mut policy, env.spec(), g)
+            });
             let restored =
                 ReplayBuffer::restore(replay_settings, env.spec(), &replay.save()).unwrap();
             assert_eq!(restored.save(), replay.save());
@@ -193,19 +172,16 @@ fn policies_that_look_at_one_kind_have_an_ordinary_form_and_those_with_a_canvas_
 fn an_error_after_a_reset_names_the_first_step() {
     for (steps, expected) in [(EPISODE, 0), (EPISODE - 1, EPISODE - 1)] {
         let mut count = 0;
-        let mut env = Spoiling::new(|transition: &mut Transition| {
+        let env = Spoiling::new(|transition: &mut Transition| {
             count += 1;
             if count == steps {
                 transition.observations.vectors[0] = f32::NAN;
             }
         });
         let network = network(encoders()[0].clone(), Group::D2);
-        let mut policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
-        let mut buffer = RolloutBuffer::new(env.spec(), 2 * EPISODE).unwrap();
-        let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let mut state = RolloutState::reset(&mut env, &policy).unwrap();
-        match collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng) {
-            Err(RlError::NotFinite { place, .. }) => assert_eq!(place.step, Some(expected)),
+        let policy = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
+        match OnPolicyRun::new(env, policy, 2 * EPISODE).try_collect() {
+            Err(RlError::NotFinite { location, .. }) => assert_eq!(location.step, Some(expected)),
             result => panic!("{result:?}"),
         }
     }

@@ -5,12 +5,13 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, Adam, Decisions, EvaluateActions, FeatureExtractor, GaeInputs, OnPolicyActor,
-    ParamGroup, RlError, RolloutBuffer, RolloutState, StepOutcome, ValueFunction, collect,
-    evaluate, gae,
+    ParamGroup, RlError, RolloutBuffer, StepOutcome, ValueFunction, evaluate, gae,
 };
 
 use crate::common::PointReach;
-use crate::common::parts::{ENVS, Parts, Spoiling, parts, policy, push, rolled_out, spec};
+use crate::common::steps::{
+    ENVS, OnPolicyRun, Spoiling, StepArrays, policy, push, rolled_out, spec, step_arrays,
+};
 
 fn resize<T: Clone + Default>(values: &mut Vec<T>, change: isize) {
     let len = values.len().saturating_add_signed(change);
@@ -35,8 +36,8 @@ const ARRAYS: [&str; 13] = [
 ];
 
 /// Lengthens or shortens one array of a step; returns the name that the error gives it.
-fn spoil(parts: &mut Parts, array: usize, change: isize) -> &'static str {
-    let Parts { observations, decisions, transition, .. } = parts;
+fn spoil(arrays: &mut StepArrays, array: usize, change: isize) -> &'static str {
+    let StepArrays { observations, decisions, transition, .. } = arrays;
     match ARRAYS[array] {
         "images" => resize(&mut observations.images, change),
         "vectors" => resize(&mut observations.vectors, change),
@@ -78,23 +79,23 @@ proptest! {
         change in off_by(),
     ) {
         let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
-        let mut wrong = parts();
+        let mut wrong = step_arrays();
         let name = spoil(&mut wrong, array, change);
         prop_assert!(names(push(&mut buffer, &wrong), name));
         // the buffer takes the right one afterwards
-        prop_assert!(push(&mut buffer, &parts()).is_ok());
+        prop_assert!(push(&mut buffer, &step_arrays()).is_ok());
     }
 
     #[test]
     fn values_of_another_length_are_refused(change in off_by()) {
         let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
-        let mut wrong = parts();
+        let mut wrong = step_arrays();
         resize(&mut wrong.values, change);
         prop_assert!(names(push(&mut buffer, &wrong), "final_values"));
-        push(&mut buffer, &parts()).unwrap();
-        let result = buffer.finish(&parts().observations, &wrong.values);
+        push(&mut buffer, &step_arrays()).unwrap();
+        let result = buffer.finish(&step_arrays().observations, &wrong.values);
         prop_assert!(names(result, "last_values"));
-        buffer.finish(&parts().observations, &[0.0; ENVS]).unwrap();
+        buffer.finish(&step_arrays().observations, &[0.0; ENVS]).unwrap();
         let (right, wrong) = (&mut [0.0; ENVS], &mut wrong.values);
         prop_assert!(names(buffer.advantages(0.9, 0.9, wrong, right), "advantages"));
         prop_assert!(names(buffer.advantages(0.9, 0.9, right, wrong), "returns"));
@@ -102,7 +103,7 @@ proptest! {
 
     #[test]
     fn a_policy_refuses_outputs_of_another_length(change in off_by()) {
-        let (mut policy, seen) = (policy(), parts().observations);
+        let (mut policy, seen) = (policy(), step_arrays().observations);
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let sized = |width: usize| {
             let mut out = vec![0.0; ENVS * width];
@@ -117,7 +118,7 @@ proptest! {
         let decisions = &mut Decisions::new(&spec());
         prop_assert!(names(policy.decide(&seen, &mut (), &sized(2), decisions), "noise"));
         for array in 2..5 {
-            let mut wrong = parts();
+            let mut wrong = step_arrays();
             let name = spoil(&mut wrong, array, change);
             let spoilt = &mut wrong.decisions;
             prop_assert!(names(policy.decide(&seen, &mut (), &[0.0; 2 * ENVS], spoilt), name));
@@ -130,7 +131,7 @@ proptest! {
         array in 0..2usize,
         change in off_by(),
     ) {
-        let (mut policy, mut wrong) = (policy(), parts());
+        let (mut policy, mut wrong) = (policy(), step_arrays());
         spoil(&mut wrong, array, change);
         let seen = &wrong.observations;
         let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -152,14 +153,14 @@ proptest! {
         change in off_by(),
     ) {
         let mut env = Spoiling::new(|out| {
-            let mut all = parts();
+            let mut all = step_arrays();
             std::mem::swap(&mut all.transition, out);
             spoil(&mut all, array, change);
             std::mem::swap(&mut all.transition, out);
         });
         let name = ARRAYS[array].split(' ').next_back().unwrap();
-        prop_assert!(names(rolled_out(&mut env), name));
         prop_assert!(names(evaluate(&mut env, &mut policy(), 1).map(|_| ()), name));
+        prop_assert!(names(rolled_out(env), name));
     }
 }
 
@@ -168,11 +169,9 @@ proptest! {
 fn a_rollout_of_other_environments_is_refused() {
     let mut other = spec();
     other.action_irreps.swap(0, 1);
-    let mut buffer = RolloutBuffer::new(&other, 2).unwrap();
-    let (mut env, mut policy) = (PointReach::new(ENVS, 0), policy());
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let result = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng);
+    let mut run = OnPolicyRun::new(PointReach::new(ENVS, 0), policy(), 2);
+    run.buffer = RolloutBuffer::new(&other, 2).unwrap();
+    let result = run.try_collect();
     assert!(matches!(result, Err(RlError::SpecMismatch { field: "action_irreps" })));
 }
 

@@ -5,23 +5,17 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, ActorCriticPolicy, Algorithm, Decisions, EncoderSettings, EvaluateActions,
-    NetworkSettings, Observations, Ppo, PpoSettings, PpoStats, RlError, RolloutBuffer,
-    RolloutState, Transition, ValueFunction, VectorEnv, collect,
+    NetworkSettings, Observations, Ppo, PpoSettings, PpoStats, RlError, RolloutBuffer, Transition,
+    ValueFunction, VectorEnv,
 };
-use symmetry::Group;
 
-use crate::common::parts::largest;
+use crate::common::steps::{OnPolicyRun, largest};
 use crate::common::{EPISODE, PointReach};
 
 const ENVS: usize = 5;
 
 fn policy(seed: u64) -> ActorCriticPolicy {
-    policy_of(Group::D2, seed)
-}
-
-fn policy_of(group: Group, seed: u64) -> ActorCriticPolicy {
     let settings = NetworkSettings {
-        group,
         encoder: EncoderSettings::Strided { fields: vec![4] },
         action_gain: 1.0,
         ..NetworkSettings::default()
@@ -32,18 +26,11 @@ fn policy_of(group: Group, seed: u64) -> ActorCriticPolicy {
 /// Episodes end in the middle, and run on at the end.
 const STEPS: usize = 2 * EPISODE + 3;
 
-/// Fills a buffer from the first step of the same environment on.
-fn fill(buffer: &mut RolloutBuffer, policy: &mut ActorCriticPolicy) {
-    let mut env = PointReach::new(ENVS, 1);
-    let mut state = RolloutState::reset(&mut env, policy).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    collect(&mut env, policy, buffer, &mut state, &mut rng).unwrap();
-}
-
-fn rollout(policy: &mut ActorCriticPolicy) -> RolloutBuffer {
-    let mut buffer = RolloutBuffer::new(PointReach::new(ENVS, 1).spec(), STEPS).unwrap();
-    fill(&mut buffer, policy);
-    buffer
+/// A rollout from the first step of the same environments on.
+fn rollout(policy: &ActorCriticPolicy) -> RolloutBuffer {
+    let mut run = OnPolicyRun::new(PointReach::new(ENVS, 1), policy.clone(), STEPS);
+    run.collect();
+    run.buffer
 }
 
 /// The slow twin: acts as one policy and says at every step what another one thinks of it.
@@ -87,14 +74,14 @@ fn largest_difference(one: &RolloutBuffer, other: &RolloutBuffer) -> f32 {
 fn another_policys_rollout_is_valued_as_if_it_had_been_commented_at_every_step() {
     let (mut actor, mut critic) = (policy(2), policy(7));
     let expected = commented(&mut actor, &mut critic);
-    let mut buffer = rollout(&mut actor);
+    let mut buffer = rollout(&actor);
     assert!(largest_difference(&buffer, &expected) > 0.1);
     buffer.reevaluate(&mut critic).unwrap();
     assert!(largest_difference(&buffer, &expected) < 1e-5);
     assert_eq!(buffer.decisions().actions, expected.decisions().actions);
     // and back
     buffer.reevaluate(&mut actor).unwrap();
-    assert!(largest_difference(&buffer, &rollout(&mut actor)) < 1e-5);
+    assert!(largest_difference(&buffer, &rollout(&actor)) < 1e-5);
 }
 
 /// An update with steps of size almost zero.
@@ -111,7 +98,7 @@ fn still_update(policy: &mut ActorCriticPolicy, buffer: &RolloutBuffer) -> PpoSt
 
 #[test]
 fn the_ratio_starts_at_one_only_after_revaluation() {
-    let mut buffer = rollout(&mut policy(2));
+    let mut buffer = rollout(&policy(2));
     let mut heir = policy(7);
     assert!(still_update(&mut heir, &buffer).clip_fraction > 0.1);
     buffer.reevaluate(&mut heir).unwrap();
@@ -123,16 +110,17 @@ fn the_ratio_starts_at_one_only_after_revaluation() {
 #[test]
 fn a_buffer_that_is_filled_anew_forgets_its_final_observations() {
     let (mut actor, mut critic) = (policy(2), policy(7));
-    let mut buffer = rollout(&mut policy(3));
-    fill(&mut buffer, &mut actor);
-    buffer.reevaluate(&mut critic).unwrap();
+    let mut anew = OnPolicyRun::new(PointReach::new(ENVS, 1), actor.clone(), STEPS);
+    anew.buffer = rollout(&policy(3));
+    anew.collect();
+    anew.buffer.reevaluate(&mut critic).unwrap();
     let expected = commented(&mut actor, &mut critic);
-    assert!(largest_difference(&buffer, &expected) < 1e-5);
+    assert!(largest_difference(&anew.buffer, &expected) < 1e-5);
 }
 
 #[test]
 fn an_unfinished_rollout_is_refused() {
-    let mut buffer = rollout(&mut policy(2));
+    let mut buffer = rollout(&policy(2));
     buffer.clear();
     assert!(matches!(
         buffer.reevaluate(&mut policy(2)),
@@ -183,7 +171,7 @@ impl EvaluateActions for Faulty {
 
 #[test]
 fn a_revaluation_that_fails_changes_nothing() {
-    let mut buffer = rollout(&mut policy(2));
+    let mut buffer = rollout(&policy(2));
     let before = figures(&buffer);
     for spoilt in 0..3 {
         for fails in [true, false] {

@@ -4,12 +4,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, EncoderSettings, EnvSpec, MAX_ABS_RETURN, MIN_ABS_RETURN,
-    Observations, Ppo, PpoSettings, RewardWarning, RolloutBuffer, RolloutState, RolloutStats,
-    VectorEnv, collect, evaluate,
+    Observations, Ppo, PpoSettings, RewardWarning, RolloutBuffer, RolloutStats, VectorEnv,
+    evaluate,
 };
 use symmetry::Irrep;
 
-use crate::common::parts::{Spoiling, joint, policy};
+use crate::common::steps::{OnPolicyRun, Spoiling, joint, policy};
 use crate::common::toy::{Toy, Toys};
 
 /// N goals in [-0.9, 0.9], which the vector shows. An episode is one decision; its reward is
@@ -50,22 +50,24 @@ impl Toy for Bandit {
     }
 }
 
+/// A policy in the bandit, for rollouts of `steps` steps.
+fn run(num_envs: usize, scale: f32, steps: usize) -> OnPolicyRun<Toys<Bandit>, ActorCriticPolicy> {
+    let env = Bandit::envs(num_envs, scale);
+    let policy = ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), env.spec(), 2);
+    OnPolicyRun::new(env, policy.unwrap(), steps)
+}
+
 /// Result of PPO after 30 rollouts of 512 decisions: success of its mean actions, and the last
 /// rollout.
 fn ppo(scale: f32) -> (f64, RolloutStats) {
-    let mut env = Bandit::envs(32, scale);
-    let mut policy =
-        ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), env.spec(), 2).unwrap();
-    let mut ppo = Ppo::new(PpoSettings::default(), &policy).unwrap();
-    let mut buffer = RolloutBuffer::new(env.spec(), 16).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+    let mut run = run(32, scale, 16);
+    let mut ppo = Ppo::new(PpoSettings::default(), &run.policy).unwrap();
     let mut last = RolloutStats::default();
     for _ in 0..30 {
-        last = collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
-        ppo.update(&mut policy, &buffer, &mut rng).unwrap();
+        last = run.collect();
+        ppo.update(&mut run.policy, &run.buffer, &mut run.rng).unwrap();
     }
-    let success = evaluate(&mut env, &mut policy, 16).unwrap().success_rate();
+    let success = evaluate(&mut run.env, &mut run.policy, 16).unwrap().success_rate();
     (success.unwrap(), last)
 }
 
@@ -93,27 +95,12 @@ fn ppo_learns_within_the_bounds_and_is_warned_of_outside() {
     }
 }
 
-/// One rollout of the bandit.
-fn rollout(scale: f32) -> RolloutStats {
-    let mut env = Bandit::envs(4, scale);
-    let mut policy =
-        ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), env.spec(), 2).unwrap();
-    let mut buffer = RolloutBuffer::new(env.spec(), 4).unwrap();
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap()
-}
-
 #[test]
-fn rewards_of_nothing_but_zero_say_nothing() {
-    assert_eq!(rollout(0.0).reward_warning(), None);
+fn zero_rewards_are_not_warned_of_and_messages_name_value_and_bounds_whatever_the_sign() {
+    assert_eq!(run(4, 0.0, 4).collect().reward_warning(), None);
     assert_eq!(RolloutStats::default().reward_warning(), None);
-}
-
-#[test]
-fn the_sign_does_not_matter_and_the_message_names_value_and_bounds() {
     for scale in [3e38, -3e38] {
-        let stats = rollout(scale);
+        let stats = run(4, scale, 4).collect();
         assert!(stats.max_abs_return > 1e38);
         let message = stats.reward_warning().unwrap().to_string();
         assert!(message.contains("e38 in magnitude"), "{message}");
@@ -124,18 +111,12 @@ fn the_sign_does_not_matter_and_the_message_names_value_and_bounds() {
 /// Returns count, not rewards: many small ones add up.
 #[test]
 fn long_episodes_of_small_rewards_are_not_warned_of() {
-    let mut env = Spoiling::new(|t| t.rewards.fill(2e-3));
-    let mut policy = policy();
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let mut after = |steps| {
-        let mut buffer = RolloutBuffer::new(env.spec(), steps).unwrap();
-        collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap()
-    };
-    let short = after(3).reward_warning();
+    let mut run = OnPolicyRun::new(Spoiling::new(|t| t.rewards.fill(2e-3)), policy(), 3);
+    let short = run.collect().reward_warning();
     assert!(matches!(short, Some(RewardWarning::TooSmall { .. })));
     // the episodes go on, and end within the next rollout
-    let long = after(7);
+    run.buffer = RolloutBuffer::new(run.env.spec(), 7).unwrap();
+    let long = run.collect();
     assert_eq!(long.reward_warning(), None);
     assert!((long.max_abs_return - 0.02).abs() < 1e-6);
 }

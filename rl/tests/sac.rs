@@ -2,14 +2,14 @@
 
 use rl::{
     Actor, Algorithm, ContextSettings, CriticSettings, EncoderSettings, EnvSpec, Metrics,
-    NetworkSettings, Observations, PpoSettings, ReplayBuffer, ReplaySettings, RlError, Sac,
-    SacPolicy, SacSettings, Temperature, VectorEnv,
+    NetworkSettings, Observations, PpoSettings, ReplayBuffer, RlError, Sac, SacPolicy, SacSettings,
+    Temperature, VectorEnv,
 };
 use symmetry::Group;
 
 use crate::common::PointReach;
-use crate::common::parts::joint;
 use crate::common::sac::{ENVS, Run, network, replay_settings, settings};
+use crate::common::steps::joint;
 
 const CONTEXT: ContextSettings = ContextSettings { size: 8, length: 3 };
 const LEARNED: Temperature = Temperature::Learned { initial: 0.1, target: -1.0 };
@@ -266,41 +266,6 @@ fn the_default_passes_a_step_as_often_as_ppo_does() {
 }
 
 #[test]
-fn settings_out_of_range_are_refused_by_name() {
-    type Spoil = fn(&mut SacSettings);
-    let cases: [(&str, Spoil); 17] = [
-        ("gamma", |s| s.gamma = 1.5),
-        ("batch", |s| s.batch = 0),
-        ("batch", |s| s.batch = 1 << 17),
-        ("window", |s| s.window = 0),
-        ("window", |s| s.window = 3),
-        ("window", |s| s.window = 1024),
-        ("updates_per_step", |s| s.updates_per_step = -1.0),
-        ("updates_per_step", |s| s.updates_per_step = 1e30),
-        ("learning_rate", |s| s.learning_rate = 0.0),
-        ("adam_epsilon", |s| s.adam_epsilon = 0.0),
-        ("max_gradient", |s| s.max_gradient = f32::NAN),
-        ("tau", |s| s.tau = 0.0),
-        ("newest_share", |s| s.newest_share = 1.1),
-        ("cloning_weight", |s| s.cloning_weight = f32::INFINITY),
-        ("temperature", |s| s.temperature = Temperature::Fixed(-0.1)),
-        ("temperature.initial", |s| s.temperature = learned(0.0, -1.0)),
-        ("temperature.target", |s| s.temperature = learned(1.0, f32::NAN)),
-    ];
-    let policy = SacPolicy::new(&small_network(), None, &small_spec(), 0).unwrap();
-    for (name, spoil) in cases {
-        let mut settings = SacSettings::default();
-        spoil(&mut settings);
-        let message = Sac::new(settings, &policy).unwrap_err().to_string();
-        assert!(message.starts_with(&format!("{name} =")), "{message}");
-    }
-}
-
-fn learned(initial: f32, target: f32) -> Temperature {
-    Temperature::Learned { initial, target }
-}
-
-#[test]
 fn networks_and_contexts_that_do_not_fit_are_refused_by_name() {
     let refused = |settings: &NetworkSettings, context, name: &str| {
         let error = SacPolicy::new(settings, context, &small_spec(), 0).unwrap_err();
@@ -314,23 +279,4 @@ fn networks_and_contexts_that_do_not_fit_are_refused_by_name() {
     refused(&small_network(), context(30, 5), "context.size");
     refused(&small_network(), context(0, 5), "context.size");
     refused(&small_network(), context(8, 65), "context.length");
-}
-
-#[test]
-fn settings_survive_a_file() {
-    let settings = SacSettings {
-        temperature: Temperature::Learned { initial: 0.3, target: -1.0 },
-        augmentation: Group::D1y,
-        ..SacSettings::default()
-    };
-    let text = serde_json::to_string(&settings).unwrap();
-    assert_eq!(serde_json::from_str::<SacSettings>(&text).unwrap(), settings);
-    let few = r#"{"temperature": {"fixed": 0.1}}"#;
-    let fixed: SacSettings = serde_json::from_str(few).unwrap();
-    assert_eq!(fixed.temperature, Temperature::Fixed(0.1));
-    assert!(serde_json::from_str::<SacSettings>(r#"{"tua": 1}"#).is_err());
-    let papers = serde_json::from_str::<ContextSettings>("{}").unwrap();
-    assert_eq!((papers.size, papers.length), (30, 5));
-    let replay = serde_json::from_str::<ReplaySettings>(r#"{"capacity": 7}"#).unwrap();
-    assert_eq!((replay.capacity, replay.warm_up), (7, 1000));
 }

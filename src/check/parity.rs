@@ -164,7 +164,7 @@ impl Replica {
                 measurement: table.measurement()?,
             },
             placed: scene.start_state().clone(),
-            physics: Data::new(Arc::new(model.translated(TABLE_CENTRE.to_array()))),
+            physics: Data::new(Arc::new(model.translated(TABLE_CENTRE.to_array())?)),
             hand: model.body("hand")?,
             hand_target: model.mocap_body("hand_target")?,
             object: model.mocap_body("object").ok(),
@@ -177,12 +177,11 @@ impl Replica {
 
     /// Places the scene's objects as in a recorded episode.
     fn begin(&mut self, recording: &Recording, episode: usize) -> Result<(), EnvError> {
-        let group = self.table.scene().group;
-        let placement = recording.placement(group, episode, TABLE_CENTRE);
+        let placement = recording.placement(episode, TABLE_CENTRE);
         let [hand, _] = recording.hand_and_object(episode, 0);
         let measurement = Measurement {
             hand,
-            object: recording.start_object(group, episode),
+            object: recording.start_object(episode),
             tcp: recording.start_tcp(episode),
             ..self.start.measurement
         };
@@ -194,7 +193,7 @@ impl Replica {
         place([self.object, self.goal], data, placement)?;
         self.placed = data.save_state();
         self.physics.reset();
-        let there = recording.placement(group, episode, DVec3::ZERO);
+        let there = recording.placement(episode, DVec3::ZERO);
         place([self.object, self.goal], &mut self.physics, there)
     }
 
@@ -256,7 +255,7 @@ impl Replica {
             let now = self.table.measurement()?;
             let finger = recording.finger_action(episode, step);
             let ours = group.task().reward(&self.start, &now, finger);
-            let deviation = recording.reward_deviation(group, episode, step, &ours);
+            let deviation = recording.reward_deviation(episode, step, &ours);
             row.max_reward_deviation = largest_deviation([row.max_reward_deviation, deviation]);
             row.success_mismatches += usize::from(ours.success != recording.success(episode, step));
             row.reward_steps += 1;

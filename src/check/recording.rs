@@ -16,8 +16,58 @@ const PUCK_HEIGHT: f64 = 0.015;
 /// Way of an open window's handle from that of a shut one (metres).
 const OPEN_WINDOW: DVec3 = DVec3::new(0.2, 0.0, 0.0);
 
+/// Differences between the recordings of the tasks.
+struct Contents {
+    group: TaskGroup,
+    /// Number of random values of a placement: the object's position, and in some tasks the goal's.
+    random_values: usize,
+    /// Indices in `info` of our approach term, in-place term and distance; `None` for those that
+    /// Meta-World does not report.
+    reported: [Option<usize>; 3],
+}
+
+/// Indices of the terms and of the distance in most recordings.
+const REPORTED: [Option<usize>; 3] = [Some(3), Some(4), Some(5)];
+
+/// Contents of the recordings of every task.
+static CONTENTS: [Contents; 14] = [
+    // index 3 is a distance
+    contents(TaskGroup::GOAL_REACH, 6, [None, Some(4), Some(5)]),
+    contents(TaskGroup::BUTTON_PRESS, 3, REPORTED),
+    contents(TaskGroup::DRAWER_CLOSE, 3, REPORTED),
+    contents(TaskGroup::PLATE_SLIDE, 6, REPORTED),
+    contents(TaskGroup::WINDOW_OPEN, 3, REPORTED),
+    contents(TaskGroup::WINDOW_CLOSE, 3, REPORTED),
+    // index 3 is the finger action's term, and index 5 is always zero
+    contents(TaskGroup::DOOR_OPEN, 3, [Some(1), Some(4), None]),
+    // the door's own term is missing
+    contents(TaskGroup::DOOR_CLOSE, 3, [Some(4), None, Some(5)]),
+    contents(TaskGroup::DRAWER_OPEN, 3, REPORTED),
+    contents(TaskGroup::BUTTON_PRESS_TOPDOWN, 3, REPORTED),
+    contents(TaskGroup::FAUCET_CLOSE, 3, REPORTED),
+    contents(TaskGroup::PUSH, 6, REPORTED),
+    contents(TaskGroup::PICK_PLACE, 6, REPORTED),
+    contents(TaskGroup::PEG_INSERT_SIDE, 6, REPORTED),
+];
+
+const fn contents(
+    group: TaskGroup,
+    random_values: usize,
+    reported: [Option<usize>; 3],
+) -> Contents {
+    Contents { group, random_values, reported }
+}
+
+impl Contents {
+    /// Returns Meta-World's name of the task.
+    fn name(&self) -> Option<&'static str> {
+        self.group.task().meta_world_spec().map(|spec| spec.name)
+    }
+}
+
 /// Recording of E episodes of T control steps of one task, in metres and Meta-World's frame.
 pub(crate) struct Recording {
+    contents: &'static Contents,
     pub episodes: usize,
     pub steps: usize,
     /// Joint positions `[E, T + 1, nq]`, velocities `[E, T + 1, nv]` and targets of the hand
@@ -50,23 +100,28 @@ impl Recording {
     pub(crate) fn task_of_file(path: &Path) -> Result<TaskGroup, String> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let task = stem.split('_').nth(1).unwrap_or_default();
-        let name = |group: &TaskGroup| group.task().meta_world_spec().map(|spec| spec.name);
-        TaskGroup::ALL.into_iter().find(|group| name(group) == Some(task)).ok_or_else(|| {
-            let known = TaskGroup::ALL.iter().filter_map(name).collect::<Vec<_>>().join(", ");
+        let found = CONTENTS.iter().find(|contents| contents.name() == Some(task));
+        found.map(|contents| contents.group).ok_or_else(|| {
+            let known: Vec<_> = CONTENTS.iter().filter_map(Contents::name).collect();
             format!(
                 "its name says no task: expected ENGINE_TASK_POLICY.npz, where TASK is one of \
-                 Meta-World's: {known}"
+                 Meta-World's: {}",
+                known.join(", ")
             )
         })
     }
 
     /// Reads a recording of `scene`'s task.
     pub(crate) fn read(path: &Path, scene: &Scene) -> Result<Self, String> {
+        let group = scene.group;
+        let contents = CONTENTS.iter().find(|contents| contents.group == group);
+        let contents = contents.ok_or_else(|| format!("{group} is no task of Meta-World"))?;
         let mut npz = Npz::open(path)?;
         let reward = npz.array("reward", &[0, 0])?;
         let (e, t) = (reward.shape()[0], reward.shape()[1]);
         let (nq, nv) = (scene.model.nq(), scene.model.nv());
         Ok(Self {
+            contents,
             episodes: e,
             steps: t,
             qpos: npz.array("qpos", &[e, t + 1, nq])?,
@@ -76,7 +131,7 @@ impl Recording {
             action: npz.array("action", &[e, t, 4])?,
             info: npz.array("info", &[e, t, 7])?,
             mesh_contact: npz.array("mesh_contact", &[e, t])?,
-            placement: npz.array("rand_vec", &[e, placement_len(scene.group)])?,
+            placement: npz.array("rand_vec", &[e, contents.random_values])?,
             goal: npz.array("target_pos", &[e, 3])?,
             hand_start: npz.array("hand_init_pos", &[e, 3])?,
             start_tcp: npz.array("init_tcp", &[e, 3])?,
@@ -85,18 +140,20 @@ impl Recording {
     }
 
     /// Returns the placement of an episode relative to `origin` (metres, Meta-World's frame).
-    pub(crate) fn placement(&self, group: TaskGroup, episode: usize, origin: DVec3) -> Placement {
+    pub(crate) fn placement(&self, episode: usize, origin: DVec3) -> Placement {
+        let group = self.contents.group;
         let random = self.placement.row(&[episode]);
         let relative = |point: &[f64]| DVec3::from_slice(point) - origin;
         let mut object = relative(&random[..3]);
         let mut goal = relative(self.goal.row(&[episode]));
-        match group.name() {
-            "plate-slide" => object.z = PUCK_HEIGHT,
+        if group == TaskGroup::PLATE_SLIDE {
+            object.z = PUCK_HEIGHT;
+        } else if group == TaskGroup::PUSH {
             // both are at the height of the block when it has come to rest
-            "push" => object.z = goal.z,
+            object.z = goal.z;
+        } else if group == TaskGroup::PEG_INSERT_SIDE {
             // ours is the position of the box, from which the target is a constant way
-            "peg-insert-side" => goal = relative(&random[3..]),
-            _ => {}
+            goal = relative(&random[3..]);
         }
         Placement { object, goal }
     }
@@ -118,10 +175,11 @@ impl Recording {
     }
 
     /// Returns the position of the object at an episode's start, in this project's frame.
-    pub(crate) fn start_object(&self, group: TaskGroup, episode: usize) -> DVec3 {
+    pub(crate) fn start_object(&self, episode: usize) -> DVec3 {
         let [_, object] = self.hand_and_object(episode, 0);
         // Meta-World measures its window before it opens it
-        let opened = if group == TaskGroup::WINDOW_CLOSE { OPEN_WINDOW } else { DVec3::ZERO };
+        let is_opened = self.contents.group == TaskGroup::WINDOW_CLOSE;
+        let opened = if is_opened { OPEN_WINDOW } else { DVec3::ZERO };
         object + opened
     }
 
@@ -136,46 +194,18 @@ impl Recording {
     }
 
     /// Returns the largest difference of a step's reward, or of one of its terms, from `ours`.
-    pub(crate) fn reward_deviation(
-        &self,
-        group: TaskGroup,
-        episode: usize,
-        step: usize,
-        ours: &StepReward,
-    ) -> f64 {
+    pub(crate) fn reward_deviation(&self, episode: usize, step: usize, ours: &StepReward) -> f64 {
         let info = self.info.row(&[episode, step]);
         let reward = ours.reward - self.reward.row(&[episode, step])[0];
-        let terms = reported_terms(group, ours).into_iter().map(|(at, term)| term - info[at]);
-        largest_deviation(terms.chain([reward]).map(f64::abs))
+        let terms = [ours.approach_reward, ours.in_place_reward, ours.goal_distance];
+        let reported = self.contents.reported.into_iter().zip(terms);
+        let deviations = reported.filter_map(|(at, term)| Some(term - info[at?]));
+        largest_deviation(deviations.chain([reward]).map(f64::abs))
     }
 
     /// Returns `true` if a mesh touched anything during a step.
     pub(crate) fn meshes_touch(&self, episode: usize, step: usize) -> bool {
         self.mesh_contact.row(&[episode, step])[0] != 0.0
-    }
-}
-
-/// Returns the terms of a reward that Meta-World reports too, with their indices in `info`.
-fn reported_terms(group: TaskGroup, ours: &StepReward) -> Vec<(usize, f64)> {
-    let (approach, in_place) = (ours.approach_reward, (4, ours.in_place_reward));
-    let distance = (5, ours.goal_distance);
-    match group.name() {
-        // index 3 is a distance
-        "goal-reach" => vec![in_place, distance],
-        // index 3 is the finger action's term, index 5 is always zero
-        "door-open" => vec![(1, approach), in_place],
-        // the door's own term is missing
-        "door-close" => vec![(4, approach), distance],
-        _ => vec![(3, approach), in_place, distance],
-    }
-}
-
-/// Returns the number of random values of a placement: the object's position, and in some tasks the
-/// goal's.
-fn placement_len(group: TaskGroup) -> usize {
-    match group.name() {
-        "goal-reach" | "plate-slide" | "push" | "pick-place" | "peg-insert-side" => 6,
-        _ => 3,
     }
 }
 
@@ -206,17 +236,33 @@ pub(crate) fn largest_deviation(deviations: impl IntoIterator<Item = f64>) -> f6
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
-    use envs::{Camera, Embodiment, Layout};
+    use envs::{Camera, Embodiment, Layout, TableTop};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use symmetry::D2;
+
+    fn scene(group: TaskGroup) -> Scene {
+        let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
+        Scene::new_in_layout(layout, group, arm, Camera::default()).unwrap()
+    }
+
+    /// Returns the repository's two recordings of a scene's task: of the expert and of random
+    /// actions.
+    fn recordings(scene: &Scene) -> [Recording; 2] {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings");
+        let task = scene.group.task().meta_world_spec().unwrap().name;
+        ["expert", "random"].map(|policy| {
+            let path = folder.join(format!("mj222_{task}_{policy}.npz"));
+            Recording::read(&path, scene).unwrap()
+        })
+    }
 
     /// Returns the deviation of a recorded step from itself with `change` applied.
     fn deviation(change: impl Fn(&mut StepReward)) -> f64 {
-        let group = TaskGroup::PLATE_SLIDE;
-        let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
-        let scene = Scene::new_in_layout(layout, group, arm, Camera::default()).unwrap();
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings");
-        let path = folder.join("mj222_plate-slide_expert.npz");
-        let recording = Recording::read(&path, &scene).unwrap();
+        let [recording, _] = recordings(&scene(TaskGroup::PLATE_SLIDE));
         let info = recording.info.row(&[1, 7]);
         let mut ours = StepReward {
             approach_reward: info[3],
@@ -226,7 +272,76 @@ mod tests {
             success: false,
         };
         change(&mut ours);
-        recording.reward_deviation(group, 1, 7, &ours)
+        recording.reward_deviation(1, 7, &ours)
+    }
+
+    /// Largest distance of a hand's recorded start from ours (metres): in some tasks it is a number
+    /// of 32 bits.
+    const HAND_START: f64 = 3e-8;
+    /// Largest difference of joints after a reset (metres, radians, and their rates), from that of
+    /// the hand's start.
+    const JOINT_START: f64 = 2e-7;
+
+    #[test]
+    fn episodes_start_where_meta_worlds_do() {
+        for group in TaskGroup::ALL {
+            let scene = Arc::new(scene(group));
+            let mut table = TableTop::new(Arc::clone(&scene), scene.layout.control()).unwrap();
+            let target = scene.model.body("hand_target").unwrap();
+            let loose = ["decoy", "loose"].iter().find_map(|name| scene.model.joint(name).ok());
+            for recording in recordings(&scene) {
+                for episode in 0..recording.episodes {
+                    let placement = recording.placement(episode, TABLE_CENTRE);
+                    table.reset_to(D2::Identity, placement).unwrap();
+                    let data = table.simulation();
+                    let mut joints = recording.qpos.row(&[episode, 0]).to_vec();
+                    if let Some(joint) = loose {
+                        joints[scene.model.joint_qpos_address(joint) + 1] -= TABLE_CENTRE.y;
+                    }
+                    let rates = recording.qvel.row(&[episode, 0]);
+                    let ours = data.qpos().iter().chain(data.qvel());
+                    for (at, (got, expected)) in ours.zip(joints.iter().chain(rates)).enumerate() {
+                        let off = (got - expected).abs();
+                        assert!(off < JOINT_START, "{group}, {at}: {got}, {expected}");
+                    }
+                    let hand = DVec3::from_array(data.body_position(target));
+                    let off = hand.distance(recording.hand_start(episode));
+                    assert!(off < HAND_START, "{group}: {hand}, {off}");
+                }
+            }
+        }
+    }
+
+    /// Returns the lowest and the highest coordinates of object and goal, and of the way between.
+    fn bounds(placements: impl Iterator<Item = Placement>) -> [[DVec3; 2]; 3] {
+        let none = [DVec3::INFINITY, DVec3::NEG_INFINITY];
+        placements.fold([none; 3], |bounds, Placement { object, goal }| {
+            let mut points = [object, goal, goal - object].into_iter();
+            bounds.map(|[low, high]| {
+                let point = points.next().unwrap();
+                [low.min(point), high.max(point)]
+            })
+        })
+    }
+
+    #[test]
+    fn recorded_placements_are_within_the_ranges_that_ours_are_drawn_from() {
+        for group in TaskGroup::ALL {
+            let scene = scene(group);
+            let mut rng = ChaCha8Rng::seed_from_u64(0);
+            let drawn = bounds((0..1000).map(|_| scene.draw_placement(&mut rng)));
+            let both = recordings(&scene);
+            let recorded = bounds(both.iter().flat_map(|recording| {
+                let placed = |episode| recording.placement(episode, TABLE_CENTRE);
+                (0..recording.episodes).map(placed)
+            }));
+            for ([low, high], [lowest, highest]) in drawn.into_iter().zip(recorded) {
+                // a thousand numbers leave a little of their range out, at either end
+                let rest = 0.01 * (high - low) + 1e-9;
+                let within = lowest.cmpge(low - rest).all() && highest.cmple(high + rest).all();
+                assert!(within, "{group}: {lowest}, {highest} in {low}, {high}");
+            }
+        }
     }
 
     #[test]

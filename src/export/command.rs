@@ -85,7 +85,7 @@ const DECISIONS: usize = 8;
 /// # Errors
 /// Errors of the environments.
 fn observations(run: &Experiment) -> Result<Observations, RunError> {
-    let groups = run.schedule.resolve_groups(&TaskRegistry::standard())?;
+    let groups = run.schedule.resolve_groups(&TaskRegistry::all())?;
     let settings =
         VecEnvSettings { num_envs: ENVS, threads: 1, ..run.envs.without_randomisation() };
     let mut stream = Stream::new(settings, &groups)?;

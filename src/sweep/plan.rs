@@ -1,6 +1,8 @@
 //! Plan of a sweep: methods, variants and seeds, and the jobs that they give.
 
+use std::collections::{HashMap, HashSet};
 use std::fmt::Display;
+use std::hash::Hash;
 use std::path::{Path, PathBuf};
 
 use envs::TaskRegistry;
@@ -9,6 +11,11 @@ use serde::{Deserialize, Serialize};
 use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError};
 use learner::overrides::{self, Override, parse_json, read_json};
+
+/// Largest number of jobs of a plan.
+const MAX_JOBS: usize = 100_000;
+/// Largest number of characters in the name of a variant; the names of folders have at most 255.
+const MAX_VARIANT_NAME: usize = 100;
 
 /// Plan of a sweep, as a JSON file holds it: all combinations of methods, variants and seeds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -71,13 +78,15 @@ impl SweepPlan {
     /// Returns the jobs of the plan after checking all of them.
     ///
     /// # Errors
-    /// [`RunError::InvalidSetting`] for a plan without methods or seeds, with duplicate methods,
-    /// seeds or variants, with variants of equal settings, with a variant's name that no folder can
-    /// have, or with a seed in `set`; errors of [`Experiment::check`].
+    /// [`RunError::InvalidSetting`] for a plan without methods or seeds, with more than 100,000 jobs,
+    /// with duplicate methods, seeds or variants, with variants of equal settings, with a variant's
+    /// name that no folder can have, or with a seed in `set`; errors of [`Experiment::check`].
     pub fn jobs(&self) -> Result<Vec<SweepJob>, RunError> {
-        let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::standard());
-        // all jobs before the first one runs, so that no sweep fails after days
-        let mut experiments = jobs.iter().map(|job| &job.experiment);
+        let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::all());
+        // All methods and variants before the first one runs, so that no sweep fails after days.
+        // Seeds follow another in the list, and make no settings wrong.
+        let different_settings = jobs.len() / self.seeds.len();
+        let mut experiments = jobs[..different_settings].iter().map(|job| &job.experiment);
         experiments.try_for_each(|experiment| experiment.check(&tasks))?;
         Ok(jobs)
     }
@@ -91,18 +100,31 @@ impl SweepPlan {
         distinct("methods", &methods)?;
         distinct("seeds", &self.seeds)?;
         let arms = self.arms()?;
-        let mut jobs = Vec::with_capacity(self.seeds.len() * arms.len() * self.methods.len());
-        for &seed in &self.seeds {
-            for arm in &arms {
-                for &method in &self.methods {
-                    jobs.push(self.job(method, seed, arm)?);
-                }
+        let count = self.seeds.len() * arms.len() * self.methods.len();
+        if count > MAX_JOBS {
+            return Err(RunError::InvalidSetting {
+                name: "seeds",
+                value: format!("a list that makes {count} jobs"),
+                expected: "at most 100000 jobs in one plan: split it",
+            });
+        }
+        let mut settings = Vec::with_capacity(arms.len() * self.methods.len());
+        for arm in &arms {
+            for &method in &self.methods {
+                let name = format!("{}{}", method.name(), arm.suffix);
+                settings.push((name, self.settings(method, arm)?));
             }
         }
-        let names: Vec<&str> = jobs.iter().map(|job| job.folder_name.as_str()).collect();
+        let names: Vec<&str> = settings.iter().map(|(name, _)| name.as_str()).collect();
         distinct("variants", &names)?;
-        different(&jobs)?;
-        Ok(jobs)
+        different(&settings)?;
+        let jobs = self.seeds.iter().flat_map(|&seed| {
+            settings.iter().map(move |(name, experiment)| SweepJob {
+                folder_name: format!("{name}-seed{seed}"),
+                experiment: experiment.clone().with_seed(seed),
+            })
+        });
+        Ok(jobs.collect())
     }
 
     /// Returns the variants with all their overrides; without variants, one arm without a name.
@@ -117,21 +139,21 @@ impl SweepPlan {
         arms.collect()
     }
 
-    fn job(&self, method: Method, seed: u64, arm: &Arm) -> Result<SweepJob, RunError> {
+    /// Returns the settings of a method in one arm, whose seed is to be set.
+    fn settings(&self, method: Method, arm: &Arm) -> Result<Experiment, RunError> {
         let preset = self.budget.experiment(method);
-        // tried with another seed than the job's, so that an override is found even if it sets the
-        // job's own seed
-        let other = overrides::apply(&arm.set, preset.clone().with_seed(!seed))?;
-        if other.learner.seed() != !seed {
+        // two seeds, so that an override is found even if it sets one of them
+        let [settings, other] =
+            [0, 1].map(|seed| overrides::apply(&arm.set, preset.clone().with_seed(seed)));
+        let (settings, other) = (settings?, other?);
+        if settings.learner.seed() == other.learner.seed() {
             return Err(RunError::InvalidSetting {
                 name: "set",
                 value: serde_json::json!(arm.text).to_string(),
                 expected: "no seed: `seeds` lists them",
             });
         }
-        let experiment = overrides::apply(&arm.set, preset.with_seed(seed))?.with_threads(1);
-        let name = format!("{}{}-seed{seed}", method.name(), arm.suffix);
-        Ok(SweepJob { folder_name: name, experiment })
+        Ok(settings.with_threads(1))
     }
 }
 
@@ -157,7 +179,7 @@ impl<'a> Arm<'a> {
 /// Rejects names of variants that could not be told apart from method and seed in a folder's name.
 fn folder_part(name: &str) -> Result<&str, RunError> {
     let plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '-' || letter == '.';
-    if !name.is_empty()
+    if (1..=MAX_VARIANT_NAME).contains(&name.len())
         && name.chars().all(plain)
         && !name.starts_with("seed")
         && !name.contains("-seed")
@@ -167,7 +189,8 @@ fn folder_part(name: &str) -> Result<&str, RunError> {
     Err(RunError::InvalidSetting {
         name: "variants",
         value: serde_json::json!(name).to_string(),
-        expected: "a name of letters, digits, dots and hyphens, of which no part begins with `seed`",
+        expected: "a name of at most 100 letters, digits, dots and hyphens, of which no part \
+            begins with `seed`",
     })
 }
 
@@ -178,17 +201,15 @@ impl SweepJob {
     }
 }
 
-/// Rejects jobs with equal settings under different names, whose comparison would be meaningless.
-fn different(jobs: &[SweepJob]) -> Result<(), RunError> {
-    for (index, job) in jobs.iter().enumerate() {
-        let mut before = jobs[..index].iter();
-        if let Some(same) = before.find(|other| other.experiment == job.experiment) {
+/// Rejects equal settings under different names, whose comparison would be meaningless.
+fn different(settings: &[(String, Experiment)]) -> Result<(), RunError> {
+    let mut names = HashMap::new();
+    for (name, experiment) in settings {
+        let text = serde_json::json!(experiment).to_string();
+        if let Some(same) = names.insert(text, name) {
             return Err(RunError::InvalidSetting {
                 name: "variants",
-                value: format!(
-                    "{} and {}, which are the same run",
-                    same.folder_name, job.folder_name
-                ),
+                value: format!("{same} and {name}, which are the same run"),
                 expected: "settings that differ, those of the preset included",
             });
         }
@@ -197,11 +218,11 @@ fn different(jobs: &[SweepJob]) -> Result<(), RunError> {
 }
 
 /// Rejects a list that is empty or holds a value twice.
-fn distinct<T: PartialEq + Display>(name: &'static str, values: &[T]) -> Result<(), RunError> {
-    let mut numbered = values.iter().enumerate();
-    let twice = numbered.find(|(i, value)| values[..*i].contains(value));
+fn distinct<T: Eq + Hash + Display>(name: &'static str, values: &[T]) -> Result<(), RunError> {
+    let mut seen = HashSet::new();
+    let twice = values.iter().find(|value| !seen.insert(*value));
     let (value, expected) = match twice {
-        Some((_, value)) => (
+        Some(value) => (
             format!("a list that holds {value} twice"),
             "every value once: equal runs would share a folder",
         ),
@@ -253,10 +274,33 @@ mod tests {
             r#""variants": [{"name": "own"}, {"name": "same", "set": ["covers.ppo.clip=0.2"]}],"#;
         let text = TEXT.replace("\"budget\"", &format!("{own} \"budget\""));
         let message = SweepPlan::parse(&text).unwrap().jobs().unwrap_err().to_string();
-        assert!(message.contains("-own-seed20 and "), "{message}");
-        assert!(message.contains("-same-seed20, which are the same run"), "{message}");
+        assert!(message.contains("covers-own and covers-same, which are the same"), "{message}");
         let text = text.replace("clip=0.2", "clip=0.3");
         assert!(SweepPlan::parse(&text).unwrap().jobs().is_ok());
+    }
+
+    #[test]
+    fn a_plan_of_very_many_jobs_is_listed_in_no_time_or_refused() {
+        let plan =
+            |count| SweepPlan { seeds: (0..count).collect(), ..SweepPlan::parse(TEXT).unwrap() };
+        let clock = std::time::Instant::now();
+        assert_eq!(plan(20_000).jobs().unwrap().len(), 40_000);
+        // comparing all pairs of jobs or seeds would take minutes
+        assert!(clock.elapsed().as_secs() < 20, "{:?}", clock.elapsed());
+        let message = plan(50_001).jobs().unwrap_err().to_string();
+        assert!(message.contains("a list that makes 100002 jobs"), "{message}");
+    }
+
+    #[test]
+    fn a_plan_that_is_no_file_is_refused() {
+        let pipe = std::env::temp_dir().join(format!("covers-pipe-{}", std::process::id()));
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.unwrap().success());
+        for path in ["/dev/zero", "/dev/null", "/dev"].map(Path::new).into_iter().chain([&*pipe]) {
+            let message = SweepPlan::read(path).unwrap_err().to_string();
+            assert!(message.contains("it is no regular file"), "{message}");
+        }
+        std::fs::remove_file(pipe).unwrap();
     }
 
     /// Returns the plans of the repository with their names.
@@ -336,6 +380,7 @@ mod tests {
             ("", "`variants` is \"\""),
             ("seed1", "`variants` is \"seed1\""),
             ("x-seed1", "`variants` is \"x-seed1\""),
+            (&"x".repeat(101), "at most 100 letters"),
         ] {
             let text = STUDY.replace("\"far\"", &format!("\"{name}\""));
             let message = SweepPlan::parse(&text).unwrap().jobs().unwrap_err().to_string();

@@ -1,19 +1,41 @@
 //! Worker of a sweep, which claims one job after another until all are finished.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use experiments::{Event, Experiment, Run, RunError, RunFolder, StopSignal};
+use envs::TaskRegistry;
+use experiments::cli::print_escaped;
+use experiments::printable::printable_message;
+use experiments::{Event, Experiment, FolderSnapshot, Run, RunError, RunFolder, StopSignal};
+use learner::DeviceChoice;
 use learner::overrides::check_same_settings;
 
 use super::plan::SweepJob;
 
 /// Time between attempts to claim jobs that other workers run.
 const RETRY_INTERVAL: Duration = Duration::from_secs(2);
+/// Times to wait before the next attempts after an error of a disk that may pass.
+const DISK_RETRY_INTERVALS: [Duration; 4] =
+    [RETRY_INTERVAL, Duration::from_secs(15), Duration::from_secs(60), Duration::from_secs(300)];
 /// Time between checks of the stop signal while a worker waits.
 const STOP_POLL: Duration = Duration::from_millis(50);
+
+/// Settings of a sweep's worker.
+#[derive(Clone, Copy, Debug)]
+pub struct WorkerSettings<'a> {
+    /// Folder that holds the folders of the runs.
+    pub runs: &'a Path,
+    /// Worker threads of each run.
+    pub threads: usize,
+    /// Device of policy updates.
+    pub device: DeviceChoice,
+    /// Time after which a run whose files do not change is taken over from its worker; `None` to
+    /// wait for ever.
+    pub take_over_after: Option<Duration>,
+}
 
 /// Outcome of a sweep's worker.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -34,32 +56,34 @@ enum JobOutcome {
 
 /// Works on the sweep until every job has finished or failed, or until a stop is requested, and
 /// prints its progress. Jobs of other workers are left to them, and taken over if such a worker
-/// ends early. Workers share nothing but the folders of the runs and their locks.
+/// ends early or stands still. Workers share nothing but the folders of the runs and their locks.
 ///
 /// # Errors
 /// [`RunError::Write`] if the folder of the runs cannot be created.
 pub fn run_worker(
     jobs: &[SweepJob],
-    runs: &Path,
-    threads: usize,
+    settings: WorkerSettings,
     stop: &StopSignal,
     out: &mut impl Write,
 ) -> Result<SweepOutcome, RunError> {
+    let runs = settings.runs;
     std::fs::create_dir_all(runs).map_err(RunError::writing(runs))?;
-    let mut worker = Worker { runs, threads, stop, out, failed: Vec::new(), lost: Vec::new() };
+    let (failed, lost, seen) = Default::default();
+    let mut worker = Worker { settings, stop, out, failed, lost, seen };
     let stopped = worker.work(jobs);
     let failed = worker.failed;
     Ok(SweepOutcome { stopped, failed_jobs: failed })
 }
 
 struct Worker<'a, W> {
-    runs: &'a Path,
-    threads: usize,
+    settings: WorkerSettings<'a>,
     stop: &'a StopSignal,
     out: &'a mut W,
     failed: Vec<String>,
     /// Names of the jobs that other workers took over from this one.
     lost: Vec<String>,
+    /// Files of the runs of other workers by job, and since when they have not changed.
+    seen: BTreeMap<String, (FolderSnapshot, Instant)>,
 }
 
 impl<W: Write> Worker<'_, W> {
@@ -74,7 +98,7 @@ impl<W: Write> Worker<'_, W> {
             // a pass that finished nothing: all remaining jobs run elsewhere
             if taken.len() == left.len() {
                 self.announce(&taken, &mut waited_for);
-                self.wait();
+                self.wait(RETRY_INTERVAL);
             }
             left = taken;
         }
@@ -85,7 +109,7 @@ impl<W: Write> Worker<'_, W> {
     fn pass<'j>(&mut self, jobs: &[&'j SweepJob]) -> Option<Vec<&'j SweepJob>> {
         let mut taken = Vec::new();
         for &job in jobs {
-            match self.run(job) {
+            match self.run_with_retries(job) {
                 Ok(JobOutcome::Done) => self.say(job, "done"),
                 Ok(JobOutcome::Taken) => taken.push(job),
                 Ok(JobOutcome::Stopped) => return None,
@@ -97,7 +121,7 @@ impl<W: Write> Worker<'_, W> {
                     taken.push(job);
                 }
                 Err(error) => {
-                    self.say(job, &format!("error: {error}"));
+                    self.say(job, &format!("error: {}", printable_message(&error)));
                     self.failed.push(job.folder_name.clone());
                 }
             }
@@ -115,15 +139,32 @@ impl<W: Write> Worker<'_, W> {
         }
     }
 
-    fn wait(&self) {
+    /// Waits for this time, or until a stop is requested.
+    fn wait(&self, time: Duration) {
         let clock = Instant::now();
-        while clock.elapsed() < RETRY_INTERVAL && !self.stop.is_requested() {
+        while clock.elapsed() < time && !self.stop.is_requested() {
             sleep(STOP_POLL);
         }
     }
 
+    /// Runs a job, and tries again after errors of the disk that may pass: a quota that is full for
+    /// a minute must not fail job after job.
+    fn run_with_retries(&mut self, job: &SweepJob) -> Result<JobOutcome, RunError> {
+        for interval in DISK_RETRY_INTERVALS {
+            match self.run(job) {
+                Err(error) if error.is_transient() => {
+                    let (message, seconds) = (printable_message(&error), interval.as_secs());
+                    self.say(job, &format!("error: {message}; tried again in {seconds} seconds"));
+                    self.wait(interval);
+                }
+                other => return other,
+            }
+        }
+        self.run(job)
+    }
+
     fn run(&mut self, job: &SweepJob) -> Result<JobOutcome, RunError> {
-        let folder = RunFolder::from_path(&job.folder_path(self.runs));
+        let folder = RunFolder::from_path(&job.folder_path(self.settings.runs));
         if folder.holds_run() {
             // checked before the run is resumed, which would change its files
             refuse_others(job, &folder, &folder.read_experiment()?)?;
@@ -137,21 +178,53 @@ impl<W: Write> Worker<'_, W> {
                 }
             }
         }
-        if self.lost.contains(&job.folder_name) {
+        let lost = self.lost.contains(&job.folder_name);
+        if lost && !self.frees_stalled(job, &folder)? {
             return Ok(JobOutcome::Taken);
         }
         if self.stop.is_requested() {
             return Ok(JobOutcome::Stopped);
         }
-        match claim(job, &folder, self.threads) {
+        let mut claimed = claim(job, &folder, self.settings);
+        if matches!(claimed, Err(RunError::Locked { .. })) && self.frees_stalled(job, &folder)? {
+            claimed = claim(job, &folder, self.settings);
+        }
+        match claimed {
             Err(RunError::Locked { .. }) => Ok(JobOutcome::Taken),
             other => self.finish(job, other?),
         }
     }
 
+    /// Frees the lock of another worker's run if its files have not changed for too long; returns
+    /// `true` if so.
+    fn frees_stalled(&mut self, job: &SweepJob, folder: &RunFolder) -> Result<bool, RunError> {
+        let Some(limit) = self.settings.take_over_after else {
+            return Ok(false);
+        };
+        let (now, snapshot) = (Instant::now(), folder.snapshot()?);
+        let name = &job.folder_name;
+        match self.seen.get(name) {
+            Some((seen, since)) if *seen == snapshot => {
+                if now - *since < limit {
+                    return Ok(false);
+                }
+                let seconds = limit.as_secs();
+                self.say(job, &format!("has not changed for {seconds} seconds: taken over"));
+                folder.break_lock()?;
+                self.seen.remove(name);
+                self.lost.retain(|lost| lost != name);
+                Ok(true)
+            }
+            _ => {
+                self.seen.insert(name.clone(), (snapshot, now));
+                Ok(false)
+            }
+        }
+    }
+
     fn finish(&mut self, job: &SweepJob, mut run: Run) -> Result<JobOutcome, RunError> {
         run.set_stop_signal(self.stop.clone());
-        self.say(job, run.start_message());
+        self.say(job, &run.start_message_with_memory());
         while let Some(event) = run.advance()? {
             if let Event::Evaluation(evaluation) = event {
                 let rollouts = evaluation.rollouts;
@@ -170,24 +243,30 @@ impl<W: Write> Worker<'_, W> {
     /// Prints a line about a job of the sweep. A closed output stops the worker, which then writes
     /// a checkpoint.
     fn say(&mut self, job: &SweepJob, line: &str) {
-        let written =
-            writeln!(self.out, "{}: {line}", job.folder_name).and_then(|()| self.out.flush());
-        if let Err(error) = written
+        let line = format!("{}: {line}", job.folder_name);
+        if let Err(error) = print_escaped(self.out, &line)
             && !self.stop.is_requested()
         {
             // a closed terminal must not make the sweep fail
-            let _ = writeln!(std::io::stderr(), "standard output is closed ({error}): stopping");
+            let _ = writeln!(std::io::stderr(), "{error}: stopping");
             self.stop.request();
         }
     }
 }
 
 /// Starts the job's run or resumes it.
-fn claim(job: &SweepJob, folder: &RunFolder, threads: usize) -> Result<Run, RunError> {
+fn claim(job: &SweepJob, folder: &RunFolder, settings: WorkerSettings) -> Result<Run, RunError> {
+    let WorkerSettings { threads, device, .. } = settings;
     let path = folder.path();
     std::fs::create_dir_all(path).map_err(RunError::writing(path))?;
-    let resume = || Run::resume(path, Some(threads));
-    let start = || Run::start(job.experiment.clone().with_threads(threads), folder.clone());
+    let resume = || {
+        let tasks = TaskRegistry::standard();
+        Run::resume_with_tasks(folder.clone(), Some(threads), device, tasks)
+    };
+    let start = || {
+        let experiment = job.experiment.clone().with_threads(threads).with_device(device)?;
+        Run::start(experiment, folder.clone())
+    };
     // `resume` takes the lock before any slow step, which matters to workers that try again often
     let run = if folder.holds_run() {
         resume()?
@@ -258,9 +337,14 @@ mod tests {
             lock
         }
 
+        fn settings(&self) -> WorkerSettings<'_> {
+            let (runs, device) = (&*self.runs, DeviceChoice::Cpu);
+            WorkerSettings { runs, threads: 2, device, take_over_after: None }
+        }
+
         fn work(&self, stop: &StopSignal) -> (SweepOutcome, String) {
             let mut said = Vec::new();
-            let ended = run_worker(&self.jobs, &self.runs, 1, stop, &mut said).unwrap();
+            let ended = run_worker(&self.jobs, self.settings(), stop, &mut said).unwrap();
             (ended, String::from_utf8(said).unwrap())
         }
     }
@@ -320,19 +404,42 @@ mod tests {
     }
 
     #[test]
+    fn a_job_that_finds_no_room_on_the_disk_is_tried_again() {
+        let sweep = Sweep::new("full");
+        let job = &sweep.jobs[0];
+        let owner = job.folder_path(&sweep.runs).join("owner");
+        std::os::unix::fs::symlink("/dev/full", &owner).unwrap();
+        sweep.jobs[1..].iter().for_each(|other| sweep.finish(other));
+        let (ended, said) = thread::scope(|scope| {
+            scope.spawn(|| {
+                sleep(RETRY_INTERVAL / 4);
+                std::fs::remove_file(owner).unwrap();
+                sweep.finish(job);
+            });
+            sweep.work(&StopSignal::default())
+        });
+        assert_eq!(ended, SweepOutcome::default(), "{said}");
+        let lines: Vec<&str> = said.lines().collect();
+        assert!(lines[0].contains("No space left on device"), "{said}");
+        assert!(lines[0].ends_with("; tried again in 2 seconds"), "{said}");
+        assert_eq!(lines[1], "equi-seed0: done");
+    }
+
+    #[test]
     fn a_run_of_other_settings_that_began_meanwhile_is_refused_and_let_go() {
         let sweep = Sweep::new("others");
         let job = &sweep.jobs[0];
         let folder = sweep.folder(job);
         let other = job.experiment.clone().with_seed(9);
         folder.write_experiment(&other).unwrap();
-        let error = claim(job, &folder, 2).err().unwrap();
+        let error = claim(job, &folder, sweep.settings()).err().unwrap();
         assert!(
             matches!(error, RunError::Learner(LearnerError::CheckpointSettingsDiffer { .. })),
             "{error}"
         );
         sweep.take(job);
         folder.write_experiment(&job.experiment).unwrap();
-        assert_eq!(claim(job, &folder, 2).unwrap().experiment().envs.threads, 2);
+        let run = claim(job, &folder, sweep.settings()).unwrap();
+        assert_eq!(run.experiment().envs.threads, 2);
     }
 }

@@ -34,6 +34,23 @@ fn a_limit_of_memory_that_is_too_low_is_an_error_and_begins_no_run() {
     }
 }
 
+/// The signal of a file that is too long would end the process without a message.
+#[test]
+fn a_limit_of_file_sizes_is_an_error_that_names_the_file() {
+    let scratch = Scratch::new("size");
+    let folder = scratch.0.join("run");
+    let output = Command::new("bash")
+        .args(["-c", "ulimit -f 8 && exec \"$@\"", "bash", env!("CARGO_BIN_EXE_covers"), "train"])
+        .args(["--budget", "smoke", "--folder"])
+        .arg(&folder)
+        .output()
+        .unwrap();
+    let message = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains(folder.to_str().unwrap()), "{message}");
+    assert!(message.contains("File too large"), "{message}");
+}
+
 /// One group of a task that fails after about two and a half rollouts.
 fn run_of(scratch: &Scratch, task: &'static Faulty) -> Run {
     let mut tasks = TaskRegistry::standard();

@@ -5,7 +5,7 @@ use std::ffi::{OsStr, OsString};
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use covers::presets::Method;
 use covers::{Experiment, LearnerSettings, Run};
@@ -146,18 +146,38 @@ fn an_output_that_is_closed_ends_the_rollout_and_leaves_a_checkpoint() {
 
 #[test]
 fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
-    let (scratch, experiment) = prepared("evaluation", |experiment| {
+    // policies of 3RL have a memory of the episode, and a replay
+    for method in [Method::Covers, Method::ThreeRl] {
+        let scratch = Scratch::new("evaluation");
+        let mut experiment = tiny(method);
         experiment.evaluation.visit_episodes_per_env = 2;
         let groups = &mut experiment.schedule.groups;
         groups.iter_mut().for_each(|plan| plan.decisions = 80);
+        // the evaluation after the first visit has begun or is about to, that before the stream is
+        // done
+        let said = stop_after("policy 0", train(&scratch, &experiment), "INT");
+        assert!(said.contains("stopped after 1 rollouts"), "{said}");
+        let rows = std::fs::read_to_string(scratch.0.join("run/evaluation.csv")).unwrap();
+        let early = rows.lines().skip(1).all(|row| row.starts_with("0,0,"));
+        assert!(early && rows.lines().count() > 1, "one evaluation was broken off: {rows}");
+        goes_on(&scratch, &reference(&experiment));
+    }
+}
+
+#[test]
+fn a_signal_within_the_episodes_of_a_variant_does_not_wait_for_their_end() {
+    // the evaluation before the stream would take hours in its first variant
+    let (scratch, experiment) = prepared("episodes", |experiment| {
+        experiment.evaluation.visit_episodes_per_env = 10_000;
     });
-    // the evaluation after the first visit has begun or is about to, that before the stream is done
-    let said = stop_after("policy 0", train(&scratch, &experiment), "INT");
-    assert!(said.contains("stopped after 1 rollouts"), "{said}");
-    let rows = std::fs::read_to_string(scratch.0.join("run/evaluation.csv")).unwrap();
-    let early = rows.lines().skip(1).all(|row| row.starts_with("0,0,"));
-    assert!(early && rows.lines().count() > 1, "one evaluation was broken off: {rows}");
-    goes_on(&scratch, &reference(&experiment));
+    let mut process = train(&scratch, &experiment);
+    process.wait_for("begun");
+    sleep(Duration::from_secs(1));
+    process.signal("TERM");
+    let clock = Instant::now();
+    assert!(process.wait_for("stopped after").contains("stopped after 0 rollouts"));
+    assert_eq!(process.end(), Some(3));
+    assert!(clock.elapsed() < Duration::from_secs(10), "{:?}", clock.elapsed());
 }
 
 #[test]

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use covers::sweep::{SweepJob, SweepPlan};
 use covers::{Provenance, RunFolder};
 
-use crate::common::{Scratch, assert_same, bytes, checkpoints, reference};
+use crate::common::{Scratch, assert_same, bytes, checkpoints, contents, full, reference};
 
 const PLAN: &str = r#"{
     "methods": ["covers", "equi"],
@@ -39,9 +39,14 @@ impl Sweep {
     }
 
     fn worker(&self, options: &[&str]) -> Child {
+        self.worker_in(&self.runs, options)
+    }
+
+    /// Starts a worker that sees the folder of runs at another path.
+    fn worker_in(&self, runs: &Path, options: &[&str]) -> Child {
         Command::new(env!("CARGO_BIN_EXE_covers"))
             .arg("sweep")
-            .args([&self.plan, Path::new("--runs"), &self.runs])
+            .args([&self.plan, Path::new("--runs"), runs])
             .args(options)
             .stdout(Stdio::piped())
             .spawn()
@@ -97,29 +102,105 @@ fn workers_that_are_killed_leave_jobs_that_others_finish() {
     assert!(writers[1].rollouts_before > 0, "started from the beginning");
 }
 
+/// Two paths to the folder of runs, as of two machines whose file server does not share locks.
+struct Machines {
+    first: PathBuf,
+    second: PathBuf,
+}
+
+impl Machines {
+    /// Mounts the folder twice.
+    fn mount(sweep: &Sweep) -> Self {
+        fs::create_dir(&sweep.runs).unwrap();
+        let mount = |name: &str| {
+            let path = sweep.runs.with_file_name(name);
+            fs::create_dir(&path).unwrap();
+            // without caches, as a client of NFS that opens a file anew asks the server
+            let options = "attr_timeout=0,entry_timeout=0,negative_timeout=0";
+            let mut bindfs = Command::new("bindfs");
+            bindfs.args(["-o", options]).args([&sweep.runs, &path]);
+            assert!(bindfs.status().expect("bindfs is not installed").success());
+            path
+        };
+        Self { first: mount("first"), second: mount("second") }
+    }
+}
+
+impl Drop for Machines {
+    fn drop(&mut self) {
+        for path in [&self.first, &self.second] {
+            let _ = Command::new("umount").arg("--lazy").arg(path).status();
+        }
+    }
+}
+
+/// A frozen worker loses its lock as a client of a file server does, another one finishes the run,
+/// and the first goes on before or after that end. Full: 200 times, on mounts that do not share
+/// locks.
 #[test]
-fn a_worker_that_was_frozen_while_another_one_finished_changes_nothing() {
+fn workers_that_were_frozen_while_others_took_over_damage_no_run() {
+    let trials = if full() { 200 } else { 2 };
+    let mut expected = None;
+    for trial in 0..trials {
+        let sweep = Sweep::new();
+        let machines = full().then(|| Machines::mount(&sweep));
+        let paths = machines.as_ref().map_or([&sweep.runs; 2], |m| [&m.first, &m.second]);
+        let job = &sweep.jobs()[0];
+        let folder = job.folder_path(&sweep.runs);
+        let expected = expected.get_or_insert_with(|| reference(&job.experiment));
+        let mut first = sweep.worker_in(paths[0], &["--job", "0"]);
+        wait_until(&mut first, || has_checkpoint(&folder));
+        // at another moment of its work each time
+        sleep(Duration::from_millis(17 * trial % 500));
+        assert_eq!(first.try_wait().unwrap(), None, "{trial}: the worker has ended");
+        let frozen = first;
+        signal(&frozen, "STOP");
+        if machines.is_none() {
+            fs::remove_file(folder.join("lock")).unwrap();
+        }
+        let other = sweep.worker_in(paths[1], &["--job", "0"]);
+        let thaws_first = trial % 2 == 1;
+        if thaws_first {
+            sleep(Duration::from_millis(300));
+            signal(&frozen, "CONT");
+        }
+        let other = other.wait_with_output().unwrap();
+        assert_eq!(other.status.code(), Some(0), "{trial}: {}", said(&other));
+        if !thaws_first {
+            assert_same(&bytes(&folder), expected);
+            signal(&frozen, "CONT");
+        }
+        let output = frozen.wait_with_output().unwrap();
+        let printed = said(&output);
+        assert_eq!(output.status.code(), Some(0), "{trial}: {printed}");
+        if !thaws_first {
+            let taken_over = printed.find("was taken over by process").unwrap();
+            assert!(taken_over < printed.find("covers-seed1000: done").unwrap(), "{printed}");
+        }
+        assert_same(&bytes(&folder), expected);
+        RunFolder::from_path(&folder).verify_tables().unwrap();
+    }
+}
+
+/// A worker whose lock nothing releases, since its machine still runs.
+#[test]
+fn a_run_whose_worker_stands_still_is_taken_over() {
     let sweep = Sweep::new();
     let job = &sweep.jobs()[0];
     let folder = job.folder_path(&sweep.runs);
     let mut frozen = sweep.worker(&["--job", "0"]);
     wait_until(&mut frozen, || has_checkpoint(&folder));
     signal(&frozen, "STOP");
-    // a file server that lost the frozen client grants its lock to another one
-    fs::remove_file(folder.join("lock")).unwrap();
-    let other = sweep.worker(&["--job", "0"]).wait_with_output().unwrap();
-    assert_eq!(other.status.code(), Some(0));
-    let finished = bytes(&folder);
-    assert_same(&finished, &reference(&job.experiment));
-    signal(&frozen, "CONT");
-    let output = frozen.wait_with_output().unwrap();
+    let waiting = &["--job", "0", "--take-over-after", "3"];
+    let output = sweep.worker(waiting).wait_with_output().unwrap();
     let printed = said(&output);
     assert_eq!(output.status.code(), Some(0), "{printed}");
-    let taken_over = printed.find("was taken over by process").unwrap();
-    let done = printed.find("covers-seed1000: done").unwrap();
-    assert!(taken_over < done, "{printed}");
-    assert_same(&bytes(&folder), &finished);
-    RunFolder::from_path(&folder).verify_tables().unwrap();
+    assert!(printed.contains("has not changed for 3 seconds: taken over"), "{printed}");
+    let finished = contents(&folder);
+    signal(&frozen, "CONT");
+    assert_eq!(frozen.wait_with_output().unwrap().status.code(), Some(0));
+    assert!(contents(&folder) == finished, "the frozen worker changed a file");
+    assert_same(&bytes(&folder), &reference(&job.experiment));
 }
 
 /// Two machines whose file server does not share locks: the later worker finishes the run, and the
@@ -200,6 +281,18 @@ fn printed_commands_say_threads_and_kubernetes_takes_paths_on_its_volume_alone()
     let output = sweep.worker(&["--threads", "3", "--slurm"]);
     let script = said(&output.wait_with_output().unwrap());
     assert!(script.contains("--threads 3"), "{script}");
+    assert!(script.contains("#SBATCH --mem="), "{script}");
+    for options in [
+        &["--slurm", "--name", "x"][..],
+        &["--hq", "--time", "1"],
+        &["--hq", "--parallel", "1"],
+        &["--slurm", "--hq"],
+        &["--time", "1"],
+        &["--slurm", "--time", "1; rm"],
+    ] {
+        let output = sweep.worker(options).wait_with_output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{options:?}");
+    }
     let refused = sweep.worker(&["--kubernetes", "covers"]);
     assert_eq!(refused.wait_with_output().unwrap().status.code(), Some(1));
 }

@@ -22,7 +22,7 @@
 //! use worlds::{WorldKind, TaskStream, Visit, World};
 //!
 //! let world = World::random(WorldKind::Appearance, 1000);
-//! let visits = vec![Visit { group: 0, rounds: 2 }, Visit { group: 1, rounds: 2 }];
+//! let visits = vec![Visit::new(0, 2), Visit::new(1, 2)];
 //! let mut stream = TaskStream::new(world, visits, 4)?;
 //! let mut observations = Observations::new(stream.spec());
 //! stream.reset(&mut observations)?;

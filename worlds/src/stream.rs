@@ -20,6 +20,15 @@ pub struct Visit {
     pub group: usize,
     /// Number of rounds of the visit; a round is one episode in each environment.
     pub rounds: usize,
+    /// Element of D2 by which all episodes of the visit are mirrored; `None` draws one for each.
+    pub variant: Option<D2>,
+}
+
+impl Visit {
+    /// Returns a visit whose episodes are mirrored at random.
+    pub fn new(group: usize, rounds: usize) -> Self {
+        Self { group, rounds, variant: None }
+    }
 }
 
 /// Error of creating or stepping a stream of tasks.
@@ -65,7 +74,6 @@ pub enum StreamError {
 pub struct TaskStream {
     world: World,
     visits: Vec<Visit>,
-    variant: Option<D2>,
     horizon: usize,
     spec: EnvSpec,
     episodes: Vec<Episode>,
@@ -84,10 +92,8 @@ impl TaskStream {
                 return Err(StreamError::NoVisitsOrEnvs { what });
             }
         }
-        let groups = world.groups.len();
-        if let Some(visit) = visits.iter().position(|visit| visit.group >= groups) {
-            let group = visits[visit].group;
-            return Err(StreamError::UnknownGroup { visit, group, groups });
+        for (index, visit) in visits.iter().enumerate() {
+            check_group(&world, index, visit)?;
         }
         let spec = EnvSpec {
             num_envs,
@@ -98,7 +104,6 @@ impl TaskStream {
         Ok(Self {
             world,
             visits,
-            variant: None,
             horizon: DEFAULT_HORIZON,
             spec,
             episodes: Vec::new(),
@@ -107,10 +112,12 @@ impl TaskStream {
         })
     }
 
-    /// Fixes the variant of D2 of every episode of the stream, which is otherwise drawn.
+    /// Fixes the variant of D2 of every episode of all visits so far.
     #[must_use]
     pub fn with_variant(mut self, variant: D2) -> Self {
-        self.variant = Some(variant);
+        for visit in &mut self.visits {
+            visit.variant = Some(variant);
+        }
         self
     }
 
@@ -133,7 +140,27 @@ impl TaskStream {
 
     /// Returns the index of the task group that the stream visits in round `round`, from 0.
     pub fn group_in_round(&self, round: usize) -> usize {
-        self.visits[self.visit_in_round(round)].group
+        self.visit_of_round(round).group
+    }
+
+    /// Inserts a visit that begins after the round that runs, and ends the one that it interrupts.
+    /// The visits after that stay as they are.
+    ///
+    /// # Errors
+    /// [`StreamError::UnknownGroup`] for a group that the world does not have.
+    pub fn insert_visit(&mut self, visit: Visit) -> Result<(), StreamError> {
+        let next = self.round + usize::from(!self.episodes.is_empty());
+        let index = self.visit_in_round(next);
+        let rounds_before: usize = self.visits[..index].iter().map(|visit| visit.rounds).sum();
+        check_group(&self.world, index + 1, &visit)?;
+        self.visits[index].rounds = next - rounds_before;
+        self.visits.insert(index + 1, visit);
+        Ok(())
+    }
+
+    /// Returns the visit that round `round`, from 0, belongs to.
+    pub fn visit_of_round(&self, round: usize) -> Visit {
+        self.visits[self.visit_in_round(round)]
     }
 
     /// Returns the index of the visit in round `round`, at most that of the last one.
@@ -160,12 +187,13 @@ impl TaskStream {
         self.step = 0;
         let (world, round) = (&self.world, self.round);
         let scene = world.scene_in(round, self.visit_in_round(round));
-        let group = world.groups[self.group_in_round(round)].after(round);
+        let visit = self.visit_of_round(round);
+        let group = world.groups[visit.group].after(round);
         let episodes = (0..self.spec.num_envs).map(|env| {
             let mut rng = ChaCha8Rng::seed_from_u64(world.seed);
             // stream 0 drew the world itself
             rng.set_stream(1 + (round * self.spec.num_envs + env) as u64);
-            Episode::begin(scene, group, self.variant, rng)
+            Episode::begin(scene, group, visit.variant, rng)
         });
         self.episodes = episodes.collect();
     }
@@ -176,6 +204,16 @@ impl TaskStream {
         for (episode, (image, vector)) in self.episodes.iter().zip(images.zip(vectors)) {
             episode.show(image, vector);
         }
+    }
+}
+
+/// Checks that the world has the group of a visit, which has this index in the list of visits.
+fn check_group(world: &World, index: usize, visit: &Visit) -> Result<(), StreamError> {
+    let (group, groups) = (visit.group, world.groups.len());
+    if group < groups {
+        Ok(())
+    } else {
+        Err(StreamError::UnknownGroup { visit: index, group, groups })
     }
 }
 

@@ -5,12 +5,13 @@
 use std::collections::BTreeSet;
 
 use rl::{Observations, Transition, VectorEnv};
+use symmetry::D2;
 use worlds::{Property, Scene, StreamError, TaskGroup, TaskStream, Visit, World, WorldKind};
 
 const SEEDS: std::ops::Range<u64> = 1000..1020;
 
 fn visits(groups: &[usize], rounds: usize) -> Vec<Visit> {
-    groups.iter().map(|&group| Visit { group, rounds }).collect()
+    groups.iter().map(|&group| Visit::new(group, rounds)).collect()
 }
 
 /// Returns each property of a group as text; offset and radius are the target's and the reward's.
@@ -196,4 +197,28 @@ fn what_cannot_be_shown_is_refused() {
     let mut transition = Transition::new(stream.spec());
     let step_error = stream.step(&[0.0; 3], &mut transition).unwrap_err();
     assert!(step_error.to_string().starts_with("got 3 actions, expected 4"), "{step_error}");
+}
+
+/// An inserted visit begins after the round that runs, mirrored as it says, and the list goes on.
+#[test]
+fn a_visit_is_inserted_after_the_round_that_runs() {
+    let world = World::random_with_num_groups(WorldKind::Appearance, 1000, 3);
+    let mut stream = TaskStream::new(world, visits(&[0, 1], 4), 1).unwrap().with_horizon(2);
+    let groups = |stream: &TaskStream| -> Vec<usize> {
+        (0..8).map(|round| stream.group_in_round(round)).collect()
+    };
+    let inserted = Visit { variant: Some(D2::FlipX), ..Visit::new(2, 2) };
+    let mut transition = Transition::new(stream.spec());
+    let mut observations = Observations::new(stream.spec());
+    stream.reset(&mut observations).unwrap();
+    stream.step(&[0.0; 2], &mut transition).unwrap();
+    stream.insert_visit(inserted).unwrap();
+    assert_eq!(groups(&stream), [0, 2, 2, 1, 1, 1, 1, 1]);
+    assert_eq!(stream.visit_of_round(1), inserted);
+    // an episode whose first observation was returned belongs to the visit before
+    stream.step(&[0.0; 2], &mut transition).unwrap();
+    stream.insert_visit(Visit::new(0, 1)).unwrap();
+    assert_eq!(groups(&stream), [0, 2, 0, 1, 1, 1, 1, 1]);
+    let refused = stream.insert_visit(Visit::new(3, 1)).unwrap_err();
+    assert_eq!(refused, StreamError::UnknownGroup { visit: 3, group: 3, groups: 3 });
 }

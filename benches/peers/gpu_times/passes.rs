@@ -2,7 +2,7 @@
 
 use std::error::Error;
 
-use equivariant::gpu::{Batch, BufferSlot, Device, Passes, Plan, Program};
+use equivariant::gpu::{BatchUniforms, BufferSlot, Device, Passes, Plan, Program};
 use equivariant::{Layer, LayerSignature};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -14,7 +14,7 @@ use crate::networks::network;
 struct Bench {
     program: Program,
     last: BufferSlot,
-    batch: Batch,
+    batch: BatchUniforms,
 }
 
 impl Bench {
@@ -48,7 +48,7 @@ impl Bench {
             program.write_floats(gradient, &vec![1.0; samples * y.shape.len()]);
         }
         let last = if trains { plan.params_gradient_buffer() } else { y.values };
-        let batch = Batch { samples, ..Batch::default() };
+        let batch = BatchUniforms { samples, ..BatchUniforms::default() };
         Ok(Bench { program, last, batch })
     }
 }

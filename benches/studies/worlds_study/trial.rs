@@ -135,7 +135,7 @@ impl VectorEnv for Environments {
 fn visits(job: &Job, world: &World, rng: &mut ChaCha8Rng) -> Vec<Visit> {
     if job.case == Case::RareGroup {
         let pair = [(0, 49), (1, 1)];
-        let pair = pair.map(|(group, rollouts)| Visit { group, rounds: ROUNDS * rollouts });
+        let pair = pair.map(|(group, rollouts)| Visit::new(group, ROUNDS * rollouts));
         return pair.repeat(4);
     }
     let groups = world.groups.len();
@@ -146,7 +146,7 @@ fn visits(job: &Job, world: &World, rng: &mut ChaCha8Rng) -> Vec<Visit> {
     while visits.len() < number {
         let mut order: Vec<usize> = (0..groups).collect();
         order.shuffle(rng);
-        let stay = |group| Visit { group, rounds: rng.random_range(job.plan.rounds()) };
+        let stay = |group| Visit::new(group, rng.random_range(job.plan.rounds()));
         visits.extend(order.into_iter().map(stay));
     }
     visits.truncate(number);

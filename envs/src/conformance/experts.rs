@@ -16,9 +16,12 @@ use crate::tabletop::TableTop;
 /// Smallest share of episodes that a scripted expert must solve.
 const SUCCESS_RATE: f64 = 0.98;
 
-/// Names of the variant that measurements belong to: embodiment, task group and element of D2.
+/// Names of the variant that measurements belong to: layout, embodiment, task group and element of
+/// D2.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct VariantName {
+    /// Name of the layout.
+    pub layout: &'static str,
     /// Name of the embodiment.
     pub embodiment: &'static str,
     /// Name of the task group.
@@ -30,6 +33,7 @@ pub struct VariantName {
 impl VariantName {
     pub(super) fn new(scene: &Scene, element: D2) -> Self {
         Self {
+            layout: scene.layout.name(),
             embodiment: scene.embodiment.name(),
             task: scene.group.name(),
             element: element.to_string(),
@@ -39,7 +43,8 @@ impl VariantName {
 
 impl fmt::Display for VariantName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:<11} {:<13} {:<10}", self.embodiment, self.task, self.element)
+        let Self { layout, embodiment, task, element } = self;
+        write!(f, "{layout:<9} {embodiment:<11} {task:<20} {element:<10}")
     }
 }
 
@@ -83,6 +88,7 @@ pub fn measure_expert(
 ) -> Result<ExpertRow, EnvError> {
     check_seeds(seeds)?;
     let mut table = TableTop::new(Arc::clone(scene), control)?;
+    // one environment for all episodes, which do not depend on those before
     let (mut successes, mut total) = (0, 0.0);
     for seed in 0..seeds {
         table.reset(element, &mut ChaCha8Rng::seed_from_u64(seed))?;

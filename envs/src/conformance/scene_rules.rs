@@ -66,6 +66,7 @@ fn moving_mark(case: &Case) -> RuleResult {
     let mut renderer = SceneRenderer::new(Arc::clone(&case.scene))?;
     let mut table = case.started(1)?;
     let before = picture(&mut renderer, &mut table)?;
+    // as long in either layout: 200 control steps
     let decisions = 200 / case.scene.layout.control().action_repeat;
     run(&mut table, &mut case.random_actions(6), decisions)?;
     let after = picture(&mut renderer, &mut table)?;
@@ -102,6 +103,7 @@ pub(super) fn distinct_variants(case: &Case) -> RuleResult {
 fn off_centre(placements: &[Placement]) -> bool {
     let points: [fn(&Placement) -> DVec3; 2] = [|p| p.object, |p| p.goal];
     points.iter().any(|point| {
+        // relative to the quadrant of the first placement
         let side = point(&placements[0]).signum();
         let off_axis = |p| (point(p) * side).truncate().min_element() > OFF_AXIS;
         placements.iter().all(off_axis)

@@ -19,9 +19,10 @@ use crate::task::{Measurement, Placement};
 
 /// Largest relative difference of an expert's return between variants of a group, closed loop.
 const RETURN_SPREAD: f64 = 0.03;
-/// Largest deviation (metres) of a variant from its canonical twin, open loop, with an exactly
-/// symmetric embodiment: before the first contact, and after it.
+/// Largest deviation (metres) of a variant from its canonical twin before the first contact, open
+/// loop, with an exactly symmetric embodiment.
 const FREE_DEVIATION: f64 = 1e-9;
+/// Largest such deviation (metres) from the first contact on: contacts amplify rounding errors.
 const CONTACT_DEVIATION: f64 = 1e-6;
 
 /// Number of decisions that a random action is held for.
@@ -36,10 +37,10 @@ pub struct SymmetryRow {
     /// `true` if the embodiment is exactly symmetric.
     #[serde(skip)]
     exact: bool,
-    /// Largest deviation (metres) of hand, fingertips, claw distance or object before the first
-    /// contact; open loop with mirrored actions.
+    /// Largest deviation (metres) of hand, fingertips, pads, claw distance or object before the
+    /// first contact; open loop with mirrored actions.
     pub free_deviation: f64,
-    /// Largest deviation (metres) of hand, fingertips, claw distance or object from the first
+    /// Largest deviation (metres) of hand, fingertips, pads, claw distance or object from the first
     /// contact on.
     pub contact_deviation: f64,
     /// Largest difference between the rewards of a decision, open loop.
@@ -139,6 +140,7 @@ impl Twins {
         let mut returns = [0.0; 2];
         for seed in 0..seeds {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            // one placement for both: the variant maps it itself
             let placement = self.canonical.scene().draw_placement(&mut rng);
             for driver in [Driver::Expert, Driver::Random] {
                 self.open_loop(placement, driver, &mut rng)?;
@@ -147,6 +149,7 @@ impl Twins {
             returns[0] += episode(&mut self.canonical)?.0;
             returns[1] += episode(&mut self.variant)?.0;
         }
+        // of sums, since single returns of a hard placement may be near zero
         self.row.return_ratio = returns[1] / returns[0];
         Ok(())
     }
@@ -221,6 +224,9 @@ fn deviation(a: &Measurement, b: &Measurement) -> f64 {
         a.hand.distance(b.hand),
         a.tcp.distance(b.tcp),
         a.object.distance(b.object),
+        a.tip.distance(b.tip),
+        (a.pads[0] - b.pads[0]).abs(),
+        (a.pads[1] - b.pads[1]).abs(),
         // back in metres, like the other deviations
         (a.aperture - b.aperture).abs() * OPEN_APERTURE,
     ];
@@ -234,8 +240,11 @@ fn larger(a: f64, b: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::camera::Camera;
+    use crate::control::Control;
     use crate::embodiment::Embodiment;
     use crate::task::TaskGroup;
 
@@ -253,6 +262,28 @@ mod tests {
         assert!(row.reward_deviation > 1e-2, "{row:?}");
         assert!(row.frames_differing * 2 > row.frames, "{row:?}");
         assert!(!row.passes());
+    }
+
+    #[test]
+    fn every_point_and_the_sides_of_the_pads_count() {
+        let scene = Scene::new(TaskGroup::PEG_INSERT_SIDE, Embodiment::HAND, Camera::default());
+        let mut table = TableTop::new(Arc::new(scene.unwrap()), Control::default()).unwrap();
+        table.reset(D2::FlipY, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
+        let good = table.measurement().unwrap();
+        assert_eq!(deviation(&good, &good), 0.0);
+        let [low, high] = good.pads;
+        assert!(low < high, "{good:?}");
+        let moved = DVec3::new(0.0, 0.0, 0.02);
+        for (bad, least) in [
+            (Measurement { pads: [high, low], ..good }, 0.05),
+            (Measurement { hand: good.hand + moved, ..good }, 0.01),
+            (Measurement { tcp: good.tcp + moved, ..good }, 0.01),
+            (Measurement { object: good.object + moved, ..good }, 0.01),
+            (Measurement { tip: good.tip + moved, ..good }, 0.01),
+            (Measurement { aperture: good.aperture - 0.2, ..good }, 0.01),
+        ] {
+            assert!(deviation(&good, &bad) > least, "{bad:?}");
+        }
     }
 
     #[test]

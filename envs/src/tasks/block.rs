@@ -1,10 +1,12 @@
 //! Push and Pick Place: take a loose block, and slide or carry it to a mark.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::caging::{caging_reward, sided_caging_reward, take_and_carry};
-use super::{CANONICAL_X, META_WORLD_X, spec, uniform};
+use super::caging::{caging_reward, is_held, is_lifted, sided_caging_reward, take_and_carry};
+use super::{CANONICAL_X, META_WORLD_X, draw_apart, draw_at, draw_in, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
@@ -19,34 +21,41 @@ pub struct Push;
 #[derive(Clone, Copy, Debug)]
 pub struct PickPlace;
 
-/// Ranges of the block's start and of its goal (metres).
-const BLOCK_X: std::ops::Range<f64> = 0.08..0.16;
-const BLOCK_Y: std::ops::Range<f64> = -0.06..0.02;
-const GOAL_Y: std::ops::Range<f64> = 0.14..0.20;
-const GOAL_Z: std::ops::Range<f64> = 0.08..0.20;
-/// Half the height of the block, and of Meta-World's (metres).
+/// Range of the block's start along x (metres).
+const BLOCK_X: Range<f64> = 0.08..0.16;
+/// Range of the block's start along y (metres).
+const BLOCK_Y: Range<f64> = -0.06..0.02;
+/// Range of the goal along y (metres).
+const GOAL_Y: Range<f64> = 0.14..0.20;
+/// Range of the height of a goal in the air (metres).
+const GOAL_Z: Range<f64> = 0.08..0.20;
+/// Half the height of the block (metres).
 const BLOCK_Z: f64 = 0.015;
+/// Half the height of Meta-World's block (metres).
 const META_WORLD_BLOCK_Z: f64 = 0.02;
-const META_WORLD_BLOCK_Y: std::ops::Range<f64> = 0.0..0.1;
-const META_WORLD_GOAL_Y: std::ops::Range<f64> = 0.2..0.3;
-const META_WORLD_GOAL_Z: std::ops::Range<f64> = 0.05..0.3;
+/// Range of the start of Meta-World's block along y (metres).
+const META_WORLD_BLOCK_Y: Range<f64> = 0.0..0.1;
+/// Range of Meta-World's goal along y (metres).
+const META_WORLD_GOAL_Y: Range<f64> = 0.2..0.3;
+/// Range of the height of Meta-World's goal in the air (metres).
+const META_WORLD_GOAL_Z: Range<f64> = 0.05..0.3;
 /// Height at which Meta-World's block has come to rest (metres).
 const META_WORLD_REST: f64 = 0.01987216319940059;
 /// Smallest distance of Meta-World's block from its goal in the plane (metres).
 const MIN_DISTANCE: f64 = 0.15;
 
-/// Distances of the block from its goal at full reward (and for Push at success) and at success of
-/// Pick Place, and of the fingertips from a held block (metres).
+/// Distance of the block from its goal at full reward, and for Push at success (metres).
 const BOUND: f64 = 0.05;
+/// Distance of the block from its goal at success of Pick Place (metres).
 const PLACED: f64 = 0.07;
+/// Distance of the fingertips from a held block (metres).
 const HELD: f64 = 0.02;
 /// Distances of the pads from a held block along y (metres).
 const PADS: [f64; 2] = [0.015, 0.05];
-/// Height by which a block is lifted (metres).
-const LIFTED: f64 = 0.01;
 
-/// Heights of the expert's hand above the block, and of a hand that pushes it (metres).
+/// Height of the expert's hand above a block that it takes (metres).
 const GRIP: f64 = 0.04;
+/// Height of the expert's hand while it slides the block (metres): its fingers clear the table.
 const PUSHING_Z: f64 = 0.055;
 
 impl Task for Push {
@@ -56,19 +65,19 @@ impl Task for Push {
 
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = draw_block(rng);
-        let goal = DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y), BLOCK_Z);
-        Placement { object, goal }
+        Placement { object, goal: draw_at(BLOCK_Z, [CANONICAL_X, GOAL_Y], rng) }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
         let caged = caging_reward(start, now, PADS, finger);
         let [goal_distance, placed] = placing(start, now);
-        let held = now.object.distance(now.tcp) < HELD && now.aperture > 0.0;
+        let held = is_held(now, HELD);
         let success = goal_distance <= BOUND;
         StepReward {
             approach_reward: caged,
             in_place_reward: placed,
             goal_distance,
+            // a block at its goal need not be held
             reward: if goal_distance < BOUND {
                 10.0
             } else if held {
@@ -82,6 +91,7 @@ impl Task for Push {
 
     /// Takes the block and slides it to the mark.
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+        // low, so that a block between the fingers slides and is not lifted
         let aim = DVec3::new(now.object.x, now.object.y, PUSHING_Z);
         let to = DVec3::new(placement.goal.x, placement.goal.y, PUSHING_Z);
         take_and_carry(now, aim, to)
@@ -106,16 +116,13 @@ impl Task for PickPlace {
 
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = draw_block(rng);
-        let (x, y) = (uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y));
-        Placement { object, goal: DVec3::new(x, y, uniform(rng, GOAL_Z)) }
+        Placement { object, goal: draw_in([CANONICAL_X, GOAL_Y, GOAL_Z], rng) }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
         let caged = sided_caging_reward(start, now, PADS, finger);
         let [goal_distance, placed] = placing(start, now);
-        let held = now.object.distance(now.tcp) < HELD
-            && now.aperture > 0.0
-            && now.object.z - LIFTED > start.placement.object.z;
+        let held = is_held(now, HELD) && is_lifted(start, now);
         let carried = if held { 1.0 + 5.0 * placed } else { 0.0 };
         StepReward {
             approach_reward: caged,
@@ -133,6 +140,7 @@ impl Task for PickPlace {
     /// Takes the block and carries it to the mark.
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
         let aim = now.object + GRIP * DVec3::Z;
+        // the block may sit askew in the grip, so the hand stays as far from it as it is
         let to = placement.goal + (now.hand - now.object);
         take_and_carry(now, aim, to)
     }
@@ -156,7 +164,7 @@ fn parts(mjcf: &'static str) -> TaskParts<'static> {
 }
 
 fn draw_block(rng: &mut ChaCha8Rng) -> DVec3 {
-    DVec3::new(uniform(rng, BLOCK_X), uniform(rng, BLOCK_Y), BLOCK_Z)
+    draw_at(BLOCK_Z, [BLOCK_X, BLOCK_Y], rng)
 }
 
 /// Returns the distance of the block from its goal (metres), and its reward in `[0, 1]`.
@@ -171,19 +179,8 @@ fn on_table(point: DVec3) -> DVec3 {
 }
 
 fn place_meta_world(rng: &mut ChaCha8Rng) -> Placement {
-    loop {
-        let object = DVec3::new(
-            uniform(rng, META_WORLD_X),
-            uniform(rng, META_WORLD_BLOCK_Y),
-            META_WORLD_BLOCK_Z,
-        );
-        let goal = DVec3::new(
-            uniform(rng, META_WORLD_X),
-            uniform(rng, META_WORLD_GOAL_Y),
-            uniform(rng, META_WORLD_GOAL_Z),
-        );
-        if (goal - object).truncate().length() >= MIN_DISTANCE {
-            return Placement { object, goal };
-        }
-    }
+    draw_apart(MIN_DISTANCE, || Placement {
+        object: draw_at(META_WORLD_BLOCK_Z, [META_WORLD_X, META_WORLD_BLOCK_Y], rng),
+        goal: draw_in([META_WORLD_X, META_WORLD_GOAL_Y, META_WORLD_GOAL_Z], rng),
+    })
 }

@@ -1,4 +1,5 @@
-//! Reward of a gripper that holds an object between its fingers, and how an expert takes one.
+//! Rewards of a gripper that holds an object between its fingers, and the ways of experts' hands to
+//! what they push, pull or take.
 
 use glam::{DVec2, DVec3};
 
@@ -27,7 +28,8 @@ pub(super) fn caging_reward(
     with_pads(beside, start, now, finger)
 }
 
-/// Returns the same reward where each pad must be on its own side of the object.
+/// Returns the reward of [`caging_reward`] for pads that must each be on its own side of the
+/// object.
 pub(super) fn sided_caging_reward(
     start: &EpisodeStart,
     now: &Measurement,
@@ -47,16 +49,63 @@ fn with_pads([right, left]: [f64; 2], start: &EpisodeStart, now: &Measurement, f
     let distance = flat(now.tcp).distance(flat(now.object));
     let at_start = flat(start.placement.object).distance(flat(start.measurement.tcp));
     let in_line = long_tail_reward(distance, IN_LINE, at_start - IN_LINE);
+    // all three must hold: a pad on either side, and fingertips at the object's height
     let caging = hamacher_product(hamacher_product(left, right), in_line);
     let gripping = if caging > CAGED { finger.clamp(0.0, 1.0) } else { 0.0 };
     (hamacher_product(caging, gripping) + caging) / 2.0
 }
 
+/// Height by which an object is lifted (metres).
+const LIFTED: f64 = 0.01;
+
+/// Returns `true` if the object is within `reach` of the fingertips (metres).
+pub(super) fn is_held(now: &Measurement, reach: f64) -> bool {
+    // as in Meta-World, fingers that closed on nothing hold nothing
+    now.object.distance(now.tcp) < reach && now.aperture > 0.0
+}
+
+/// Returns `true` if the object is above its start.
+pub(super) fn is_lifted(start: &EpisodeStart, now: &Measurement) -> bool {
+    now.object.z - LIFTED > start.placement.object.z
+}
+
+/// Distance in the plane within which the hand comes down (metres).
+const OVER: f64 = 0.03;
+/// Distance in the plane up to which a hand that is not over its aim may stay low (metres): it is
+/// on its way out, and objects are farther than that.
+const CLOSE: f64 = 0.06;
+/// Tolerance of the height of the hand's way, and of a hand that has come down (metres).
+const HEIGHT_TOLERANCE: f64 = 0.03;
+/// Height above the aim at which the hand stops coming down (metres): a hand that a weld pulls
+/// hangs some millimetres low or high.
+const DOWN: f64 = 0.02;
+
+/// Returns the next place of a hand that is to come down to `aim` from `clearance` above it
+/// (metres): up, over, then down. `None` once it is there.
+pub(super) fn come_down(hand: DVec3, aim: DVec3, clearance: f64) -> Option<DVec3> {
+    let over = aim + clearance * DVec3::Z;
+    let beside = (hand - aim).truncate().length();
+    if beside > CLOSE && hand.z < over.z - HEIGHT_TOLERANCE {
+        // up first: a straight way would push the object over
+        Some(DVec3::new(hand.x, hand.y, over.z))
+    } else if beside > OVER {
+        Some(over)
+    } else {
+        (hand.z - aim.z > DOWN).then_some(aim)
+    }
+}
+
+/// Returns `true` if the hand is within `reach` of `aim` in the plane, and not above it (metres).
+pub(super) fn is_down_at(hand: DVec3, aim: DVec3, reach: f64) -> bool {
+    (hand - aim).truncate().length() < reach && hand.z - aim.z < HEIGHT_TOLERANCE
+}
+
 /// Aperture of fingers that have begun to close: those of the widest grip stop at 0.91.
 const CLOSING: f64 = 0.93;
-/// Distances beside and above the grip (metres) from which fingers close, and up to which closed
-/// ones hold.
+/// Distances beside and above the grip from which fingers close (metres).
 const READY: [f64; 2] = [0.008, 0.012];
+/// Distances beside and above the grip up to which closed fingers hold (metres): a held object
+/// slips a little, and opening for that would drop it.
 const HOLDS: [f64; 2] = [0.02, 0.025];
 /// Share of its way that the hand covers in a decision: an arm that lags would overshoot with more.
 const GAIN: f64 = 0.5;
@@ -65,6 +114,7 @@ const GAIN: f64 = 0.5;
 /// hand to `to`.
 pub(super) fn take_and_carry(now: &Measurement, grip: DVec3, to: DVec3) -> ExpertCommand {
     let beside = (now.hand - grip).truncate().length();
+    // looser bounds once the fingers close, so that the hand does not waver between two states
     let [near, low] = if now.aperture > CLOSING { READY } else { HOLDS };
     let (way, finger) = if beside >= near || now.hand.z - grip.z >= low {
         // down a funnel, so that no finger comes down on the object

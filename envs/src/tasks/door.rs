@@ -1,12 +1,13 @@
 //! Door Open and Door Close: turn the door of a cabinet on its hinges by the handle.
 
 use std::f64::consts::PI;
+use std::ops::Range;
 
 use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 
-use super::approach::{come_down, is_down_at};
-use super::{angle_to, scene, spec, uniform};
+use super::caging::{come_down, is_down_at};
+use super::{angle_to, draw_at, scene, spec};
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, hamacher_product, long_tail_reward};
 use crate::task::{
@@ -31,31 +32,39 @@ const OPEN: f64 = -1.5708;
 /// Angle beyond which the expert turns an open door no further (radians).
 const WIDE_OPEN: f64 = -1.75;
 
-/// Offsets from the cabinet to the handle's targets (metres).
+/// Offset from the cabinet to the target of an open door's handle (metres).
 const OPEN_TARGET: DVec3 = DVec3::new(-0.3, -0.45, 0.0);
+/// Offset from the cabinet to the target of a shut door's handle (metres).
 const SHUT_TARGET: DVec3 = DVec3::new(0.2, -0.2, 0.0);
-/// Distances of the handle from its target at success, along x for an open door, and at full reward
-/// for a shut one (metres).
+/// Distance of the handle from its target at success (metres); along x for an open door.
 const SUCCESS: f64 = 0.08;
+/// Distance of a shut door's handle from its target at full reward (metres).
 const BOUND: f64 = 0.05;
 
-/// Ranges of the cabinet along x and y, and its height (metres).
-const CABINET_X: std::ops::Range<f64> = 0.05..0.10;
-const CABINET_Y: std::ops::Range<f64> = 0.22..0.26;
+/// Range of the cabinet along x (metres).
+const CABINET_X: Range<f64> = 0.05..0.10;
+/// Range of the cabinet along y (metres).
+const CABINET_Y: Range<f64> = 0.22..0.26;
+/// Height of the cabinet's centre (metres): low, so that a wrist passes above its door.
 const CABINET_Z: f64 = 0.1;
-const META_WORLD_CABINET_X: std::ops::Range<f64> = 0.0..0.1;
-const META_WORLD_CABINET_Y: std::ops::Range<f64> = 0.25..0.35;
+/// Range of Meta-World's cabinet along x (metres).
+const META_WORLD_CABINET_X: Range<f64> = 0.0..0.1;
+/// Range of Meta-World's cabinet along y (metres).
+const META_WORLD_CABINET_Y: Range<f64> = 0.25..0.35;
+/// Height of the centre of Meta-World's cabinet (metres).
 const META_WORLD_CABINET_Z: f64 = 0.15;
+/// Start of Meta-World's hand in Door Close (metres): on the left, clear of the open door.
 const META_WORLD_HAND_FAR_LEFT: DVec3 = DVec3::new(-0.5, 0.0, 0.2);
 
-/// Places of the expert's hand relative to the hinge of a shut door (metres): behind the handle's
-/// bar, in front of the door, and the latter while it pushes.
+/// Place of the expert's hand behind the handle's bar, from the hinge of a shut door (metres).
 const BEHIND_BAR: DVec2 = DVec2::new(0.375, -0.068);
+/// Place of the expert's hand in front of the door, from the hinge of a shut door (metres).
 const BEFORE_DOOR: DVec2 = DVec2::new(0.28, -0.06);
+/// Place of the expert's hand while it pushes, from the hinge of a shut door (metres).
 const AGAINST_DOOR: DVec2 = DVec2::new(0.28, -0.02);
-/// Height of the expert's hand above the handle (metres).
-const HAND_HEIGHT: f64 = 0.02;
-/// Height of its way there above that (metres).
+/// Height of the expert's hand above the hinge, whose height the handle has (metres).
+const HAND_ABOVE_HINGE: f64 = 0.02;
+/// Height of the hand's way there above that (metres).
 const CLEARANCE: f64 = 0.09;
 /// Angle by which the expert is ahead of the door (radians).
 const LEAD: f64 = 0.35;
@@ -66,20 +75,21 @@ impl Task for DoorOpen {
     }
 
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let object = draw_cabinet(rng);
-        Placement { object, goal: object + OPEN_TARGET }
+        place(draw_cabinet(rng), OPEN_TARGET)
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
         let goal_distance = (now.object.x - start.placement.goal.x).abs();
         let ready = is_ready(now);
         let opened = openness(angle(&start.placement, now));
+        // closed fingers earn all of it, although nothing is gripped: Meta-World hooks the bar
         let closing = (finger.clamp(-1.0, 1.0) + 1.0) / 2.0;
         let success = goal_distance <= SUCCESS;
         StepReward {
             approach_reward: ready,
             in_place_reward: opened,
             goal_distance,
+            // the full reward at success, although the door could open wider
             reward: if success {
                 10.0
             } else {
@@ -94,6 +104,7 @@ impl Task for DoorOpen {
         let turned = angle(placement, now);
         let hook = on_door(placement, turned, BEHIND_BAR);
         let hand = if is_down_at(now.hand, hook, 0.045) {
+            // ahead of the door, so that the hand pulls, and no further than the arm reaches
             on_door(placement, (turned - LEAD).max(WIDE_OPEN), BEHIND_BAR)
         } else {
             come_down(now.hand, hook, CLEARANCE).unwrap_or(hook)
@@ -106,10 +117,7 @@ impl Task for DoorOpen {
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
-        Some(spec("door-open", |rng| {
-            let object = draw_meta_world_cabinet(rng);
-            Placement { object, goal: object + OPEN_TARGET }
-        }))
+        Some(spec("door-open", |rng| place(draw_meta_world_cabinet(rng), OPEN_TARGET)))
     }
 }
 
@@ -119,8 +127,7 @@ impl Task for DoorClose {
     }
 
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let object = draw_cabinet(rng);
-        Placement { object, goal: object + SHUT_TARGET }
+        place(draw_cabinet(rng), SHUT_TARGET)
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
@@ -144,6 +151,7 @@ impl Task for DoorClose {
         let turned = angle(placement, now);
         let front = on_door(placement, turned, BEFORE_DOOR);
         let hand = if is_down_at(now.hand, front, 0.06) {
+            // a lead makes the hand press on while the door turns away from it
             on_door(placement, turned + LEAD, AGAINST_DOOR)
         } else {
             come_down(now.hand, front, CLEARANCE).unwrap_or(front)
@@ -156,26 +164,28 @@ impl Task for DoorClose {
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
-        let place = |rng: &mut ChaCha8Rng| {
-            let object = draw_meta_world_cabinet(rng);
-            Placement { object, goal: object + SHUT_TARGET }
-        };
-        let hand_target = META_WORLD_HAND_FAR_LEFT;
-        Some(MetaWorldSpec { hand_target, ..spec("door-close", place) })
+        Some(MetaWorldSpec {
+            hand_target: META_WORLD_HAND_FAR_LEFT,
+            ..spec("door-close", |rng| place(draw_meta_world_cabinet(rng), SHUT_TARGET))
+        })
     }
 }
 
+fn place(object: DVec3, target: DVec3) -> Placement {
+    Placement { object, goal: object + target }
+}
+
 fn draw_cabinet(rng: &mut ChaCha8Rng) -> DVec3 {
-    DVec3::new(uniform(rng, CABINET_X), uniform(rng, CABINET_Y), CABINET_Z)
+    draw_at(CABINET_Z, [CABINET_X, CABINET_Y], rng)
 }
 
 fn draw_meta_world_cabinet(rng: &mut ChaCha8Rng) -> DVec3 {
-    let (x, y) = (uniform(rng, META_WORLD_CABINET_X), uniform(rng, META_WORLD_CABINET_Y));
-    DVec3::new(x, y, META_WORLD_CABINET_Z)
+    draw_at(META_WORLD_CABINET_Z, [META_WORLD_CABINET_X, META_WORLD_CABINET_Y], rng)
 }
 
 /// Returns the angle of the door (radians), 0 if shut, which the place of its handle tells.
 fn angle(placement: &Placement, now: &Measurement) -> f64 {
+    // measured, not read from the joint: experts see what rewards see
     angle_to(HANDLE, (now.object - placement.object - HINGE).truncate())
 }
 
@@ -183,15 +193,17 @@ fn angle(placement: &Placement, now: &Measurement) -> f64 {
 /// has turned by `angle` (radians).
 fn on_door(placement: &Placement, angle: f64, point: DVec2) -> DVec3 {
     let turned = DVec2::from_angle(angle).rotate(point);
-    placement.object + HINGE + turned.extend(HAND_HEIGHT)
+    placement.object + HINGE + turned.extend(HAND_ABOVE_HINGE)
 }
 
 /// Returns the reward in `[0, 1]` of a hand between handle and door that came there from above.
 fn is_ready(now: &Measurement) -> f64 {
     /// Radius of the funnel above the handle, through which the hand should come (metres).
     const FUNNEL: f64 = 0.12;
+    // the bar stands 5 cm in front of the door
     let handle = now.object - DVec3::new(0.05, 0.0, 0.0);
     let beside = (now.hand - handle).truncate().length() - FUNNEL;
+    // outside the funnel the hand should be above a floor that rises like a logarithm
     let floor = if beside <= 0.0 { 0.0 } else { 0.04 * beside.ln() + 0.4 };
     let above = if now.hand.z >= floor {
         1.0

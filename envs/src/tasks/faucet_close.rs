@@ -1,10 +1,12 @@
 //! Faucet Close: turn the handle of a faucet to the left.
 
+use std::ops::Range;
+
 use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 
-use super::approach::{come_down, is_down_at};
-use super::{CANONICAL_X, META_WORLD_HAND_BACK, META_WORLD_X, angle_to, scene, spec, uniform};
+use super::caging::{come_down, is_down_at};
+use super::{CANONICAL_X, META_WORLD_HAND_BACK, META_WORLD_X, angle_to, draw_at, scene, spec};
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, long_tail_reward};
 use crate::task::{
@@ -15,31 +17,36 @@ use crate::task::{
 #[derive(Clone, Copy, Debug)]
 pub struct FaucetClose;
 
-const FAUCET_Y: std::ops::Range<f64> = 0.16..0.22;
-const META_WORLD_FAUCET_Y: std::ops::Range<f64> = 0.2..0.25;
+/// Range of the faucet along y (metres).
+const FAUCET_Y: Range<f64> = 0.16..0.22;
+/// Range of Meta-World's faucet along y (metres).
+const META_WORLD_FAUCET_Y: Range<f64> = 0.2..0.25;
 /// Lowest target of Meta-World's hand (metres): its table does not stop it.
-const META_WORLD_LOWEST: f64 = -0.15;
+const FAUCET_LOWEST: f64 = -0.15;
 /// Offset from the tip of the handle to the point that the reward reads (metres).
 const TIP: DVec3 = DVec3::new(0.0, 0.0, -0.01);
-/// Position of that point on an open faucet, from the axis (metres).
+/// Position of that point from the axis at the start (metres). The joint is then at 0 and half
+/// open; 1.57 is open, and -1.57 is shut.
 const TIP_AT_START: DVec2 = DVec2::new(0.015, -0.175);
 /// Offset from the faucet to the target of that point (metres).
 const SHUT: DVec3 = DVec3::new(-0.175, 0.0, 0.125);
-/// Distances of the point from its target at success, and of the fingertips from it at full reward
-/// (metres).
+/// Distance of the point from its target at success (metres).
 const SUCCESS: f64 = 0.07;
+/// Distance of the fingertips from the point at full reward (metres).
 const TOUCHING: f64 = 0.01;
 
-/// Places of the expert's hand relative to the axis of an open faucet (metres): on the right of the
-/// handle, and ahead while it pushes.
+/// Place of the expert's hand on the right of the handle, from the axis of a faucet at joint 0
+/// (metres).
 const BESIDE_HANDLE: DVec2 = DVec2::new(0.045, -0.165);
+/// Place of the expert's hand while it pushes, from the axis of a faucet at joint 0 (metres).
 const AGAINST_HANDLE: DVec2 = DVec2::new(0.045, -0.15);
-/// Height of the expert's hand on the faucet, and of its way there above that (metres).
-const HAND_HEIGHT: f64 = 0.145;
+/// Height of the expert's hand above the foot of the faucet (metres).
+const HAND_ABOVE_BASE: f64 = 0.145;
+/// Height of the hand's way there above that (metres).
 const CLEARANCE: f64 = 0.08;
 /// Angle by which the expert is ahead of the handle (radians).
 const LEAD: f64 = 0.4;
-/// Angle of a shut faucet (radians), beyond which the expert turns no further.
+/// Angle beyond which the expert turns no further (radians): the joint ends at -1.57.
 const TURNED: f64 = -1.5;
 
 impl Task for FaucetClose {
@@ -48,8 +55,7 @@ impl Task for FaucetClose {
     }
 
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let object = DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, FAUCET_Y), 0.0);
-        Placement { object, goal: object + SHUT }
+        place(draw_at(0.0, [CANONICAL_X, FAUCET_Y], rng))
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
@@ -75,10 +81,12 @@ impl Task for FaucetClose {
         let turned = angle_to(TIP_AT_START, (now.object - placement.object).truncate());
         let at = |angle, point: DVec2| {
             let on_circle = DVec2::from_angle(angle).rotate(point);
-            placement.object + on_circle.extend(HAND_HEIGHT)
+            placement.object + on_circle.extend(HAND_ABOVE_BASE)
         };
+        // as a rigid part of the handle would stand, so that the hand stays beside it
         let beside = at(turned, BESIDE_HANDLE);
         let hand = if is_down_at(now.hand, beside, 0.045) {
+            // ahead along the circle: a straight push would slip off the tip
             at((turned - LEAD).max(TURNED), AGAINST_HANDLE)
         } else {
             come_down(now.hand, beside, CLEARANCE).unwrap_or(beside)
@@ -93,13 +101,14 @@ impl Task for FaucetClose {
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
         Some(MetaWorldSpec {
             hand_target: META_WORLD_HAND_BACK,
-            lowest_target: META_WORLD_LOWEST,
-            ..spec("faucet-close", place_meta_world)
+            lowest_target: FAUCET_LOWEST,
+            ..spec("faucet-close", |rng| {
+                place(draw_at(0.0, [META_WORLD_X, META_WORLD_FAUCET_Y], rng))
+            })
         })
     }
 }
 
-fn place_meta_world(rng: &mut ChaCha8Rng) -> Placement {
-    let object = DVec3::new(uniform(rng, META_WORLD_X), uniform(rng, META_WORLD_FAUCET_Y), 0.0);
+fn place(object: DVec3) -> Placement {
     Placement { object, goal: object + SHUT }
 }

@@ -1,10 +1,11 @@
 //! Goal Reach: move the fingertips to a point that the vector observation contains and pictures do
 //! not show.
 
-use glam::DVec3;
+use std::ops::Range;
+
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, META_WORLD_X, spec, uniform};
+use super::{CANONICAL_X, META_WORLD_X, draw_apart, draw_at, draw_in, hand_for_tips, spec};
 use crate::mjcf::part;
 use crate::reward::long_tail_reward;
 use crate::task::{
@@ -17,17 +18,21 @@ pub struct GoalReach;
 
 /// Distance of the fingertips from the goal at success (metres).
 const RADIUS: f64 = 0.05;
-const GOAL_Y: std::ops::Range<f64> = 0.08..0.18;
-const GOAL_Z: std::ops::Range<f64> = 0.08..0.25;
+/// Range of the goal along y (metres).
+const GOAL_Y: Range<f64> = 0.08..0.18;
+/// Range of the goal's height (metres).
+const GOAL_Z: Range<f64> = 0.08..0.25;
 
-const META_WORLD_GOAL_Y: std::ops::Range<f64> = 0.2..0.3;
-const META_WORLD_GOAL_Z: std::ops::Range<f64> = 0.05..0.3;
+/// Range of Meta-World's goal along y (metres).
+const META_WORLD_GOAL_Y: Range<f64> = 0.2..0.3;
+/// Range of the height of Meta-World's goal (metres).
+const META_WORLD_GOAL_Z: Range<f64> = 0.05..0.3;
 /// Smallest distance of Meta-World's loose cylinder from the goal (metres).
 const MIN_DISTANCE: f64 = 0.15;
 /// Height of the loose cylinder (metres).
 const DECOY_Z: f64 = 0.02;
 /// Range of the loose cylinder along y (metres).
-const DECOY_Y: std::ops::Range<f64> = 0.0..0.1;
+const DECOY_Y: Range<f64> = 0.0..0.1;
 
 impl Task for GoalReach {
     fn name(&self) -> &str {
@@ -35,8 +40,8 @@ impl Task for GoalReach {
     }
 
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let goal =
-            DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y), uniform(rng, GOAL_Z));
+        let goal = draw_in([CANONICAL_X, GOAL_Y, GOAL_Z], rng);
+        // nothing is placed; the object is the goal, so that it lies in the same quadrant
         Placement { object: goal, goal }
     }
 
@@ -46,6 +51,7 @@ impl Task for GoalReach {
         let margin = start.hand_target.distance(goal);
         let in_place_reward = long_tail_reward(distance, RADIUS, margin);
         StepReward {
+            // there is no object to approach
             approach_reward: 1.0,
             in_place_reward,
             goal_distance: distance,
@@ -55,7 +61,7 @@ impl Task for GoalReach {
     }
 
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
-        ExpertCommand { hand: placement.goal + (now.hand - now.tcp), finger: 0.0 }
+        ExpertCommand { hand: hand_for_tips(now, placement.goal), finger: 0.0 }
     }
 
     fn parts(&self) -> TaskParts<'_> {
@@ -70,18 +76,10 @@ impl Task for GoalReach {
     }
 }
 
-/// Draws a placement whose object is Meta-World's decoy, at least 0.15 m from the goal in the
-/// plane.
+/// Draws a placement whose object is Meta-World's decoy.
 fn place_meta_world(rng: &mut ChaCha8Rng) -> Placement {
-    loop {
-        let object = DVec3::new(uniform(rng, META_WORLD_X), uniform(rng, DECOY_Y), DECOY_Z);
-        let goal = DVec3::new(
-            uniform(rng, META_WORLD_X),
-            uniform(rng, META_WORLD_GOAL_Y),
-            uniform(rng, META_WORLD_GOAL_Z),
-        );
-        if (goal - object).truncate().length() >= MIN_DISTANCE {
-            return Placement { object, goal };
-        }
-    }
+    draw_apart(MIN_DISTANCE, || Placement {
+        object: draw_at(DECOY_Z, [META_WORLD_X, DECOY_Y], rng),
+        goal: draw_in([META_WORLD_X, META_WORLD_GOAL_Y, META_WORLD_GOAL_Z], rng),
+    })
 }

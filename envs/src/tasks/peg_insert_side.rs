@@ -1,10 +1,12 @@
 //! Peg Insert Side: take a peg and put its head into the channel of a box on the left.
 
+use std::ops::Range;
+
 use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 
-use super::caging::{caging_reward, take_and_carry};
-use super::{spec, uniform};
+use super::caging::{caging_reward, is_held, is_lifted, take_and_carry};
+use super::{draw_apart, draw_at, draw_in, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
@@ -15,17 +17,26 @@ use crate::task::{
 #[derive(Clone, Copy, Debug)]
 pub struct PegInsertSide;
 
-/// Ranges of the peg and of the box (metres).
-const PEG_X: std::ops::Range<f64> = 0.10..0.16;
-const PEG_Y: std::ops::Range<f64> = 0.02..0.12;
+/// Range of the peg along x (metres).
+const PEG_X: Range<f64> = 0.10..0.16;
+/// Range of the peg along y (metres).
+const PEG_Y: Range<f64> = 0.02..0.12;
+/// Height of the peg's centre (metres).
 const PEG_Z: f64 = 0.02;
-const BOX_X: std::ops::Range<f64> = -0.24..-0.20;
-const BOX_Y: std::ops::Range<f64> = 0.02..0.14;
-const META_WORLD_PEG_X: std::ops::Range<f64> = 0.0..0.2;
-const META_WORLD_PEG_Y: std::ops::Range<f64> = -0.1..0.1;
-const META_WORLD_BOX_X: std::ops::Range<f64> = -0.35..-0.25;
-const META_WORLD_BOX_Y: std::ops::Range<f64> = -0.2..0.1;
-const META_WORLD_BOX_Z: std::ops::Range<f64> = -0.001..0.001;
+/// Range of the box along x (metres): at the far end of the arm's symmetric reach.
+const BOX_X: Range<f64> = -0.24..-0.20;
+/// Range of the box along y (metres).
+const BOX_Y: Range<f64> = 0.02..0.14;
+/// Range of Meta-World's peg along x (metres).
+const META_WORLD_PEG_X: Range<f64> = 0.0..0.2;
+/// Range of Meta-World's peg along y (metres).
+const META_WORLD_PEG_Y: Range<f64> = -0.1..0.1;
+/// Range of Meta-World's box along x (metres).
+const META_WORLD_BOX_X: Range<f64> = -0.35..-0.25;
+/// Range of Meta-World's box along y (metres).
+const META_WORLD_BOX_Y: Range<f64> = -0.2..0.1;
+/// Range of the height of Meta-World's box (metres).
+const META_WORLD_BOX_Z: Range<f64> = -0.001..0.001;
 /// Smallest distance of Meta-World's peg from its box in the plane (metres).
 const MIN_DISTANCE: f64 = 0.1;
 
@@ -38,24 +49,26 @@ const SUCCESS: f64 = 0.07;
 /// Position of the head of a peg that rests at the centre (metres). As in Meta-World, the reward's
 /// margin begins there, wherever the peg starts.
 const RESTING_HEAD: DVec3 = DVec3::new(-0.09999999809830853, 0.0, 0.01478468493633014);
-/// Corners of the spaces before the box, below and above its channel, with no reward and with full
-/// reward (metres; from the box, x to its right side).
+/// Corners of the space before the box below its channel, with no reward and with full reward
+/// (metres; from the box, x to its right side).
 const BELOW: [DVec3; 2] = [DVec3::new(0.1, -0.11, 0.01), DVec3::new(-0.1, -0.15, 0.096)];
+/// [`BELOW`] for the space above the channel.
 const ABOVE: [DVec3; 2] = [DVec3::new(0.1, -0.11, 0.16), DVec3::new(-0.1, -0.17, 0.19)];
 /// Angle of Meta-World's box (radians), rather than a right one.
 const BOX_ANGLE: f64 = 1.57;
-/// Distances of the pads from a held peg along y, and of the fingertips from it (metres).
+/// Distances of the pads from a held peg along y (metres).
 const PADS: [f64; 2] = [0.0075, 0.03];
+/// Distance of the fingertips from a held peg (metres).
 const HELD: f64 = 0.08;
-/// Height by which a peg is lifted (metres).
-const LIFTED: f64 = 0.01;
 
 /// Height of the expert's hand above the grip (metres).
 const GRIP: f64 = 0.03;
-/// Distance of the head from the box before it is at the channel's height (metres), how far off it
-/// may be, and the length of a step of insertion.
+/// Distance of the head from the box while it is not in line with the channel (metres).
 const BEFORE_BOX: f64 = 0.16;
+/// Distance of the head from the channel's line from which it is pushed in (metres): less than its
+/// play there.
 const ALIGNED: f64 = 0.012;
+/// Length of a step of insertion (metres).
 const STEP: f64 = 0.08;
 
 impl Task for PegInsertSide {
@@ -64,23 +77,23 @@ impl Task for PegInsertSide {
     }
 
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let object = DVec3::new(uniform(rng, PEG_X), uniform(rng, PEG_Y), PEG_Z);
-        Placement { object, goal: DVec3::new(uniform(rng, BOX_X), uniform(rng, BOX_Y), 0.0) }
+        let object = draw_at(PEG_Z, [PEG_X, PEG_Y], rng);
+        Placement { object, goal: draw_at(0.0, [BOX_X, BOX_Y], rng) }
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
-        let Placement { object, goal } = start.placement;
+        let goal = start.placement.goal;
         let off = |head: DVec3| ((head - (goal + HOLE)) * WEIGHTS).length();
         let goal_distance = off(now.tip);
+        // the margin does not depend on where the peg starts
         let inserted = long_tail_reward(goal_distance, SUCCESS, off(RESTING_HEAD));
+        // 1 unless the head is beside the channel, where going on would jam it
         let clear = hamacher_product(
             space_reward(goal, now.tip, ABOVE),
             space_reward(goal, now.tip, BELOW),
         );
         let placed = hamacher_product(inserted, clear);
-        let held = now.object.distance(now.tcp) < HELD
-            && now.aperture > 0.0
-            && now.object.z - LIFTED > object.z;
+        let held = is_held(now, HELD) && is_lifted(start, now);
         let caged = if held { 1.0 } else { caging_reward(start, now, PADS, finger) };
         let carried = if held { 1.0 + 5.0 * placed } else { 0.0 };
         let success = goal_distance <= SUCCESS;
@@ -96,6 +109,7 @@ impl Task for PegInsertSide {
     /// Takes the peg, lifts it in front of the channel and pushes it in.
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
         let off = placement.goal + HOLE - now.tip;
+        // in line first: a peg that enters askew jams at the rim
         let x = if off.y.hypot(off.z) > ALIGNED {
             (placement.goal.x + BEFORE_BOX - now.tip.x).max(0.0)
         } else {
@@ -125,25 +139,19 @@ impl Task for PegInsertSide {
 /// corner along each axis, multiplied.
 fn space_reward(placed_box: DVec3, head: DVec3, corners: [DVec3; 2]) -> f64 {
     let [none, full] = corners.map(|corner| {
+        // the box is turned, and so are the corners of its spaces
         let turned = DVec2::from_angle(BOX_ANGLE).rotate(corner.truncate());
         placed_box + turned.extend(corner.z)
     });
     let share = (head - none) / (full - none);
+    // in the box of the two corners, the product of three shares falls to 0 at one face
     let inside = share.min_element() >= 0.0 && share.max_element() <= 1.0;
     if inside { share.element_product() } else { 1.0 }
 }
 
 fn place_meta_world(rng: &mut ChaCha8Rng) -> Placement {
-    loop {
-        let object =
-            DVec3::new(uniform(rng, META_WORLD_PEG_X), uniform(rng, META_WORLD_PEG_Y), PEG_Z);
-        let goal = DVec3::new(
-            uniform(rng, META_WORLD_BOX_X),
-            uniform(rng, META_WORLD_BOX_Y),
-            uniform(rng, META_WORLD_BOX_Z),
-        );
-        if (goal - object).truncate().length() >= MIN_DISTANCE {
-            return Placement { object, goal };
-        }
-    }
+    draw_apart(MIN_DISTANCE, || Placement {
+        object: draw_at(PEG_Z, [META_WORLD_PEG_X, META_WORLD_PEG_Y], rng),
+        goal: draw_in([META_WORLD_BOX_X, META_WORLD_BOX_Y, META_WORLD_BOX_Z], rng),
+    })
 }

@@ -1,9 +1,11 @@
 //! Plate Slide: push a puck from the centre into a goal cage that opens to -y.
 
+use std::ops::Range;
+
 use glam::{DVec2, DVec3};
 use rand_chacha::ChaCha8Rng;
 
-use super::{CANONICAL_X, META_WORLD_X, scene, spec, uniform};
+use super::{CANONICAL_X, META_WORLD_X, draw_at, scene, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
@@ -14,12 +16,16 @@ use crate::task::{
 #[derive(Clone, Copy, Debug)]
 pub struct PlateSlide;
 
-const GOAL_Y: std::ops::Range<f64> = 0.25..0.30;
+/// Range of the goal along y, in Meta-World, too (metres).
+const GOAL_Y: Range<f64> = 0.25..0.30;
+/// Start of the puck's centre (metres).
 const PUCK_START: DVec3 = DVec3::new(0.0, 0.0, 0.015);
 /// Puck's start on the table's surface; Meta-World measures from here, not from the puck's centre.
 const START_ON_TABLE: DVec3 = DVec3::ZERO;
-/// Distances to the goal at full reward and at success (metres).
+/// Distance of the puck from its goal at full reward, and of the fingertips from the puck
+/// (metres).
 const BOUND: f64 = 0.05;
+/// Distance of the puck from its goal at success (metres).
 const SUCCESS: f64 = 0.07;
 
 /// Bounds (x, y; metres) on the goal's distance from the expert's puck: nearer than `y` along y and
@@ -34,15 +40,13 @@ impl Task for PlateSlide {
     }
 
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        Placement {
-            object: PUCK_START,
-            goal: DVec3::new(uniform(rng, CANONICAL_X), uniform(rng, GOAL_Y), 0.0),
-        }
+        place(CANONICAL_X, rng)
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
         let goal = start.placement.goal;
         let goal_distance = now.object.distance(goal);
+        // as in Meta-World, margins count from the start on the table
         let margin = START_ON_TABLE.distance(goal);
         let placed = long_tail_reward(goal_distance, BOUND, margin);
         let touching = long_tail_reward(
@@ -67,6 +71,7 @@ impl Task for PlateSlide {
     fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
         let aim = now.object + DVec3::new(0.0, -0.055, 0.03);
         let off = (now.hand - aim).truncate().length();
+        // over the place behind the puck, then down, then forward
         let hand = if off > 0.03 {
             aim + DVec3::new(0.0, 0.0, 0.1)
         } else if (now.hand.z - aim.z).abs() > 0.04 {
@@ -86,13 +91,10 @@ impl Task for PlateSlide {
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
-        Some(spec("plate-slide", place_meta_world))
+        Some(spec("plate-slide", |rng| place(META_WORLD_X, rng)))
     }
 }
 
-fn place_meta_world(rng: &mut ChaCha8Rng) -> Placement {
-    Placement {
-        object: PUCK_START,
-        goal: DVec3::new(uniform(rng, META_WORLD_X), uniform(rng, GOAL_Y), 0.0),
-    }
+fn place(goal_x: Range<f64>, rng: &mut ChaCha8Rng) -> Placement {
+    Placement { object: PUCK_START, goal: draw_at(0.0, [goal_x, GOAL_Y], rng) }
 }

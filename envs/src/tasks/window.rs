@@ -1,10 +1,12 @@
 //! Window Open and Window Close: slide the pane of a window by its handle, along +x or -x.
 
+use std::ops::Range;
+
 use glam::DVec3;
 use rand_chacha::ChaCha8Rng;
 
-use super::approach::{come_down, is_down_at};
-use super::{META_WORLD_HAND_BACK, META_WORLD_X, scene, spec, uniform};
+use super::caging::{come_down, is_down_at};
+use super::{META_WORLD_HAND_BACK, META_WORLD_X, draw_at, scene, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, hamacher_product, long_tail_reward};
 use crate::task::{
@@ -21,9 +23,9 @@ pub struct WindowClose;
 
 /// Travel of the pane (metres): joint 0 is shut, this is open.
 const TRAVEL: f64 = 0.2;
-/// Offsets from the pane's origin to the side of the handle that opens the window, and to the one
-/// that shuts it (metres).
+/// Offset from the pane's origin to the side of the handle that opens the window (metres).
 const OPENING_SIDE: DVec3 = DVec3::new(-0.04, -0.095, 0.0);
+/// Offset from the pane's origin to the side of the handle that shuts the window (metres).
 const CLOSING_SIDE: DVec3 = DVec3::new(0.01, -0.095, 0.0);
 /// Distance of the handle from its target along x at full reward and at success (metres).
 const SUCCESS: f64 = 0.05;
@@ -33,14 +35,20 @@ const HANDLE_RADIUS: f64 = 0.02;
 /// Distance at which the expert stops (metres): an open pane stands 0.04 m from its target.
 const NEAR_ENOUGH: f64 = 0.043;
 
-/// Ranges of the window along x and y, and its height (metres).
-const WINDOW_X: std::ops::Range<f64> = 0.01..0.06;
-const WINDOW_Y: std::ops::Range<f64> = 0.18..0.24;
+/// Range of the window along x (metres): the pane's way is off the centre, too.
+const WINDOW_X: Range<f64> = 0.01..0.06;
+/// Range of the window along y (metres).
+const WINDOW_Y: Range<f64> = 0.18..0.24;
+/// Height of the window's centre (metres): low, so that a wrist passes above it.
 const WINDOW_Z: f64 = 0.11;
 
-const META_WORLD_OPEN_Y: std::ops::Range<f64> = 0.1..0.3;
+/// Range along y of Meta-World's window that is to be opened (metres).
+const META_WORLD_OPEN_Y: Range<f64> = 0.1..0.3;
+/// Height of Meta-World's window that is to be opened (metres).
 const META_WORLD_OPEN_Z: f64 = 0.16;
-const META_WORLD_CLOSE_Y: std::ops::Range<f64> = 0.15..0.3;
+/// Range along y of Meta-World's window that is to be shut (metres).
+const META_WORLD_CLOSE_Y: Range<f64> = 0.15..0.3;
+/// Height of Meta-World's window that is to be shut (metres).
 const META_WORLD_CLOSE_Z: f64 = 0.2;
 
 impl Task for WindowOpen {
@@ -49,8 +57,7 @@ impl Task for WindowOpen {
     }
 
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let object = draw_window(rng);
-        Placement { object, goal: object + TRAVEL * DVec3::X }
+        place_shut(draw_window(rng))
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
@@ -70,8 +77,13 @@ impl Task for WindowOpen {
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
-        let hand_target = META_WORLD_HAND_BACK;
-        Some(MetaWorldSpec { hand_target, ..spec("window-open", place_open_meta_world) })
+        Some(MetaWorldSpec {
+            hand_target: META_WORLD_HAND_BACK,
+            ..spec("window-open", |rng| {
+                let y = META_WORLD_OPEN_Y;
+                place_shut(draw_at(META_WORLD_OPEN_Z, [META_WORLD_X, y], rng))
+            })
+        })
     }
 }
 
@@ -81,8 +93,7 @@ impl Task for WindowClose {
     }
 
     fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let object = draw_window(rng);
-        Placement { object, goal: object }
+        place_open(draw_window(rng))
     }
 
     fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
@@ -105,13 +116,28 @@ impl Task for WindowClose {
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
-        let hand_target = META_WORLD_HAND_BACK;
-        Some(MetaWorldSpec { hand_target, ..spec("window-close", place_shut_meta_world) })
+        Some(MetaWorldSpec {
+            hand_target: META_WORLD_HAND_BACK,
+            // the only range along x is a point
+            ..spec("window-close", |rng| {
+                place_open(DVec3::new(0.0, uniform(rng, META_WORLD_CLOSE_Y), META_WORLD_CLOSE_Z))
+            })
+        })
     }
 }
 
 fn draw_window(rng: &mut ChaCha8Rng) -> DVec3 {
-    DVec3::new(uniform(rng, WINDOW_X), uniform(rng, WINDOW_Y), WINDOW_Z)
+    draw_at(WINDOW_Z, [WINDOW_X, WINDOW_Y], rng)
+}
+
+/// Returns the placement of a shut window, which is to be opened.
+fn place_shut(object: DVec3) -> Placement {
+    Placement { object, goal: object + TRAVEL * DVec3::X }
+}
+
+/// Returns the placement of an open window, which is to be shut.
+fn place_open(object: DVec3) -> Placement {
+    Placement { object, goal: object }
 }
 
 /// Returns the distance of the fingertips from the handle, and its margin (metres).
@@ -140,24 +166,15 @@ fn push(placement: &Placement, now: &Measurement, side: f64) -> ExpertCommand {
     let aim = now.object + DVec3::new(0.01 * side, 0.0, 0.02);
     let ahead = (now.hand.x - aim.x) * side;
     let in_line = (now.hand.y - aim.y).abs() < 0.02 && (-0.03..0.25).contains(&ahead);
+    // once it pushes, the hand goes on although it lags behind the handle
     let pushes = in_line && is_down_at(now.hand, aim, f64::INFINITY);
     let hand = match come_down(now.hand, aim, 0.12) {
         Some(hand) if !pushes => hand,
         _ => {
             let left = (now.object.x - placement.goal.x).abs() - NEAR_ENOUGH;
+            // a lead of at most 8 cm: more would tear past the handle at the end of its way
             aim - DVec3::new(left.clamp(0.0, 0.08) * side, 0.0, 0.0)
         }
     };
     ExpertCommand { hand, finger: 1.0 }
-}
-
-fn place_open_meta_world(rng: &mut ChaCha8Rng) -> Placement {
-    let (x, y) = (uniform(rng, META_WORLD_X), uniform(rng, META_WORLD_OPEN_Y));
-    let object = DVec3::new(x, y, META_WORLD_OPEN_Z);
-    Placement { object, goal: object + TRAVEL * DVec3::X }
-}
-
-fn place_shut_meta_world(rng: &mut ChaCha8Rng) -> Placement {
-    let object = DVec3::new(0.0, uniform(rng, META_WORLD_CLOSE_Y), META_WORLD_CLOSE_Z);
-    Placement { object, goal: object }
 }

@@ -20,16 +20,16 @@ const ROWS: usize = 48;
 /// of taps) are 24 sums, which leaves registers for operands if there are 32.
 const TILE: usize = 6;
 
-/// Returns the length of the scratch memory of a backward pass, in values; `staged` is `true` if
-/// the input is in the layout of the CPU kernels already.
-pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
+/// Returns the length of the scratch memory of a backward pass, in values; `is_blocked` is `true`
+/// if the input is in the blocked layout already.
+pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, is_blocked: bool) -> usize {
     let (patches, width) = (&conv.patches, conv.weights.blocks_per_pixel);
-    // an input of channels is staged here, and so is the gradient with respect to it
-    let images = if staged { 0 } else { 2 * conv.num_images_staged_together(samples) };
+    // an input of channels is converted here, and so is the gradient with respect to it
+    let images = if is_blocked { 0 } else { 2 * conv.num_images_converted_at_once(samples) };
     let of_lines =
-        |lines: &FoldedLines| lines.staged_len() + lines.columns_per_window() * width * LANES;
+        |lines: &FoldedLines| lines.blocked_len() + lines.columns_per_window() * width * LANES;
     let line = patches.folded_lines.as_ref().map_or(0, of_lines);
-    GradientBuffers::<f32>::scratch_len(conv) + images * patches.staged_len() + line
+    GradientBuffers::<f32>::scratch_len(conv) + images * patches.blocked_len() + line
 }
 
 impl<'a, T: Real> ConvBackward<'a, T> {
@@ -39,30 +39,30 @@ impl<'a, T: Real> ConvBackward<'a, T> {
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         let mut arena = Arena::new(std::mem::take(&mut self.scratch));
-        let products = Products::<T, L, G>::new(lanes, &self, &mut arena);
+        let products = GradientProducts::<T, L, G>::new(lanes, &self, &mut arena);
         let mut buffers = GradientBuffers::new(&mut self, &mut arena, ROWS);
         let loader = GradientLoader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
-        // images that are not staged yet are staged here, a few at a time
+        // images in another layout are converted here, a few at a time
         let (together, own, own_gradient) = match self.x {
             ConvInput::Channels(_) | ConvInput::Bytes(_) => {
-                let together = conv.num_images_staged_together(self.samples);
-                let len = patches.staged_len() * together;
+                let together = conv.num_images_converted_at_once(self.samples);
+                let len = patches.blocked_len() * together;
                 (together, arena.take_zeroed_values(len), arena.take_values(len))
             }
-            ConvInput::Staged(_) => (self.samples.max(1), Default::default(), Default::default()),
+            ConvInput::Blocked(_) => (self.samples.max(1), Default::default(), Default::default()),
         };
         for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);
-            let staged = self.x.stage(lanes, patches, first..first + images, own);
+            let blocked = self.x.blocked_images(lanes, patches, first..first + images, own);
             let gradient = match &mut self.dx {
                 None => None,
                 Some(FeatureMapsMut::Channels(_)) => Some(&mut *own_gradient),
-                Some(FeatureMapsMut::Staged(_, dx)) => Some(&mut **dx),
+                Some(FeatureMapsMut::Blocked(_, dx)) => Some(&mut **dx),
             };
-            let panels = Panels { lanes, conv, staged, images: first..first + images };
+            let panels = BackwardPanels { lanes, conv, blocked, images: first..first + images };
             panels.run(&loader, &products, &mut buffers, gradient);
             if let Some(FeatureMapsMut::Channels(dx)) = &mut self.dx {
-                unstage(
+                read_blocked(
                     patches,
                     own_gradient,
                     &mut dx[first * patches.image_shape.len()..],
@@ -74,33 +74,33 @@ impl<'a, T: Real> ConvBackward<'a, T> {
     }
 }
 
-/// Converts images from the layout of the CPU kernels to channels `[H, W, C]`.
+/// Converts images from the blocked layout to channels `[H, W, C]`.
 #[inline(always)]
-fn unstage<T: Real>(patches: &PatchGeometry, staged: &[T], dx: &mut [T], images: usize) {
-    let staged = staged.chunks_exact(patches.staged_len());
+fn read_blocked<T: Real>(patches: &PatchGeometry, blocked: &[T], dx: &mut [T], images: usize) {
+    let blocked = blocked.chunks_exact(patches.blocked_len());
     let dx = dx.chunks_exact_mut(patches.image_shape.len());
-    for (staged_image, image_gradient) in staged.zip(dx).take(images) {
-        patches.unstage(staged_image, image_gradient);
+    for (blocked_image, image_gradient) in blocked.zip(dx).take(images) {
+        patches.read_blocked(blocked_image, image_gradient);
     }
 }
 
-/// Source of the im2col panels of a backward pass: images in the layout of the CPU kernels.
-struct Panels<'a, T, L> {
+/// Source of the im2col panels of a backward pass: images in the blocked layout.
+struct BackwardPanels<'a, T, L> {
     lanes: L,
     conv: &'a R2Conv,
-    staged: &'a [T],
-    /// Range of the staged images among all images of the backward pass.
+    blocked: &'a [T],
+    /// Range of the blocked images among all images of the backward pass.
     images: Range<usize>,
 }
 
-impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
-    /// Adds the contributions of the staged images to the parameter gradients and overwrites
+impl<T: Real, L: Lanes<T>> BackwardPanels<'_, T, L> {
+    /// Adds the contributions of the blocked images to the parameter gradients and overwrites
     /// `gradient`, the gradient with respect to the images.
     #[inline(always)]
     fn run<const G: usize>(
         &self,
         loader: &GradientLoader<T, L, G>,
-        products: &Products<T, L, G>,
+        products: &GradientProducts<T, L, G>,
         buffers: &mut GradientBuffers<T>,
         mut gradient: Option<&mut [T]>,
     ) {
@@ -114,21 +114,21 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
             let count = ROWS.min(end - row);
             let mut windows = [0; ROWS];
             for window in &mut windows[..count] {
-                *window = cursor.staged_index(&patches.window_starts, patches.staged_len());
+                *window = cursor.blocked_index(&patches.window_starts, patches.blocked_len());
                 cursor.advance();
             }
             loader.load_pixels(row, count, buffers);
-            self.gather(&windows[..count], products, buffers, gradient.as_deref_mut());
+            self.add_gradients(&windows[..count], products, buffers, gradient.as_deref_mut());
         }
     }
 
     /// Adds the contributions of the output pixels whose windows start at `windows` to the
     /// gradients.
     #[inline(always)]
-    fn gather<const G: usize>(
+    fn add_gradients<const G: usize>(
         &self,
         windows: &[usize],
-        products: &Products<T, L, G>,
+        products: &GradientProducts<T, L, G>,
         buffers: &mut GradientBuffers<T>,
         mut gradient: Option<&mut [T]>,
     ) {
@@ -137,14 +137,14 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
             // Each orbit reads the same block of channels, which then comes from the first-level
             // cache.
             for orbit in 0..patches.orbits.len() {
-                let rows = Gathered { conv, orbit, c, windows };
-                let panel = &mut buffers.panel[..rows.folds() * windows.len()];
+                let rows = FoldedOrbit { conv, orbit, c, windows };
+                let panel = &mut buffers.panel[..rows.num_folds() * windows.len()];
                 let step = windows.len();
                 let fold = OrbitBlock { orbit, block: c };
-                patches.gather(self.lanes, fold, self.staged, windows, panel, step);
-                products.weights(&rows, buffers);
+                patches.gather(self.lanes, fold, self.blocked, windows, panel, step);
+                products.add_weight_gradient(&rows, buffers);
                 if let Some(gradient) = gradient.as_deref_mut() {
-                    products.input(&rows, buffers, gradient);
+                    products.add_input_gradient(&rows, buffers, gradient);
                 }
             }
         }
@@ -153,32 +153,32 @@ impl<T: Real, L: Lanes<T>> Panels<'_, T, L> {
 
 /// Folds (signed sums) of one orbit of taps in one block of channels, for the windows of some
 /// output pixels.
-struct Gathered<'a> {
+struct FoldedOrbit<'a> {
     pub conv: &'a R2Conv,
     pub orbit: usize,
     pub c: usize,
     pub windows: &'a [usize],
 }
 
-impl Gathered<'_> {
+impl FoldedOrbit<'_> {
     /// Returns the number of folds of the orbit of taps: one for each parity, or 1 if the parities
     /// share a block.
     #[inline(always)]
-    pub fn folds(&self) -> usize {
+    pub fn num_folds(&self) -> usize {
         let patches = &self.conv.patches;
         patches.orbit_blocks(self.orbit).len() / patches.blocks_per_pixel
     }
 }
 
 /// Operands of the matrix products of a convolution's backward pass.
-struct Products<'a, T, L, const G: usize> {
+struct GradientProducts<'a, T, L, const G: usize> {
     lanes: L,
     /// Weights transposed for the input gradient; unset if the gradient with respect to the input
     /// is not needed.
-    w: &'a [Block<T>],
+    transposed_weights: &'a [Block<T>],
 }
 
-impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
+impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientProducts<'a, T, L, G> {
     #[inline(always)]
     fn new(lanes: L, pass: &ConvBackward<'a, T>, arena: &mut Arena<'a, T>) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
@@ -187,17 +187,17 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
             let packed = layout.packed_weights(pass.params, arena, true);
             layout.transpose_packed::<T, G>(&conv.patches, packed, w);
         }
-        Products { lanes, w }
+        GradientProducts { lanes, transposed_weights: w }
     }
 
     /// Adds the contribution of some output pixels to the weight gradient; the im2col panel is
     /// `[fold][output pixel]`.
     #[inline(always)]
-    fn weights(&self, of: &Gathered, buffers: &mut GradientBuffers<T>) {
+    fn add_weight_gradient(&self, of: &FoldedOrbit, buffers: &mut GradientBuffers<T>) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel);
         let rows = of.windows.len();
         let per_block = LANES / G * width;
-        let panel = &buffers.panel[..of.folds() * rows];
+        let panel = &buffers.panel[..of.num_folds() * rows];
         let dy = &buffers.dy[..width * rows];
         let first = patches.orbit_blocks(of.orbit).start + of.c;
         let dw = &mut buffers.dw[first * per_block..];
@@ -212,27 +212,32 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Products<'a, T, L, G> {
     }
 
     /// Adds the contribution of some output pixels to the gradient with respect to the input, in
-    /// the layout of the CPU kernels.
+    /// the blocked layout.
     #[inline(always)]
-    fn input(&self, of: &Gathered, buffers: &mut GradientBuffers<T>, gradient: &mut [T]) {
+    fn add_input_gradient(
+        &self,
+        of: &FoldedOrbit,
+        buffers: &mut GradientBuffers<T>,
+        gradient: &mut [T],
+    ) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel);
-        let (folds, per_block) = (of.folds(), LANES / G * width);
+        let (folds, per_block) = (of.num_folds(), LANES / G * width);
         let dy = &buffers.dy[..width * of.windows.len()];
-        let w = &self.w[patches.orbit_blocks(of.orbit).start * per_block..];
+        let w = &self.transposed_weights[patches.orbit_blocks(of.orbit).start * per_block..];
         let w = &w[of.c * folds * per_block..][..folds * per_block];
         // orbits of D2 have 1, 2 or 4 taps, so these are all sizes of the product
         match (patches.is_replicated, folds) {
             (true, _) => of.replicated::<T, L, G>(self.lanes, w, dy, gradient),
-            (false, 1) => of.input::<T, L, G, 1>(self.lanes, w, dy, gradient),
-            (false, 2) => of.input::<T, L, G, 2>(self.lanes, w, dy, gradient),
-            (false, _) => of.input::<T, L, G, 4>(self.lanes, w, dy, gradient),
+            (false, 1) => of.add_input_gradient::<T, L, G, 1>(self.lanes, w, dy, gradient),
+            (false, 2) => of.add_input_gradient::<T, L, G, 2>(self.lanes, w, dy, gradient),
+            (false, _) => of.add_input_gradient::<T, L, G, 4>(self.lanes, w, dy, gradient),
         }
     }
 }
 
-impl Gathered<'_> {
+impl FoldedOrbit<'_> {
     #[inline(always)]
-    fn input<T: Real, L: Lanes<T>, const G: usize, const N: usize>(
+    fn add_input_gradient<T: Real, L: Lanes<T>, const G: usize, const N: usize>(
         &self,
         lanes: L,
         w: &[Block<T>],

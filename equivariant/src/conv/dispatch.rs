@@ -1,6 +1,6 @@
 //! Choice of kernel, instruction set and number of threads for the passes of a convolution.
 
-use crate::chunks::in_one_of_many_chunks;
+use crate::chunks::runs_one_of_many_chunks;
 use crate::conv::operands::{ConvBackward, ConvForward};
 use crate::conv::pool::{PoolBackward, PoolForward};
 use crate::conv::r2_conv::R2Conv;
@@ -70,11 +70,11 @@ impl ConvPasses for f64 {
     }
 }
 
-/// Returns the length of the scratch memory for both passes of a convolution, in values; `staged`
-/// is `true` if the input is in the layout of the CPU kernels already.
-pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
-    let forward = forward::scratch_len(conv, samples, staged);
-    forward.max(backward::scratch_len(conv, samples, staged))
+/// Returns the length of the scratch memory for both passes of a convolution, in values;
+/// `is_blocked` is `true` if the input is in the blocked layout already.
+pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, is_blocked: bool) -> usize {
+    let forward = forward::scratch_len(conv, samples, is_blocked);
+    forward.max(backward::scratch_len(conv, samples, is_blocked))
 }
 
 impl<T: ConvPasses> ConvForward<'_, T> {
@@ -89,7 +89,7 @@ impl<T: ConvPasses> ConvForward<'_, T> {
         // outside a pool rayon::join would move work to the global pool, which the caller did not
         // choose
         let threads = match rayon::current_thread_index() {
-            Some(_) if !in_one_of_many_chunks() => rayon::current_num_threads(),
+            Some(_) if !runs_one_of_many_chunks() => rayon::current_num_threads(),
             _ => 1,
         };
         if worth && threads > 1 {

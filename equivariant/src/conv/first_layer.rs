@@ -27,7 +27,7 @@ impl<T: Real> ConvForward<'_, T> {
         match self.x {
             ConvInput::Channels(x) => self.run_pixels(lanes, lines, x),
             ConvInput::Bytes(x) => self.run_pixels(lanes, lines, x),
-            ConvInput::Staged(_) => unreachable!("a chain stages no trivial channels"),
+            ConvInput::Blocked(_) => unreachable!("a chain stages no trivial channels"),
         }
     }
 
@@ -37,7 +37,7 @@ impl<T: Real> ConvForward<'_, T> {
         let mut arena = Arena::new(self.scratch);
         let w = arena.take_blocks(weights.num_packed_blocks());
         weights.pack(self.params, w);
-        scale(lanes, patches, w);
+        scale_weights(lanes, patches, w);
         let of_output = self.output.lines.clone();
         let mut epilogue = Epilogue::<T, L, LANES_PER_GROUP>::new(
             lanes,
@@ -47,7 +47,7 @@ impl<T: Real> ConvForward<'_, T> {
             self.output,
         );
         let sums = arena.take_blocks(LINE_TILE_PIXELS * weights.blocks_per_pixel);
-        let own = arena.take_zeroed_values(lines.staged_len());
+        let own = arena.take_zeroed_values(lines.blocked_len());
         let line = LineKernel::new(lanes, patches, weights.blocks_per_pixel);
         let len = patches.image_shape.len();
         for (i, (image, oy)) in lines_of(self.samples, of_output).enumerate() {
@@ -70,7 +70,7 @@ impl<T: Real> ConvBackward<'_, T> {
         match self.x {
             ConvInput::Channels(x) => self.run_pixels(lanes, lines, x),
             ConvInput::Bytes(x) => self.run_pixels(lanes, lines, x),
-            ConvInput::Staged(_) => unreachable!("a chain stages no trivial channels"),
+            ConvInput::Blocked(_) => unreachable!("a chain stages no trivial channels"),
         }
     }
 
@@ -82,7 +82,7 @@ impl<T: Real> ConvBackward<'_, T> {
         let loader = GradientLoader::<T, L, LANES_PER_GROUP>::new(lanes, conv, self.dy, self.masks);
         let width = conv.weights.blocks_per_pixel;
         let columns = arena.take_zeroed_blocks(lines.columns_per_window() * width);
-        let own = arena.take_zeroed_values(lines.staged_len());
+        let own = arena.take_zeroed_values(lines.blocked_len());
         let line = LineKernel::new(lanes, patches, width);
         let len = patches.image_shape.len();
         for (image, oy) in lines_of(self.samples, 0..conv.out_shape.height) {
@@ -115,7 +115,7 @@ fn lines_of(samples: usize, lines: Range<usize>) -> impl Iterator<Item = (usize,
 /// Multiplies the packed weights by the coefficients of the tap functions, which the folded image
 /// rows leave out.
 #[inline(always)]
-fn scale<T: Real, L: Lanes<T>>(lanes: L, patches: &PatchGeometry, w: &mut [Block<T>]) {
+fn scale_weights<T: Real, L: Lanes<T>>(lanes: L, patches: &PatchGeometry, w: &mut [Block<T>]) {
     let per_group = w.len() / (patches.blocks_per_folded_patch * LANES / LANES_PER_GROUP);
     for orbit in &patches.orbits {
         let groups = orbit.first_block * LANES / LANES_PER_GROUP

@@ -16,20 +16,20 @@ use crate::simd::tiles::{PANEL_ROWS, panel_product};
 const MAX_ROWS_IN_PLACE: usize = 2 * PANEL_ROWS;
 
 /// Returns the length of the scratch memory of a forward pass, in values, also for two halves of a
-/// single image; `staged` is `true` if the input is in the layout of the CPU kernels already.
-pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, staged: bool) -> usize {
+/// single image; `is_blocked` is `true` if the input is in the blocked layout already.
+pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, is_blocked: bool) -> usize {
     let (patches, weights) = (&conv.patches, &conv.weights);
     let per_row = patches.blocks_per_folded_patch + weights.blocks_per_pixel;
     let rest = weights.num_packed_blocks()
         + (PANEL_ROWS + 1) * weights.blocks_per_pixel
         + PANEL_ROWS * per_row;
-    let line = patches.folded_lines.as_ref().map_or(0, FoldedLines::staged_len);
-    let with = |images| rest * LANES + images * patches.staged_len() + line;
+    let line = patches.folded_lines.as_ref().map_or(0, FoldedLines::blocked_len);
+    let with = |images| rest * LANES + images * patches.blocked_len() + line;
     // two halves of a single image run at the same time, each on its half of the scratch
-    if staged {
+    if is_blocked {
         2 * with(0)
     } else {
-        with(conv.num_images_staged_together(samples)).max(2 * with(1))
+        with(conv.num_images_converted_at_once(samples)).max(2 * with(1))
     }
 }
 
@@ -43,7 +43,7 @@ impl<'a, T: Real> ConvForward<'a, T> {
         let (width, lines) = (conv.out_shape.width, &self.output.lines);
         let windows = &patches.window_starts[lines.start * width..lines.end * width];
         let few = self.samples * windows.len() <= MAX_ROWS_IN_PLACE;
-        let mut panels = Panels::<T, L, G> {
+        let mut panels = ForwardPanels::<T, L, G> {
             lanes,
             patches,
             windows,
@@ -54,38 +54,39 @@ impl<'a, T: Real> ConvForward<'a, T> {
         };
         let (together, own) = match self.x {
             ConvInput::Channels(_) | ConvInput::Bytes(_) => {
-                let together = conv.num_images_staged_together(self.samples);
-                (together, arena.take_zeroed_values(patches.staged_len() * together))
+                let together = conv.num_images_converted_at_once(self.samples);
+                (together, arena.take_zeroed_values(patches.blocked_len() * together))
             }
-            ConvInput::Staged(_) => (self.samples.max(1), Default::default()),
+            ConvInput::Blocked(_) => (self.samples.max(1), Default::default()),
         };
         for first in (0..self.samples).step_by(together) {
             let images = together.min(self.samples - first);
-            let staged = self.x.stage(lanes, patches, first..first + images, own);
-            panels.run(staged, first, images);
+            let blocked = self.x.blocked_images(lanes, patches, first..first + images, own);
+            panels.run(blocked, first, images);
         }
     }
 }
 
 /// Matrix products of im2col panels of folded patches with the weights of a convolution.
-struct Panels<'a, T, L, const G: usize> {
+struct ForwardPanels<'a, T, L, const G: usize> {
     lanes: L,
     patches: &'a PatchGeometry,
-    /// Start of the window of every output pixel in a staged image.
+    /// Start of the window of every output pixel in a blocked image.
     windows: &'a [usize],
     w: &'a [Block<T>],
-    /// Im2col panel: folded patches of [`PANEL_ROWS`] output pixels, `[block][pixel]`.
+    /// Im2col panel: folded patches (signed sums over orbits of taps) of [`PANEL_ROWS`] output
+    /// pixels, `[block][pixel]`.
     panel: &'a mut [Block<T>],
     epilogue: Epilogue<'a, T, L, G>,
     /// Weighted sums `[pixel][block]` of [`PANEL_ROWS`] output pixels, before bias and ReLU.
     sums: &'a mut [Block<T>],
 }
 
-impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
-    /// Computes the output for images in the layout of the CPU kernels, the first of which is image
+impl<T: Real, L: Lanes<T>, const G: usize> ForwardPanels<'_, T, L, G> {
+    /// Computes the output for images in the blocked layout, the first of which is image
     /// `first` of the pass.
     #[inline(always)]
-    fn run(&mut self, staged: &[T], first: usize, images: usize) {
+    fn run(&mut self, blocked: &[T], first: usize, images: usize) {
         let pixels = self.windows.len();
         let rows = images * pixels;
         let mut cursor = PixelCursor::new(pixels);
@@ -95,13 +96,13 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
             for (r, window) in windows.iter_mut().enumerate() {
                 // pads an incomplete panel with copies of its last row, so that tiles have a fixed
                 // size
-                *window = cursor.staged_index(self.windows, self.patches.staged_len());
+                *window = cursor.blocked_index(self.windows, self.patches.blocked_len());
                 if r + 1 < count {
                     cursor.advance();
                 }
             }
             cursor.advance();
-            self.gather(staged, &windows);
+            self.gather(blocked, &windows);
             let panel = self.panel.as_chunks().0;
             panel_product::<T, L, G>(self.lanes, panel, self.w, self.sums, count);
             self.epilogue.run(self.sums, first * pixels + row, count);
@@ -110,7 +111,7 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
 
     /// Fills the im2col panel with the folded patches of [`PANEL_ROWS`] windows.
     #[inline(always)]
-    fn gather(&mut self, staged: &[T], windows: &[usize]) {
+    fn gather(&mut self, blocked: &[T], windows: &[usize]) {
         let patches = self.patches;
         let step = patches.blocks_per_pixel * PANEL_ROWS;
         for c in 0..patches.blocks_per_pixel {
@@ -120,7 +121,7 @@ impl<T: Real, L: Lanes<T>, const G: usize> Panels<'_, T, L, G> {
                 let first = patches.orbit_blocks(orbit).start + c;
                 let panel = &mut self.panel[first * PANEL_ROWS..];
                 let fold = OrbitBlock { orbit, block: c };
-                patches.gather(self.lanes, fold, staged, windows, panel, step);
+                patches.gather(self.lanes, fold, blocked, windows, panel, step);
             }
         }
     }

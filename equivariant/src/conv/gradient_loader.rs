@@ -1,4 +1,4 @@
-//! Output gradient of a convolution in the layout of the CPU kernels, for the backward pass.
+//! Output gradient of a convolution in the blocked layout, for the backward pass.
 
 use crate::conv::maps::{Arena, FeatureMaps};
 use crate::conv::operands::ConvBackward;
@@ -43,7 +43,7 @@ impl<'a, T: Real> GradientBuffers<'a, T> {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
         let width = layout.blocks_per_pixel;
         let dparams = std::mem::take(&mut pass.dparams);
-        let (dweights, dbiases) = dparams.split_at_mut(conv.blocks.bias_range().start);
+        let (dweights, dbiases) = dparams.split_at_mut(conv.irrep_weights.bias_range().start);
         // parameters in packed order need no second buffer: their gradient is summed in place
         let (dw, dweights) = if layout.is_packed_already() {
             (&mut dweights.as_chunks_mut().0[..layout.num_packed_blocks()], None)
@@ -74,14 +74,14 @@ impl<'a, T: Real> GradientBuffers<'a, T> {
     }
 }
 
-/// Loader that brings the output gradient of a convolution into the layout of the CPU kernels,
+/// Loader that brings the output gradient of a convolution into the blocked layout,
 /// `[block][pixel]`.
 pub(crate) struct GradientLoader<'a, T, L, const G: usize> {
     lanes: L,
     dy: FeatureMaps<'a, T>,
     masks: Option<&'a [T]>,
     interleaver: Interleaver,
-    width: usize,
+    blocks_per_pixel: usize,
     /// Number of output pixels of an image.
     pub pixels_per_image: usize,
     channels: usize,
@@ -95,7 +95,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
             dy,
             masks,
             interleaver: Interleaver::new(conv.out_shape.fields),
-            width: conv.weights.blocks_per_pixel,
+            blocks_per_pixel: conv.weights.blocks_per_pixel,
             pixels_per_image: conv.out_shape.num_pixels(),
             channels: conv.out_shape.fields.dim(),
             regular: conv.out_shape.fields.num_regular_fields().is_some(),
@@ -106,36 +106,37 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
     /// there is one, and adds it to the bias gradient.
     #[inline(always)]
     pub fn load_pixels(&self, first: usize, count: usize, buffers: &mut GradientBuffers<T>) {
-        let mut places = [0; MAX_GRADIENT_ROWS];
-        let places = &mut places[..count];
+        let mut first_blocks = [0; MAX_GRADIENT_ROWS];
+        let first_blocks = &mut first_blocks[..count];
         let (from, scale) = match self.dy {
             FeatureMaps::Channels(dy) => {
-                self.load_channels(&dy[first * self.channels..], buffers.pixels, places);
+                self.load_channels(&dy[first * self.channels..], buffers.pixels, first_blocks);
                 (&*buffers.pixels, 1.0)
             }
-            FeatureMaps::Staged(patches, dy) => {
-                patches.write_pixel_blocks(first, places);
-                (dy.as_chunks().0, patches.staging_scale())
+            FeatureMaps::Blocked(patches, dy) => {
+                patches.write_pixel_blocks(first, first_blocks);
+                (dy.as_chunks().0, patches.blocked_scale())
             }
         };
-        let pixels = PixelGradients { lanes: self.lanes, from, places, dbias: buffers.dbias };
-        let masks = self.masks.map(|masks| &masks[first * self.width..]);
+        let pixels = PixelGradients { lanes: self.lanes, from, first_blocks, dbias: buffers.dbias };
+        let masks = self.masks.map(|masks| &masks[first * self.blocks_per_pixel..]);
         match masks {
             None => pixels.copy(scale, buffers.dy),
-            Some(masks) if self.regular => pixels.gate::<G>(masks, scale, buffers.dy),
-            Some(masks) => pixels.gate::<1>(masks, scale, buffers.dy),
+            Some(masks) if self.regular => pixels.relu_backward::<G>(masks, scale, buffers.dy),
+            Some(masks) => pixels.relu_backward::<1>(masks, scale, buffers.dy),
         }
     }
 
     /// Copies the output gradient of some pixels from channels into blocks, one pixel after the
     /// other.
     #[inline(always)]
-    fn load_channels(&self, dy: &[T], pixels: &mut [Block<T>], places: &mut [usize]) {
+    fn load_channels(&self, dy: &[T], pixels: &mut [Block<T>], first_blocks: &mut [usize]) {
         let channels = dy.chunks_exact(self.channels);
-        let pixels = pixels.chunks_exact_mut(self.width);
-        for (r, ((place, to), pixel_dy)) in places.iter_mut().zip(pixels).zip(channels).enumerate()
+        let pixels = pixels.chunks_exact_mut(self.blocks_per_pixel);
+        for (r, ((place, to), pixel_dy)) in
+            first_blocks.iter_mut().zip(pixels).zip(channels).enumerate()
         {
-            *place = r * self.width;
+            *place = r * self.blocks_per_pixel;
             self.interleaver.interleave::<T, G>(T::from_f64(1.0), pixel_dy, to.as_flattened_mut());
         }
     }
@@ -146,19 +147,19 @@ struct PixelGradients<'a, T, L> {
     lanes: L,
     from: &'a [Block<T>],
     /// Index, in `from`, of the first block of every pixel.
-    places: &'a [usize],
+    first_blocks: &'a [usize],
     dbias: &'a mut [Block<T>],
 }
 
 impl<T: Real, L: Lanes<T>> PixelGradients<'_, T, L> {
     #[inline(always)]
     fn copy(self, scale: f64, panel: &mut [Block<T>]) {
-        let (lanes, rows) = (self.lanes, self.places.len());
+        let (lanes, rows) = (self.lanes, self.first_blocks.len());
         let scale = lanes.splat(T::from_f64(scale));
         for (c, dbias) in self.dbias.iter_mut().enumerate() {
             let mut sum = lanes.load(dbias);
             let panel = &mut panel[c * rows..][..rows];
-            for (to, place) in panel.iter_mut().zip(self.places) {
+            for (to, place) in panel.iter_mut().zip(self.first_blocks) {
                 let v = lanes.mul(lanes.load(&self.from[place + c]), scale);
                 sum = lanes.add(sum, v);
                 lanes.store(to, v);
@@ -169,14 +170,14 @@ impl<T: Real, L: Lanes<T>> PixelGradients<'_, T, L> {
 
     /// Zeroes the gradient of values that the ReLU zeroed, in the basis that the group permutes.
     #[inline(always)]
-    fn gate<const G: usize>(self, masks: &[T], scale: f64, panel: &mut [Block<T>]) {
-        let (lanes, rows, width) = (self.lanes, self.places.len(), self.dbias.len());
+    fn relu_backward<const G: usize>(self, masks: &[T], scale: f64, panel: &mut [Block<T>]) {
+        let (lanes, rows, width) = (self.lanes, self.first_blocks.len(), self.dbias.len());
         let masks = &masks[..rows * width];
         let scale = lanes.splat(T::from_f64(scale / G as f64));
         for (c, dbias) in self.dbias.iter_mut().enumerate() {
             let mut sum = lanes.load(dbias);
             let panel = &mut panel[c * rows..][..rows];
-            for (r, (to, place)) in panel.iter_mut().zip(self.places).enumerate() {
+            for (r, (to, place)) in panel.iter_mut().zip(self.first_blocks).enumerate() {
                 let v = unscaled_hadamard::<T, L, G>(lanes, lanes.load(&self.from[place + c]));
                 let v = lanes.keep_masked(v, masks[r * width + c].to_mask());
                 let v = lanes.mul(unscaled_hadamard::<T, L, G>(lanes, v), scale);

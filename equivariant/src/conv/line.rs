@@ -24,13 +24,13 @@ pub(crate) struct LineKernel<'a, T: Real, L: Lanes<T>> {
     patches: &'a PatchGeometry,
     channels: usize,
     /// Number of blocks of [`LANES`] values that an output pixel fills.
-    width: usize,
+    blocks_per_pixel: usize,
     /// Distance between the windows of neighbouring output pixels, in values.
     step: usize,
     /// Sign of each lane's irrep under a flip of x.
     signs: L::V,
     /// `true` if windows are 4 x 4 with stride 2.
-    halves: bool,
+    is_4x4_stride_2: bool,
 }
 
 impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
@@ -47,8 +47,8 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
             lanes,
             patches,
             channels: fields.dim(),
-            halves: size == 4 && stride == 2,
-            width,
+            is_4x4_stride_2: size == 4 && stride == 2,
+            blocks_per_pixel: width,
             step: stride * fields.dim() * LANES_PER_GROUP,
             signs: lanes.load(&signs),
         }
@@ -65,17 +65,17 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
     pub fn forward(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
         // The last pixels of a line sum in the same order as the others: under a flip they are the
         // first.
-        if L::REGISTERS >= 8 && self.halves {
+        if L::REGISTERS >= 8 && self.is_4x4_stride_2 {
             self.tiles::<true>(x, w, sums, rows);
         } else {
             self.tiles::<false>(x, w, sums, rows);
         }
     }
 
-    /// Writes the weighted sums of a tile of output pixels. `HALVING`: windows are 4 x 4 with
-    /// stride 2, so two windows read every column.
+    /// Writes the weighted sums of a tile of output pixels. `IS_4X4_STRIDE_2`: windows are 4 x 4
+    /// with stride 2, so two windows read every column.
     #[inline(always)]
-    fn tiles<const HALVING: bool>(
+    fn tiles<const IS_4X4_STRIDE_2: bool>(
         &self,
         x: &[T],
         w: &[Block<T>],
@@ -83,19 +83,19 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         rows: usize,
     ) {
         let mut first = 0;
-        while first < self.width {
-            first += match (L::REGISTERS, rows, self.width - first) {
+        while first < self.blocks_per_pixel {
+            first += match (L::REGISTERS, rows, self.blocks_per_pixel - first) {
                 // three sets of R x V sums have to fit into the registers
                 (32.., LINE_TILE_PIXELS, 2..) => {
-                    self.pixels::<HALVING, 4, 2>(x, w, first, rows, sums)
+                    self.pixels::<IS_4X4_STRIDE_2, 4, 2>(x, w, first, rows, sums)
                 }
                 (32.., LINE_TILE_PIXELS, _) => {
-                    self.pixels::<HALVING, LINE_TILE_PIXELS, 1>(x, w, first, rows, sums)
+                    self.pixels::<IS_4X4_STRIDE_2, LINE_TILE_PIXELS, 1>(x, w, first, rows, sums)
                 }
                 (8..32, LINE_TILE_PIXELS, _) => {
-                    self.pixels::<HALVING, 2, 1>(x, w, first, rows, sums)
+                    self.pixels::<IS_4X4_STRIDE_2, 2, 1>(x, w, first, rows, sums)
                 }
-                _ => self.pixels::<HALVING, 1, 1>(x, w, first, rows, sums),
+                _ => self.pixels::<IS_4X4_STRIDE_2, 1, 1>(x, w, first, rows, sums),
             };
         }
     }
@@ -103,7 +103,7 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
     /// Writes V blocks of the weighted sums of `rows` output pixels, R pixels at a time, and
     /// returns V.
     #[inline(always)]
-    fn pixels<const HALVING: bool, const R: usize, const V: usize>(
+    fn pixels<const IS_4X4_STRIDE_2: bool, const R: usize, const V: usize>(
         &self,
         x: &[T],
         w: &[Block<T>],
@@ -112,8 +112,8 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         sums: &mut [Block<T>],
     ) -> usize {
         for row in (0..rows).step_by(R) {
-            if HALVING {
-                self.halving_tile::<R, V>(x, w, first, row, sums);
+            if IS_4X4_STRIDE_2 {
+                self.tile_of_shared_columns::<R, V>(x, w, first, row, sums);
             } else {
                 self.tile::<R, V>(x, w, first, row, sums);
             }
@@ -135,15 +135,15 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         let mut a = [[lanes.splat(T::ZERO); V]; R];
         let (mut b, mut middle) = (a, a);
         for orbit in &self.patches.orbits {
-            let w = &w[orbit.first_block * (LANES / LANES_PER_GROUP) * self.width..]
-                [..self.channels * self.width];
+            let w = &w[orbit.first_block * (LANES / LANES_PER_GROUP) * self.blocks_per_pixel..]
+                [..self.channels * self.blocks_per_pixel];
             let left = self.columns::<R>(x, row, orbit.tap_offsets[0]);
             match orbit.tap_offsets.get(1) {
                 Some(&tap) => {
                     let right = self.columns::<R>(x, row, tap);
                     for c in 0..self.channels {
                         let w: [L::V; V] =
-                            load_blocks(lanes, first_n(&w[c * self.width + first..]));
+                            load_blocks(lanes, first_n(&w[c * self.blocks_per_pixel + first..]));
                         for r in 0..R {
                             let (left, right) = (
                                 lanes.broadcast_quad(&left[r][c]),
@@ -159,7 +159,7 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
                 None => {
                     for c in 0..self.channels {
                         let w: [L::V; V] =
-                            load_blocks(lanes, first_n(&w[c * self.width + first..]));
+                            load_blocks(lanes, first_n(&w[c * self.blocks_per_pixel + first..]));
                         for r in 0..R {
                             let input = lanes.broadcast_quad(&left[r][c]);
                             for v in 0..V {
@@ -176,7 +176,7 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
     /// Writes V blocks of the weighted sums of R output pixels where two windows share every image
     /// column, which is loaded once for both.
     #[inline(always)]
-    fn halving_tile<const R: usize, const V: usize>(
+    fn tile_of_shared_columns<const R: usize, const V: usize>(
         &self,
         x: &[T],
         w: &[Block<T>],
@@ -190,7 +190,7 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         // a line has two orbits: the outer columns of a window and the inner ones
         for [outer, inner] in self.patches.orbits.as_chunks().0 {
             let of = |orbit: &TapOrbit| {
-                &w[orbit.first_block * (LANES / LANES_PER_GROUP) * self.width + first..]
+                &w[orbit.first_block * (LANES / LANES_PER_GROUP) * self.blocks_per_pixel + first..]
             };
             let (outer_w, inner_w) = (of(outer), of(inner));
             let x: &[[T; LANES_PER_GROUP]] =
@@ -201,9 +201,9 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
             }
             for c in 0..self.channels {
                 let outer_weights: [L::V; V] =
-                    load_blocks(lanes, first_n(&outer_w[c * self.width..]));
+                    load_blocks(lanes, first_n(&outer_w[c * self.blocks_per_pixel..]));
                 let inner_weights: [L::V; V] =
-                    load_blocks(lanes, first_n(&inner_w[c * self.width..]));
+                    load_blocks(lanes, first_n(&inner_w[c * self.blocks_per_pixel..]));
                 let mut left =
                     [lanes.broadcast_quad(&columns[0][c]), lanes.broadcast_quad(&columns[1][c])];
                 for r in 0..R {
@@ -241,7 +241,7 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
                 if let Some(middle) = middle {
                     sum = self.lanes.add(sum, middle[r][v]);
                 }
-                let to = &mut sums[(row + r) * self.width + first + v];
+                let to = &mut sums[(row + r) * self.blocks_per_pixel + first + v];
                 self.lanes.store(to, sum);
             }
         }
@@ -276,18 +276,19 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         let columns = lines.columns_per_window() / lines.lines_per_window();
         for i in 0..lines.lines_per_window() {
             let x = &x[lines.line_offset(i)..];
-            let dw = &mut dw[i * columns * self.width..][..columns * self.width];
+            let dw =
+                &mut dw[i * columns * self.blocks_per_pixel..][..columns * self.blocks_per_pixel];
             let mut first = 0;
-            while first < self.width {
+            while first < self.blocks_per_pixel {
                 let tile = LineGradient {
                     lanes: self.lanes,
-                    width: self.width,
+                    blocks_per_pixel: self.blocks_per_pixel,
                     step: self.step,
                     x,
                     dy,
                     first,
                 };
-                first += match (L::REGISTERS, self.width - first) {
+                first += match (L::REGISTERS, self.blocks_per_pixel - first) {
                     (32.., 2..) => tile.add_all_columns::<6, 2>(columns, dw),
                     (32.., _) => tile.add_all_columns::<12, 1>(columns, dw),
                     (8..32, _) => tile.add_all_columns::<6, 1>(columns, dw),
@@ -307,10 +308,11 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
         dw: &mut [Block<T>],
     ) {
         let lanes = self.lanes;
-        let len = self.channels * self.width;
+        let len = self.channels * self.blocks_per_pixel;
         for orbit in &self.patches.orbits {
-            let dw = &mut dw[orbit.first_block * (LANES / LANES_PER_GROUP) * self.width..][..len];
-            for (x, coefficients) in halves(lines, orbit).zip(&orbit.coefficients) {
+            let dw = &mut dw
+                [orbit.first_block * (LANES / LANES_PER_GROUP) * self.blocks_per_pixel..][..len];
+            for (x, coefficients) in mirrored_columns(lines, orbit).zip(&orbit.coefficients) {
                 let c = lanes.load(&block_to_precision(coefficients));
                 for (d, part) in dw.iter_mut().zip(&columns[x * len..][..len]) {
                     lanes.store(d, lanes.mul_add(lanes.load(part), c, lanes.load(d)));
@@ -322,7 +324,7 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
 
 /// Returns the indices of the two window columns that belong to an orbit of taps, or of its only
 /// one.
-fn halves(lines: &FoldedLines, orbit: &TapOrbit) -> impl Iterator<Item = usize> {
+fn mirrored_columns(lines: &FoldedLines, orbit: &TapOrbit) -> impl Iterator<Item = usize> {
     let [y, x] = orbit.first_tap;
     let k = lines.kernel.size;
     [y * k + x, y * k + k - 1 - x].into_iter().take(orbit.tap_offsets.len())

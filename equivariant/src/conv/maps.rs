@@ -14,8 +14,8 @@ pub(crate) enum ConvInput<'a, T> {
     /// Images `[N, H, W, C]` of trivial channels as bytes, which stand for their
     /// [`pixel_byte_to_float`](crate::pixel_byte_to_float)s.
     Bytes(&'a [u8]),
-    /// Images in the layout of the CPU kernels (staged), for the convolution that reads them.
-    Staged(&'a [T]),
+    /// Images in the blocked layout, for the convolution that reads them.
+    Blocked(&'a [T]),
 }
 
 /// Feature maps that a pass reads, in one of two layouts.
@@ -23,44 +23,44 @@ pub(crate) enum ConvInput<'a, T> {
 pub(crate) enum FeatureMaps<'a, T> {
     /// Numbers `[N, H, W, C]` (samples, height, width, channels), channels irrep-major.
     Channels(&'a [T]),
-    /// Images in the layout of the CPU kernels (staged), for the convolution with these patches.
-    Staged(&'a PatchGeometry, &'a [T]),
+    /// Images in the blocked layout, for the convolution with these patches.
+    Blocked(&'a PatchGeometry, &'a [T]),
 }
 
 /// Feature maps that a pass writes, in one of two layouts.
 pub(crate) enum FeatureMapsMut<'a, T> {
     Channels(&'a mut [T]),
-    Staged(&'a PatchGeometry, &'a mut [T]),
+    Blocked(&'a PatchGeometry, &'a mut [T]),
 }
 
 impl<T: Real> ConvInput<'_, T> {
-    /// Returns some of the images in the layout of the CPU kernels (staged); `own` is the buffer
-    /// for images that are not staged yet.
+    /// Returns some of the images in the blocked layout; `own` is the buffer
+    /// for images in another layout.
     #[inline(always)]
-    pub fn stage<'b, L: Lanes<T>>(
+    pub fn blocked_images<'b, L: Lanes<T>>(
         &'b self,
         lanes: L,
         patches: &PatchGeometry,
         images: Range<usize>,
         own: &'b mut [T],
     ) -> &'b [T] {
-        let (staged, len) = (patches.staged_len(), patches.image_shape.len());
+        let (blocked, len) = (patches.blocked_len(), patches.image_shape.len());
         match self {
             ConvInput::Channels(x) => {
                 for (i, image) in images.enumerate() {
                     let x = &x[image * len..][..len];
-                    patches.stage(lanes, x, &mut own[i * staged..][..staged]);
+                    patches.write_blocked(lanes, x, &mut own[i * blocked..][..blocked]);
                 }
                 own
             }
             ConvInput::Bytes(x) => {
                 for (i, image) in images.enumerate() {
                     let x = &x[image * len..][..len];
-                    patches.stage_bytes(x, &mut own[i * staged..][..staged]);
+                    patches.write_blocked_bytes(x, &mut own[i * blocked..][..blocked]);
                 }
                 own
             }
-            ConvInput::Staged(x) => &x[images.start * staged..images.end * staged],
+            ConvInput::Blocked(x) => &x[images.start * blocked..images.end * blocked],
         }
     }
 }
@@ -78,9 +78,9 @@ impl<'a, T: Real> FeatureMapsMut<'a, T> {
                 let (above, below) = y.split_at_mut(pixel * channels);
                 (FeatureMapsMut::Channels(above), FeatureMapsMut::Channels(below))
             }
-            FeatureMapsMut::Staged(patches, y) => {
+            FeatureMapsMut::Blocked(patches, y) => {
                 let (above, below) = y.split_at_mut(patches.blocks_before_pixel(pixel) * LANES);
-                (FeatureMapsMut::Staged(patches, above), FeatureMapsMut::Staged(patches, below))
+                (FeatureMapsMut::Blocked(patches, above), FeatureMapsMut::Blocked(patches, below))
             }
         }
     }
@@ -107,10 +107,10 @@ impl PixelCursor {
         }
     }
 
-    /// Returns the index of the current pixel in staged images, in values.
+    /// Returns the index of the current pixel in blocked images, in values.
     #[inline(always)]
-    pub fn staged_index(&self, offsets: &[usize], staged: usize) -> usize {
-        self.image * staged + offsets[self.pixel]
+    pub fn blocked_index(&self, offsets: &[usize], blocked: usize) -> usize {
+        self.image * blocked + offsets[self.pixel]
     }
 }
 
@@ -131,16 +131,16 @@ impl<'a, T: Real> Arena<'a, T> {
     }
 
     pub fn take_blocks(&mut self, blocks: usize) -> &'a mut [Block<T>] {
-        let (front, rest) = std::mem::take(&mut self.rest).split_at_mut(blocks);
+        let (taken, rest) = std::mem::take(&mut self.rest).split_at_mut(blocks);
         self.rest = rest;
-        front
+        taken
     }
 
     /// Splits `blocks` blocks off the arena and fills them with zeros.
     pub fn take_zeroed_blocks(&mut self, blocks: usize) -> &'a mut [Block<T>] {
-        let front = self.take_blocks(blocks);
-        front.as_flattened_mut().fill(T::ZERO);
-        front
+        let taken = self.take_blocks(blocks);
+        taken.as_flattened_mut().fill(T::ZERO);
+        taken
     }
 
     /// Splits `len` values, a multiple of a block, off the arena and fills them with zeros.

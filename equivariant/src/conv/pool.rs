@@ -1,7 +1,7 @@
 //! Max-pooling between the convolutions of a chain.
 //!
-//! A pooling reads the output of the convolution before it in the layout of the CPU kernels and
-//! writes the staged image of the next one. Fields are transformed to the regular basis in
+//! A pooling reads the output of the convolution before it in the blocked layout and
+//! writes the blocked image of the next one. Fields are transformed to the regular basis in
 //! registers; no map is converted to irrep-major channels.
 
 use crate::conv::maps::{Arena, FeatureMaps, FeatureMapsMut};
@@ -25,9 +25,9 @@ pub(crate) struct FusedMaxPool {
     /// folds.
     pub patches: PatchGeometry,
     pub out_shape: Shape,
-    /// Index of the first pixel of every pooling window, in blocks of a staged image.
+    /// Index of the first pixel of every pooling window, in blocks of a blocked image.
     windows: Vec<usize>,
-    /// Distances of the pixels of a pooling window from its first pixel, in blocks of a staged
+    /// Distances of the pixels of a pooling window from its first pixel, in blocks of a blocked
     /// image.
     taps: Vec<usize>,
     pub widest_instruction_set: InstructionSet,
@@ -46,7 +46,7 @@ impl FusedMaxPool {
         if !(whole && apart) {
             return None;
         }
-        // a window of one pixel gives the staged layout without padding and without folds
+        // a window of one pixel gives the blocked layout without padding and without folds
         let pixel = SlidingWindow::new(1, 1, 0);
         let size_of = [image.height, image.width];
         let patches = PatchGeometry::new(&TapBasis::new(image.fields, 1), image, pixel, size_of);
@@ -81,7 +81,7 @@ impl FusedMaxPool {
 pub struct PoolForward<'a, T> {
     pub(crate) pool: &'a FusedMaxPool,
     pub(crate) samples: usize,
-    /// Input of the max-pooling, in the layout of the CPU kernels.
+    /// Input of the max-pooling, in the blocked layout.
     pub(crate) x: &'a [T],
     pub(crate) y: FeatureMapsMut<'a, T>,
     pub(crate) scratch: &'a mut [T],
@@ -91,10 +91,10 @@ pub struct PoolForward<'a, T> {
 pub struct PoolBackward<'a, T> {
     pub(crate) pool: &'a FusedMaxPool,
     pub(crate) samples: usize,
-    /// Input of the max-pooling in the forward pass, in the layout of the CPU kernels.
+    /// Input of the max-pooling in the forward pass, in the blocked layout.
     pub(crate) x: &'a [T],
     pub(crate) dy: FeatureMaps<'a, T>,
-    /// Gradient with respect to the input of the max-pooling, in the layout of the CPU kernels;
+    /// Gradient with respect to the input of the max-pooling, in the blocked layout;
     /// overwritten.
     pub(crate) dx: &'a mut [T],
     pub(crate) scratch: &'a mut [T],
@@ -113,26 +113,38 @@ impl<T: Real> WithLanes<T> for PoolForward<'_, T> {
 impl<T: Real> PoolForward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
-        let (pool, own) = (self.pool, self.pool.patches.staging_scale());
+        let (pool, own) = (self.pool, self.pool.patches.blocked_scale());
         let (blocks, channels) = (pool.patches.blocks_per_pixel, pool.out_shape.fields.dim());
         let room = Arena::new(self.scratch).take_blocks(blocks);
         let interleaver = Interleaver::new(pool.out_shape.fields);
         let images = self.x.as_chunks().0;
-        let images = images.chunks_exact(pool.patches.staged_len() / LANES);
+        let images = images.chunks_exact(pool.patches.blocked_len() / LANES);
         for (n, x) in images.take(self.samples).enumerate() {
             for (i, &window) in pool.windows.iter().enumerate() {
                 match &mut self.y {
                     FeatureMapsMut::Channels(y) => {
-                        maxima::<T, L, G>(lanes, pool, &x[window..], pool.scale(own, 1.0), room);
+                        window_maximum::<T, L, G>(
+                            lanes,
+                            pool,
+                            &x[window..],
+                            pool.scale(own, 1.0),
+                            room,
+                        );
                         let pixel = n * pool.windows.len() + i;
                         let y = &mut y[pixel * channels..][..channels];
                         interleaver.deinterleave::<T, G>(T::from_f64(1.0), room.as_flattened(), y);
                     }
-                    FeatureMapsMut::Staged(patches, y) => {
-                        let at = n * patches.staged_len() + patches.pixel_starts[i];
+                    FeatureMapsMut::Blocked(patches, y) => {
+                        let at = n * patches.blocked_len() + patches.pixel_starts[i];
                         let y = &mut y[at..][..blocks * LANES];
-                        let scale = pool.scale(own, patches.staging_scale());
-                        maxima::<T, L, G>(lanes, pool, &x[window..], scale, y.as_chunks_mut().0);
+                        let scale = pool.scale(own, patches.blocked_scale());
+                        window_maximum::<T, L, G>(
+                            lanes,
+                            pool,
+                            &x[window..],
+                            scale,
+                            y.as_chunks_mut().0,
+                        );
                     }
                 }
             }
@@ -143,7 +155,7 @@ impl<T: Real> PoolForward<'_, T> {
 /// Writes the maximum of every channel, in the regular basis, over the pooling window at the start
 /// of `x`.
 #[inline(always)]
-fn maxima<T: Real, L: Lanes<T>, const G: usize>(
+fn window_maximum<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
     pool: &FusedMaxPool,
     x: &[Block<T>],
@@ -175,18 +187,18 @@ impl<T: Real> WithLanes<T> for PoolBackward<'_, T> {
 impl<T: Real> PoolBackward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(self, lanes: L) {
-        let (pool, own) = (self.pool, self.pool.patches.staging_scale());
+        let (pool, own) = (self.pool, self.pool.patches.blocked_scale());
         let (blocks, channels) = (pool.patches.blocks_per_pixel, pool.out_shape.fields.dim());
         // zeros, because lanes without a channel are never written below
         let room = Arena::new(self.scratch).take_zeroed_blocks(blocks);
         let one = T::from_f64(1.0);
         let interleaver = Interleaver::new(pool.out_shape.fields);
-        let staged = pool.patches.staged_len() / LANES;
-        let images = self.x.as_chunks().0.chunks_exact(staged);
-        let gradients = self.dx.as_chunks_mut().0.chunks_exact_mut(staged);
+        let blocked = pool.patches.blocked_len() / LANES;
+        let images = self.x.as_chunks().0.chunks_exact(blocked);
+        let gradients = self.dx.as_chunks_mut().0.chunks_exact_mut(blocked);
         for (n, (x, dx)) in images.zip(gradients).take(self.samples).enumerate() {
             for (i, &window) in pool.windows.iter().enumerate() {
-                // staged values are scaled, so their gradient is that of the values divided by the
+                // blocked values are scaled, so their gradient is that of the values divided by the
                 // scale
                 let (dy, scale) = match self.dy {
                     FeatureMaps::Channels(dy) => {
@@ -195,14 +207,14 @@ impl<T: Real> PoolBackward<'_, T> {
                         interleaver.interleave::<T, G>(one, dy, room.as_flattened_mut());
                         (&*room, pool.scale(own, 1.0))
                     }
-                    FeatureMaps::Staged(patches, dy) => {
-                        let at = n * patches.staged_len() + patches.pixel_starts[i];
+                    FeatureMaps::Blocked(patches, dy) => {
+                        let at = n * patches.blocked_len() + patches.pixel_starts[i];
                         let dy = &dy[at..][..blocks * LANES];
-                        (dy.as_chunks().0, pool.scale(own, patches.staging_scale()))
+                        (dy.as_chunks().0, pool.scale(own, patches.blocked_scale()))
                     }
                 };
                 let (x, dx) = (&x[window..], &mut dx[window..]);
-                route::<T, L, G>(lanes, pool, x, dy, scale, dx);
+                scatter_to_maximum::<T, L, G>(lanes, pool, x, dy, scale, dx);
             }
         }
     }
@@ -211,7 +223,7 @@ impl<T: Real> PoolBackward<'_, T> {
 /// Routes the gradient of one pooling window to the first pixel that holds the maximum. If a pixel
 /// is NaN it receives the gradient, which [`MaxPool`](crate::MaxPool) drops.
 #[inline(always)]
-fn route<T: Real, L: Lanes<T>, const G: usize>(
+fn scatter_to_maximum<T: Real, L: Lanes<T>, const G: usize>(
     lanes: L,
     pool: &FusedMaxPool,
     x: &[Block<T>],

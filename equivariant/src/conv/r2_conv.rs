@@ -7,15 +7,15 @@ use crate::error::LayerError;
 use crate::shape::{Shape, checked_product};
 use crate::simd::lanes::InstructionSet;
 use crate::simd::patches::PatchGeometry;
-use crate::steerable::blocks::IrrepBlocks;
 use crate::steerable::dense::OrdinaryConv;
+use crate::steerable::irrep_weights::IrrepWeights;
 use crate::steerable::taps::TapBasis;
 use crate::steerable::windows::WindowGrid;
 use crate::window::SlidingWindow;
 
-/// Maximum number of output pixels of the images that are brought into the layout of the CPU
-/// kernels together; a larger image is alone.
-const STAGED_OUTPUT_PIXELS: usize = 64;
+/// Maximum number of output pixels of the images that are brought into the blocked
+/// layout together; a larger image is alone.
+const PIXELS_CONVERTED_AT_ONCE: usize = 64;
 
 /// Convolution that commutes with the group of its types, with a bias on the trivial irrep.
 ///
@@ -32,10 +32,10 @@ const STAGED_OUTPUT_PIXELS: usize = 64;
 pub struct R2Conv {
     pub(crate) taps: TapBasis,
     pub(crate) patches: PatchGeometry,
-    pub(crate) blocks: IrrepBlocks,
+    pub(crate) irrep_weights: IrrepWeights,
     pub(crate) weights: WeightLayout,
     pub(crate) out_shape: Shape,
-    /// Widest instruction set for single precision, if the CPU has it.
+    /// Widest instruction set that single precision may use; a CPU without it uses a narrower one.
     pub(crate) widest_instruction_set: InstructionSet,
 }
 
@@ -63,12 +63,12 @@ impl R2Conv {
         checked_product(dense).ok_or(LayerError::TooManyValues { layer, what: "a kernel" })?;
         let taps = TapBasis::new(image.fields, kernel.size);
         let patches = PatchGeometry::new(&taps, image, kernel, windows.out_size);
-        let blocks = IrrepBlocks::new(Irrep::ALL.map(|b| taps.num_columns(b)), out_type);
+        let irrep_weights = IrrepWeights::new(Irrep::ALL.map(|b| taps.num_columns(b)), out_type);
         Ok(R2Conv {
-            weights: WeightLayout::new(&taps, &patches, &blocks, out_type),
+            weights: WeightLayout::new(&taps, &patches, &irrep_weights, out_type),
             taps,
             patches,
-            blocks,
+            irrep_weights,
             out_shape: out,
             // an upper bound: `run_f32` falls back to what the CPU has
             widest_instruction_set: InstructionSet::Avx512,
@@ -106,7 +106,7 @@ impl R2Conv {
         OrdinaryConv {
             layer_name: "R2Conv",
             taps: self.taps.clone(),
-            blocks: &self.blocks,
+            irrep_weights: &self.irrep_weights,
             param_indices: Some(&self.weights.param_indices),
             window: self.patches.window,
             in_shape: self.image_shape(),
@@ -119,10 +119,10 @@ impl R2Conv {
         self.patches.image_shape
     }
 
-    /// Returns the number of images that a pass over `samples` samples brings into the layout of
-    /// the CPU kernels together.
-    pub(crate) fn num_images_staged_together(&self, samples: usize) -> usize {
-        let images = STAGED_OUTPUT_PIXELS / self.out_shape.num_pixels();
+    /// Returns the number of images that a pass over `samples` samples brings into the
+    /// blocked layout together.
+    pub(crate) fn num_images_converted_at_once(&self, samples: usize) -> usize {
+        let images = PIXELS_CONVERTED_AT_ONCE / self.out_shape.num_pixels();
         images.clamp(1, samples.max(1))
     }
 }

@@ -9,7 +9,7 @@ use crate::conv::maps::Arena;
 use crate::real::Real;
 use crate::simd::lanes::{Block, LANES};
 use crate::simd::patches::PatchGeometry;
-use crate::steerable::blocks::IrrepBlocks;
+use crate::steerable::irrep_weights::IrrepWeights;
 use crate::steerable::taps::TapBasis;
 
 /// Layout of a convolution's weights among its parameters: `[lane group of a folded patch][output
@@ -21,13 +21,14 @@ use crate::steerable::taps::TapBasis;
 pub(crate) struct WeightLayout {
     /// Order of the symmetry group, the number of its elements.
     pub group_order: usize,
-    /// Number of lane groups of a folded patch; a group has one lane for each irrep.
-    groups: usize,
+    /// Number of lane groups of a folded patch (a patch as signed sums over orbits of taps); a
+    /// group has one lane for each irrep.
+    num_lane_groups: usize,
     /// Number of blocks of [`LANES`] values that an output pixel fills.
     pub blocks_per_pixel: usize,
     /// Ranges of weights that are contiguous both among the parameters and in the packed order of
     /// the CPU kernels.
-    runs: Arc<[Run]>,
+    ranges: Arc<[ContiguousRange]>,
     /// Index of the parameter of every entry of the four irreps' weight matrices, `[out, columns]`
     /// for each irrep in turn.
     pub param_indices: Arc<[usize]>,
@@ -36,7 +37,7 @@ pub(crate) struct WeightLayout {
 /// Range of weights that is contiguous both among the parameters and in the packed order of the CPU
 /// kernels.
 #[derive(Clone, Debug)]
-struct Run {
+struct ContiguousRange {
     params: Range<usize>,
     packed: Range<usize>,
 }
@@ -45,49 +46,49 @@ impl WeightLayout {
     pub fn new(
         taps: &TapBasis,
         patches: &PatchGeometry,
-        blocks: &IrrepBlocks,
+        irrep_weights: &IrrepWeights,
         out: FieldType,
     ) -> WeightLayout {
         let irreps = out.group().irreps();
         let fields = irreps.iter().map(|&b| out.multiplicity(b)).max();
-        let groups = patches.blocks_per_folded_patch * LANES / irreps.len();
+        let num_lane_groups = patches.blocks_per_folded_patch * LANES / irreps.len();
         let width = (fields.unwrap_or(0) * irreps.len()).div_ceil(LANES);
-        let mut entries = vec![GAP; groups * width * LANES];
+        let mut entries = vec![NO_PARAM; num_lane_groups * width * LANES];
         // lane b of a group computes output irrep b, from the fold whose parity leads to b
         for (lane, &b) in irreps.iter().enumerate() {
             for (i, function) in taps.basis_functions.iter().enumerate() {
                 let group =
                     patches.first_lane_group(function.parity, function.tap_coefficients[0].0);
                 let input = taps.input_irrep(b, function.parity);
-                let first = blocks.weight_range(b).start + taps.first_column(b, i);
+                let first = irrep_weights.weight_range(b).start + taps.first_column(b, i);
                 for output in 0..out.multiplicity(b) {
                     for channel in 0..taps.in_type.multiplicity(input) {
                         let to = (group + channel) * width * LANES + output * irreps.len() + lane;
-                        entries[to] = first + output * blocks.num_inputs(b) + channel;
+                        entries[to] = first + output * irrep_weights.num_inputs(b) + channel;
                     }
                 }
             }
         }
-        let mut places = vec![0; blocks.weight_range(Irrep::XY).end];
-        let runs = runs(&entries, &mut places);
+        let mut places = vec![0; irrep_weights.weight_range(Irrep::XY).end];
+        let ranges = contiguous_ranges(&entries, &mut places);
         WeightLayout {
             group_order: irreps.len(),
-            groups,
+            num_lane_groups,
             blocks_per_pixel: width,
-            runs: runs.into(),
+            ranges: ranges.into(),
             param_indices: places.into(),
         }
     }
 
     /// Returns the number of blocks of the weights in the packed order of the CPU kernels.
     pub fn num_packed_blocks(&self) -> usize {
-        self.groups * self.blocks_per_pixel
+        self.num_lane_groups * self.blocks_per_pixel
     }
 
     /// Returns `true` if the parameters are in packed order already, without gaps.
     pub fn is_packed_already(&self) -> bool {
         let all = 0..self.num_packed_blocks() * LANES;
-        matches!(&self.runs[..], [run] if run.params == all && run.packed == all)
+        matches!(&self.ranges[..], [range] if range.params == all && range.packed == all)
     }
 
     /// Returns the weights in the packed order of the CPU kernels: the parameters themselves if
@@ -111,10 +112,10 @@ impl WeightLayout {
     pub fn pack<T: Real>(&self, params: &[T], packed: &mut [Block<T>]) {
         let packed = packed.as_flattened_mut();
         let mut end = 0;
-        for run in self.runs.iter() {
-            packed[end..run.packed.start].fill(T::ZERO);
-            packed[run.packed.clone()].copy_from_slice(&params[run.params.clone()]);
-            end = run.packed.end;
+        for range in self.ranges.iter() {
+            packed[end..range.packed.start].fill(T::ZERO);
+            packed[range.packed.clone()].copy_from_slice(&params[range.params.clone()]);
+            end = range.packed.end;
         }
         packed[end..].fill(T::ZERO);
     }
@@ -123,9 +124,9 @@ impl WeightLayout {
     /// parameters.
     pub fn add_unpacked_gradient<T: Real>(&self, packed: &[Block<T>], dparams: &mut [T]) {
         let packed = packed.as_flattened();
-        for run in self.runs.iter() {
-            let dparams = &mut dparams[run.params.clone()];
-            for (d, &sum) in dparams.iter_mut().zip(&packed[run.packed.clone()]) {
+        for range in self.ranges.iter() {
+            let dparams = &mut dparams[range.params.clone()];
+            for (d, &sum) in dparams.iter_mut().zip(&packed[range.packed.clone()]) {
                 *d += sum;
             }
         }
@@ -164,22 +165,24 @@ impl WeightLayout {
 }
 
 /// Marker of an entry of the packed weights without a parameter.
-const GAP: usize = usize::MAX;
+const NO_PARAM: usize = usize::MAX;
 
-/// Writes the parameter index of every weight into `places` and returns the contiguous ranges of
+/// Writes the parameter index of every weight into `places`, and returns the contiguous ranges of
 /// packed weights.
-fn runs(entries: &[usize], places: &mut [usize]) -> Vec<Run> {
-    let mut runs: Vec<Run> = Vec::new();
-    let used = entries.iter().enumerate().filter(|(_, entry)| **entry != GAP);
+fn contiguous_ranges(entries: &[usize], places: &mut [usize]) -> Vec<ContiguousRange> {
+    let mut ranges: Vec<ContiguousRange> = Vec::new();
+    let used = entries.iter().enumerate().filter(|(_, entry)| **entry != NO_PARAM);
     for (next, (packed, &entry)) in used.enumerate() {
         places[entry] = next;
-        match runs.last_mut().filter(|run| run.packed.end == packed) {
-            Some(run) => {
-                run.params.end += 1;
-                run.packed.end += 1;
+        match ranges.last_mut().filter(|range| range.packed.end == packed) {
+            Some(range) => {
+                range.params.end += 1;
+                range.packed.end += 1;
             }
-            None => runs.push(Run { params: next..next + 1, packed: packed..packed + 1 }),
+            None => {
+                ranges.push(ContiguousRange { params: next..next + 1, packed: packed..packed + 1 })
+            }
         }
     }
-    runs
+    ranges
 }

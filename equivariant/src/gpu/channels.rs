@@ -1,14 +1,14 @@
-//! Positions of a field's numbers among the channels of a pixel, and WGSL that accesses them.
+//! Positions of a field's components among the channels of a pixel, and WGSL that accesses them.
 
 use symmetry::FieldType;
 
-use crate::gpu::step::{BufferSlot, KernelStep};
+use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch};
 
-/// WGSL accessors of a field's numbers, for symmetry groups of 1, 2 and 4 elements.
-const LANES: [&[&str]; 3] = [&[""], &[".x", ".y"], &[".x", ".y", ".z", ".w"]];
+/// WGSL accessors of a field's components, for symmetry groups of 1, 2 and 4 elements.
+const COMPONENTS: [&[&str]; 3] = [&[""], &[".x", ".y"], &[".x", ".y", ".z", ".w"]];
 
-/// Layout of fields among the channels of a pixel: number a of field f is channel `starts[a] + f`
-/// if f is below `counts[a]`, and zero otherwise.
+/// Layout of fields among the channels of a pixel: component a of field f is channel `starts[a] +
+/// f` if f is below `counts[a]`, and zero otherwise.
 #[derive(Clone, Debug)]
 pub(crate) struct ChannelLayout {
     /// Number of channels of a pixel.
@@ -18,7 +18,7 @@ pub(crate) struct ChannelLayout {
 }
 
 impl ChannelLayout {
-    /// Creates the channel layout of a field type: fields with a number for each irrep of its
+    /// Creates the channel layout of a field type: fields with a component for each irrep of its
     /// group. Irreps with fewer channels than others are padded with zeros.
     pub fn for_type(fields: FieldType) -> ChannelLayout {
         let irreps = fields.group().irreps();
@@ -29,12 +29,12 @@ impl ChannelLayout {
         }
     }
 
-    /// Creates the channel layout of `dim` fields of one number.
+    /// Creates the channel layout of `dim` fields of one component.
     pub fn single_channel_fields(dim: usize) -> ChannelLayout {
         ChannelLayout::regular_fields(1, dim)
     }
 
-    /// Creates the channel layout of `fields` fields of `order` numbers.
+    /// Creates the channel layout of `fields` fields of `order` components.
     pub fn regular_fields(order: usize, fields: usize) -> ChannelLayout {
         ChannelLayout {
             dim: order * fields,
@@ -43,8 +43,8 @@ impl ChannelLayout {
         }
     }
 
-    /// Moves the fields into pixels of `dim` channels, where number a of all fields lies together,
-    /// from channel `starts[a]` on.
+    /// Moves the fields into pixels of `dim` channels, where component a of all fields lies
+    /// together, from channel `starts[a]` on.
     pub fn moved_to(mut self, dim: usize, starts: Vec<usize>) -> ChannelLayout {
         self.dim = dim;
         self.starts = starts;
@@ -65,54 +65,75 @@ impl ChannelLayout {
         self.clone().moved_to(sum.dim, starts.collect())
     }
 
-    /// Returns the number of fields of a pixel, some of which may lack numbers.
+    /// Returns the number of fields of a pixel, some of which may lack components.
     pub fn num_fields(&self) -> usize {
         self.counts.iter().copied().max().unwrap_or(0)
     }
 
-    /// Returns the number of numbers of a field.
-    pub fn numbers_per_field(&self) -> usize {
+    /// Returns the number of components of a field.
+    pub fn components_per_field(&self) -> usize {
         self.counts.len()
     }
 
     /// Adds an input feature map to a kernel, and the WGSL function `load_NAME(pixel, field)` that
     /// reads a field of it.
-    pub fn add_input_map(&self, step: KernelStep, name: &str, slot: BufferSlot) -> KernelStep {
-        let step = step.add_input_buffer(name, "f32", slot);
-        self.add_load_function(step, name, name)
+    pub fn add_input_map(
+        &self,
+        kernel: KernelDispatch,
+        name: &str,
+        slot: BufferSlot,
+    ) -> KernelDispatch {
+        let kernel = kernel.add_input_buffer(name, "f32", slot);
+        self.add_load_function(kernel, name, name)
     }
 
     /// Adds the WGSL function `load_NAME(pixel, field)`, which reads a field from a buffer that the
     /// kernel has already.
-    pub fn add_load_function(&self, step: KernelStep, buffer: &str, name: &str) -> KernelStep {
-        let body = self.each(|lane, at| format!("v{lane} = {buffer}[{at}];"));
+    pub fn add_load_function(
+        &self,
+        kernel: KernelDispatch,
+        buffer: &str,
+        name: &str,
+    ) -> KernelDispatch {
+        let body = self.statements(|lane, at| format!("v{lane} = {buffer}[{at}];"));
         let head = format!("fn load_{name}(pixel: u32, field: u32) -> Field {{ var v = Field();");
-        step.add_wgsl(&format!("{head} {body} return v; }}"))
+        kernel.add_wgsl(&format!("{head} {body} return v; }}"))
     }
 
     /// Adds an output feature map to a kernel, and the WGSL function `store_NAME(pixel, field, v)`
     /// that writes a field of it.
-    pub fn add_output_map(&self, step: KernelStep, name: &str, slot: BufferSlot) -> KernelStep {
-        let step = step.add_output_buffer(name, "f32", slot);
-        self.add_store_function(step, name, name)
+    pub fn add_output_map(
+        &self,
+        kernel: KernelDispatch,
+        name: &str,
+        slot: BufferSlot,
+    ) -> KernelDispatch {
+        let kernel = kernel.add_output_buffer(name, "f32", slot);
+        self.add_store_function(kernel, name, name)
     }
 
     /// Adds the WGSL function `store_NAME(pixel, field, v)`, which writes a field to a buffer that
     /// the kernel has already.
-    pub fn add_store_function(&self, step: KernelStep, buffer: &str, name: &str) -> KernelStep {
-        let body = self.each(|lane, at| format!("{buffer}[{at}] = v{lane};"));
+    pub fn add_store_function(
+        &self,
+        kernel: KernelDispatch,
+        buffer: &str,
+        name: &str,
+    ) -> KernelDispatch {
+        let body = self.statements(|lane, at| format!("{buffer}[{at}] = v{lane};"));
         let head = format!("fn store_{name}(pixel: u32, field: u32, v: Field) {{");
-        step.add_wgsl(&format!("{head} {body} }}"))
+        kernel.add_wgsl(&format!("{head} {body} }}"))
     }
 
-    /// Joins WGSL statements, one for each number of a field.
-    fn each(&self, statement: impl Fn(&str, String) -> String) -> String {
+    /// Joins WGSL statements, one for each component of a field.
+    fn statements(&self, statement: impl Fn(&str, String) -> String) -> String {
         // orders 1, 2 and 4 are entries 0, 1 and 2
-        let lanes = LANES[self.numbers_per_field().ilog2() as usize].iter().zip(&self.starts);
+        let lanes =
+            COMPONENTS[self.components_per_field().ilog2() as usize].iter().zip(&self.starts);
         let lanes = lanes.zip(&self.counts).filter(|(_, count)| **count > 0);
         let statements = lanes.map(|((lane, start), &count)| {
             let at = format!("pixel * {}u + {start}u + field", self.dim);
-            // irreps with fewer channels than others have no number for the last fields
+            // irreps with fewer channels than others have no component for the last fields
             if count < self.num_fields() {
                 format!("if field < {count}u {{ {} }} ", statement(lane, at))
             } else {

@@ -15,16 +15,17 @@ pub struct Device {
     pub(crate) queue: wgpu::Queue,
     /// Compiled kernels by their WGSL text.
     pub(crate) pipelines: Arc<Mutex<HashMap<String, wgpu::ComputePipeline>>>,
-    fault: Fault,
+    first_error: FirstError,
     /// `true` if kernels use subgroup operations.
     subgroups: bool,
 }
 
 /// Optional GPU features, enabled if the adapter has them: subgroup operations and timestamps.
-const OPTIONAL: wgpu::Features = wgpu::Features::SUBGROUP.union(wgpu::Features::TIMESTAMP_QUERY);
+const OPTIONAL_FEATURES: wgpu::Features =
+    wgpu::Features::SUBGROUP.union(wgpu::Features::TIMESTAMP_QUERY);
 
 /// First error of a GPU device since the last check; `None` if there was none.
-type Fault = Arc<Mutex<Option<GpuError>>>;
+type FirstError = Arc<Mutex<Option<GpuError>>>;
 
 impl Device {
     /// Opens the first adapter whose name contains `name`, ignoring case. Without a name it opens
@@ -51,7 +52,7 @@ impl Device {
         let described = describe_adapter(adapter);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("covers"),
-            required_features: adapter.features() & OPTIONAL,
+            required_features: adapter.features() & OPTIONAL_FEATURES,
             // wgpu's default limits allow bindings of 128 MiB only
             required_limits: adapter.limits(),
             ..Default::default()
@@ -61,13 +62,13 @@ impl Device {
             adapter: described.name.clone(),
             reason: error.to_string(),
         })?;
-        let fault = watch(&device, &described.name);
+        let first_error = record_errors_of(&device, &described.name);
         Ok(Device {
             adapter: described,
             device,
             queue,
             pipelines: Arc::default(),
-            fault,
+            first_error,
             subgroups: adapter.features().contains(wgpu::Features::SUBGROUP),
         })
     }
@@ -96,16 +97,16 @@ impl Device {
         self.device.destroy();
         let reason = "it was closed".to_owned();
         let adapter = self.adapter.name.clone();
-        note(&self.fault, GpuError::DeviceLost { adapter, reason });
+        record_error(&self.first_error, GpuError::DeviceLost { adapter, reason });
     }
 
     /// Returns and clears the first error of the device since the last check. A lost device stays
     /// lost.
     pub(crate) fn take_error(&self) -> Result<(), GpuError> {
-        let mut fault = lock_even_if_poisoned(&self.fault);
-        let error = match &*fault {
+        let mut first_error = lock_even_if_poisoned(&self.first_error);
+        let error = match &*first_error {
             Some(lost @ GpuError::DeviceLost { .. }) => Some(lost.clone()),
-            _ => fault.take(),
+            _ => first_error.take(),
         };
         error.map_or(Ok(()), Err)
     }
@@ -140,9 +141,9 @@ impl Device {
     /// Returns the contents of a GPU buffer that is mapped to the CPU.
     pub(crate) fn read_mapped<T: bytemuck::Pod>(
         &self,
-        staged: &wgpu::Buffer,
+        staging: &wgpu::Buffer,
     ) -> Result<Vec<T>, GpuError> {
-        let view = staged.get_mapped_range(..).map_err(|error| self.command_failed(error))?;
+        let view = staging.get_mapped_range(..).map_err(|error| self.command_failed(error))?;
         Ok(bytemuck::pod_collect_to_vec(&view))
     }
 
@@ -175,28 +176,28 @@ impl fmt::Debug for Device {
 
 /// Installs callbacks that record the errors of a GPU device and returns the record. Without
 /// callbacks wgpu panics.
-fn watch(device: &wgpu::Device, name: &str) -> Fault {
-    let fault = Fault::default();
-    let (lost, failed) = (fault.clone(), fault.clone());
+fn record_errors_of(device: &wgpu::Device, name: &str) -> FirstError {
+    let first_error = FirstError::default();
+    let (lost, failed) = (first_error.clone(), first_error.clone());
     let (of_lost, of_failed) = (name.to_owned(), name.to_owned());
     device.set_device_lost_callback(move |_, reason| {
         let adapter = of_lost.clone();
-        note(&lost, GpuError::DeviceLost { adapter, reason });
+        record_error(&lost, GpuError::DeviceLost { adapter, reason });
     });
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
         let (adapter, reason) = (of_failed.clone(), error.to_string());
-        note(&failed, GpuError::CommandFailed { adapter, reason });
+        record_error(&failed, GpuError::CommandFailed { adapter, reason });
     }));
-    fault
+    first_error
 }
 
 /// Records an error of a GPU device if it is the first, since later ones follow from it; the loss
 /// of the device replaces other errors.
-fn note(fault: &Fault, error: GpuError) {
-    let mut fault = lock_even_if_poisoned(fault);
-    let known = matches!(&*fault, Some(GpuError::DeviceLost { .. }));
-    if fault.is_none() || (!known && matches!(error, GpuError::DeviceLost { .. })) {
-        *fault = Some(error);
+fn record_error(first_error: &FirstError, error: GpuError) {
+    let mut first_error = lock_even_if_poisoned(first_error);
+    let known = matches!(&*first_error, Some(GpuError::DeviceLost { .. }));
+    if first_error.is_none() || (!known && matches!(error, GpuError::DeviceLost { .. })) {
+        *first_error = Some(error);
     }
 }
 

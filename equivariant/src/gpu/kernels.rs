@@ -30,9 +30,9 @@ impl Plan {
         let mut x = x;
         while let Some(leaf) = leaves.next() {
             let y = self.add_tensor(leaf.out_shape());
-            let rectified = leaf.kind().as_ordinary_conv().is_some()
-                && leaves.next_if(|next| rectifies(*next, y.shape)).is_some();
-            add(self, leaf, &x, &y, rectified)?;
+            let with_relu = leaf.kind().as_ordinary_conv().is_some()
+                && leaves.next_if(|next| is_fusable_relu(*next, y.shape)).is_some();
+            add(self, leaf, &x, &y, with_relu)?;
             x = y;
         }
         Ok(x)
@@ -57,26 +57,26 @@ impl Plan {
     }
 }
 
-/// Returns `true` for a ReLU on fields with a number for each group element, the only ones that
-/// kernels with weights can rectify.
-fn rectifies(layer: &dyn Layer<f32>, shape: Shape) -> bool {
+/// Returns `true` for a ReLU that can be fused with the layer before: one on fields with a
+/// component for each group element.
+fn is_fusable_relu(layer: &dyn Layer<f32>, shape: Shape) -> bool {
     let whole = permuted_field_order_and_count(shape.fields)
         .is_some_and(|(order, _)| order == shape.fields.group().order());
     whole && matches!(layer.kind(), LayerKind::Relu)
 }
 
 /// Adds the kernels of one layer from map `x` to map `y` to a compute plan, with a ReLU after it if
-/// `rectified`.
+/// `with_relu`.
 fn add(
     plan: &mut Plan,
     layer: &dyn Layer<f32>,
     x: &Tensor,
     y: &Tensor,
-    rectified: bool,
+    with_relu: bool,
 ) -> Result<(), GpuError> {
     match layer.kind() {
-        LayerKind::R2Conv(conv) => linear::add(plan, &conv.as_ordinary_conv(), x, y, rectified),
-        LayerKind::Linear(dense) => linear::add(plan, &dense, x, y, rectified),
+        LayerKind::R2Conv(conv) => linear::add(plan, &conv.as_ordinary_conv(), x, y, with_relu),
+        LayerKind::Linear(dense) => linear::add(plan, &dense, x, y, with_relu),
         LayerKind::Relu => pointwise::relu(plan, x, y),
         LayerKind::GroupMaxPool => pointwise::group_max_pool(plan, x, y),
         LayerKind::GroupMeanPool => pointwise::group_mean_pool(plan, x, y),

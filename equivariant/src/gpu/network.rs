@@ -4,9 +4,9 @@ use std::fmt;
 
 use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
+use crate::gpu::kernel_dispatch::BufferSlot;
 use crate::gpu::plan::{Plan, Tensor};
-use crate::gpu::program::{Batch, Passes, Program};
-use crate::gpu::step::BufferSlot;
+use crate::gpu::program::{BatchUniforms, Passes, Program};
 use crate::layers::layer::Layer;
 
 /// Layer on a GPU, with memory for the passes of a batch. It computes the same as
@@ -136,7 +136,7 @@ impl Network {
     }
 
     fn submit(&self, passes: Passes) {
-        let batch = Batch { samples: self.last_samples, ..Batch::default() };
+        let batch = BatchUniforms { samples: self.last_samples, ..BatchUniforms::default() };
         self.program.submit(passes, batch);
     }
 

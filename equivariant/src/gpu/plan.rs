@@ -4,17 +4,15 @@ use std::collections::HashSet;
 
 use crate::gpu::adapter::Adapter;
 use crate::gpu::error::GpuError;
-use crate::gpu::step::{BufferSlot, KernelStep};
+use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch};
 use crate::shape::Shape;
 
-/// Alignment of a layer's parameters in the GPU buffer, in numbers of 4 bytes, as WGSL vectors need
-/// it.
+/// Alignment of a layer's parameters in the GPU buffer, in 32-bit words, as WGSL vectors need it.
 const ALIGNMENT: usize = 4;
-/// Number of bytes of a number in a GPU buffer.
-const WORD: usize = 4;
+/// Number of bytes of a 32-bit word.
+const BYTES_PER_WORD: usize = 4;
 
-/// Length of a GPU buffer in numbers of 4 bytes: `fixed_len` plus `len_per_sample` for every
-/// sample.
+/// Length of a GPU buffer in 32-bit words: `fixed_len` plus `len_per_sample` for every sample.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct BufferLength {
     pub fixed_len: usize,
@@ -27,7 +25,7 @@ impl BufferLength {
         let of_samples = (self.len_per_sample as u64).saturating_mul(samples as u64);
         let words = of_samples.saturating_add(self.fixed_len as u64);
         // buffers of no bytes cannot be bound; saturation makes overflows exceed every limit
-        words.max(ALIGNMENT as u64).saturating_mul(WORD as u64)
+        words.max(ALIGNMENT as u64).saturating_mul(BYTES_PER_WORD as u64)
     }
 }
 
@@ -63,15 +61,15 @@ pub(crate) enum SharedBuffer {
 #[derive(Debug)]
 pub struct Plan {
     /// Lengths of all GPU buffers, by slot.
-    pub(crate) extents: Vec<BufferLength>,
+    pub(crate) buffer_lengths: Vec<BufferLength>,
     /// Buffers of constants with their contents.
-    pub(crate) tables: Vec<(BufferSlot, Vec<u32>)>,
+    pub(crate) constant_tables: Vec<(BufferSlot, Vec<u32>)>,
     /// Kernels of the forward pass, in order.
-    pub(crate) forward: Vec<KernelStep>,
+    pub(crate) forward: Vec<KernelDispatch>,
     /// Kernels of each layer's backward pass; the layers are in the order of the forward pass.
-    backward: Vec<Vec<KernelStep>>,
-    last: Vec<KernelStep>,
-    places: Vec<u32>,
+    backward: Vec<Vec<KernelDispatch>>,
+    final_kernels: Vec<KernelDispatch>,
+    param_positions: Vec<u32>,
 }
 
 /// Slot of the GPU buffer with the parameters of all layers.
@@ -93,12 +91,12 @@ impl Plan {
     /// Creates a compute plan without layers.
     pub fn new() -> Plan {
         Plan {
-            extents: vec![BufferLength::default(); 4],
-            tables: Vec::new(),
+            buffer_lengths: vec![BufferLength::default(); 4],
+            constant_tables: Vec::new(),
             forward: Vec::new(),
             backward: Vec::new(),
-            last: Vec::new(),
-            places: Vec::new(),
+            final_kernels: Vec::new(),
+            param_positions: Vec::new(),
         }
     }
 
@@ -114,18 +112,18 @@ impl Plan {
 
     /// Returns the number of parameters of all layers, without padding.
     pub fn num_params(&self) -> usize {
-        self.places.len()
+        self.param_positions.len()
     }
 
     /// Returns the number of kernels of the forward pass, and of the backward pass with the kernels
     /// after it.
     pub fn num_kernels(&self) -> [usize; 2] {
-        [self.forward.len(), self.backward_steps().count()]
+        [self.forward.len(), self.backward_kernels().count()]
     }
 
     /// Returns the number of parameters on the GPU, with padding.
     pub fn num_device_params(&self) -> usize {
-        self.extents[PARAMS.0].fixed_len
+        self.buffer_lengths[PARAMS.0].fixed_len
     }
 
     /// Converts parameters from the order of the layers to the order of the kernels.
@@ -135,11 +133,11 @@ impl Plan {
     pub fn params_to_device_order(&self, params: &[f32]) -> Vec<f32> {
         let (got, expected) = (params.len(), self.num_params());
         assert!(got == expected, "got {got} parameters, expected {expected}");
-        let mut placed = vec![0.0; self.num_device_params()];
-        for (&place, &param) in self.places.iter().zip(params) {
-            placed[place as usize] = param;
+        let mut on_device = vec![0.0; self.num_device_params()];
+        for (&position, &param) in self.param_positions.iter().zip(params) {
+            on_device[position as usize] = param;
         }
-        placed
+        on_device
     }
 
     /// Converts parameters from the order of the kernels to the order of the layers, the reverse of
@@ -147,21 +145,21 @@ impl Plan {
     ///
     /// # Panics
     /// When there are fewer than [`num_device_params`](Plan::num_device_params).
-    pub fn params_from_device_order(&self, placed: &[f32]) -> Vec<f32> {
-        self.places.iter().map(|&place| placed[place as usize]).collect()
+    pub fn params_from_device_order(&self, on_device: &[f32]) -> Vec<f32> {
+        self.param_positions.iter().map(|&position| on_device[position as usize]).collect()
     }
 
-    /// Adds a GPU buffer of `fixed` numbers of 4 bytes, and `each` more for every sample, to the
-    /// compute plan.
+    /// Adds a GPU buffer of `fixed` 32-bit words, and `each` more for every sample, to the compute
+    /// plan.
     pub fn add_buffer(&mut self, fixed: usize, each: usize) -> BufferSlot {
-        self.extents.push(BufferLength { fixed_len: fixed, len_per_sample: each });
-        BufferSlot(self.extents.len() - 1)
+        self.buffer_lengths.push(BufferLength { fixed_len: fixed, len_per_sample: each });
+        BufferSlot(self.buffer_lengths.len() - 1)
     }
 
     /// Adds a GPU buffer of the constants `words` to the compute plan.
     pub fn add_constant_table(&mut self, words: Vec<u32>) -> BufferSlot {
         let slot = self.add_buffer(words.len(), 0);
-        self.tables.push((slot, words));
+        self.constant_tables.push((slot, words));
         slot
     }
 
@@ -176,26 +174,31 @@ impl Plan {
     }
 
     /// Reserves `len` parameters on the GPU, where the layer's parameters have the positions
-    /// `places`, and returns the index of the first.
-    pub fn reserve_params(&mut self, len: usize, places: impl IntoIterator<Item = usize>) -> usize {
+    /// `param_positions`, and returns the index of the first.
+    pub fn reserve_params(
+        &mut self,
+        len: usize,
+        param_positions: impl IntoIterator<Item = usize>,
+    ) -> usize {
         let start = self.num_device_params().next_multiple_of(ALIGNMENT);
         for slot in [PARAMS, GRADIENT] {
-            self.extents[slot.0].fixed_len = start + len;
+            self.buffer_lengths[slot.0].fixed_len = start + len;
         }
-        self.places.extend(places.into_iter().map(|place| (start + place) as u32));
+        self.param_positions
+            .extend(param_positions.into_iter().map(|position| (start + position) as u32));
         start
     }
 
     /// Adds the kernels of a layer's forward pass and of its backward pass to the compute plan. The
     /// layer's backward kernels run before those of all layers added earlier.
-    pub fn add_kernels(&mut self, forward: Vec<KernelStep>, backward: Vec<KernelStep>) {
+    pub fn add_kernels(&mut self, forward: Vec<KernelDispatch>, backward: Vec<KernelDispatch>) {
         self.forward.extend(forward);
         self.backward.push(backward);
     }
 
     /// Adds a kernel to the compute plan that runs after the backward pass.
-    pub fn add_final_kernel(&mut self, step: KernelStep) {
-        self.last.push(step);
+    pub fn add_final_kernel(&mut self, kernel: KernelDispatch) {
+        self.final_kernels.push(kernel);
     }
 
     /// Drops the backward pass, the kernels after it, and the buffers that only these kernels use,
@@ -203,22 +206,22 @@ impl Plan {
     #[must_use]
     pub fn forward_only(mut self) -> Plan {
         self.backward.clear();
-        self.last.clear();
-        let buffers = self.forward.iter().flat_map(|step| &step.buffers);
+        self.final_kernels.clear();
+        let buffers = self.forward.iter().flat_map(|kernel| &kernel.buffers);
         let mut used: HashSet<BufferSlot> = buffers.map(|&(slot, _)| slot).collect();
-        // parameters are written from outside, whether or not a step reads them
+        // parameters are written from outside, whether or not a kernel reads them
         used.insert(PARAMS);
-        for (slot, extent) in self.extents.iter_mut().enumerate() {
+        for (slot, length) in self.buffer_lengths.iter_mut().enumerate() {
             if !used.contains(&BufferSlot(slot)) {
-                *extent = BufferLength::default();
+                *length = BufferLength::default();
             }
         }
-        self.tables.retain(|(slot, _)| used.contains(slot));
+        self.constant_tables.retain(|(slot, _)| used.contains(slot));
         self
     }
 
-    /// Returns the temporary buffer `which`, enlarged to at least `fixed` numbers and `each` more
-    /// for every sample.
+    /// Returns the temporary buffer `which`, enlarged to at least `fixed` 32-bit words and `each`
+    /// more for every sample.
     pub(crate) fn shared_buffer(
         &mut self,
         which: SharedBuffer,
@@ -229,21 +232,22 @@ impl Plan {
             SharedBuffer::FoldedGradient => FOLDED,
             SharedBuffer::PartialGradients => PARTIAL,
         };
-        let extent = &mut self.extents[slot.0];
-        extent.fixed_len = extent.fixed_len.max(fixed);
-        extent.len_per_sample = extent.len_per_sample.max(each);
+        let length = &mut self.buffer_lengths[slot.0];
+        length.fixed_len = length.fixed_len.max(fixed);
+        length.len_per_sample = length.len_per_sample.max(each);
         slot
     }
 
     /// Iterates over the kernels of the backward pass and then over the kernels after it, in order.
-    pub(crate) fn backward_steps(&self) -> impl Iterator<Item = &KernelStep> {
-        self.backward.iter().rev().flatten().chain(&self.last)
+    pub(crate) fn backward_kernels(&self) -> impl Iterator<Item = &KernelDispatch> {
+        self.backward.iter().rev().flatten().chain(&self.final_kernels)
     }
 
     /// Returns [`GpuError::BufferTooLarge`] if an adapter cannot hold the buffers for `samples`
     /// samples.
     pub(crate) fn check_limits(&self, adapter: &Adapter, samples: usize) -> Result<(), GpuError> {
-        let largest = self.extents.iter().map(|extent| extent.bytes(samples)).max().unwrap_or(0);
+        let largest =
+            self.buffer_lengths.iter().map(|length| length.bytes(samples)).max().unwrap_or(0);
         let refused = |what, limit| GpuError::BufferTooLarge {
             adapter: adapter.name.clone(),
             what,
@@ -279,7 +283,7 @@ mod tests {
         let ([forward, backward], params) = (plan.num_kernels(), plan.num_device_params());
         assert!(forward > 0 && backward > 0);
         let words = |planned: &Plan, slot: BufferSlot| {
-            let BufferLength { fixed_len, len_per_sample } = planned.extents[slot.0];
+            let BufferLength { fixed_len, len_per_sample } = planned.buffer_lengths[slot.0];
             fixed_len + len_per_sample
         };
         let [dx, dy] = [x, y].map(|map| map.gradient.unwrap());

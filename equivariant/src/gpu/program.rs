@@ -1,18 +1,18 @@
 //! Compute plans on a GPU: compiled kernels and allocated buffers.
 
-use crate::gpu::clock::KernelTimer;
-use crate::gpu::command::CompiledKernel;
+use crate::gpu::compiled_kernel::CompiledKernel;
 use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
+use crate::gpu::kernel_dispatch::BufferSlot;
 use crate::gpu::plan::{BufferLength, Plan};
-use crate::gpu::step::BufferSlot;
+use crate::gpu::timer::KernelTimer;
 
-/// Number of bytes of a [`Batch`] in the memory layout of the kernels.
+/// Number of bytes of a [`BatchUniforms`] in the memory layout of the kernels.
 const BATCH_BYTES: u64 = 32;
 
 /// Description of a batch of samples, which all kernels of a pass can read.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Batch {
+pub struct BatchUniforms {
     /// Number of samples in the batch.
     pub samples: usize,
     /// Index of the batch's first sample in the order of samples that kernels read from a buffer,
@@ -55,19 +55,19 @@ impl Program {
     /// the adapter, [`GpuError::DeviceLost`] and [`GpuError::CommandFailed`].
     pub fn new(device: &Device, plan: &Plan, samples: usize) -> Result<Program, GpuError> {
         plan.check_limits(device.adapter(), samples)?;
-        let buffer = |extent: &BufferLength| device.allocate_storage(extent.bytes(samples));
-        let buffers: Vec<wgpu::Buffer> = plan.extents.iter().map(buffer).collect();
+        let buffer = |length: &BufferLength| device.allocate_storage(length.bytes(samples));
+        let buffers: Vec<wgpu::Buffer> = plan.buffer_lengths.iter().map(buffer).collect();
         let uniform = device.allocate_uniform(BATCH_BYTES);
-        let command = |step| CompiledKernel::new(device, step, &uniform, &buffers);
+        let kernel = |kernel| CompiledKernel::new(device, kernel, &uniform, &buffers);
         let program = Program {
             device: device.clone(),
             samples,
-            forward: plan.forward.iter().map(command).collect(),
-            backward: plan.backward_steps().map(command).collect(),
+            forward: plan.forward.iter().map(kernel).collect(),
+            backward: plan.backward_kernels().map(kernel).collect(),
             uniform,
             buffers,
         };
-        for (slot, words) in &plan.tables {
+        for (slot, words) in &plan.constant_tables {
             program.write_words(*slot, words);
         }
         device.take_error()?;
@@ -125,13 +125,13 @@ impl Program {
     ///
     /// # Panics
     /// When the batch has more samples than there is memory for.
-    pub fn submit(&self, passes: Passes, batch: Batch) {
+    pub fn submit(&self, passes: Passes, batch: BatchUniforms) {
         let (got, most) = (batch.samples, self.samples);
         assert!(got <= most, "got a batch of {got} samples, expected at most {most}");
         self.write_batch(batch);
         let mut encoder = self.encoder();
         let mut pass = encoder.begin_compute_pass(&Default::default());
-        self.commands(passes).for_each(|command| command.record(got, &mut pass));
+        self.kernels(passes).for_each(|kernel| kernel.record(got, &mut pass));
         drop(pass);
         self.device.queue.submit([encoder.finish()]);
     }
@@ -142,23 +142,23 @@ impl Program {
     /// [`GpuError::DeviceLost`] and [`GpuError::CommandFailed`], also for earlier errors.
     pub fn read_floats<const N: usize>(
         &self,
-        fronts: [(BufferSlot, usize); N],
+        requests: [(BufferSlot, usize); N],
     ) -> Result<[Vec<f32>; N], GpuError> {
         let mut encoder = self.encoder();
-        let staged = fronts.map(|(slot, numbers)| {
+        let staging = requests.map(|(slot, numbers)| {
             let size = 4 * numbers as u64;
-            let staged = self.device.allocate_staging(size);
-            encoder.copy_buffer_to_buffer(&self.buffers[slot.0], 0, &staged, 0, size);
-            staged
+            let buffer = self.device.allocate_staging(size);
+            encoder.copy_buffer_to_buffer(&self.buffers[slot.0], 0, &buffer, 0, size);
+            buffer
         });
         self.device.queue.submit([encoder.finish()]);
-        for buffer in &staged {
+        for buffer in &staging {
             // `read_mapped` reports a failed mapping below
             buffer.map_async(wgpu::MapMode::Read, .., |_| ());
         }
         self.device.wait_for_commands()?;
         let mut read = [const { Vec::new() }; N];
-        for (numbers, buffer) in read.iter_mut().zip(&staged) {
+        for (numbers, buffer) in read.iter_mut().zip(&staging) {
             *numbers = self.device.read_mapped(buffer)?;
         }
         Ok(read)
@@ -177,7 +177,7 @@ impl Program {
     pub fn kernel_seconds(
         &self,
         passes: Passes,
-        batch: Batch,
+        batch: BatchUniforms,
     ) -> Result<Vec<(&'static str, f64)>, GpuError> {
         assert!(
             batch.samples <= self.samples,
@@ -186,18 +186,18 @@ impl Program {
             self.samples
         );
         self.write_batch(batch);
-        let commands: Vec<&CompiledKernel> = self.commands(passes).collect();
+        let commands: Vec<&CompiledKernel> = self.kernels(passes).collect();
         let clock = KernelTimer::new(&self.device, commands.len())?;
         let mut encoder = self.encoder();
-        for (index, command) in commands.iter().enumerate() {
+        for (index, kernel) in commands.iter().enumerate() {
             let mut pass = encoder.begin_compute_pass(&clock.timed_pass(index));
-            command.record(batch.samples, &mut pass);
+            kernel.record(batch.samples, &mut pass);
         }
         let seconds = clock.submit_and_read_seconds(&self.device, encoder)?;
         Ok(commands.iter().map(|c| c.label()).zip(seconds).collect())
     }
 
-    fn commands(&self, passes: Passes) -> impl Iterator<Item = &CompiledKernel> {
+    fn kernels(&self, passes: Passes) -> impl Iterator<Item = &CompiledKernel> {
         let (forward, backward) = match passes {
             Passes::Forward => (&self.forward[..], &[][..]),
             Passes::Backward => (&[][..], &self.backward[..]),
@@ -206,7 +206,7 @@ impl Program {
         forward.iter().chain(backward)
     }
 
-    fn write_batch(&self, batch: Batch) {
+    fn write_batch(&self, batch: BatchUniforms) {
         let [a, b, c, d] = batch.extra_numbers.map(f32::to_bits);
         let [samples, start, index] = [batch.samples, batch.start, batch.index].map(|n| n as u32);
         // the layout of `Batch` in common.wgsl, where a vec4 is aligned to 16 bytes

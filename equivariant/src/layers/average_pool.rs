@@ -32,7 +32,7 @@ impl AveragePool {
 
     /// Returns the weight of one pixel in the average: one over the number of pixels of the window.
     fn weight<T: Scalar>(&self) -> T {
-        T::from_f64((self.windows.kernel.size as f64).powi(2).recip())
+        T::from_f64((self.windows.window.size as f64).powi(2).recip())
     }
 }
 
@@ -48,7 +48,7 @@ impl LayerSignature for AveragePool {
 
 impl Parameterless for AveragePool {
     fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
-        LayerKind::AveragePool(self.windows.kernel)
+        LayerKind::AveragePool(self.windows.window)
     }
 
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
@@ -65,7 +65,7 @@ impl Parameterless for AveragePool {
         }
     }
 
-    fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
+    fn backprop<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let (dim, weight) = (self.shape.fields.dim(), self.weight::<T>());
         dx.fill(T::ZERO);
         for (pooled, map) in self.out_shape().samples(dy).zip(self.shape.samples_mut(dx)) {
@@ -93,24 +93,7 @@ pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>
     let halving = AveragePool::new(mixed, SlidingWindow::new(2, 2, 0))?;
     let same = AveragePool::new(regular, SlidingWindow::new(3, 1, 1))?;
     Ok(vec![
-        TestLayer::approximately_equivariant("average-pool 2x2/2", halving),
-        TestLayer::approximately_equivariant("average-pool 3x3", same),
+        TestLayer::approximate("average-pool 2x2/2", halving),
+        TestLayer::approximate("average-pool 3x3", same),
     ])
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::layers::layer::Layer;
-    use symmetry::Group;
-
-    #[test]
-    fn padding_counts_as_zeros() {
-        let kernel = SlidingWindow::new(2, 1, 1);
-        let pool = AveragePool::new(Shape::image(1, 2, Group::D2.trivial_type(1)), kernel).unwrap();
-        assert_eq!((pool.out_shape().height, pool.out_shape().width), (2, 3));
-        let mut y = [f64::NAN; 6];
-        pool.forward(&[], &[4.0, 8.0], &mut y, &mut pool.allocate_scratch(1));
-        assert_eq!(y, [1.0, 3.0, 2.0, 1.0, 3.0, 2.0]);
-    }
 }

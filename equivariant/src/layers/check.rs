@@ -20,26 +20,20 @@ pub struct TestLayer<T> {
 
 impl<T: Scalar> TestLayer<T> {
     /// Creates a test layer whose equivariance error is zero.
-    pub(crate) fn exactly_equivariant(
-        name: &'static str,
-        layer: impl Layer<T> + 'static,
-    ) -> TestLayer<T> {
+    pub(crate) fn exact(name: &'static str, layer: impl Layer<T> + 'static) -> TestLayer<T> {
         TestLayer { name, is_exactly_equivariant: true, layer: Box::new(layer) }
     }
 
     /// Creates a test layer whose equivariance error is at the level of rounding.
-    pub(crate) fn approximately_equivariant(
-        name: &'static str,
-        layer: impl Layer<T> + 'static,
-    ) -> TestLayer<T> {
-        TestLayer { is_exactly_equivariant: false, ..TestLayer::exactly_equivariant(name, layer) }
+    pub(crate) fn approximate(name: &'static str, layer: impl Layer<T> + 'static) -> TestLayer<T> {
+        TestLayer { is_exactly_equivariant: false, ..TestLayer::exact(name, layer) }
     }
 }
 
 /// Returns the largest relative error of f(g x) = g f(x) over the elements of the output's group.
 ///
-/// Draws `trials` inputs of one sample each with normal entries; `f(x, y)` writes the output `y` of
-/// a sample `x`. The group of the output's type acts on pixels and channels according to the two
+/// Samples `trials` inputs of one sample each with normal entries; `f(x, y)` writes the output `y`
+/// of a sample `x`. The group of the output's type acts on pixels and channels according to the two
 /// shapes. The error of a trial is the largest absolute difference over the largest absolute
 /// output; an output that is not finite gives infinity.
 ///
@@ -125,22 +119,22 @@ pub fn absolute_activation_sums<T: Scalar>(
     x: &[T],
 ) -> Vec<Vec<f64>> {
     let mut sums = Vec::new();
-    walk(layer, params, x, &mut sums);
+    run_and_sum(layer, params, x, &mut sums);
     sums
 }
 
 /// Returns the output of a layer, or of a chain run layer by layer, and appends the sums of
 /// absolute outputs of each ReLU to `sums`.
-fn walk<T: Scalar>(
+fn run_and_sum<T: Scalar>(
     layer: &dyn Layer<T>,
     params: &[T],
     x: &[T],
     sums: &mut Vec<Vec<f64>>,
 ) -> Vec<T> {
     let LayerKind::Sequential(layers) = layer.kind() else {
-        let y = run(layer, params, x);
+        let y = run_layer(layer, params, x);
         if matches!(layer.kind(), LayerKind::Relu) {
-            sums.push(sums_of(layer, y.clone()));
+            sums.push(channel_sums(layer, y.clone()));
         }
         return y;
     };
@@ -148,12 +142,12 @@ fn walk<T: Scalar>(
     layers.iter().fold(x.to_vec(), |x, child| {
         let (own, others) = rest.split_at(child.num_params());
         rest = others;
-        walk(child.as_ref(), own, &x, sums)
+        run_and_sum(child.as_ref(), own, &x, sums)
     })
 }
 
 /// Runs one layer on the samples `x` and returns its output.
-fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
+fn run_layer<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
     let samples = x.len() / layer.in_shape().len();
     let mut y = vec![T::ZERO; samples * layer.out_shape().len()];
     layer.forward(params, x, &mut y, &mut layer.allocate_scratch(samples));
@@ -162,7 +156,7 @@ fn run<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
 
 /// Returns the sum of the absolute values of each channel of feature maps, in the basis that the
 /// group permutes.
-fn sums_of<T: Scalar>(layer: &dyn Layer<T>, mut maps: Vec<T>) -> Vec<f64> {
+fn channel_sums<T: Scalar>(layer: &dyn Layer<T>, mut maps: Vec<T>) -> Vec<f64> {
     let fields = layer.out_shape().fields;
     if let Some((order, n)) = permuted_field_order_and_count(fields) {
         hadamard_transform_pixels(order, n, &mut maps);

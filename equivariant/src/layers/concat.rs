@@ -62,7 +62,7 @@ impl Concat {
     /// When the lengths of the slices do not agree.
     pub fn forward<T: Copy>(&self, first: &[T], second: &[T], y: &mut [T]) {
         self.check([first.len(), second.len()], "y", y.len());
-        for [a, b, to_a, to_b] in self.pieces(y.len()) {
+        for [a, b, to_a, to_b] in self.channel_ranges(y.len()) {
             y[to_a].copy_from_slice(&first[a]);
             y[to_b].copy_from_slice(&second[b]);
         }
@@ -75,7 +75,7 @@ impl Concat {
     /// When the lengths of the slices do not agree.
     pub fn backward<T: Copy>(&self, dy: &[T], first: &mut [T], second: &mut [T]) {
         self.check([first.len(), second.len()], "dy", dy.len());
-        for [a, b, from_a, from_b] in self.pieces(dy.len()) {
+        for [a, b, from_a, from_b] in self.channel_ranges(dy.len()) {
             first[a].copy_from_slice(&dy[from_a]);
             second[b].copy_from_slice(&dy[from_b]);
         }
@@ -83,7 +83,7 @@ impl Concat {
 
     /// Iterates over the pixels of a direct sum of `len` values and over irreps; an item has four
     /// ranges: the channels in the first map, in the second, and of either in the sum.
-    fn pieces(&self, len: usize) -> impl Iterator<Item = [Range<usize>; 4]> {
+    fn channel_ranges(&self, len: usize) -> impl Iterator<Item = [Range<usize>; 4]> {
         let fields = [self.first, self.second, self.sum].map(|shape| shape.fields);
         let dims = fields.map(|fields| fields.dim());
         let ranges = Irrep::ALL.map(|irrep| fields.map(|fields| fields.channel_range(irrep)));

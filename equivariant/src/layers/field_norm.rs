@@ -11,14 +11,14 @@ use symmetry::{FieldType, Group, Irrep};
 use crate::error::LayerError;
 use crate::layers::check::TestLayer;
 use crate::layers::layer::{Layer, LayerKind, LayerSignature, NormStatistics, Scalar};
-use crate::scratch::BackwardPass;
+use crate::scratch::BackwardArgs;
 use crate::shape::Shape;
 
 /// Constant added to every variance against division by zero, the default of PyTorch's
 /// normalisations.
 pub(crate) const VARIANCE_EPSILON: f64 = 1e-5;
 /// Number of fields that are normalised together, few enough that their sums live on the stack.
-const BLOCK: usize = 8;
+const FIELDS_AT_ONCE: usize = 8;
 
 /// Layer that normalises every field to mean 0 and variance 1, then scales and shifts it.
 ///
@@ -42,7 +42,7 @@ pub struct FieldNorm {
 
 /// Shift and scale that normalise a field's coefficients.
 #[derive(Clone, Copy)]
-struct Standard<T> {
+struct Normaliser<T> {
     /// Mean of the field's first coefficient; the others have mean 0.
     mean: T,
     /// Reciprocal of the standard deviation of the field's values.
@@ -51,12 +51,12 @@ struct Standard<T> {
 
 /// Inputs that share mean and variance, with the gradients with respect to their outputs.
 #[derive(Clone, Copy)]
-struct Values<'a, T> {
+struct InputsAndGradients<'a, T> {
     x: &'a [T],
     dy: &'a [T],
 }
 
-impl<T: Scalar> Standard<T> {
+impl<T: Scalar> Normaliser<T> {
     #[inline(always)]
     fn apply(self, coefficient: usize, x: T) -> T {
         match coefficient {
@@ -123,8 +123,8 @@ impl FieldNorm {
             got > 0 && got.is_multiple_of(each),
             "{self}: got x of {got} values, expected a multiple of {each} above 0"
         );
-        let blocks = (0..self.fields).step_by(BLOCK);
-        let moments = blocks.flat_map(|first| self.measure(x, first));
+        let firsts = (0..self.fields).step_by(FIELDS_AT_ONCE);
+        let moments = firsts.flat_map(|first| self.field_moments(x, first));
         moments.take(self.fields).collect()
     }
 
@@ -133,10 +133,10 @@ impl FieldNorm {
         field < self.shape.fields.multiplicity(Irrep::Trivial)
     }
 
-    /// Iterates over the coefficients of the [`BLOCK`] fields from `first` on, with the range of
-    /// their channels; only channels of the first coefficient can be trivial.
+    /// Iterates over the coefficients of the [`FIELDS_AT_ONCE`] fields from `first` on, with the
+    /// range of their channels; only channels of the first coefficient can be trivial.
     fn channels(&self, first: usize) -> impl Iterator<Item = (usize, Range<usize>)> + use<> {
-        let (fields, end) = (self.fields, self.fields.min(first + BLOCK));
+        let (fields, end) = (self.fields, self.fields.min(first + FIELDS_AT_ONCE));
         (0..self.order).map(move |a| (a, a * fields + first..a * fields + end))
     }
 
@@ -145,20 +145,20 @@ impl FieldNorm {
         x.chunks_exact(self.shape.fields.dim())
     }
 
-    /// Returns `[mean, variance]` of the [`BLOCK`] fields from `first` on, summed in double
-    /// precision.
-    fn measure<T: Scalar>(&self, x: &[T], first: usize) -> [[f64; 2]; BLOCK] {
+    /// Returns `[mean, variance]` of the [`FIELDS_AT_ONCE`] fields from `first` on, summed in
+    /// double precision.
+    fn field_moments<T: Scalar>(&self, x: &[T], first: usize) -> [[f64; 2]; FIELDS_AT_ONCE] {
         let pixels = self.pixels(x).len().max(1) as f64;
-        let mut means = [0.0; BLOCK];
+        let mut means = [0.0; FIELDS_AT_ONCE];
         for pixel in self.pixels(x) {
             for (sum, v) in means.iter_mut().zip(&pixel[first..]) {
                 *sum += v.to_f64();
             }
         }
-        let means: [f64; BLOCK] =
+        let means: [f64; FIELDS_AT_ONCE] =
             from_fn(|j| if self.centred(first + j) { means[j] / pixels } else { 0.0 });
         // a second pass over centred values: E x^2 - mu^2 would cancel for large means
-        let mut squares = [0.0; BLOCK];
+        let mut squares = [0.0; FIELDS_AT_ONCE];
         for pixel in self.pixels(x) {
             for (a, channels) in self.channels(first) {
                 for (j, v) in pixel[channels].iter().enumerate() {
@@ -170,15 +170,15 @@ impl FieldNorm {
         from_fn(|j| [means[j], squares[j] / (pixels * self.order as f64)])
     }
 
-    /// Returns the shift and scale that normalise the [`BLOCK`] fields from `first` on.
-    fn standards<T: Scalar>(&self, x: &[T], first: usize) -> [Standard<T>; BLOCK] {
+    /// Returns the shift and scale that normalise the [`FIELDS_AT_ONCE`] fields from `first` on.
+    fn normalisers<T: Scalar>(&self, x: &[T], first: usize) -> [Normaliser<T>; FIELDS_AT_ONCE] {
         let moments = match &self.statistics {
             NormStatistics::Fixed(moments) => {
                 from_fn(|j| moments.get(first + j).copied().unwrap_or_default())
             }
-            _ => self.measure(x, first),
+            _ => self.field_moments(x, first),
         };
-        moments.map(|[mean, variance]| Standard {
+        moments.map(|[mean, variance]| Normaliser {
             mean: T::from_f64(mean),
             inverse: T::from_f64(inverse(variance)),
         })
@@ -192,17 +192,17 @@ impl FieldNorm {
         }
     }
 
-    /// Writes the outputs of the [`BLOCK`] fields from `first` on: normalised, then scaled and
-    /// shifted.
-    fn normalise<T: Scalar>(&self, params: &[T], first: usize, x: &[T], y: &mut [T]) {
+    /// Writes the outputs of the [`FIELDS_AT_ONCE`] fields from `first` on: normalised, then scaled
+    /// and shifted.
+    fn forward_fields<T: Scalar>(&self, params: &[T], first: usize, x: &[T], y: &mut [T]) {
         let (gains, biases) = params.split_at(self.fields);
-        let standards = self.standards(x, first);
+        let normalisers = self.normalisers(x, first);
         let dim = self.shape.fields.dim();
         for (pixel, out) in self.pixels(x).zip(y.chunks_exact_mut(dim)) {
             for (a, channels) in self.channels(first) {
                 let values = pixel[channels.clone()].iter().zip(&mut out[channels]);
                 for (j, (&value, normalised)) in values.enumerate() {
-                    *normalised = gains[first + j] * standards[j].apply(a, value);
+                    *normalised = gains[first + j] * normalisers[j].apply(a, value);
                     if a == 0 && self.centred(first + j) {
                         *normalised += biases[first + j];
                     }
@@ -211,20 +211,20 @@ impl FieldNorm {
         }
     }
 
-    /// Returns, for each of the [`BLOCK`] fields from `first` on, the sum of dy times the
+    /// Returns, for each of the [`FIELDS_AT_ONCE`] fields from `first` on, the sum of dy times the
     /// normalised input and the sum of dy in the first coefficient.
-    fn sums<T: Scalar>(
+    fn gradient_sums<T: Scalar>(
         &self,
-        standards: &[Standard<T>; BLOCK],
+        normalisers: &[Normaliser<T>; FIELDS_AT_ONCE],
         first: usize,
-        values: Values<T>,
-    ) -> [[f64; 2]; BLOCK] {
-        let mut sums = [[0.0; 2]; BLOCK];
+        values: InputsAndGradients<T>,
+    ) -> [[f64; 2]; FIELDS_AT_ONCE] {
+        let mut sums = [[0.0; 2]; FIELDS_AT_ONCE];
         for (x, dy) in self.pixels(values.x).zip(self.pixels(values.dy)) {
             for (a, channels) in self.channels(first) {
                 let pairs = x[channels.clone()].iter().zip(&dy[channels]);
                 for (j, (&value, &gradient)) in pairs.enumerate() {
-                    sums[j][0] += (standards[j].apply(a, value) * gradient).to_f64();
+                    sums[j][0] += (normalisers[j].apply(a, value) * gradient).to_f64();
                     sums[j][1] += if a == 0 { gradient.to_f64() } else { 0.0 };
                 }
             }
@@ -232,18 +232,18 @@ impl FieldNorm {
         sums
     }
 
-    /// Adds the parameter gradients of the [`BLOCK`] fields from `first` on, and writes the
-    /// gradient with respect to their input.
-    fn differentiate<T: Scalar>(
+    /// Adds the parameter gradients of the [`FIELDS_AT_ONCE`] fields from `first` on, and writes
+    /// the gradient with respect to their input.
+    fn backward_fields<T: Scalar>(
         &self,
         params: &[T],
         first: usize,
-        values: Values<T>,
+        values: InputsAndGradients<T>,
         dx: Option<&mut [T]>,
         dparams: &mut [T],
     ) {
-        let standards = self.standards(values.x, first);
-        let sums = self.sums(&standards, first, values);
+        let normalisers = self.normalisers(values.x, first);
+        let sums = self.gradient_sums(&normalisers, first, values);
         for (f, [scaled, shifted]) in (first..self.fields).zip(sums) {
             dparams[f] += T::from_f64(scaled);
             if self.centred(f) {
@@ -252,20 +252,20 @@ impl FieldNorm {
         }
         if let Some(dx) = dx {
             let means = self.gradient_means(first, values.x, sums);
-            self.input_gradient(params, first, &standards, means, values, dx);
+            self.input_gradient(params, first, &normalisers, means, values, dx);
         }
     }
 
-    /// Returns the means of dy times the normalised input, and of dy, for the [`BLOCK`] fields from
-    /// `first` on: the gradient through mean and variance subtracts them.
+    /// Returns the means of dy times the normalised input, and of dy, for the [`FIELDS_AT_ONCE`]
+    /// fields from `first` on: the gradient through mean and variance subtracts them.
     fn gradient_means<T: Scalar>(
         &self,
         first: usize,
         x: &[T],
-        sums: [[f64; 2]; BLOCK],
-    ) -> [[T; 2]; BLOCK] {
+        sums: [[f64; 2]; FIELDS_AT_ONCE],
+    ) -> [[T; 2]; FIELDS_AT_ONCE] {
         if matches!(self.statistics, NormStatistics::Fixed(_)) {
-            return [[T::ZERO; 2]; BLOCK];
+            return [[T::ZERO; 2]; FIELDS_AT_ONCE];
         }
         let pixels = self.pixels(x).len() as f64;
         from_fn(|j| {
@@ -275,14 +275,15 @@ impl FieldNorm {
         })
     }
 
-    /// Writes the gradient with respect to the input of the [`BLOCK`] fields from `first` on.
+    /// Writes the gradient with respect to the input of the [`FIELDS_AT_ONCE`] fields from `first`
+    /// on.
     fn input_gradient<T: Scalar>(
         &self,
         params: &[T],
         first: usize,
-        standards: &[Standard<T>; BLOCK],
-        means: [[T; 2]; BLOCK],
-        values: Values<T>,
+        normalisers: &[Normaliser<T>; FIELDS_AT_ONCE],
+        means: [[T; 2]; FIELDS_AT_ONCE],
+        values: InputsAndGradients<T>,
         dx: &mut [T],
     ) {
         let dim = self.shape.fields.dim();
@@ -294,9 +295,9 @@ impl FieldNorm {
                     pairs.zip(&mut gradient[channels]).enumerate()
                 {
                     let [scaled, shifted] = means[j];
-                    let rest = upstream - standards[j].apply(a, value) * scaled;
+                    let rest = upstream - normalisers[j].apply(a, value) * scaled;
                     let rest = if a == 0 { rest - shifted } else { rest };
-                    *entry = params[first + j] * standards[j].inverse * rest;
+                    *entry = params[first + j] * normalisers[j].inverse * rest;
                 }
             }
         }
@@ -318,8 +319,8 @@ impl<T: Scalar> Layer<T> for FieldNorm {
         LayerKind::FieldNorm(&self.statistics)
     }
 
-    /// Sets the gains to `gain`, which draws nothing, and the biases to zero.
-    fn draw_params(&self, _rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+    /// Sets the gains to `gain` and the biases to zero, without random numbers.
+    fn run_init(&self, _rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         let (gains, biases) = params.split_at_mut(self.fields);
         gains.fill(T::from_f64(gain));
         biases.fill(T::ZERO);
@@ -328,21 +329,21 @@ impl<T: Scalar> Layer<T> for FieldNorm {
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], _scratch: &mut [T]) {
         let group = self.statistics_len(x.len());
         for (inputs, outputs) in x.chunks(group).zip(y.chunks_mut(group)) {
-            for first in (0..self.fields).step_by(BLOCK) {
-                self.normalise(params, first, inputs, outputs);
+            for first in (0..self.fields).step_by(FIELDS_AT_ONCE) {
+                self.forward_fields(params, first, inputs, outputs);
             }
         }
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        let group = self.statistics_len(pass.x.len());
-        let groups = pass.x.chunks(group).zip(pass.dy.chunks(group));
-        let mut dx = pass.dx;
+    fn run_backward(&self, args: BackwardArgs<T>) {
+        let group = self.statistics_len(args.x.len());
+        let groups = args.x.chunks(group).zip(args.dy.chunks(group));
+        let mut dx = args.dx;
         for (i, (x, dy)) in groups.enumerate() {
-            let values = Values { x, dy };
-            for first in (0..self.fields).step_by(BLOCK) {
+            let values = InputsAndGradients { x, dy };
+            for first in (0..self.fields).step_by(FIELDS_AT_ONCE) {
                 let dx = dx.as_deref_mut().map(|dx| &mut dx[i * group..][..x.len()]);
-                self.differentiate(pass.params, first, values, dx, pass.dparams);
+                self.backward_fields(args.params, first, values, dx, args.dparams);
             }
         }
     }
@@ -381,13 +382,10 @@ pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>
     let fixed_mixed = norm(mixed, NormStatistics::Fixed(moments.collect()))?;
     let samples = norm(regular(3), NormStatistics::PerSample)?;
     Ok(vec![
-        TestLayer::approximately_equivariant(
-            "norm of a batch",
-            norm(regular(9), NormStatistics::Batch)?,
-        ),
-        TestLayer::approximately_equivariant("norm of samples", samples),
-        TestLayer::approximately_equivariant("norm of mixed", norm(mixed, NormStatistics::Batch)?),
-        TestLayer::approximately_equivariant("fixed norm", norm(regular(3), fixed)?),
-        TestLayer::approximately_equivariant("fixed norm of mixed", fixed_mixed),
+        TestLayer::approximate("norm of a batch", norm(regular(9), NormStatistics::Batch)?),
+        TestLayer::approximate("norm of samples", samples),
+        TestLayer::approximate("norm of mixed", norm(mixed, NormStatistics::Batch)?),
+        TestLayer::approximate("fixed norm", norm(regular(3), fixed)?),
+        TestLayer::approximate("fixed norm of mixed", fixed_mixed),
     ])
 }

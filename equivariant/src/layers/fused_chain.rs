@@ -1,7 +1,7 @@
 //! Fused chains of convolutions, ReLUs and max-poolings.
 //!
-//! Between the convolutions of a chain the feature maps keep the layout of the CPU kernels: a
-//! convolution, or the pooling after it, writes its output directly into the staged image of the
+//! Between the convolutions of a chain the feature maps keep the blocked layout: a
+//! convolution, or the pooling after it, writes its output directly into the blocked image of the
 //! next one, which the backward pass reads, too. Of the values before a ReLU only the signs are
 //! saved.
 
@@ -14,7 +14,7 @@ use crate::conv::operands::{ConvBackward, ConvForward, ConvOutput};
 use crate::conv::pool::{FusedMaxPool, PoolBackward, PoolForward};
 use crate::conv::r2_conv::R2Conv;
 use crate::layers::layer::{Layer, LayerSignature, Scalar};
-use crate::scratch::{BackwardPass, take_back_padded};
+use crate::scratch::{BackwardArgs, take_back_padded};
 use crate::shape::Shape;
 use crate::simd::lanes::LANES;
 use crate::window::SlidingWindow;
@@ -22,12 +22,12 @@ use crate::window::SlidingWindow;
 /// Sequence of convolutions, each optionally followed by a ReLU and then by a max-pooling.
 #[derive(Clone, Debug)]
 pub(crate) struct FusedChain {
-    links: Vec<Link>,
+    convs: Vec<FusedConv>,
 }
 
 /// Convolution of a fused chain, with the ReLU and the max-pooling that are fused with it.
 #[derive(Clone, Debug)]
-struct Link {
+struct FusedConv {
     conv: R2Conv,
     rectified: bool,
     pool: Option<FusedMaxPool>,
@@ -37,23 +37,23 @@ struct Link {
 impl FusedChain {
     /// Creates a fused chain of one convolution.
     pub fn new(conv: &R2Conv) -> FusedChain {
-        let mut chain = FusedChain { links: Vec::new() };
+        let mut chain = FusedChain { convs: Vec::new() };
         chain.push(conv);
         chain
     }
 
     fn push(&mut self, conv: &R2Conv) {
-        let start = self.links.last().map_or(0, |link| link.params.end);
-        self.links.push(Link {
+        let start = self.convs.last().map_or(0, |fused| fused.params.end);
+        self.convs.push(FusedConv {
             conv: conv.clone(),
             rectified: false,
             pool: None,
-            params: start..start + conv.blocks.num_params(),
+            params: start..start + conv.irrep_weights.num_params(),
         });
     }
 
     /// Appends a convolution to the fused chain and returns `true`, or returns `false` if it cannot
-    /// be fused. Trivial channels cannot: their staged layout differs from the layout in which
+    /// be fused. Trivial channels cannot: their blocked layout differs from the layout in which
     /// outputs are written.
     pub fn fuse_conv(&mut self, conv: &R2Conv) -> bool {
         let fits = !conv.patches.is_replicated;
@@ -81,42 +81,48 @@ impl FusedChain {
         last.pool.is_some()
     }
 
-    fn last(&self) -> &Link {
-        &self.links[self.links.len() - 1]
+    fn last(&self) -> &FusedConv {
+        &self.convs[self.convs.len() - 1]
     }
 
-    fn last_mut(&mut self) -> &mut Link {
-        let last = self.links.len() - 1;
-        &mut self.links[last]
+    fn last_mut(&mut self) -> &mut FusedConv {
+        let last = self.convs.len() - 1;
+        &mut self.convs[last]
     }
 
     /// Returns the number of values that the chain's forward pass saves for its backward pass.
     fn saved_len(&self, samples: usize) -> usize {
-        let links = self.links.iter().enumerate();
-        links
-            .map(|(i, link)| self.staged(i, samples) + link.masks(samples) + link.pooled(samples))
+        let convs = self.convs.iter().enumerate();
+        convs
+            .map(|(i, fused)| {
+                self.blocked_input_len(i, samples)
+                    + fused.masks_len(samples)
+                    + fused.pool_input_len(samples)
+            })
             .sum()
     }
 
-    /// Returns the length of the input of convolution `i` of the chain in the layout of the CPU
-    /// kernels; 0 for the first, which reads plain channels.
-    fn staged(&self, i: usize, samples: usize) -> usize {
+    /// Returns the length of the input of convolution `i` of the chain in the blocked
+    /// layout; 0 for the first, which reads plain channels.
+    fn blocked_input_len(&self, i: usize, samples: usize) -> usize {
         match i {
             0 => 0,
-            _ => samples * self.links[i].conv.patches.staged_len(),
+            _ => samples * self.convs[i].conv.patches.blocked_len(),
         }
     }
 
     /// Returns the length of the largest map between the chain's convolutions and poolings, in the
     /// layout of the CPU kernels.
-    fn largest(&self, samples: usize) -> usize {
-        let links = self.links.iter().enumerate();
-        let largest = links.map(|(i, link)| self.staged(i, samples).max(link.pooled(samples)));
+    fn largest_map_len(&self, samples: usize) -> usize {
+        let convs = self.convs.iter().enumerate();
+        let largest = convs.map(|(i, fused)| {
+            self.blocked_input_len(i, samples).max(fused.pool_input_len(samples))
+        });
         largest.max().unwrap_or(0)
     }
 
     /// Writes the output of the chain for `samples` samples; `x` holds channels or bytes.
-    pub fn run_from<T: ConvPasses>(
+    pub fn forward_from_input<T: ConvPasses>(
         &self,
         params: &[T],
         samples: usize,
@@ -128,17 +134,17 @@ impl FusedChain {
         let mut saved = Arena::new(arena.take_values(self.saved_len(samples)));
         let rest = arena.rest();
         let mut input = x;
-        for (i, pair) in self.links.windows(2).enumerate() {
+        for (i, pair) in self.convs.windows(2).enumerate() {
             let own = pair[0].take_saved(samples, &mut saved);
-            let staged = saved.take_values(self.staged(i + 1, samples));
+            let blocked = saved.take_values(self.blocked_input_len(i + 1, samples));
             let patches = &pair[1].conv.patches;
-            let images = staged.chunks_exact_mut(patches.staged_len());
+            let images = blocked.chunks_exact_mut(patches.blocked_len());
             // the convolution writes the pixels only, and the scratch may hold other values in the
             // padding
             images.for_each(|image| patches.clear_border(image));
-            let target = FeatureMapsMut::Staged(patches, staged);
+            let target = FeatureMapsMut::Blocked(patches, blocked);
             pair[0].forward(params, samples, input, target, own, rest);
-            input = ConvInput::Staged(staged);
+            input = ConvInput::Blocked(blocked);
         }
         let own = self.last().take_saved(samples, &mut saved);
         let y = FeatureMapsMut::Channels(y);
@@ -146,61 +152,61 @@ impl FusedChain {
     }
 
     /// Adds the gradients with respect to the parameters and writes those with respect to the input
-    /// `x`, which replaces `pass.x`.
-    pub fn run_back_to<T: ConvPasses>(
+    /// `x`, which replaces `args.x`.
+    pub fn backward_to_input<T: ConvPasses>(
         &self,
         samples: usize,
         x: ConvInput<T>,
-        pass: BackwardPass<T>,
+        args: BackwardArgs<T>,
     ) {
-        let mut arena = Arena::new(pass.scratch);
+        let mut arena = Arena::new(args.scratch);
         let mut saved = arena.take_values(self.saved_len(samples));
-        let mut output_gradient = arena.take_values(self.largest(samples));
-        let mut input_gradient = arena.take_values(self.largest(samples));
+        let mut output_gradient = arena.take_values(self.largest_map_len(samples));
+        let mut input_gradient = arena.take_values(self.largest_map_len(samples));
         let scratch = arena.rest();
-        let mut dx = pass.dx;
-        for (i, link) in self.links.iter().enumerate().rev() {
-            let patches = &link.conv.patches;
+        let mut dx = args.dx;
+        for (i, fused) in self.convs.iter().enumerate().rev() {
+            let patches = &fused.conv.patches;
             // lengths are whole blocks, which have no padding
-            let pooled = take_back_padded(&mut saved, link.pooled(samples));
-            let masks = &*take_back_padded(&mut saved, link.masks(samples));
-            let staged = take_back_padded(&mut saved, self.staged(i, samples));
-            let mut dy = match self.links.get(i + 1) {
-                None => FeatureMaps::Channels(pass.dy),
-                Some(next) => FeatureMaps::Staged(&next.conv.patches, output_gradient),
+            let pool_input = take_back_padded(&mut saved, fused.pool_input_len(samples));
+            let masks = &*take_back_padded(&mut saved, fused.masks_len(samples));
+            let blocked = take_back_padded(&mut saved, self.blocked_input_len(i, samples));
+            let mut dy = match self.convs.get(i + 1) {
+                None => FeatureMaps::Channels(args.dy),
+                Some(next) => FeatureMaps::Blocked(&next.conv.patches, output_gradient),
             };
-            if let Some(pool) = &link.pool {
-                let pool_gradient = &mut input_gradient[..pooled.len()];
+            if let Some(pool) = &fused.pool {
+                let pool_gradient = &mut input_gradient[..pool_input.len()];
                 T::max_pool_backward(PoolBackward {
                     pool,
                     samples,
-                    x: pooled,
+                    x: pool_input,
                     dy,
                     dx: pool_gradient,
                     scratch,
                 });
                 std::mem::swap(&mut output_gradient, &mut input_gradient);
-                dy = FeatureMaps::Staged(&pool.patches, output_gradient);
+                dy = FeatureMaps::Blocked(&pool.patches, output_gradient);
             }
             let (x, dx) = match i {
                 0 => (x, dx.take().map(FeatureMapsMut::Channels)),
                 _ => {
-                    let staged_gradient = &mut input_gradient[..staged.len()];
+                    let blocked_gradient = &mut input_gradient[..blocked.len()];
                     (
-                        ConvInput::Staged(staged),
-                        Some(FeatureMapsMut::Staged(patches, staged_gradient)),
+                        ConvInput::Blocked(blocked),
+                        Some(FeatureMapsMut::Blocked(patches, blocked_gradient)),
                     )
                 }
             };
             T::backward(ConvBackward {
-                conv: &link.conv,
+                conv: &fused.conv,
                 samples,
-                params: &pass.params[link.params.clone()],
+                params: &args.params[fused.params.clone()],
                 x,
                 dy,
-                masks: link.rectified.then_some(masks),
+                masks: fused.rectified.then_some(masks),
                 dx,
-                dparams: &mut pass.dparams[link.params.clone()],
+                dparams: &mut args.dparams[fused.params.clone()],
                 scratch,
             });
             std::mem::swap(&mut output_gradient, &mut input_gradient);
@@ -209,13 +215,13 @@ impl FusedChain {
 }
 
 /// Buffers for the values that a convolution with its ReLU and pooling saves for the backward pass.
-struct Saved<'a, T> {
+struct SavedForBackward<'a, T> {
     masks: &'a mut [T],
-    /// Input of the max-pooling after the convolution, in the layout of the CPU kernels.
-    pooled: &'a mut [T],
+    /// Input of the max-pooling after the convolution, in the blocked layout.
+    pool_input: &'a mut [T],
 }
 
-impl Link {
+impl FusedConv {
     fn out(&self) -> Shape {
         self.pool.as_ref().map_or(self.conv.out_shape, |pool| pool.out_shape)
     }
@@ -225,10 +231,10 @@ impl Link {
         &self,
         samples: usize,
         saved: &mut Arena<'a, T>,
-    ) -> Saved<'a, T> {
-        Saved {
-            masks: saved.take_values(self.masks(samples)),
-            pooled: saved.take_values(self.pooled(samples)),
+    ) -> SavedForBackward<'a, T> {
+        SavedForBackward {
+            masks: saved.take_values(self.masks_len(samples)),
+            pool_input: saved.take_values(self.pool_input_len(samples)),
         }
     }
 
@@ -238,15 +244,15 @@ impl Link {
         samples: usize,
         x: ConvInput<T>,
         y: FeatureMapsMut<T>,
-        saved: Saved<T>,
+        saved: SavedForBackward<T>,
         scratch: &mut [T],
     ) {
         let Some(pool) = &self.pool else {
             return self.convolve(params, samples, x, y, saved.masks, scratch);
         };
-        let before = FeatureMapsMut::Staged(&pool.patches, &mut *saved.pooled);
+        let before = FeatureMapsMut::Blocked(&pool.patches, &mut *saved.pool_input);
         self.convolve(params, samples, x, before, saved.masks, scratch);
-        T::max_pool_forward(PoolForward { pool, samples, x: saved.pooled, y, scratch });
+        T::max_pool_forward(PoolForward { pool, samples, x: saved.pool_input, y, scratch });
     }
 
     fn convolve<T: ConvPasses>(
@@ -274,12 +280,12 @@ impl Link {
     }
 
     /// Returns the length of the input of the max-pooling; 0 without a pooling.
-    fn pooled(&self, samples: usize) -> usize {
-        self.pool.as_ref().map_or(0, |pool| samples * pool.patches.staged_len())
+    fn pool_input_len(&self, samples: usize) -> usize {
+        self.pool.as_ref().map_or(0, |pool| samples * pool.patches.blocked_len())
     }
 
     /// Returns the length of the bit masks that the ReLU saves, in whole blocks; 0 without a ReLU.
-    fn masks(&self, samples: usize) -> usize {
+    fn masks_len(&self, samples: usize) -> usize {
         let rows = samples * self.conv.out_shape.num_pixels();
         let masks = rows * self.conv.weights.blocks_per_pixel;
         if self.rectified { masks.next_multiple_of(LANES) } else { 0 }
@@ -288,7 +294,7 @@ impl Link {
 
 impl LayerSignature for FusedChain {
     fn in_shape(&self) -> Shape {
-        self.links[0].conv.image_shape()
+        self.convs[0].conv.image_shape()
     }
 
     fn out_shape(&self) -> Shape {
@@ -300,13 +306,14 @@ impl LayerSignature for FusedChain {
     }
 
     fn scratch_len(&self, samples: usize) -> usize {
-        let links = self.links.iter().enumerate();
-        let passes = links.map(|(i, link)| {
-            let pool = link.pool.as_ref().map_or(0, FusedMaxPool::scratch_len);
-            dispatch::scratch_len(&link.conv, samples, i > 0).max(pool)
+        let convs = self.convs.iter().enumerate();
+        let passes = convs.map(|(i, fused)| {
+            let pool = fused.pool.as_ref().map_or(0, FusedMaxPool::scratch_len);
+            dispatch::scratch_len(&fused.conv, samples, i > 0).max(pool)
         });
-        // saved values, two buffers for gradients between links, and working space that links share
-        let own = self.saved_len(samples) + 2 * self.largest(samples);
+        // saved values, two buffers for gradients between convolutions, and working space that they
+        // share
+        let own = self.saved_len(samples) + 2 * self.largest_map_len(samples);
         own + passes.max().unwrap_or(0)
     }
 
@@ -318,18 +325,18 @@ impl LayerSignature for FusedChain {
 impl<T: Scalar> Layer<T> for FusedChain {
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
         let samples = x.len() / self.in_shape().len();
-        self.run_from(params, samples, ConvInput::Channels(x), y, scratch);
+        self.forward_from_input(params, samples, ConvInput::Channels(x), y, scratch);
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        let samples = pass.x.len() / self.in_shape().len();
-        self.run_back_to(samples, ConvInput::Channels(pass.x), pass);
+    fn run_backward(&self, args: BackwardArgs<T>) {
+        let samples = args.x.len() / self.in_shape().len();
+        self.backward_to_input(samples, ConvInput::Channels(args.x), args);
     }
 }
 
 impl fmt::Display for FusedChain {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let shapes: Vec<String> = self.links.iter().map(|link| link.out().to_string()).collect();
+        let shapes: Vec<String> = self.convs.iter().map(|fused| fused.out().to_string()).collect();
         write!(f, "Chain({} -> {})", self.in_shape(), shapes.join(" -> "))
     }
 }

@@ -77,7 +77,8 @@ impl Gru {
         self.input.num_params() + self.hidden.num_params()
     }
 
-    /// Draws the initial weights of the unit with variance 1 / fan-in and sets the biases to zero.
+    /// Samples the initial weights of the unit with variance 1 / fan-in and sets the biases to
+    /// zero.
     ///
     /// # Panics
     /// When `params` does not hold the parameters.
@@ -92,22 +93,22 @@ impl Gru {
     /// `steps` steps.
     pub fn new_workspace<T: Scalar>(&self, steps: usize, samples: usize) -> GruWorkspace<T> {
         let zeros = |len: usize| vec![T::ZERO; len];
-        let state = samples * self.width();
+        let state = samples * self.state_dim();
         GruWorkspace {
-            dims: [self.in_type().dim(), self.width()],
-            room: [steps, samples],
+            dims: [self.in_type().dim(), self.state_dim()],
+            capacity: [steps, samples],
             sizes: [0; 2],
-            holds_values: false,
-            begins: Vec::with_capacity(samples),
-            reads: Vec::with_capacity(steps * samples),
-            row_gates: zeros(steps * 3 * state),
+            is_filled: false,
+            first_steps: Vec::with_capacity(samples),
+            input_indices: Vec::with_capacity(steps * samples),
+            input_gates: zeros(steps * 3 * state),
             states: zeros((steps + 1) * state),
-            coefficients: zeros((steps + 1) * state),
+            irrep_states: zeros((steps + 1) * state),
             gates: zeros(steps * 3 * state),
-            from_state: zeros(3 * state),
+            state_gates: zeros(3 * state),
             candidates: zeros(steps * state),
             d_state: zeros(state),
-            d_before: zeros(state),
+            d_state_before: zeros(state),
             scratch: self.input.allocate_scratch(steps * samples),
         }
     }
@@ -120,28 +121,28 @@ impl Gru {
     /// at zero.
     ///
     /// # Panics
-    /// When a slice has a wrong length, a sequence is longer than L, or the pass has no room or
-    /// belongs to a unit of other sizes.
+    /// When a slice has a wrong length, a sequence is longer than L, or the workspace has no room
+    /// or belongs to a unit of other sizes.
     pub fn forward<T: Scalar>(
         &self,
         params: &[T],
         x: &[T],
         lengths: &[usize],
-        pass: &mut GruWorkspace<T>,
+        workspace: &mut GruWorkspace<T>,
     ) {
         let (samples, row) = (lengths.len(), lengths.len() * self.in_type().dim());
         let steps = x.len().checked_div(row).unwrap_or(0);
         self.check("x", x.len(), steps * row);
-        let reads: Vec<usize> = (0..steps * samples).collect();
-        self.forward_shared_inputs(params, x, &reads, lengths, pass);
+        let input_indices: Vec<usize> = (0..steps * samples).collect();
+        self.forward_shared_inputs(params, x, &input_indices, lengths, workspace);
     }
 
     /// Runs sequences whose steps share input vectors, as [`Gru::forward`] runs sequences with
     /// vectors of their own.
     ///
-    /// Step l of sample i reads row `reads[l, i]` of `x` `[M, in]`, for `reads` `[L, N]`; sample i
-    /// has its `lengths[i]` steps at the end and ignores earlier ones. The input matrix is applied
-    /// to each of the M rows once.
+    /// Step l of sample i reads row `input_indices[l, i]` of `x` `[M, in]`, for `input_indices`
+    /// `[L, N]`; sample i has its `lengths[i]` steps at the end and ignores earlier ones. The input
+    /// matrix is applied to each of the M rows once.
     ///
     /// # Panics
     /// As [`Gru::forward`], and when a step reads a row that `x` does not have.
@@ -149,24 +150,24 @@ impl Gru {
         &self,
         params: &[T],
         x: &[T],
-        reads: &[usize],
+        input_indices: &[usize],
         lengths: &[usize],
-        pass: &mut GruWorkspace<T>,
+        workspace: &mut GruWorkspace<T>,
     ) {
-        self.begin(params, x.len(), reads, lengths, pass);
-        let [steps, samples] = pass.sizes;
+        self.check_and_record_inputs(params, x.len(), input_indices, lengths, workspace);
+        let [steps, samples] = workspace.sizes;
         let (input, hidden) = params.split_at(self.input.num_params());
-        let gates = 3 * self.width();
+        let gates = 3 * self.state_dim();
         let rows = x.len() / self.in_type().dim();
-        pass.row_gates.resize(rows * gates, T::ZERO);
-        self.input.forward(input, x, &mut pass.row_gates, &mut pass.scratch);
-        self.change_basis(3, &mut pass.row_gates);
-        pass.spread_rows(gates);
-        pass.holds_values = true;
-        pass.states[..samples * self.width()].fill(T::ZERO);
-        pass.coefficients[..samples * self.width()].fill(T::ZERO);
+        workspace.input_gates.resize(rows * gates, T::ZERO);
+        self.input.forward(input, x, &mut workspace.input_gates, &mut workspace.scratch);
+        self.change_basis(3, &mut workspace.input_gates);
+        workspace.copy_input_gates_to_steps(gates);
+        workspace.is_filled = true;
+        workspace.states[..samples * self.state_dim()].fill(T::ZERO);
+        workspace.irrep_states[..samples * self.state_dim()].fill(T::ZERO);
         for step in 0..steps {
-            self.step_forward(hidden, step, pass);
+            self.step_forward(hidden, step, workspace);
         }
     }
 
@@ -177,8 +178,8 @@ impl Gru {
     /// last forward pass.
     ///
     /// # Panics
-    /// When a slice has a wrong length, the pass belongs to a unit of other sizes, or no forward
-    /// pass ran since the last backward pass, which overwrites the saved values.
+    /// When a slice has a wrong length, the workspace belongs to a unit of other sizes, or no
+    /// forward pass ran since the last backward pass, which overwrites the saved values.
     pub fn backward<T: Scalar>(
         &self,
         params: &[T],
@@ -186,93 +187,93 @@ impl Gru {
         d_out: &[T],
         dx: Option<&mut [T]>,
         dparams: &mut [T],
-        pass: &mut GruWorkspace<T>,
+        workspace: &mut GruWorkspace<T>,
     ) {
-        self.check_pass(pass);
+        self.check_workspace(workspace);
         assert!(
-            std::mem::take(&mut pass.holds_values),
-            "{self}: got a pass that holds no values, expected one that forward has just filled"
+            std::mem::take(&mut workspace.is_filled),
+            "{self}: got a workspace that holds no values, expected one that forward has just filled"
         );
-        let [steps, samples] = pass.sizes;
-        self.check("d_out", d_out.len(), samples * self.width());
+        let [steps, samples] = workspace.sizes;
+        self.check("d_out", d_out.len(), samples * self.state_dim());
         self.check("dparams", dparams.len(), self.num_params());
         let at = self.input.num_params();
         let (d_input, d_hidden) = dparams.split_at_mut(at);
-        pass.d_state[..d_out.len()].copy_from_slice(d_out);
-        self.change_basis(1, &mut pass.d_state[..d_out.len()]);
+        workspace.d_state[..d_out.len()].copy_from_slice(d_out);
+        self.change_basis(1, &mut workspace.d_state[..d_out.len()]);
         for step in (0..steps).rev() {
-            self.step_backward(&params[at..], step, d_hidden, pass);
+            self.step_backward(&params[at..], step, d_hidden, workspace);
         }
-        pass.gather_rows(3 * self.width());
-        self.change_basis(3, &mut pass.row_gates);
-        let (input, gates) = (&params[..at], &pass.row_gates[..]);
+        workspace.sum_input_gate_gradients(3 * self.state_dim());
+        self.change_basis(3, &mut workspace.input_gates);
+        let (input, gates) = (&params[..at], &workspace.input_gates[..]);
         // the layer is linear, so its output is not needed and dy stands in for it
-        let scratch = &mut pass.scratch;
+        let scratch = &mut workspace.scratch;
         self.input.backward(input, x, gates, gates, dx, d_input, scratch);
     }
 
     /// Returns H, the number of channels of the state.
-    fn width(&self) -> usize {
+    fn state_dim(&self) -> usize {
         self.out_type().dim()
     }
 
     /// Transforms vectors of `parts` times the state's regular fields between the regular basis and
     /// the irrep basis.
     fn change_basis<T: Scalar>(&self, parts: usize, rows: &mut [T]) {
-        for row in rows.chunks_exact_mut(parts * self.width()) {
+        for row in rows.chunks_exact_mut(parts * self.state_dim()) {
             hadamard_transform(self.out_type().group(), row);
         }
     }
 
     /// Checks the slices of a forward pass and records in the workspace the first step of each
     /// sequence and the input vector that each step reads.
-    fn begin<T>(
+    fn check_and_record_inputs<T>(
         &self,
         params: &[T],
         x: usize,
-        reads: &[usize],
+        input_indices: &[usize],
         lengths: &[usize],
-        pass: &mut GruWorkspace<T>,
+        workspace: &mut GruWorkspace<T>,
     ) {
         let (samples, rows) = (lengths.len(), x / self.in_type().dim());
-        let steps = reads.len().checked_div(samples).unwrap_or(0);
-        self.check_pass(pass);
+        let steps = input_indices.len().checked_div(samples).unwrap_or(0);
+        self.check_workspace(workspace);
         self.check("params", params.len(), self.num_params());
         self.check("x", x, rows * self.in_type().dim());
-        self.check("reads", reads.len(), steps * samples);
+        self.check("input_indices", input_indices.len(), steps * samples);
         let longest = lengths.iter().max().copied().unwrap_or(0);
-        let [most_steps, most] = pass.room;
+        let [most_steps, most] = workspace.capacity;
         assert!(
             longest <= steps && steps <= most_steps && samples <= most,
             "{self}: got {samples} sequences of {longest} steps in {steps}, expected at most \
              {most} of {most_steps}"
         );
-        pass.sizes = [steps, samples];
-        pass.begins.clear();
-        pass.begins.extend(lengths.iter().map(|len| steps - len));
-        pass.reads.clear();
-        for (at, &row) in reads.iter().enumerate() {
-            let counts = at / samples >= pass.begins[at % samples];
+        workspace.sizes = [steps, samples];
+        workspace.first_steps.clear();
+        workspace.first_steps.extend(lengths.iter().map(|len| steps - len));
+        workspace.input_indices.clear();
+        for (at, &row) in input_indices.iter().enumerate() {
+            let counts = at / samples >= workspace.first_steps[at % samples];
             assert!(row < rows || !counts, "{self}: got row {row} to read, expected one of {rows}");
-            pass.reads.push(counts.then_some(row));
+            workspace.input_indices.push(counts.then_some(row));
         }
     }
 
     /// Computes the next states of all sequences from the states before step `step`.
-    fn step_forward<T: Scalar>(&self, hidden: &[T], step: usize, pass: &mut GruWorkspace<T>) {
-        let width = self.width();
-        let rows = pass.rows(step);
-        let (before, after) = pass.states[rows.start..].split_at_mut(rows.len());
-        let from_state = &mut pass.from_state[..3 * rows.len()];
-        let coefficients = &pass.coefficients[rows.clone()];
-        self.hidden.forward(hidden, coefficients, from_state, &mut pass.scratch);
-        self.change_basis(3, from_state);
+    fn step_forward<T: Scalar>(&self, hidden: &[T], step: usize, workspace: &mut GruWorkspace<T>) {
+        let width = self.state_dim();
+        let rows = workspace.rows(step);
+        let (before, after) = workspace.states[rows.start..].split_at_mut(rows.len());
+        let state_gates = &mut workspace.state_gates[..3 * rows.len()];
+        let irrep_states = &workspace.irrep_states[rows.clone()];
+        self.hidden.forward(hidden, irrep_states, state_gates, &mut workspace.scratch);
+        self.change_basis(3, state_gates);
         let samples = after.chunks_exact_mut(width).zip(before.chunks_exact(width));
-        let gates = pass.gates[3 * rows.start..3 * rows.end].chunks_exact_mut(3 * width);
-        let candidates = pass.candidates[rows.clone()].chunks_exact_mut(width);
-        let parts = gates.zip(from_state.chunks_exact(3 * width)).zip(candidates);
+        let gates = workspace.gates[3 * rows.start..3 * rows.end].chunks_exact_mut(3 * width);
+        let candidates = workspace.candidates[rows.clone()].chunks_exact_mut(width);
+        let parts = gates.zip(state_gates.chunks_exact(3 * width)).zip(candidates);
         for (((next_state, state), ((gate_rows, state_rows), candidate)), &begin) in
-            samples.zip(parts).zip(&pass.begins)
+            samples.zip(parts).zip(&workspace.first_steps)
         {
             if step < begin {
                 // the sequence has not begun: its state is still the initial one
@@ -282,8 +283,8 @@ impl Gru {
             }
         }
         let next = rows.end..rows.end + rows.len();
-        pass.coefficients[next.clone()].copy_from_slice(&pass.states[next.clone()]);
-        self.change_basis(1, &mut pass.coefficients[next]);
+        workspace.irrep_states[next.clone()].copy_from_slice(&workspace.states[next.clone()]);
+        self.change_basis(1, &mut workspace.irrep_states[next]);
     }
 
     /// Computes the next state of one sequence in the regular basis. `gates` holds the input's
@@ -291,25 +292,25 @@ impl Gru {
     fn cell<T: Scalar>(
         &self,
         gates: &mut [T],
-        from_state: &[T],
+        state_gates: &[T],
         candidate: &mut [T],
         before: &[T],
         after: &mut [T],
     ) {
         for i in 0..after.len() {
-            let [r, z, n] = self.gates_of(i);
-            gates[r] = sigmoid(gates[r] + from_state[r]);
-            gates[z] = sigmoid(gates[z] + from_state[z]);
+            let [r, z, n] = self.gate_positions(i);
+            gates[r] = sigmoid(gates[r] + state_gates[r]);
+            gates[z] = sigmoid(gates[z] + state_gates[z]);
             // saved, because the gradient of r needs the candidate before the reset gate
-            candidate[i] = from_state[n];
-            gates[n] = tanh(gates[n] + gates[r] * from_state[n]);
+            candidate[i] = state_gates[n];
+            gates[n] = tanh(gates[n] + gates[r] * state_gates[n]);
             after[i] = gates[n] + gates[z] * (before[i] - gates[n]);
         }
     }
 
     /// Returns the positions of the gates r, z and n of channel `i` of the state, in the regular
     /// basis.
-    fn gates_of(&self, i: usize) -> [usize; 3] {
+    fn gate_positions(&self, i: usize) -> [usize; 3] {
         let (element, field) = (i / self.fields, i % self.fields);
         [0, 1, 2].map(|gate| (3 * element + gate) * self.fields + field)
     }
@@ -321,40 +322,41 @@ impl Gru {
         hidden: &[T],
         step: usize,
         d_hidden: &mut [T],
-        pass: &mut GruWorkspace<T>,
+        workspace: &mut GruWorkspace<T>,
     ) {
-        let width = self.width();
-        let rows = pass.rows(step);
-        for (sample, &begin) in pass.begins.iter().enumerate() {
+        let width = self.state_dim();
+        let rows = workspace.rows(step);
+        for (sample, &begin) in workspace.first_steps.iter().enumerate() {
             let own = sample * width..(sample + 1) * width;
             let at = rows.start + own.start..rows.start + own.end;
-            let gates = &mut pass.gates[3 * at.start..3 * at.end];
-            let d_from_state = &mut pass.from_state[3 * own.start..3 * own.end];
+            let gates = &mut workspace.gates[3 * at.start..3 * at.end];
+            let d_state_gates = &mut workspace.state_gates[3 * own.start..3 * own.end];
             if step < begin {
                 gates.fill(T::ZERO);
-                d_from_state.fill(T::ZERO);
-                pass.d_state[own].fill(T::ZERO);
+                d_state_gates.fill(T::ZERO);
+                workspace.d_state[own].fill(T::ZERO);
             } else {
-                let values = [&pass.candidates[at.clone()], &pass.states[at]];
-                self.cell_backward(gates, d_from_state, values, &mut pass.d_state[own]);
+                let values = [&workspace.candidates[at.clone()], &workspace.states[at]];
+                self.cell_backward(gates, d_state_gates, values, &mut workspace.d_state[own]);
             }
         }
-        let d_from_state = &mut pass.from_state[..3 * rows.len()];
-        self.change_basis(3, d_from_state);
-        let d_before = &mut pass.d_before[..rows.len()];
-        let (coefficients, d_from_state) = (&pass.coefficients[rows.clone()], &*d_from_state);
+        let d_state_gates = &mut workspace.state_gates[..3 * rows.len()];
+        self.change_basis(3, d_state_gates);
+        let d_state_before = &mut workspace.d_state_before[..rows.len()];
+        let (irrep_states, d_state_gates) =
+            (&workspace.irrep_states[rows.clone()], &*d_state_gates);
         self.hidden.backward(
             hidden,
-            coefficients,
+            irrep_states,
             // the layer is linear, so its output is not needed and the gradient stands in for it
-            d_from_state,
-            d_from_state,
-            Some(&mut *d_before),
+            d_state_gates,
+            d_state_gates,
+            Some(&mut *d_state_before),
             d_hidden,
-            &mut pass.scratch,
+            &mut workspace.scratch,
         );
-        self.change_basis(1, d_before);
-        for (sum, &d) in pass.d_state.iter_mut().zip(&*d_before) {
+        self.change_basis(1, d_state_before);
+        for (sum, &d) in workspace.d_state.iter_mut().zip(&*d_state_before) {
             *sum += d;
         }
     }
@@ -364,13 +366,13 @@ impl Gru {
     fn cell_backward<T: Scalar>(
         &self,
         gates: &mut [T],
-        d_from_state: &mut [T],
+        d_state_gates: &mut [T],
         [candidate, before]: [&[T]; 2],
         d_state: &mut [T],
     ) {
         let one = T::from_f64(1.0);
         for i in 0..d_state.len() {
-            let at = self.gates_of(i);
+            let at = self.gate_positions(i);
             let [r, z, n] = at.map(|gate| gates[gate]);
             let d = d_state[i];
             // sigmoid' = r (1 - r) and tanh' = 1 - n^2, from the values of the forward pass
@@ -379,20 +381,20 @@ impl Gru {
             let d_r = d_n * candidate[i] * r * (one - r);
             for (gate, value) in at.into_iter().zip([d_r, d_z, d_n]) {
                 gates[gate] = value;
-                d_from_state[gate] = value;
+                d_state_gates[gate] = value;
             }
-            d_from_state[at[2]] = d_n * r;
+            d_state_gates[at[2]] = d_n * r;
             d_state[i] = d * z;
         }
     }
 
-    /// Panics if the workspace `pass` belongs to a GRU of other sizes.
-    fn check_pass<T>(&self, pass: &GruWorkspace<T>) {
-        let own = [self.in_type().dim(), self.width()];
+    /// Panics if `workspace` belongs to a GRU of other sizes.
+    fn check_workspace<T>(&self, workspace: &GruWorkspace<T>) {
+        let own = [self.in_type().dim(), self.state_dim()];
         assert!(
-            pass.dims == own,
-            "{self}: got a pass of a unit with {:?} channels of input and state, expected {own:?}",
-            pass.dims
+            workspace.dims == own,
+            "{self}: got a workspace of a unit with {:?} channels of input and state, expected {own:?}",
+            workspace.dims
         );
     }
 
@@ -426,31 +428,31 @@ pub struct GruWorkspace<T> {
     /// Numbers of channels of the input vectors and of the state.
     dims: [usize; 2],
     /// Maximum numbers of steps and of sequences that the workspace has memory for.
-    room: [usize; 2],
+    capacity: [usize; 2],
     /// Numbers L of steps and N of sequences of the last forward pass.
     sizes: [usize; 2],
     /// `true` if the values of a forward pass have not been overwritten by a backward pass.
-    holds_values: bool,
+    is_filled: bool,
     /// Number of steps before each of the N sequences begins, `[N]`.
-    begins: Vec<usize>,
+    first_steps: Vec<usize>,
     /// Index of the input vector that each of L steps of N sequences reads, `[L, N]`; `None` before
     /// a sequence begins.
-    reads: Vec<Option<usize>>,
+    input_indices: Vec<Option<usize>>,
     /// Contribution of each of M input vectors to the gates, later its gradient, `[M, 3 H]` for H
     /// channels of the state.
-    row_gates: Vec<T>,
+    input_gates: Vec<T>,
     /// States of N sequences before and after each of L steps, in the regular basis with H
     /// channels, `[L + 1, N, H]`.
     states: Vec<T>,
     /// States of N sequences before and after each of L steps, in the irrep basis with H channels,
     /// `[L + 1, N, H]`.
-    coefficients: Vec<T>,
+    irrep_states: Vec<T>,
     /// Contribution of the input to the gates, later the gates r, z and n, then their gradients,
     /// for L steps of N sequences and H channels of the state, `[L, N, 3 H]`.
     gates: Vec<T>,
     /// Contribution of the states of N sequences to the gates of the current step, later its
     /// gradient, `[N, 3 H]` for H channels of the state.
-    from_state: Vec<T>,
+    state_gates: Vec<T>,
     /// Contribution W_hn h + b_hn of the state h to the candidate state n, before the reset gate,
     /// for L steps of N sequences, `[L, N, H]` for H channels.
     candidates: Vec<T>,
@@ -459,7 +461,7 @@ pub struct GruWorkspace<T> {
     d_state: Vec<T>,
     /// Gradient with respect to the states of N sequences before the current step, through the
     /// matrices W_h only, `[N, H]` for H channels.
-    d_before: Vec<T>,
+    d_state_before: Vec<T>,
     scratch: Scratch<T>,
 }
 
@@ -467,7 +469,7 @@ impl<T: Scalar> GruWorkspace<T> {
     /// Returns the states of the N sequences after the last step of the last forward pass, `[N, H]`
     /// for H channels in the irrep basis.
     pub fn last_states(&self) -> &[T] {
-        &self.coefficients[self.rows(self.sizes[0])]
+        &self.irrep_states[self.rows(self.sizes[0])]
     }
 
     /// Returns the range, in the buffers of states, of all sequences' states before a step.
@@ -478,20 +480,20 @@ impl<T: Scalar> GruWorkspace<T> {
 
     /// Copies the contribution of each input vector to the gates, `width` numbers, to the steps
     /// that read the vector.
-    fn spread_rows(&mut self, width: usize) {
-        for (to, read) in self.gates.chunks_exact_mut(width).zip(&self.reads) {
+    fn copy_input_gates_to_steps(&mut self, width: usize) {
+        for (to, read) in self.gates.chunks_exact_mut(width).zip(&self.input_indices) {
             if let Some(row) = read {
-                to.copy_from_slice(&self.row_gates[row * width..(row + 1) * width]);
+                to.copy_from_slice(&self.input_gates[row * width..(row + 1) * width]);
             }
         }
     }
 
     /// Sums the gradients of the gates over all steps that read the same input vector.
-    fn gather_rows(&mut self, width: usize) {
-        self.row_gates.fill(T::ZERO);
-        for (from, read) in self.gates.chunks_exact(width).zip(&self.reads) {
+    fn sum_input_gate_gradients(&mut self, width: usize) {
+        self.input_gates.fill(T::ZERO);
+        for (from, read) in self.gates.chunks_exact(width).zip(&self.input_indices) {
             if let Some(row) = read {
-                let sums = &mut self.row_gates[row * width..(row + 1) * width];
+                let sums = &mut self.input_gates[row * width..(row + 1) * width];
                 sums.iter_mut().zip(from).for_each(|(sum, &d)| *sum += d);
             }
         }

@@ -8,7 +8,7 @@ use rand::Rng;
 
 use crate::conv::dispatch::ConvPasses;
 use crate::conv::r2_conv::R2Conv;
-use crate::scratch::{BackwardPass, Scratch, ScratchOrigin};
+use crate::scratch::{BackwardArgs, Scratch, ScratchOrigin};
 use crate::shape::{MAX_VALUES, Shape};
 use crate::steerable::dense::OrdinaryConv;
 use crate::window::SlidingWindow;
@@ -72,7 +72,7 @@ pub trait LayerSignature: fmt::Display + Send + Sync {
 /// `in_shape().len()`. Callers use [`forward`](Layer::forward), [`backward`](Layer::backward) and
 /// [`init`](Layer::init), which panic with the name of a slice whose length does not match the
 /// shapes. A new layer implements `run_forward`, `run_backward` and, if it has parameters,
-/// `draw_params`, and relies on those lengths.
+/// `run_init`, and relies on those lengths.
 pub trait Layer<T: Scalar>: LayerSignature {
     /// Writes the output f(x) of the layer for N samples into `y`. The contents of `scratch` on
     /// entry do not matter.
@@ -116,7 +116,7 @@ pub trait Layer<T: Scalar>: LayerSignature {
         let lens = [params.len(), y.len(), dy.len(), dparams.len()];
         check_backward(self, samples, lens);
         check(self, [("dx", dx_len, x.len())]);
-        self.run_backward(BackwardPass {
+        self.run_backward(BackwardArgs {
             params,
             x,
             y,
@@ -127,7 +127,7 @@ pub trait Layer<T: Scalar>: LayerSignature {
         });
     }
 
-    /// Draws the initial weights with gain sqrt(2), for a layer followed by a ReLU, which halves
+    /// Samples the initial weights with gain sqrt(2), for a layer followed by a ReLU, which halves
     /// the second moment (He et al., "Delving deep into rectifiers", ICCV 2015, equation 10).
     ///
     /// # Panics
@@ -136,8 +136,8 @@ pub trait Layer<T: Scalar>: LayerSignature {
         self.init_with_gain(rng, RELU_GAIN, params);
     }
 
-    /// Draws the initial weights with variance gain^2 / fan-in and sets the biases to zero; random
-    /// generators in equal states give equal weights.
+    /// Samples the initial weights with variance gain^2 / fan-in and sets the biases to zero;
+    /// random generators in equal states give equal weights.
     ///
     /// The generalisation of He et al. (ICCV 2015, equation 7) to these bases: output irrep b is y
     /// = sum_j w_j phi_j over its F columns phi, the folded patch (signed sums of the taps that the
@@ -157,7 +157,7 @@ pub trait Layer<T: Scalar>: LayerSignature {
     /// When `params` does not hold the layer's parameters.
     fn init_with_gain(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         check(self, [("params", params.len(), self.num_params())]);
-        self.draw_params(rng, gain, params);
+        self.run_init(rng, gain, params);
     }
 
     /// Allocates scratch memory for forward and backward passes over up to `samples` samples.
@@ -179,14 +179,14 @@ pub trait Layer<T: Scalar>: LayerSignature {
     }
 
     /// Implements [`init_with_gain`](Layer::init_with_gain), with a slice of the right length.
-    fn draw_params(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
+    fn run_init(&self, _rng: &mut dyn Rng, _gain: f64, _params: &mut [T]) {}
 
     /// Implements [`forward`](Layer::forward), with slices of the right lengths; `scratch` has
     /// [`scratch_len`](LayerSignature::scratch_len) values.
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]);
 
     /// Implements [`backward`](Layer::backward), with slices of the right lengths.
-    fn run_backward(&self, pass: BackwardPass<T>);
+    fn run_backward(&self, args: BackwardArgs<T>);
 }
 
 /// Kind of a layer, with the settings that its shapes do not show.
@@ -262,7 +262,7 @@ pub(crate) trait Parameterless: LayerSignature {
 
     /// Writes the gradient with respect to the input into `dx`, from the gradient `dy` with respect
     /// to the output `y`.
-    fn pull_back<T: Scalar>(&self, x: &[T], y: &[T], dy: &[T], dx: &mut [T], scratch: &mut [T]);
+    fn backprop<T: Scalar>(&self, x: &[T], y: &[T], dy: &[T], dx: &mut [T], scratch: &mut [T]);
 }
 
 impl<T: Scalar, L: Parameterless> Layer<T> for L {
@@ -274,9 +274,9 @@ impl<T: Scalar, L: Parameterless> Layer<T> for L {
         self.apply(x, y, scratch);
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        if let Some(dx) = pass.dx {
-            self.pull_back(pass.x, pass.y, pass.dy, dx, pass.scratch);
+    fn run_backward(&self, args: BackwardArgs<T>) {
+        if let Some(dx) = args.dx {
+            self.backprop(args.x, args.y, args.dy, dx, args.scratch);
         }
     }
 }
@@ -350,7 +350,7 @@ pub(crate) fn take_unfilled_scratch<'a, T: Scalar>(
     scratch: &'a mut Scratch<T>,
 ) -> &'a mut [T] {
     scratch.origin = ScratchOrigin::default();
-    front(layer, samples, scratch)
+    used_scratch(layer, samples, scratch)
 }
 
 /// Records that a forward pass of this layer filled the scratch memory, if the backward pass reads
@@ -378,7 +378,7 @@ pub(crate) fn take_filled_scratch<'a, T: Scalar>(
         // this pass may overwrite values that another layer saved here
         scratch.origin = ScratchOrigin::default();
     }
-    front(layer, samples, scratch)
+    used_scratch(layer, samples, scratch)
 }
 
 /// Panics unless `forward` of this layer filled the scratch memory for this number of samples.
@@ -403,7 +403,7 @@ pub(crate) fn hash_of(layer: impl Hash) -> u64 {
 }
 
 /// Returns the part of a layer's scratch memory that `samples` samples use.
-fn front<'a, T: Scalar>(
+fn used_scratch<'a, T: Scalar>(
     layer: &(impl LayerSignature + ?Sized),
     samples: usize,
     scratch: &'a mut Scratch<T>,

@@ -21,13 +21,13 @@ use crate::shape::Shape;
 pub struct Restrict {
     shape: Shape,
     group: Group,
-    blocks: Vec<Block>,
+    terms: Vec<RestrictionTerm>,
 }
 
 /// Summand of the restriction matrix: channels `from` of the input, times `scale`, are added to the
 /// output from channel `to` on.
 #[derive(Clone, Debug)]
-struct Block {
+struct RestrictionTerm {
     to: usize,
     from: Range<usize>,
     scale: f64,
@@ -48,11 +48,11 @@ impl Restrict {
                 expected: "a subgroup of that of the input",
             });
         }
-        let blocks = match shape.fields.num_regular_fields() {
+        let terms = match shape.fields.num_regular_fields() {
             Some(fields) => of_regular_fields(shape.fields, fields, group),
             None => sorted(shape.fields, group),
         };
-        Ok(Restrict { shape, group, blocks })
+        Ok(Restrict { shape, group, terms })
     }
 }
 
@@ -69,15 +69,15 @@ fn sources_of(
 
 /// Returns the summands of the restriction matrix that keeps values and sorts channels by the
 /// irreps of the subgroup.
-fn sorted(fields: FieldType, group: Group) -> Vec<Block> {
+fn sorted(fields: FieldType, group: Group) -> Vec<RestrictionTerm> {
     let sources = group.irreps().iter().flat_map(|&b| sources_of(fields, group, b));
     let mut to = 0;
-    let block = |(_, from): (Irrep, Range<usize>)| {
+    let term = |(_, from): (Irrep, Range<usize>)| {
         let start = to;
         to += from.len();
-        Block { to: start, from, scale: 1.0 }
+        RestrictionTerm { to: start, from, scale: 1.0 }
     };
-    sources.map(block).collect()
+    sources.map(term).collect()
 }
 
 /// Returns the summands of the restriction matrix that preserves the values of regular fields in
@@ -86,21 +86,21 @@ fn sorted(fields: FieldType, group: Group) -> Vec<Block> {
 /// The field of coset H t has the value v(h t) at element h, where v(g) = |G|^-1/2 sum_a a(g) c_a
 /// are the values of the field of G. Its coefficient of irrep b is hence (|H| / |G|)^1/2 sum_a a(t)
 /// c_a over the irreps a of G that become b.
-fn of_regular_fields(fields: FieldType, n: usize, group: Group) -> Vec<Block> {
+fn of_regular_fields(fields: FieldType, n: usize, group: Group) -> Vec<RestrictionTerm> {
     let cosets = cosets(fields.group(), group);
     let scale = (cosets.len() as f64).sqrt().recip();
-    let mut blocks = Vec::new();
+    let mut terms = Vec::new();
     for &b in group.irreps() {
         let start = fields.restrict(group).channel_range(b).start;
         for (coset, &t) in cosets.iter().enumerate() {
-            blocks.extend(sources_of(fields, group, b).map(|(a, from)| Block {
+            terms.extend(sources_of(fields, group, b).map(|(a, from)| RestrictionTerm {
                 to: start + coset * n,
                 from,
                 scale: scale * f64::from(a.sign(t)),
             }));
         }
     }
-    blocks
+    terms
 }
 
 /// Returns the first element of every coset of a subgroup.
@@ -127,7 +127,7 @@ impl Parameterless for Restrict {
         let dim = self.shape.fields.dim();
         y.fill(T::ZERO);
         for (pixel, out) in x.chunks_exact(dim).zip(y.chunks_exact_mut(dim)) {
-            for Block { to, from, scale } in &self.blocks {
+            for RestrictionTerm { to, from, scale } in &self.terms {
                 add(*scale, &pixel[from.clone()], &mut out[*to..]);
             }
         }
@@ -135,11 +135,11 @@ impl Parameterless for Restrict {
 
     /// Multiplies `dy` by the transpose of the restriction matrix, which is orthogonal, so the
     /// transpose is its inverse.
-    fn pull_back<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
+    fn backprop<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         dx.fill(T::ZERO);
         for (upstream, gradient) in dy.chunks_exact(dim).zip(dx.chunks_exact_mut(dim)) {
-            for Block { to, from, scale } in &self.blocks {
+            for RestrictionTerm { to, from, scale } in &self.terms {
                 add(*scale, &upstream[*to..], &mut gradient[from.clone()]);
             }
         }
@@ -169,9 +169,9 @@ pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>
         _ => Group::C1,
     };
     Ok(vec![
-        TestLayer::exactly_equivariant("restriction", Restrict::new(regular, sub)?),
-        TestLayer::exactly_equivariant("restriction to C1", Restrict::new(regular, Group::C1)?),
-        TestLayer::exactly_equivariant("restriction of mixed", Restrict::new(mixed, sub)?),
+        TestLayer::exact("restriction", Restrict::new(regular, sub)?),
+        TestLayer::exact("restriction to C1", Restrict::new(regular, Group::C1)?),
+        TestLayer::exact("restriction of mixed", Restrict::new(mixed, sub)?),
     ])
 }
 

@@ -13,7 +13,7 @@ use crate::layers::layer::{
     hash_of, mark_scratch_filled, take_filled_scratch, take_unfilled_scratch,
 };
 use crate::scratch::{
-    BackwardPass, Scratch, round_up_to_cache_line, take_back_padded, take_front, take_front_padded,
+    BackwardArgs, Scratch, round_up_to_cache_line, take_back_padded, take_front, take_front_padded,
 };
 use crate::shape::Shape;
 
@@ -37,6 +37,17 @@ struct Stage {
     fused: Option<FusedChain>,
 }
 
+/// Returns the ranges of the parameters of layers whose parameters lie one after another.
+pub(super) fn param_ranges<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Range<usize>> {
+    let mut end = 0;
+    let ranges = layers.iter().map(|layer| {
+        let start = end;
+        end += layer.num_params();
+        start..end
+    });
+    ranges.collect()
+}
+
 /// Groups the layers of a chain into stages that run as one: a convolution takes all later layers
 /// that can be fused with it.
 fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
@@ -45,7 +56,7 @@ fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
         let kind = layer.kind();
         if let Some(last) = stages.last_mut()
             && let Some(chain) = &mut last.fused
-            && extends(chain, &kind)
+            && try_fuse(chain, &kind)
         {
             last.layers.end = i + 1;
             continue;
@@ -62,7 +73,7 @@ fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
 
 /// Appends a layer to a fused chain and returns `true`, or returns `false` if the two cannot be
 /// fused.
-fn extends<T: Scalar>(chain: &mut FusedChain, kind: &LayerKind<'_, T>) -> bool {
+fn try_fuse<T: Scalar>(chain: &mut FusedChain, kind: &LayerKind<'_, T>) -> bool {
     match kind {
         LayerKind::R2Conv(conv) => chain.fuse_conv(conv),
         LayerKind::Relu => chain.fuse_relu(),
@@ -91,15 +102,9 @@ impl<T: Scalar> Sequential<T> {
                 return Err(LayerError::ShapeMismatch { index: previous + 1, takes, gives });
             }
         }
-        let mut end = 0;
-        let params = layers.iter().map(|layer| {
-            let start = end;
-            end += layer.num_params();
-            start..end
-        });
         let printed: Vec<String> = layers.iter().map(|layer| layer.to_string()).collect();
         Ok(Sequential {
-            params: params.collect(),
+            params: param_ranges(&layers),
             stages: stages(&layers),
             scratch_key: hash_of(printed),
             layers,
@@ -128,8 +133,9 @@ impl<T: Scalar> Sequential<T> {
         })
     }
 
-    /// Runs [`forward`](Layer::forward) on images `[N, H, W, C]` of bytes, with the same bits as on
-    /// the numbers that [`pixel_byte_to_float`](crate::pixel_byte_to_float) makes of the bytes.
+    /// Runs [`forward`](Layer::forward) on images `[N, H, W, C]` of bytes, with bitwise the same
+    /// result as on the numbers that [`pixel_byte_to_float`](crate::pixel_byte_to_float) makes of
+    /// the bytes.
     ///
     /// Bytes are converted where they are read, so the converted image is never stored.
     ///
@@ -146,12 +152,18 @@ impl<T: Scalar> Sequential<T> {
         let samples = count_samples(self, "pictures", pictures.len());
         check_forward(self, samples, [params.len(), y.len()]);
         let x = ConvInput::Bytes(pictures);
-        self.run_from(params, samples, x, y, take_unfilled_scratch(self, samples, scratch));
+        self.forward_from_input(
+            params,
+            samples,
+            x,
+            y,
+            take_unfilled_scratch(self, samples, scratch),
+        );
         mark_scratch_filled(self, samples, scratch);
     }
 
-    /// Runs the backward pass of [`forward_from_bytes`](Sequential::forward_from_bytes), with the
-    /// same bits as [`backward`](Layer::backward). Bytes have no gradient.
+    /// Runs the backward pass of [`forward_from_bytes`](Sequential::forward_from_bytes), with
+    /// bitwise the same result as [`backward`](Layer::backward). Bytes have no gradient.
     ///
     /// # Panics
     /// As `forward_from_bytes` and `backward`.
@@ -167,7 +179,7 @@ impl<T: Scalar> Sequential<T> {
         let samples = count_samples(self, "pictures", pictures.len());
         let lens = [params.len(), y.len(), dy.len(), dparams.len()];
         check_backward(self, samples, lens);
-        let pass = BackwardPass {
+        let args = BackwardArgs {
             params,
             x: &[],
             y,
@@ -176,7 +188,7 @@ impl<T: Scalar> Sequential<T> {
             dparams,
             scratch: take_filled_scratch(self, samples, scratch),
         };
-        self.run_back_to(samples, ConvInput::Bytes(pictures), pass);
+        self.backward_to_input(samples, ConvInput::Bytes(pictures), args);
     }
 
     /// Panics unless the first layer is a convolution that reads bytes.
@@ -190,7 +202,7 @@ impl<T: Scalar> Sequential<T> {
 
     /// Runs the forward passes of the chain's stages one after the other; `x` holds channels or
     /// bytes.
-    fn run_from(
+    fn forward_from_input(
         &self,
         params: &[T],
         samples: usize,
@@ -198,7 +210,7 @@ impl<T: Scalar> Sequential<T> {
         y: &mut [T],
         scratch: &mut [T],
     ) {
-        let mut parts = self.parts(samples, scratch);
+        let mut parts = self.split_scratch(samples, scratch);
         let mut y = Some(y);
         let mut input = x;
         for (i, (layer, range)) in self.stages().enumerate() {
@@ -220,7 +232,7 @@ impl<T: Scalar> Sequential<T> {
                     layer.run_forward(&params[range], channels, output, layer_scratch)
                 }
                 (entry, Some(chain)) => {
-                    chain.run_from(&params[range], samples, entry, output, layer_scratch)
+                    chain.forward_from_input(&params[range], samples, entry, output, layer_scratch)
                 }
                 (_, None) => unreachable!("bytes are for chains"),
             }
@@ -228,30 +240,30 @@ impl<T: Scalar> Sequential<T> {
         }
     }
 
-    /// Runs the backward passes of the chain's stages in reverse order; `x` replaces `pass.x` if it
+    /// Runs the backward passes of the chain's stages in reverse order; `x` replaces `args.x` if it
     /// holds bytes.
-    fn run_back_to(&self, samples: usize, x: ConvInput<T>, pass: BackwardPass<T>) {
-        let mut parts = self.parts(samples, pass.scratch);
-        let mut dx = pass.dx;
+    fn backward_to_input(&self, samples: usize, x: ConvInput<T>, args: BackwardArgs<T>) {
+        let mut parts = self.split_scratch(samples, args.scratch);
+        let mut dx = args.dx;
         let [mut output_gradient, mut input_gradient] = parts.gradients;
         let mut activations = parts.activations;
-        let mut output = pass.y;
+        let mut output = args.y;
         for (i, (layer, range)) in (0..self.stages.len()).rev().zip(self.stages().rev()) {
             let (in_len, out_len) = (samples * layer.in_shape().len(), output.len());
             let (input, dx) = match i {
-                0 => (pass.x, dx.take()),
+                0 => (args.x, dx.take()),
                 _ => {
                     let input = &*take_back_padded(&mut activations, in_len);
                     (input, Some(&mut input_gradient[..in_len]))
                 }
             };
-            let pass = BackwardPass {
-                params: &pass.params[range.clone()],
+            let args = BackwardArgs {
+                params: &args.params[range.clone()],
                 x: input,
                 y: output,
-                dy: if i + 1 == self.stages.len() { pass.dy } else { &output_gradient[..out_len] },
+                dy: if i + 1 == self.stages.len() { args.dy } else { &output_gradient[..out_len] },
                 dx,
-                dparams: &mut pass.dparams[range],
+                dparams: &mut args.dparams[range],
                 scratch: if layer.keeps_scratch() {
                     take_back_padded(&mut parts.kept, layer.scratch_len(samples))
                 } else {
@@ -259,8 +271,8 @@ impl<T: Scalar> Sequential<T> {
                 },
             };
             match (i, x, &self.stages[i].fused) {
-                (0, ConvInput::Bytes(_), Some(chain)) => chain.run_back_to(samples, x, pass),
-                _ => layer.run_backward(pass),
+                (0, ConvInput::Bytes(_), Some(chain)) => chain.backward_to_input(samples, x, args),
+                _ => layer.run_backward(args),
             }
             // the input gradient of this stage is the output gradient of the stage before it
             std::mem::swap(&mut output_gradient, &mut input_gradient);
@@ -269,10 +281,10 @@ impl<T: Scalar> Sequential<T> {
     }
 
     /// Divides a chain's scratch memory for `samples` samples into its parts.
-    fn parts<'a>(&self, samples: usize, scratch: &'a mut [T]) -> Parts<'a, T> {
-        let sizes = self.sizes(samples);
+    fn split_scratch<'a>(&self, samples: usize, scratch: &'a mut [T]) -> ScratchParts<'a, T> {
+        let sizes = self.scratch_sizes(samples);
         let mut rest = scratch;
-        Parts {
+        ScratchParts {
             activations: take_front(&mut rest, sizes.activations),
             kept: take_front(&mut rest, sizes.kept),
             gradients: [(); 2].map(|()| take_front(&mut rest, sizes.gradient)),
@@ -281,7 +293,7 @@ impl<T: Scalar> Sequential<T> {
     }
 
     /// Returns the lengths of the parts of a chain's scratch memory for `samples` samples.
-    fn sizes(&self, samples: usize) -> Sizes {
+    fn scratch_sizes(&self, samples: usize) -> ScratchSizes {
         let inner = self.stages().take(self.stages.len() - 1);
         let activations =
             inner.map(|(layer, _)| round_up_to_cache_line(samples * layer.out_shape().len()));
@@ -290,7 +302,7 @@ impl<T: Scalar> Sequential<T> {
             let chosen = layers.filter(move |layer| layer.keeps_scratch() == kept);
             chosen.map(move |layer| round_up_to_cache_line(layer.scratch_len(samples)))
         };
-        Sizes {
+        ScratchSizes {
             activations: activations.clone().sum(),
             kept: scratch(true).sum(),
             gradient: activations.max().unwrap_or(0),
@@ -300,7 +312,7 @@ impl<T: Scalar> Sequential<T> {
 }
 
 /// Lengths, in values, of the parts of a chain's scratch memory.
-struct Sizes {
+struct ScratchSizes {
     /// Total length of the outputs of all stages but the last.
     activations: usize,
     /// Total length of the scratch memory that stages keep from the forward to the backward pass.
@@ -313,7 +325,7 @@ struct Sizes {
 }
 
 /// Parts of a chain's scratch memory.
-struct Parts<'a, T> {
+struct ScratchParts<'a, T> {
     activations: &'a mut [T],
     kept: &'a mut [T],
     gradients: [&'a mut [T]; 2],
@@ -334,7 +346,7 @@ impl<T: Scalar> LayerSignature for Sequential<T> {
     }
 
     fn scratch_len(&self, samples: usize) -> usize {
-        let sizes = self.sizes(samples);
+        let sizes = self.scratch_sizes(samples);
         sizes.activations + sizes.kept + 2 * sizes.gradient + sizes.shared
     }
 
@@ -352,7 +364,7 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
         LayerKind::Sequential(&self.layers)
     }
 
-    fn draw_params(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+    fn run_init(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         // layers without parameters, such as a ReLU at the end, do not use up the gain
         let scaled = self.layers.iter().rposition(|layer| layer.num_params() > 0);
         for (i, (layer, range)) in self.layers.iter().zip(&self.params).enumerate() {
@@ -366,12 +378,12 @@ impl<T: Scalar> Layer<T> for Sequential<T> {
 
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
         let samples = x.len() / self.in_shape().len();
-        self.run_from(params, samples, ConvInput::Channels(x), y, scratch);
+        self.forward_from_input(params, samples, ConvInput::Channels(x), y, scratch);
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        let samples = pass.x.len() / self.in_shape().len();
-        self.run_back_to(samples, ConvInput::Channels(pass.x), pass);
+    fn run_backward(&self, args: BackwardArgs<T>) {
+        let samples = args.x.len() / self.in_shape().len();
+        self.backward_to_input(samples, ConvInput::Channels(args.x), args);
     }
 }
 

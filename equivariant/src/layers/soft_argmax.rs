@@ -73,7 +73,7 @@ impl SpatialSoftArgmax {
 
     /// Returns the output channel of the keypoint coordinate x (0) or y (1) of a channel of the
     /// regular basis, and the sign of the coordinate there.
-    fn target(&self, channel: usize, coordinate: usize) -> (usize, i8) {
+    fn keypoint_channel(&self, channel: usize, coordinate: usize) -> (usize, i8) {
         let (n, irrep) = (self.fields, [Irrep::X, Irrep::Y][coordinate]);
         let group = self.shape.fields.group();
         if self.order == 1 {
@@ -102,7 +102,7 @@ impl SpatialSoftArgmax {
         self.transform_output(spare);
         let dim = self.shape.fields.dim();
         for (i, keypoint) in keypoints[..2 * dim].iter_mut().enumerate() {
-            let (place, sign) = self.target(i % dim, i / dim);
+            let (place, sign) = self.keypoint_channel(i % dim, i / dim);
             *keypoint = if sign < 0 { -spare[place] } else { spare[place] };
         }
     }
@@ -111,7 +111,7 @@ impl SpatialSoftArgmax {
     fn softmax<T: Scalar>(&self, map: &mut [T], row: &mut [T]) {
         let dim = row.len();
         // subtracting the maximum leaves the softmax unchanged and keeps exp from overflowing
-        largest(map, row);
+        channel_maxima(map, row);
         let inverse = T::from_f64(self.temperature.recip());
         for pixel in map.chunks_exact_mut(dim) {
             for (v, &best) in pixel.iter_mut().zip(&*row) {
@@ -133,7 +133,7 @@ impl SpatialSoftArgmax {
 
     /// Writes the expected pixel position of the `dim` channels: x of all, then y of all, `[2
     /// dim]`.
-    fn means<T: Scalar>(&self, map: &[T], means: &mut [T]) {
+    fn expected_positions<T: Scalar>(&self, map: &[T], means: &mut [T]) {
         means.fill(T::ZERO);
         let (x_means, y_means) = means.split_at_mut(means.len() / 2);
         for (i, pixel) in map.chunks_exact(x_means.len()).enumerate() {
@@ -164,7 +164,7 @@ impl SpatialSoftArgmax {
 }
 
 /// Writes the largest value of every channel of a map over the pixels.
-fn largest<T: Scalar>(map: &[T], row: &mut [T]) {
+fn channel_maxima<T: Scalar>(map: &[T], row: &mut [T]) {
     row.copy_from_slice(&map[..row.len()]);
     for pixel in map.chunks_exact(row.len()) {
         for (best, &v) in row.iter_mut().zip(pixel) {
@@ -211,16 +211,16 @@ impl Parameterless for SpatialSoftArgmax {
             self.transform_input(map);
             self.softmax(map, &mut rows[..dim]);
             let means = &mut rows[..2 * dim];
-            self.means(map, means);
+            self.expected_positions(map, means);
             for (i, &mean) in means.iter().enumerate() {
-                let (place, sign) = self.target(i % dim, i / dim);
+                let (place, sign) = self.keypoint_channel(i % dim, i / dim);
                 keypoints[place] = if sign < 0 { -mean } else { mean };
             }
             self.transform_output(keypoints);
         }
     }
 
-    fn pull_back<T: Scalar>(&self, _x: &[T], y: &[T], dy: &[T], dx: &mut [T], scratch: &mut [T]) {
+    fn backprop<T: Scalar>(&self, _x: &[T], y: &[T], dy: &[T], dx: &mut [T], scratch: &mut [T]) {
         let dim = self.shape.fields.dim();
         let (distributions, rows) = scratch.split_at_mut(dx.len());
         let (spare, rows) = rows.split_at_mut(2 * dim);
@@ -251,8 +251,8 @@ pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>
     let trivial = Shape::image(3, 3, group.trivial_type(2));
     let trivial = SpatialSoftArgmax::new(trivial, 1.0)?;
     Ok(vec![
-        TestLayer::approximately_equivariant("soft-argmax", SpatialSoftArgmax::new(regular, 0.5)?),
-        TestLayer::approximately_equivariant("trivial soft-argmax", trivial),
+        TestLayer::approximate("soft-argmax", SpatialSoftArgmax::new(regular, 0.5)?),
+        TestLayer::approximate("trivial soft-argmax", trivial),
     ])
 }
 
@@ -290,12 +290,6 @@ mod tests {
         image[0] = 2.0;
         let found = keypoints(Group::D2, [3, 4], &image, 1e-3);
         assert!((found[0] + 0.75).abs() < 1e-12 && (found[1] - 2.0 / 3.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_flat_map_has_its_keypoint_at_the_centre() {
-        let found = keypoints(Group::C2, [4, 6], &[7.0; 48], 1.0);
-        assert!(found.iter().all(|v| v.abs() < 1e-15), "{found:?}");
     }
 
     #[test]

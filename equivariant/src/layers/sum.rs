@@ -13,8 +13,8 @@ use crate::layers::linear::Linear;
 use crate::layers::max_pool::MaxPool;
 use crate::layers::r2_conv::R2Conv;
 use crate::layers::relu::Relu;
-use crate::layers::sequential::Sequential;
-use crate::scratch::{BackwardPass, round_up_to_cache_line, take_front_padded};
+use crate::layers::sequential::{Sequential, param_ranges};
+use crate::scratch::{BackwardArgs, round_up_to_cache_line, take_front_padded};
 use crate::shape::Shape;
 use crate::window::SlidingWindow;
 
@@ -70,16 +70,9 @@ impl<T: Scalar> BranchSum<T> {
                 return Err(refused("branch", branch.to_string(), expected));
             }
         }
-        let mut end = 0;
-        let params = branches.iter().map(|branch| {
-            let start = end;
-            end += branch.num_params();
-            start..end
-        });
-        let params = params.collect();
         let printed: Vec<String> = branches.iter().map(|branch| branch.to_string()).collect();
         Ok(BranchSum {
-            params,
+            params: param_ranges(&branches),
             residual,
             scratch_key: hash_of(("Sum", residual, printed)),
             branches,
@@ -142,7 +135,7 @@ impl<T: Scalar> LayerSignature for BranchSum<T> {
 }
 
 impl<T: Scalar> Layer<T> for BranchSum<T> {
-    fn draw_params(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
+    fn run_init(&self, rng: &mut dyn Rng, gain: f64, params: &mut [T]) {
         // second moments of independent terms add up
         let terms = self.branches.len() + usize::from(self.residual);
         for (branch, range) in self.branches() {
@@ -165,27 +158,27 @@ impl<T: Scalar> Layer<T> for BranchSum<T> {
         }
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        let samples = pass.x.len() / self.in_shape().len();
-        let gradient = pass.scratch.len() - pass.x.len();
-        let (mut rest, gradient) = pass.scratch.split_at_mut(gradient);
-        let mut dx = pass.dx;
+    fn run_backward(&self, args: BackwardArgs<T>) {
+        let samples = args.x.len() / self.in_shape().len();
+        let gradient = args.scratch.len() - args.x.len();
+        let (mut rest, gradient) = args.scratch.split_at_mut(gradient);
+        let mut dx = args.dx;
         if let Some(dx) = &mut dx {
             if self.residual {
-                dx.copy_from_slice(pass.dy);
+                dx.copy_from_slice(args.dy);
             } else {
                 dx.fill(T::ZERO);
             }
         }
         for (branch, range) in self.branches() {
             let (output, own) = take_branch(branch, samples, &mut rest);
-            branch.run_backward(BackwardPass {
-                params: &pass.params[range.clone()],
-                x: pass.x,
+            branch.run_backward(BackwardArgs {
+                params: &args.params[range.clone()],
+                x: args.x,
                 y: output,
-                dy: pass.dy,
+                dy: args.dy,
                 dx: dx.is_some().then_some(&mut *gradient),
-                dparams: &mut pass.dparams[range],
+                dparams: &mut args.dparams[range],
                 scratch: own,
             });
             if let Some(dx) = &mut dx {
@@ -224,22 +217,10 @@ pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>
     let [from, to] = [[2, 1, 3, 0], [1, 2, 0, 2]].map(|irreps| FieldType::new(group, irreps));
     let linear = || Linear::new(from, to).map(|linear| Box::new(linear) as Box<dyn Layer<T>>);
     Ok(vec![
-        TestLayer::exactly_equivariant(
-            "sum",
-            BranchSum::new(vec![Box::new(relu), Box::new(pool)])?,
-        ),
-        TestLayer::exactly_equivariant(
-            "residual relu",
-            BranchSum::residual(Box::new(Relu::new(shape)?))?,
-        ),
-        TestLayer::approximately_equivariant(
-            "residual block",
-            BranchSum::residual(Box::new(block))?,
-        ),
-        TestLayer::approximately_equivariant(
-            "sum of linear",
-            BranchSum::new(vec![linear()?, linear()?])?,
-        ),
+        TestLayer::exact("sum", BranchSum::new(vec![Box::new(relu), Box::new(pool)])?),
+        TestLayer::exact("residual relu", BranchSum::residual(Box::new(Relu::new(shape)?))?),
+        TestLayer::approximate("residual block", BranchSum::residual(Box::new(block))?),
+        TestLayer::approximate("sum of linear", BranchSum::new(vec![linear()?, linear()?])?),
     ])
 }
 
@@ -252,22 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn terms_are_added_and_the_input_passes_its_gradient_on() {
-        let fields = Group::D2.trivial_type(2);
-        let sum = BranchSum::residual(relu(fields)).unwrap();
-        let (mut y, mut dx) = ([f64::NAN; 2], [f64::NAN; 2]);
-        let mut scratch = sum.allocate_scratch(1);
-        let x = [3.0, -4.0];
-        sum.forward(&[], &x, &mut y, &mut scratch);
-        assert_eq!(y, [6.0, -4.0]);
-        let dy = [1.0, 10.0];
-        sum.backward(&[], &x, &y, &dy, Some(&mut dx), &mut [], &mut scratch);
-        assert_eq!(dx, [2.0, 10.0]);
-        assert_eq!(sum.to_string(), "Sum(x + Relu(1 x 1 x (2 1)))");
-    }
-
-    #[test]
-    fn branches_of_other_shapes_are_refused_by_name() {
+    fn branches_are_printed_and_those_of_other_shapes_refused_by_name() {
         let [one, two] = [1, 2].map(|n| Group::D2.trivial_type(n));
         let message = BranchSum::new(vec![relu(one), relu(two)]).unwrap_err().to_string();
         let expected = "Sum: got the branch Relu(1 x 1 x (2 1)), expected one between";
@@ -277,5 +243,7 @@ mod tests {
         assert!(residual.contains("the shape of its input"), "{residual}");
         let empty = BranchSum::<f64>::new(Vec::new()).unwrap_err().to_string();
         assert!(empty.starts_with("Sum: got the number of branches 0"));
+        let sum = BranchSum::residual(relu(one)).unwrap();
+        assert_eq!(sum.to_string(), "Sum(x + Relu(1 x 1 x (1 1)))");
     }
 }

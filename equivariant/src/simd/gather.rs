@@ -22,30 +22,30 @@ impl PatchGeometry {
         &self,
         lanes: L,
         fold: OrbitBlock,
-        staged: &[T],
+        blocked: &[T],
         windows: &[usize],
         panels: &mut [Block<T>],
         step: usize,
     ) {
         let orbit = &self.orbits[fold.orbit];
         if self.is_replicated {
-            let staged = &staged[fold.block * LANES..];
+            let blocked = &blocked[fold.block * LANES..];
             let panel = &mut panels[..windows.len()];
             return match orbit.tap_offsets.len() {
-                1 => gather_replicated::<T, L, 1>(lanes, orbit, staged, windows, panel),
+                1 => gather_replicated::<T, L, 1>(lanes, orbit, blocked, windows, panel),
                 // an orbit of D2 has up to four taps, of which the lines fold two pairs already
-                _ => gather_replicated::<T, L, 2>(lanes, orbit, staged, windows, panel),
+                _ => gather_replicated::<T, L, 2>(lanes, orbit, blocked, windows, panel),
             };
         }
-        let staged = &staged.as_chunks().0[fold.block..];
+        let blocked = &blocked.as_chunks().0[fold.block..];
         match orbit.tap_offsets.len() {
-            1 => gather_orbit::<T, L, 1>(lanes, orbit, staged, windows, panels, step),
-            2 => gather_orbit::<T, L, 2>(lanes, orbit, staged, windows, panels, step),
-            _ => gather_orbit::<T, L, 4>(lanes, orbit, staged, windows, panels, step),
+            1 => gather_orbit::<T, L, 1>(lanes, orbit, blocked, windows, panels, step),
+            2 => gather_orbit::<T, L, 2>(lanes, orbit, blocked, windows, panels, step),
+            _ => gather_orbit::<T, L, 4>(lanes, orbit, blocked, windows, panels, step),
         }
     }
 
-    /// Adds the gradients of folds to a block of the staged image, for the windows that start at
+    /// Adds the gradients of folds to a block of the blocked image, for the windows that start at
     /// `windows`: the transpose of [`gather`](PatchGeometry::gather).
     #[inline(always)]
     pub fn scatter<T: Real, L: Lanes<T>, const R: usize, const N: usize>(
@@ -53,24 +53,24 @@ impl PatchGeometry {
         lanes: L,
         orbit: usize,
         folds: [[L::V; N]; R],
-        staged: &mut [T],
+        blocked: &mut [T],
         windows: &[usize],
         c: usize,
     ) {
         let orbit = &self.orbits[orbit];
-        let staged: &mut [Block<T>] = staged.as_chunks_mut().0;
+        let blocked: &mut [Block<T>] = blocked.as_chunks_mut().0;
         let scale = lanes.splat(T::from_f64(orbit.scale));
-        let (taps, parities) = orbit.constants::<N>();
+        let (taps, parities) = orbit.tap_offsets_and_parities::<N>();
         for (mut sums, window) in folds.into_iter().zip(windows) {
             for i in 0..N {
                 let parity = if N == 4 { i } else { parities[i] };
-                sums[i] = swap(lanes, sums[i], parity);
+                sums[i] = swap_lanes(lanes, sums[i], parity);
                 if N < 4 {
                     sums[i] = lanes.mul(sums[i], scale);
                 }
             }
             let values = butterfly(lanes, sums);
-            let window = &mut staged[window / LANES + c..][..=taps[N - 1]];
+            let window = &mut blocked[window / LANES + c..][..=taps[N - 1]];
             for i in 0..N {
                 let block = &mut window[taps[i]];
                 lanes.store(block, lanes.add(lanes.load(block), values[i]));
@@ -85,12 +85,12 @@ impl PatchGeometry {
         lanes: L,
         orbit: usize,
         fold: L::V,
-        staged: &mut [T],
+        blocked: &mut [T],
         at: usize,
     ) {
         let orbit = &self.orbits[orbit];
         for (tap, coefficients) in orbit.tap_offsets.iter().zip(&orbit.coefficients) {
-            let block = first_n_mut(&mut staged[at + tap..]);
+            let block = first_n_mut(&mut blocked[at + tap..]);
             let c = lanes.load(&block_to_precision(coefficients));
             let sum = lanes.mul_add(fold, c, lanes.load(block));
             lanes.store(block, sum);
@@ -103,21 +103,21 @@ impl PatchGeometry {
 fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
     orbit: &TapOrbit,
-    staged: &[Block<T>],
+    blocked: &[Block<T>],
     windows: &[usize],
     panels: &mut [Block<T>],
     step: usize,
 ) {
     let rows = windows.len();
     let scale = lanes.splat(T::from_f64(orbit.scale));
-    let (taps, parities) = orbit.constants::<N>();
+    let (taps, parities) = orbit.tap_offsets_and_parities::<N>();
     // slices of equal lengths need one bounds check for all of them
-    let len = staged.len() - taps[N - 1];
-    let mut seen = [staged; N];
+    let len = blocked.len() - taps[N - 1];
+    let mut seen = [blocked; N];
     let mut folds: [&mut [Block<T>]; N] = std::array::from_fn(|_| Default::default());
     let mut parts = panels.chunks_mut(step);
     for i in 0..N {
-        seen[i] = &staged[taps[i]..][..len];
+        seen[i] = &blocked[taps[i]..][..len];
         folds[i] = &mut parts.next().unwrap_or_default()[..rows];
     }
     for (row, window) in windows.iter().enumerate() {
@@ -133,7 +133,7 @@ fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
         for i in 0..N {
             // Four folds have the four parities in order, and a constant parity is one instruction.
             let parity = if N == 4 { i } else { parities[i] };
-            let fold = swap(lanes, values[i], parity);
+            let fold = swap_lanes(lanes, values[i], parity);
             lanes.store(&mut folds[i][row], fold);
         }
     }
@@ -145,7 +145,7 @@ fn gather_orbit<T: Real, L: Lanes<T>, const N: usize>(
 fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
     lanes: L,
     orbit: &TapOrbit,
-    staged: &[T],
+    blocked: &[T],
     windows: &[usize],
     panel: &mut [Block<T>],
 ) {
@@ -160,9 +160,9 @@ fn gather_replicated<T: Real, L: Lanes<T>, const N: usize>(
     }
     let scale = lanes.load(&block_to_precision(&orbit.coefficients[0].map(f64::abs)));
     for (block, &at) in panel.iter_mut().zip(windows) {
-        let mut sum = lanes.mul(lanes.load(first_n(&staged[at + taps[0]..])), signs[0]);
+        let mut sum = lanes.mul(lanes.load(first_n(&blocked[at + taps[0]..])), signs[0]);
         for i in 1..N {
-            let x = lanes.load(first_n(&staged[at + taps[i]..]));
+            let x = lanes.load(first_n(&blocked[at + taps[i]..]));
             sum = lanes.mul_add(x, signs[i], sum);
         }
         lanes.store(block, lanes.mul(sum, scale));
@@ -173,7 +173,7 @@ impl TapOrbit {
     /// Returns the offsets of the orbit's taps in a window, in blocks and ascending, and the
     /// parities of its folds.
     #[inline(always)]
-    fn constants<const N: usize>(&self) -> ([usize; N], [usize; N]) {
+    fn tap_offsets_and_parities<const N: usize>(&self) -> ([usize; N], [usize; N]) {
         let (mut taps, mut parities) = ([0; N], [0; N]);
         for i in 0..N {
             (taps[i], parities[i]) = (self.tap_offsets[i] / LANES, self.parities[i]);
@@ -194,7 +194,7 @@ pub(crate) fn block_to_precision<T: Real>(block: &Block<f64>) -> Block<T> {
 
 /// Swaps lanes: lane i receives lane i xor `parity`. Each case is a constant of the instruction.
 #[inline(always)]
-fn swap<T: Real, L: Lanes<T>>(lanes: L, v: L::V, parity: usize) -> L::V {
+fn swap_lanes<T: Real, L: Lanes<T>>(lanes: L, v: L::V, parity: usize) -> L::V {
     match parity {
         0 => v,
         1 => lanes.swap_lanes(v, 1),

@@ -11,17 +11,17 @@ pub(crate) struct Interleaver {
     /// Number of regular fields of a pixel; `None` if the field type has other channels.
     regular: Option<usize>,
     /// First channel and number of channels of each irrep.
-    parts: [(usize, usize); 4],
+    irrep_channels: [(usize, usize); 4],
 }
 
 impl Interleaver {
     pub fn new(fields: FieldType) -> Interleaver {
-        let mut parts = [(0, 0); 4];
-        for (part, &irrep) in parts.iter_mut().zip(fields.group().irreps()) {
+        let mut irrep_channels = [(0, 0); 4];
+        for (channels, &irrep) in irrep_channels.iter_mut().zip(fields.group().irreps()) {
             let range = fields.channel_range(irrep);
-            *part = (range.start, range.len());
+            *channels = (range.start, range.len());
         }
-        Interleaver { regular: fields.num_regular_fields(), parts }
+        Interleaver { regular: fields.num_regular_fields(), irrep_channels }
     }
 
     /// Writes the scaled channels of a pixel into its lane groups, one for each field; lanes
@@ -37,7 +37,7 @@ impl Interleaver {
             Some(n) if n % 16 == 0 => interleave_regular::<T, G, 16>(n, scale, channels, groups),
             Some(n) if n % 4 == 0 => interleave_regular::<T, G, 4>(n, scale, channels, groups),
             _ => {
-                for (lane, &(start, len)) in self.parts[..G].iter().enumerate() {
+                for (lane, &(start, len)) in self.irrep_channels[..G].iter().enumerate() {
                     for (group, &x) in groups.iter_mut().zip(&channels[start..start + len]) {
                         group[lane] = x * scale;
                     }
@@ -60,7 +60,7 @@ impl Interleaver {
             Some(n) if n % 16 == 0 => deinterleave_regular::<T, G, 16>(n, scale, groups, channels),
             Some(n) if n % 4 == 0 => deinterleave_regular::<T, G, 4>(n, scale, groups, channels),
             _ => {
-                for (lane, &(start, len)) in self.parts[..G].iter().enumerate() {
+                for (lane, &(start, len)) in self.irrep_channels[..G].iter().enumerate() {
                     for (group, x) in groups.iter().zip(&mut channels[start..start + len]) {
                         *x = group[lane] * scale;
                     }

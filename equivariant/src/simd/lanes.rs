@@ -69,7 +69,8 @@ pub(crate) trait Lanes<T>: Copy {
     fn mul_add(self, a: Self::V, b: Self::V, c: Self::V) -> Self::V;
     /// Swaps lanes: lane i receives lane i xor `bits`, for `bits` in 0..4.
     fn swap_lanes(self, v: Self::V, bits: usize) -> Self::V;
-    /// Interleaves lanes 4 i to 4 i + 3 of two registers into the groups `[e, e, o, o]`.
+    /// Returns four groups `[e, e, o, o]`, one for each of the lanes 4 i to 4 i + 3 of the
+    /// registers `e` and `o`.
     fn interleave_pair(self, e: Self::V, o: Self::V, i: usize) -> Self::V;
     /// Zeroes lanes that are at most zero and returns the bit mask of the others, NaN among them.
     fn relu_with_mask(self, v: Self::V) -> (Self::V, u16);
@@ -94,12 +95,12 @@ pub(crate) fn run_f32(work: impl WithLanes<f32>, widest: InstructionSet) {
         if widest >= InstructionSet::Avx512
             && let Some(simd) = pulp::x86::V4::try_new()
         {
-            return simd.vectorize(x86::On { simd, work });
+            return simd.vectorize(x86::OnInstructionSet { simd, work });
         }
         if widest >= InstructionSet::Avx2
             && let Some(simd) = pulp::x86::V3::try_new()
         {
-            return simd.vectorize(x86::On { simd, work });
+            return simd.vectorize(x86::OnInstructionSet { simd, work });
         }
     }
     #[cfg(not(target_arch = "x86_64"))]

@@ -53,7 +53,7 @@ impl FoldedLines {
 
     /// Returns the length of the folded lines for one line of output pixels, in values of whole
     /// blocks.
-    pub fn staged_len(&self) -> usize {
+    pub fn blocked_len(&self) -> usize {
         (self.alignment_shift() + self.line_offset(self.lines_per_window())).next_multiple_of(LANES)
     }
 
@@ -234,8 +234,8 @@ impl<T: Real> Pixel<T> for u8 {
 /// Operands of the weight gradient of a line of output pixels.
 pub(crate) struct LineGradient<'a, T, L> {
     pub lanes: L,
-    /// Number of blocks of [`LANES`] values that an output pixel fills.
-    pub width: usize,
+    /// Number of blocks of [`LANES`] values of an output pixel.
+    pub blocks_per_pixel: usize,
     /// Distance between the windows of neighbouring output pixels, in values.
     pub step: usize,
     pub x: &'a [T],
@@ -266,7 +266,7 @@ impl<T: Real, L: Lanes<T>> LineGradient<'_, T, L> {
     /// Adds V blocks of the weight gradient of K window columns.
     #[inline(always)]
     fn sum<const K: usize, const V: usize>(&self, column: usize, dw: &mut [Block<T>]) {
-        let LineGradient { lanes, width, step, .. } = *self;
+        let LineGradient { lanes, blocks_per_pixel: width, step, .. } = *self;
         let rows = self.dy.len() / width;
         let mut dy = [&self.dy[..rows]; V];
         for v in 0..V {

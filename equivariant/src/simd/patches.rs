@@ -1,12 +1,13 @@
-//! Images in the layout of the CPU kernels, and the geometry of folded patches.
+//! Images in the blocked layout, and the geometry of folded patches.
 //!
-//! Read this before editing. The *staged* image is padded with zeros and holds the channels of a
-//! pixel field by field: G lanes per field, one for each irrep. The fold of an orbit of taps is
-//! then a butterfly over a few blocks. Its result of parity p leads from input irrep a = b p to
-//! output irrep b, by a swap of lanes within the groups. A *panel* holds the folded patches of some
-//! rows (output pixels), `[block][row]`, like im2col does for ordinary convolutions.
+//! Read this before editing. An image in the *blocked layout* is padded with zeros and holds the
+//! channels of a pixel in blocks of sixteen values, similar to the blocked layouts of oneDNN, but
+//! field by field: G lanes per field, one for each irrep. The fold of an orbit of taps is then a
+//! butterfly over a few blocks. Its result of parity p leads from input irrep a = b p to output
+//! irrep b, by a swap of lanes within the groups. A *panel* holds the folded patches of some rows
+//! (output pixels), `[block][row]`, like im2col does for ordinary convolutions.
 //!
-//! Trivial channels would leave most lanes empty. They are staged as G copies, and the lanes of a
+//! Trivial channels would leave most lanes empty. They are stored as G copies, and the lanes of a
 //! folded group are the parities of one orbit, since parity b leads from the trivial irrep to irrep
 //! b. For D2 the copies are folded along y already (see [`FoldedLines`]), since the windows of a
 //! line share that fold.
@@ -24,20 +25,21 @@ use crate::steerable::hadamard::with_const_order;
 use crate::steerable::taps::TapBasis;
 use crate::window::SlidingWindow;
 
-/// Geometry of images in the layout of the CPU kernels (staged images) and of their folded patches.
+/// Geometry of images in the blocked layout and of their folded patches: im2col patches in which
+/// the signed sums (folds) of each orbit of taps replace the taps.
 #[derive(Clone, Debug)]
 pub(crate) struct PatchGeometry {
     pub image_shape: Shape,
     pub window: SlidingWindow,
-    /// Start of the window of every output pixel in a staged image.
+    /// Start of the window of every output pixel in a blocked image.
     pub window_starts: Vec<usize>,
-    /// Index of every pixel of the image in a staged image.
+    /// Index of every pixel of the image in a blocked image.
     pub pixel_starts: Vec<usize>,
-    /// Length of a staged pixel, in values.
-    pitch: usize,
-    /// Number of blocks of a staged pixel, the last of which may be partly filled.
+    /// Length of a blocked pixel, in values.
+    pixel_len: usize,
+    /// Number of blocks of a blocked pixel, the last of which may be partly filled.
     pub blocks_per_pixel: usize,
-    /// `true` if the channels are trivial and staged as G copies, one for each group element.
+    /// `true` if the channels are trivial and stored as G copies, one for each group element.
     pub is_replicated: bool,
     /// Folded lines of trivial channels of D2; `None` for other types.
     pub folded_lines: Option<FoldedLines>,
@@ -50,15 +52,16 @@ pub(crate) struct PatchGeometry {
 pub(crate) struct TapOrbit {
     /// First tap `[row, column]` of the orbit.
     pub first_tap: [usize; 2],
-    /// Offsets of the orbit's taps from the start of a window in a staged image, in values.
+    /// Offsets of the orbit's taps from the start of a window in a blocked image, in values.
     pub tap_offsets: Vec<usize>,
-    /// Parities of the orbit's folds, as positions in the group's list of irreps.
+    /// Irreps (parities) by whose signs the orbit's taps are summed, as positions in the group's
+    /// list of irreps.
     pub parities: Vec<usize>,
-    /// Index of the first block of the orbit's folds in a folded patch.
+    /// Index of the first block of a folded patch that holds signed sums (folds) of this orbit.
     pub first_block: usize,
-    /// Factor that makes the orbit's fold orthonormal, if staged values are divided by sqrt(G).
+    /// Factor that makes the orbit's fold orthonormal, if blocked values are divided by sqrt(G).
     pub scale: f64,
-    /// Coefficient of each tap of the orbit in each lane, for trivial channels that are staged as G
+    /// Coefficient of each tap of the orbit in each lane, for trivial channels that are stored as G
     /// copies.
     pub coefficients: Vec<Block<f64>>,
 }
@@ -82,7 +85,7 @@ impl PatchGeometry {
             window: kernel,
             window_starts: Vec::new(),
             pixel_starts: Vec::new(),
-            pitch: blocks * LANES,
+            pixel_len: blocks * LANES,
             blocks_per_pixel: blocks,
             is_replicated: image.fields.is_trivial() && group.order() > 1,
             folded_lines: None,
@@ -92,17 +95,17 @@ impl PatchGeometry {
         if patches.is_replicated {
             // Pixels are packed: a load also reads the next ones, and their lanes meet weights of
             // zero.
-            patches.pitch = lanes;
+            patches.pixel_len = lanes;
         }
         patches.window_starts = patches.offsets(out_size, kernel.stride, 0);
         if patches.is_replicated && group == Group::D2 {
-            let line = patches.staged_width() * patches.pitch;
+            let line = patches.padded_width() * patches.pixel_len;
             let lines = FoldedLines::new(image, kernel, out_size[0], line);
             for (i, window) in patches.window_starts.iter_mut().enumerate() {
                 let (oy, ox) = (i / out_size[1].max(1), i % out_size[1].max(1));
                 *window = lines.alignment_shift()
                     + lines.first_line_start(oy)
-                    + ox * kernel.stride * patches.pitch;
+                    + ox * kernel.stride * patches.pixel_len;
             }
             patches.folded_lines = Some(lines);
         }
@@ -113,11 +116,11 @@ impl PatchGeometry {
         patches
     }
 
-    /// Returns the offsets of a grid of pixels in a staged image, in values.
+    /// Returns the offsets of a grid of pixels in a blocked image, in values.
     fn offsets(&self, [height, width]: [usize; 2], step: usize, first: usize) -> Vec<usize> {
-        let at = |y, x| (first + y * step) * self.staged_width() + first + x * step;
+        let at = |y, x| (first + y * step) * self.padded_width() + first + x * step;
         let lines = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
-        lines.map(|(y, x)| at(y, x) * self.pitch).collect()
+        lines.map(|(y, x)| at(y, x) * self.pixel_len).collect()
     }
 
     /// Adds the orbit of taps that starts with tap `start`, unless it exists.
@@ -125,7 +128,7 @@ impl PatchGeometry {
         if self.orbits.iter().any(|o| o.first_tap == start) {
             return;
         }
-        let offset = |[y, x]: [usize; 2]| (y * self.staged_width() + x) * self.pitch;
+        let offset = |[y, x]: [usize; 2]| (y * self.padded_width() + x) * self.pixel_len;
         let group = self.image_shape.fields.group();
         let functions = taps.basis_functions.iter().filter(|f| f.tap_coefficients[0].0 == start);
         let functions: Vec<_> = functions.collect();
@@ -174,38 +177,38 @@ impl PatchGeometry {
         (orbit.first_block + skipped * self.blocks_per_pixel) * per_block
     }
 
-    /// Returns the width of a staged image in pixels, with padding.
-    fn staged_width(&self) -> usize {
+    /// Returns the width of a blocked image in pixels, with padding.
+    fn padded_width(&self) -> usize {
         self.image_shape.width + 2 * self.window.padding
     }
 
-    /// Returns the length of a staged image in values, including space to load a block at the last
+    /// Returns the length of a blocked image in values, including space to load a block at the last
     /// pixel.
-    pub fn staged_len(&self) -> usize {
-        let line = self.staged_width() * self.pitch;
+    pub fn blocked_len(&self) -> usize {
+        let line = self.padded_width() * self.pixel_len;
         let lines = match &self.folded_lines {
             Some(lines) => lines.num_lines(),
             None => self.image_shape.height + 2 * self.window.padding,
         };
-        let beyond = (self.blocks_per_pixel + 1) * LANES - self.pitch;
+        let beyond = (self.blocks_per_pixel + 1) * LANES - self.pixel_len;
         (lines * line + beyond).next_multiple_of(LANES)
     }
 
-    /// Writes the positions of consecutive pixels in staged images, in blocks.
+    /// Writes the positions of consecutive pixels in blocked images, in blocks.
     #[inline(always)]
     pub fn write_pixel_blocks(&self, first: usize, places: &mut [usize]) {
         let pixels = self.pixel_starts.len();
-        let (mut start, mut pixel) = (first / pixels * self.staged_len(), first % pixels);
+        let (mut start, mut pixel) = (first / pixels * self.blocked_len(), first % pixels);
         for place in places {
             *place = (start + self.pixel_starts[pixel]) / LANES;
             pixel += 1;
             if pixel == pixels {
-                (start, pixel) = (start + self.staged_len(), 0);
+                (start, pixel) = (start + self.blocked_len(), 0);
             }
         }
     }
 
-    /// Returns the number of blocks of a staged image before a pixel; the padding above the first
+    /// Returns the number of blocks of a blocked image before a pixel; the padding above the first
     /// pixel belongs to it.
     pub fn blocks_before_pixel(&self, pixel: usize) -> usize {
         match pixel {
@@ -214,88 +217,88 @@ impl PatchGeometry {
         }
     }
 
-    /// Returns the factor 1/sqrt(G) of staged values, for G group elements, with which folds over
+    /// Returns the factor 1/sqrt(G) of blocked values, for G group elements, with which folds over
     /// orbits of G taps are orthonormal.
-    pub fn staging_scale(&self) -> f64 {
+    pub fn blocked_scale(&self) -> f64 {
         (self.image_shape.fields.group().order() as f64).sqrt().recip()
     }
 
-    /// Writes zeros into the padding around the pixels of a staged image.
-    pub fn clear_border<T: Real>(&self, staged: &mut [T]) {
-        let line = self.image_shape.width * self.pitch;
+    /// Writes zeros into the padding around the pixels of a blocked image.
+    pub fn clear_border<T: Real>(&self, blocked: &mut [T]) {
+        let line = self.image_shape.width * self.pixel_len;
         let mut end = 0;
         for &start in self.pixel_starts.iter().step_by(self.image_shape.width.max(1)) {
-            staged[end..start].fill(T::ZERO);
+            blocked[end..start].fill(T::ZERO);
             end = start + line;
         }
-        staged[end..].fill(T::ZERO);
+        blocked[end..].fill(T::ZERO);
     }
 
-    /// Writes one image into `staged` in the layout of the CPU kernels. Padding and lanes without a
+    /// Writes one image into `blocked` in the blocked layout. Padding and lanes without a
     /// channel must be zero and stay so.
     #[inline(always)]
-    pub fn stage<T: Real, L: Lanes<T>>(&self, lanes: L, image: &[T], staged: &mut [T]) {
+    pub fn write_blocked<T: Real, L: Lanes<T>>(&self, lanes: L, image: &[T], blocked: &mut [T]) {
         if let Some(lines) = &self.folded_lines {
-            return lines.fold(lanes, image, 0..lines.out_height, staged);
+            return lines.fold(lanes, image, 0..lines.out_height, blocked);
         }
         let order = self.image_shape.fields.group().order();
-        with_const_order!(G = order, self.stage_groups::<T, G>(image, staged));
+        with_const_order!(G = order, self.write_blocked_groups::<T, G>(image, blocked));
     }
 
     #[inline(always)]
-    fn stage_groups<T: Real, const G: usize>(&self, image: &[T], staged: &mut [T]) {
+    fn write_blocked_groups<T: Real, const G: usize>(&self, image: &[T], blocked: &mut [T]) {
         if self.is_replicated {
-            return self.replicate::<T, _, G>(image, staged);
+            return self.write_copies::<T, _, G>(image, blocked);
         }
         let channels = self.image_shape.fields.dim();
-        let scale = T::from_f64(self.staging_scale());
+        let scale = T::from_f64(self.blocked_scale());
         let interleaver = Interleaver::new(self.image_shape.fields);
         for (i, &to) in self.pixel_starts.iter().enumerate() {
             let from = &image[i * channels..][..channels];
-            interleaver.interleave::<T, G>(scale, from, &mut staged[to..][..self.pitch]);
+            interleaver.interleave::<T, G>(scale, from, &mut blocked[to..][..self.pixel_len]);
         }
     }
 
-    /// Writes an image of bytes, which stand for trivial channels, into `staged` in the layout of
-    /// the CPU kernels, for groups other than D2.
+    /// Writes an image of bytes, which stand for trivial channels, into `blocked` in the
+    /// blocked layout, for groups other than D2.
     #[inline(always)]
-    pub fn stage_bytes<T: Real>(&self, image: &[u8], staged: &mut [T]) {
+    pub fn write_blocked_bytes<T: Real>(&self, image: &[u8], blocked: &mut [T]) {
         let order = self.image_shape.fields.group().order();
-        with_const_order!(G = order, self.replicate::<T, _, G>(image, staged));
+        with_const_order!(G = order, self.write_copies::<T, _, G>(image, blocked));
     }
 
-    /// Writes G copies of every channel of an image to the staged image.
+    /// Writes G copies of every channel of an image to the blocked image.
     #[inline(always)]
-    fn replicate<T: Real, P: Pixel<T>, const G: usize>(&self, image: &[P], staged: &mut [T]) {
+    fn write_copies<T: Real, P: Pixel<T>, const G: usize>(&self, image: &[P], blocked: &mut [T]) {
         let channels = self.image_shape.fields.dim();
         for (pixel, &to) in image.chunks_exact(channels).zip(&self.pixel_starts) {
-            let groups = staged[to..][..channels * G].as_chunks_mut().0;
+            let groups = blocked[to..][..channels * G].as_chunks_mut().0;
             for (group, x) in groups.iter_mut().zip(pixel) {
                 *group = [x.to_number(); G];
             }
         }
     }
 
-    /// Writes the transpose of [`stage`](PatchGeometry::stage) to one image.
+    /// Writes the transpose of [`write_blocked`](PatchGeometry::write_blocked) to one image.
     #[inline(always)]
-    pub fn unstage<T: Real>(&self, staged: &[T], image: &mut [T]) {
+    pub fn read_blocked<T: Real>(&self, blocked: &[T], image: &mut [T]) {
         if let Some(lines) = &self.folded_lines {
-            return lines.unfold(staged, image);
+            return lines.unfold(blocked, image);
         }
         let order = self.image_shape.fields.group().order();
-        with_const_order!(G = order, self.unstage_groups::<T, G>(staged, image));
+        with_const_order!(G = order, self.read_blocked_groups::<T, G>(blocked, image));
     }
 
     #[inline(always)]
-    fn unstage_groups<T: Real, const G: usize>(&self, staged: &[T], image: &mut [T]) {
+    fn read_blocked_groups<T: Real, const G: usize>(&self, blocked: &[T], image: &mut [T]) {
         let channels = self.image_shape.fields.dim();
-        let scale = T::from_f64(self.staging_scale());
+        let scale = T::from_f64(self.blocked_scale());
         let interleaver = Interleaver::new(self.image_shape.fields);
         for (i, &from) in self.pixel_starts.iter().enumerate() {
             let to = &mut image[i * channels..][..channels];
-            let from = &staged[from..][..self.pitch];
+            let from = &blocked[from..][..self.pixel_len];
             if self.is_replicated {
-                add_up::<T, G>(from, to);
+                sum_copies::<T, G>(from, to);
             } else {
                 interleaver.deinterleave::<T, G>(scale, from, to);
             }
@@ -305,7 +308,7 @@ impl PatchGeometry {
 
 /// Writes the sum of the G copies of every channel of a pixel.
 #[inline(always)]
-fn add_up<T: Real, const G: usize>(groups: &[T], channels: &mut [T]) {
+fn sum_copies<T: Real, const G: usize>(groups: &[T], channels: &mut [T]) {
     for (group, x) in groups.as_chunks::<G>().0.iter().zip(channels) {
         let mut sum = group[0];
         for &copy in &group[1..] {

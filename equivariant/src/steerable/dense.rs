@@ -4,8 +4,8 @@ use symmetry::{FieldType, Irrep};
 
 use crate::real::Real;
 use crate::shape::Shape;
-use crate::steerable::blocks::IrrepBlocks;
 use crate::steerable::hadamard::{hadamard_transform_pixels, permuted_field_order_and_count};
+use crate::steerable::irrep_weights::IrrepWeights;
 use crate::steerable::taps::TapBasis;
 use crate::window::SlidingWindow;
 
@@ -24,7 +24,7 @@ use crate::window::SlidingWindow;
 pub struct OrdinaryConv<'a> {
     pub(crate) layer_name: &'static str,
     pub(crate) taps: TapBasis,
-    pub(crate) blocks: &'a IrrepBlocks,
+    pub(crate) irrep_weights: &'a IrrepWeights,
     /// Index of the parameter of every entry of the irreps' weight matrices; `None` if the matrices
     /// lie among the parameters as they are.
     pub(crate) param_indices: Option<&'a [usize]>,
@@ -83,7 +83,7 @@ impl OrdinaryConv<'_> {
     /// As [`kernel`](OrdinaryConv::kernel).
     pub fn bias<T: Real>(&self, params: &[T]) -> Vec<T> {
         self.check(params);
-        let mut bias = params[self.blocks.bias_range()].to_vec();
+        let mut bias = params[self.irrep_weights.bias_range()].to_vec();
         bias.resize(self.out_type().dim(), T::ZERO);
         bias
     }
@@ -126,7 +126,7 @@ impl OrdinaryConv<'_> {
             "{}: got a kernel of this many entries, expected {shape:?}",
             self.layer_name
         );
-        let mut params = vec![T::ZERO; self.blocks.num_params()];
+        let mut params = vec![T::ZERO; self.irrep_weights.num_params()];
         self.each_coefficient(|weight, tap, c| params[weight] += kernel[tap] * T::from_f64(c));
         let square = |v: f64| v * v;
         let total: f64 = kernel.iter().map(|k| square(k.to_f64())).sum();
@@ -158,7 +158,7 @@ impl OrdinaryConv<'_> {
     }
 
     fn check<T>(&self, params: &[T]) {
-        let expected = self.blocks.num_params();
+        let expected = self.irrep_weights.num_params();
         let got = params.len();
         assert!(got == expected, "{}: got {got} parameters, expected {expected}", self.layer_name);
     }
@@ -168,7 +168,7 @@ impl OrdinaryConv<'_> {
     fn each_coefficient(&self, mut f: impl FnMut(usize, usize, f64)) {
         let [_, in_dim, size, _] = self.kernel_shape();
         for b in Irrep::ALL {
-            let mut weights = self.blocks.weight_range(b);
+            let mut weights = self.irrep_weights.weight_range(b);
             for out in self.out_type().channel_range(b) {
                 for function in &self.taps.basis_functions {
                     let channels =

@@ -36,7 +36,8 @@ impl TapBasis {
     pub fn new(in_type: FieldType, size: usize) -> TapBasis {
         let group = in_type.group();
         let functions = group.irreps().iter().flat_map(|&parity| {
-            (0..size * size).filter_map(move |t| folded(group, size, parity, [t / size, t % size]))
+            (0..size * size)
+                .filter_map(move |t| basis_function(group, size, parity, [t / size, t % size]))
         });
         TapBasis { in_type, kernel_size: size, basis_functions: functions.collect() }
     }
@@ -66,7 +67,12 @@ impl TapBasis {
 
 /// Returns the basis function of this parity on the orbit of `tap`; `None` if it vanishes or `tap`
 /// is not the first of its orbit.
-fn folded(group: Group, size: usize, parity: Irrep, tap: [usize; 2]) -> Option<TapFunction> {
+fn basis_function(
+    group: Group,
+    size: usize,
+    parity: Irrep,
+    tap: [usize; 2],
+) -> Option<TapFunction> {
     let mut sums = BTreeMap::new();
     for &g in group.elements() {
         let (row, col) = g.apply_pixel(tap[0], tap[1], size, size);
@@ -84,46 +90,6 @@ fn folded(group: Group, size: usize, parity: Irrep, tap: [usize; 2]) -> Option<T
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn dense(function: &TapFunction, size: usize) -> Vec<f64> {
-        let mut values = vec![0.0; size * size];
-        for &([row, col], c) in &function.tap_coefficients {
-            values[row * size + col] = c;
-        }
-        values
-    }
-
-    #[test]
-    fn the_functions_are_an_orthonormal_basis() {
-        for group in Group::ALL {
-            for size in 1..6 {
-                let taps = TapBasis::new(group.trivial_type(1), size);
-                assert_eq!(taps.basis_functions.len(), size * size, "{group}");
-                let rows: Vec<_> = taps.basis_functions.iter().map(|f| dense(f, size)).collect();
-                for (i, a) in rows.iter().enumerate() {
-                    for (j, b) in rows.iter().enumerate() {
-                        let product: f64 = a.iter().zip(b).map(|(a, b)| a * b).sum();
-                        let expected = f64::from(u8::from(i == j));
-                        assert!((product - expected).abs() < 1e-15, "{group} {size}");
-                    }
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn every_function_has_the_signs_of_its_parity() {
-        for group in Group::ALL {
-            for function in &TapBasis::new(group.trivial_type(1), 3).basis_functions {
-                for &g in group.elements() {
-                    let sign = f64::from(function.parity.sign(g));
-                    let moved = g.transform_image(&dense(function, 3), 3, 3, 1);
-                    let signed = dense(function, 3).into_iter().map(|v| v * sign);
-                    assert!(signed.eq(moved), "{group} {function:?}");
-                }
-            }
-        }
-    }
 
     #[test]
     fn columns_are_ordered_by_parity_tap_and_channel() {

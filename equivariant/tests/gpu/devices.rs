@@ -1,7 +1,7 @@
 //! Adapters, limits and lost devices.
 
 use equivariant::gpu::{Device, GpuError, Network, available_adapters};
-use equivariant::{BackwardPass, Group, Layer, LayerSignature, Relu, Scalar, Shape};
+use equivariant::{BackwardArgs, Group, Layer, LayerSignature, Relu, Scalar, Shape};
 
 fn relu() -> Relu {
     Relu::new(Shape::image(16, 16, Group::D2.regular_type(8))).unwrap()
@@ -84,9 +84,9 @@ impl<T: Scalar> Layer<T> for Foreign {
         y.copy_from_slice(x);
     }
 
-    fn run_backward(&self, pass: BackwardPass<T>) {
-        if let Some(dx) = pass.dx {
-            dx.copy_from_slice(pass.dy);
+    fn run_backward(&self, args: BackwardArgs<T>) {
+        if let Some(dx) = args.dx {
+            dx.copy_from_slice(args.dy);
         }
     }
 }

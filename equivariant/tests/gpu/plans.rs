@@ -1,6 +1,6 @@
 //! Networks that branch and join, and kernels of other crates.
 
-use equivariant::gpu::{Batch, KernelStep, Passes, Plan, Program, WorkgroupCount};
+use equivariant::gpu::{BatchUniforms, KernelDispatch, Passes, Plan, Program, WorkgroupCount};
 use equivariant::{Group, LayerSignature, Linear, Shape};
 
 use crate::common::{concat, normal};
@@ -8,8 +8,8 @@ use crate::device;
 
 const SAMPLES: usize = 3;
 
-fn batch() -> Batch {
-    Batch { samples: SAMPLES, ..Batch::default() }
+fn batch() -> BatchUniforms {
+    BatchUniforms { samples: SAMPLES, ..BatchUniforms::default() }
 }
 
 #[test]
@@ -70,20 +70,20 @@ fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
 fn a_kernel_of_somebody_else_sees_the_batch() {
     let mut plan = Plan::new();
     let y = plan.add_input(Shape::vector(Group::C1.trivial_type(1)));
-    let step = KernelStep::new("mine", 1, WorkgroupCount::threads_per_sample(1))
+    let kernel = KernelDispatch::new("mine", 1, WorkgroupCount::threads_per_sample(1))
         .add_output_buffer("y", "f32", y.values);
-    let step = step.add_wgsl(
+    let kernel = kernel.add_wgsl(
         "@compute @workgroup_size(THREADS)
          fn main(place: Place) {
              let i = index_of(place);
              if i < batch.samples { y[i] = f32(batch.start + i) + batch.numbers.w; }
          }",
     );
-    plan.add_final_kernel(step);
+    plan.add_final_kernel(kernel);
     let program = Program::new(device(), &plan, 100).unwrap();
     for (samples, start) in [(100, 7), (70, 20)] {
         let extra_numbers = [0.0, 0.0, 0.0, 0.5];
-        let batch = Batch { samples, start, extra_numbers, ..Batch::default() };
+        let batch = BatchUniforms { samples, start, extra_numbers, ..BatchUniforms::default() };
         program.submit(Passes::Backward, batch);
     }
     let [y] = program.read_floats([(y.values, 100)]).unwrap();

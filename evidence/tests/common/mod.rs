@@ -16,7 +16,7 @@ const AXES: [Irrep; 2] = [Irrep::X, Irrep::Y];
 
 /// Shows groups of a world for some rounds each.
 pub fn stream(kind: WorldKind, seed: u64, visits: &[(usize, usize)], envs: usize) -> TaskStream {
-    let visits = visits.iter().map(|&(group, rounds)| Visit { group, rounds });
+    let visits = visits.iter().map(|&(group, rounds)| Visit::new(group, rounds));
     let world = World::random(kind, seed);
     let stream = TaskStream::new(world, visits.collect(), envs).unwrap();
     stream.with_horizon(HORIZON)

@@ -1,6 +1,8 @@
 //! Tests that presets can finish, and differ only as documented.
 
 use envs::{Camera, TaskRegistry};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 
 use super::*;
 
@@ -9,7 +11,7 @@ fn every_preset_is_a_run_that_can_be_finished() {
     for method in Method::ALL {
         for budget in Budget::value_variants() {
             let experiment = budget.experiment(method);
-            experiment.check(&TaskRegistry::standard()).unwrap();
+            experiment.check(&TaskRegistry::all()).unwrap();
         }
         let option = method.to_possible_value().unwrap();
         assert_eq!(option.get_name(), method.name());
@@ -63,6 +65,36 @@ fn the_budget_of_the_table_is_the_same_for_all_methods() {
     assert_eq!(decisions(Budget::Full), 159_000);
     assert_eq!(decisions(Budget::Short), 100_000);
     assert_eq!(decisions(Budget::ZeroShot), 174_000);
+    assert_eq!(decisions(Budget::Ten), 886_000);
+    assert_eq!(decisions(Budget::Mt10), 1_000_000);
+    assert_eq!(decisions(Budget::All), 1_370_000);
+}
+
+/// Streams of many groups visit each twice, in an order that the seed draws, and rollouts of two
+/// episodes do not end where visits do.
+#[test]
+fn streams_of_many_groups_follow_the_seed_and_switch_within_rollouts() {
+    let budgets = [
+        (Budget::Ten, &TaskGroup::TEN[..]),
+        (Budget::Mt10, &TaskGroup::MT10),
+        (Budget::All, &TaskGroup::ALL),
+    ];
+    for (budget, groups) in budgets {
+        let run = budget.experiment(Method::Paper);
+        let rollout = run.learner.rollout_steps();
+        let orders = [1, 2].map(|seed| {
+            let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+            let visits = run.schedule.draw_visits(1, rng);
+            assert_eq!(visits.len(), 2 * groups.len());
+            for group in groups {
+                let of_group = visits.iter().filter(|visit| visit.group == group.name());
+                assert_eq!(of_group.count(), 2, "{budget:?} {group}");
+            }
+            assert!(visits.iter().all(|visit| !visit.decisions.is_multiple_of(rollout)));
+            visits.into_iter().map(|visit| visit.group).collect::<Vec<_>>()
+        });
+        assert_ne!(orders[0], orders[1], "{budget:?}");
+    }
 }
 
 #[test]

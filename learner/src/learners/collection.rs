@@ -11,13 +11,12 @@ pub use checkpoint::read_checkpoint_note;
 pub use episodes::{Rollout, StepView};
 pub use settings::{CommonSettings, Handover, NewPolicyInit, PolicyCollectionSettings, Training};
 
-use std::time::Instant;
-
 use cluster::{Candidate, Contest, Reservoir};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, RlError, RolloutState, RolloutStats, VectorEnv};
 use serde::{Deserialize, Serialize};
+use web_time::Instant;
 
 use crate::error::LearnerError;
 use crate::groupings::{Candidates, Episodes, Grouping};

@@ -12,7 +12,7 @@ use crate::network::{ActorCritic, Workspace};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, PpoTotals};
-use crate::ppo::symmetry_loss::{TransformedSamples, symmetry_loss};
+use crate::ppo::symmetry_loss::{AugmentedSamples, symmetry_loss};
 
 /// Number of decisions that one thread processes at a time (a chunk) in training. A minibatch of 64
 /// then has 8 chunks to keep the cores busy; smaller chunks take a quarter more time.
@@ -24,7 +24,7 @@ const TRAINING_CHUNK: usize = 8;
 pub(super) const MAX_LOG_RATIO: f64 = 60.0;
 
 /// A device, CPU or GPU, that computes losses and gradients of the minibatches of an update.
-pub(super) trait Device: Send + Sync {
+pub(super) trait Backend: Send + Sync {
     /// Returns the summed losses of a minibatch and the gradient of their mean with respect to the
     /// parameters; `None` if the device queues the minibatch and takes its step itself.
     ///
@@ -49,7 +49,7 @@ pub(super) trait Device: Send + Sync {
 pub(super) struct Update<'a> {
     pub settings: &'a PpoSettings,
     pub optimiser: &'a mut Adam,
-    pub batch: &'a Batch,
+    pub batch: &'a TrainingBatch,
     pub policy: &'a mut ActorCriticPolicy,
     pub buffer: &'a RolloutBuffer,
     pub rng: &'a mut ChaCha8Rng,
@@ -58,13 +58,13 @@ pub(super) struct Update<'a> {
 /// Advantages, returns and actions of a rollout of T steps of N environments, `[T, N, ...]` each;
 /// kept between updates to reuse the allocations.
 #[derive(Default)]
-pub(super) struct Batch {
+pub(super) struct TrainingBatch {
     pub advantages: Vec<f32>,
     pub returns: Vec<f32>,
     pub actions: Vec<f64>,
     /// Transformed samples of the rollout for a [`SymmetryLoss`](crate::SymmetryLoss); not kept
     /// between updates.
-    pub transformed: Option<TransformedSamples>,
+    pub augmented: Option<AugmentedSamples>,
 }
 
 impl<'a> Update<'a> {
@@ -100,7 +100,7 @@ impl<'a> Update<'a> {
                 ent_coef: settings.entropy_weight.into(),
                 symmetry: symmetry.map_or(0.0, |symmetry| symmetry.weight.into()),
             },
-            transformed: batch.transformed.as_ref(),
+            augmented: batch.augmented.as_ref(),
         }
     }
 }
@@ -120,7 +120,7 @@ pub(super) struct Decision<'a> {
 
 /// Output of the current network for the observation of a decision.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Output<'a> {
+pub(super) struct NetworkOutput<'a> {
     /// Mean action of the policy in training, `[A]`.
     pub mean: &'a [f64],
     /// Logarithms of the policy's standard deviations, `[A]`.
@@ -143,14 +143,14 @@ pub(super) struct Minibatch<'a> {
     pub advantages: &'a [f64],
     pub weights: LossWeights,
     /// Transformed samples of the rollout; `None` without a symmetry loss.
-    pub transformed: Option<&'a TransformedSamples>,
+    pub augmented: Option<&'a AugmentedSamples>,
 }
 
 impl Minibatch<'_> {
     /// Runs the network forward and backward on the decisions at positions `range` of the
     /// minibatch. Adds their share of the gradient of the mean loss to `gradient` and returns the
     /// sums of their loss terms.
-    pub fn chunk<T: Scalar>(
+    pub fn run_chunk<T: Scalar>(
         &self,
         network: &ActorCritic<T>,
         params: &[T],
@@ -165,11 +165,11 @@ impl Minibatch<'_> {
         network.forward(params, range.len(), workspace);
         let mut sums = self.loss(range.clone(), workspace);
         network.backward(params, range.len(), workspace, gradient);
-        if let Some(transformed) = self.transformed {
+        if let Some(augmented) = self.augmented {
             // a second pass in the same workspace, after the gradient of the first one was added
             let scale = 1.0 / self.indices.len() as f64;
             let indices = &self.indices[range];
-            transformed.forward(network, params, indices, workspace);
+            augmented.forward(network, params, indices, workspace);
             sums.symmetry_loss = symmetry_loss(indices.len(), &self.weights, scale, workspace);
             network.backward(params, indices.len(), workspace, gradient);
         }
@@ -192,8 +192,11 @@ impl Minibatch<'_> {
                 advantage: self.advantages[position],
                 ret: f64::from(self.returns[i]),
             };
-            let new =
-                Output { mean: &w.mean[own.clone()], log_std: &w.log_std, value: w.value[slot] };
+            let new = NetworkOutput {
+                mean: &w.mean[own.clone()],
+                log_std: &w.log_std,
+                value: w.value[slot],
+            };
             let (d_mean, d_log_std) = (&mut w.d_mean[own], &mut w.d_log_std);
             let (terms, d_value) = self.weights.loss(&old, &new, scale, d_mean, d_log_std);
             w.d_value[slot] = d_value;
@@ -203,13 +206,14 @@ impl Minibatch<'_> {
     }
 }
 
-/// The CPU as a [`Device`]: chunks run in parallel, and their gradients are added in a fixed order.
-pub(super) struct Cpu {
+/// The CPU as a [`Backend`]: chunks run in parallel, and their gradients are added in a fixed
+/// order.
+pub(super) struct CpuBackend {
     chunks: ParallelChunks<f32, Workspace<f32>>,
     gradient: Vec<f32>,
 }
 
-impl Cpu {
+impl CpuBackend {
     pub fn new(policy: &ActorCriticPolicy) -> Self {
         let network = policy.network().clone();
         let num_params = network.num_params();
@@ -222,7 +226,7 @@ impl Cpu {
     }
 }
 
-impl Device for Cpu {
+impl Backend for CpuBackend {
     fn losses(
         &mut self,
         update: &Update,
@@ -231,14 +235,14 @@ impl Device for Cpu {
         let (network, params) = (update.policy.network(), update.policy.params());
         let (samples, mut losses) = (minibatch.indices.len(), LossSums::default());
         self.gradient.fill(0.0);
-        let parts = self.chunks.accumulate_gradients(
+        let chunk_losses = self.chunks.accumulate_gradients(
             samples,
             &mut self.gradient,
             |range, workspace, gradient| {
-                minibatch.chunk(network, params, range, workspace, gradient)
+                minibatch.run_chunk(network, params, range, workspace, gradient)
             },
         );
-        parts.iter().for_each(|part| losses.add(part));
+        chunk_losses.iter().for_each(|chunk| losses.add(chunk));
         let sum = losses.policy_loss + losses.value_loss + losses.approx_kl + losses.symmetry_loss;
         check_finite("the loss of a minibatch", sum)?;
         Ok(Some((losses, &mut self.gradient)))

@@ -126,7 +126,7 @@ impl PpoSettings {
 
     /// Rejects a log_std below [`PpoSettings::min_log_std`], to which the first gradient step would
     /// raise it however small the gradient is.
-    pub(super) fn check_floor(&self, log_std: &[f32]) -> Result<(), RlError> {
+    pub(super) fn check_min_log_std(&self, log_std: &[f32]) -> Result<(), RlError> {
         let min_log_std = self.min_log_std;
         match log_std.iter().find(|&&log_std| log_std < min_log_std) {
             Some(&log_std) => Err(RlError::LogStdBelowMinimum { log_std, min_log_std }),
@@ -138,55 +138,5 @@ impl PpoSettings {
 impl Default for PpoSettings {
     fn default() -> Self {
         Self::tuned()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn presets_are_valid_and_differ_in_what_was_measured_alone() {
-        assert!(PpoSettings::paper().check().is_ok() && PpoSettings::default().check().is_ok());
-        let papers = PpoSettings {
-            gamma: 0.99,
-            head_learning_rate: 3e-4,
-            encoder_learning_rate: 3e-4,
-            value_weight: 0.5,
-            epochs: 8,
-            ..PpoSettings::tuned()
-        };
-        assert_eq!(papers, PpoSettings::paper());
-    }
-
-    #[test]
-    fn settings_survive_a_file() {
-        for settings in [PpoSettings::paper(), PpoSettings::tuned()] {
-            let text = serde_json::to_string(&settings).unwrap();
-            assert_eq!(serde_json::from_str::<PpoSettings>(&text).unwrap(), settings);
-        }
-        let partial: PpoSettings = serde_json::from_str(r#"{"clip": 0.1}"#).unwrap();
-        let expected = PpoSettings { clip: 0.1, ..PpoSettings::default() };
-        assert_eq!(partial, expected);
-        let unknown = serde_json::from_str::<PpoSettings>(r#"{"clipp": 0.1}"#).unwrap_err();
-        assert!(unknown.to_string().contains("unknown field `clipp`"));
-    }
-
-    #[test]
-    fn a_value_out_of_range_is_refused_by_name() {
-        type Spoil = fn(&mut PpoSettings);
-        let cases: [(&str, Spoil); 5] = [
-            ("gamma", |s| s.gamma = 1.1),
-            ("clip", |s| s.clip = f32::NAN),
-            ("max_kl", |s| s.max_kl = f32::INFINITY),
-            ("epochs", |s| s.epochs = 0),
-            ("minibatch", |s| s.minibatch = 1),
-        ];
-        for (name, spoil) in cases {
-            let mut settings = PpoSettings::paper();
-            spoil(&mut settings);
-            let message = settings.check().unwrap_err().to_string();
-            assert!(message.starts_with(name) && message.contains("expected"), "{message}");
-        }
     }
 }

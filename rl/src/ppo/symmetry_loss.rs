@@ -54,7 +54,7 @@ impl SymmetryLoss {
 
     /// Draws a random group element for each decision of the rollout and transforms the decision's
     /// observation by it.
-    pub(super) fn draw(&self, buffer: &RolloutBuffer, rng: &mut ChaCha8Rng) -> TransformedSamples {
+    pub(super) fn augment(&self, buffer: &RolloutBuffer, rng: &mut ChaCha8Rng) -> AugmentedSamples {
         // the identity comes first
         let others = &self.group.elements()[1..];
         let draw = |_| others[rng.random_range(0..others.len())];
@@ -63,18 +63,18 @@ impl SymmetryLoss {
         for (i, &g) in elements.iter().enumerate() {
             observations.transform(buffer.spec(), i, g);
         }
-        TransformedSamples { elements, observations }
+        AugmentedSamples { elements, observations }
     }
 }
 
 /// Observations of a rollout, each transformed by its own group element.
 #[derive(Debug)]
-pub(super) struct TransformedSamples {
+pub(super) struct AugmentedSamples {
     elements: Vec<D2>,
     observations: Observations,
 }
 
-impl TransformedSamples {
+impl AugmentedSamples {
     /// Runs the network forward on the transformed observations at `indices`, after a forward pass
     /// over the original ones, whose transformed outputs stay in `d_mean` and `d_value` as targets.
     pub fn forward<T: Scalar>(
@@ -140,7 +140,7 @@ mod tests {
     use super::*;
     use crate::env::Transition;
     use crate::fixtures;
-    use crate::fixtures::{slope, strided};
+    use crate::fixtures::{central_difference, strided};
     use crate::network_settings::{CriticSettings, NetworkSettings};
     use crate::policy::Decisions;
 
@@ -173,7 +173,7 @@ mod tests {
 
     /// Returns parameters that are not small, a workspace after a pass over the original samples,
     /// and the transformed samples.
-    fn observed(network: &ActorCritic<f64>) -> (Vec<f64>, Workspace<f64>, TransformedSamples) {
+    fn observed(network: &ActorCritic<f64>) -> (Vec<f64>, Workspace<f64>, AugmentedSamples) {
         let (buffer, mut workspace) = (buffer(), network.workspace(B));
         let mut params = network.init_params(&mut rng());
         params[network.num_params() - 3..].copy_from_slice(&[-0.3, 0.2, -0.6]);
@@ -182,16 +182,16 @@ mod tests {
             network.load_sample(i, image, vector, &mut workspace);
         }
         network.forward(&params, B, &mut workspace);
-        let transformed = ALL.draw(&buffer, &mut rng());
-        (params, workspace, transformed)
+        let augmented = ALL.augment(&buffer, &mut rng());
+        (params, workspace, augmented)
     }
 
     fn loss_of(group: Group, critic: CriticSettings) -> (f64, Vec<f64>) {
         let network = network(group, critic);
-        let (params, mut workspace, transformed) = observed(&network);
+        let (params, mut workspace, augmented) = observed(&network);
         let indices: Vec<usize> = (0..B).collect();
         let mut gradient = vec![0.0; params.len()];
-        transformed.forward(&network, &params, &indices, &mut workspace);
+        augmented.forward(&network, &params, &indices, &mut workspace);
         let loss = symmetry_loss(B, &WEIGHTS, 1.0, &mut workspace);
         network.backward(&params, B, &mut workspace, &mut gradient);
         (loss, gradient)
@@ -214,11 +214,11 @@ mod tests {
     #[test]
     fn the_loss_of_one_decision_by_hand() {
         let network = network(Group::C1, CriticSettings::Joint { fields: 3 });
-        let (_, mut w, mut transformed) = observed(&network);
-        transformed.elements[0] = D2::FlipX;
+        let (_, mut w, mut augmented) = observed(&network);
+        augmented.elements[0] = D2::FlipX;
         w.mean[..3].copy_from_slice(&[0.5, 0.25, -1.0]);
         w.value[0] = 2.0;
-        transformed.store_targets(&spec(), &[0], &mut w);
+        augmented.store_targets(&spec(), &[0], &mut w);
         w.mean[..3].copy_from_slice(&[-0.25, -0.25, -1.0]);
         w.value[0] = 4.0;
         w.log_std = vec![0.0, -(2f64.ln()), 0.0];
@@ -236,17 +236,17 @@ mod tests {
     fn gradient_equals_finite_differences_with_the_answers_held() {
         for critic in [CriticSettings::Joint { fields: 3 }, CriticSettings::Pooled { width: 3 }] {
             let network = network(Group::C1, critic);
-            let (mut params, mut workspace, transformed) = observed(&network);
+            let (mut params, mut workspace, augmented) = observed(&network);
             let indices: Vec<usize> = (0..B).collect();
             let mut gradient = vec![0.0; params.len()];
-            transformed.forward(&network, &params, &indices, &mut workspace);
+            augmented.forward(&network, &params, &indices, &mut workspace);
             let targets = (workspace.d_mean.clone(), workspace.d_value.clone());
             symmetry_loss(B, &WEIGHTS, 0.25, &mut workspace);
             network.backward(&params, B, &mut workspace, &mut gradient);
             let log_std = params.len() - 3;
             for (i, g) in gradient.iter().enumerate() {
-                let slope = slope(&mut params, i, 1e-6, |params| {
-                    transformed.forward(&network, params, &indices, &mut workspace);
+                let slope = central_difference(&mut params, i, 1e-6, |params| {
+                    augmented.forward(&network, params, &indices, &mut workspace);
                     workspace.d_mean.clone_from(&targets.0);
                     workspace.d_value.clone_from(&targets.1);
                     let loss = symmetry_loss(B, &WEIGHTS, 0.25, &mut workspace);
@@ -263,14 +263,14 @@ mod tests {
     #[test]
     fn all_elements_but_the_identity_are_drawn_and_move_what_was_observed() {
         let (buffer, spec) = (buffer(), spec());
-        let transformed = ALL.draw(&buffer, &mut rng());
+        let augmented = ALL.augment(&buffer, &mut rng());
         for g in D2::ALL {
-            assert_eq!(transformed.elements.contains(&g), g != D2::Identity, "{g}");
+            assert_eq!(augmented.elements.contains(&g), g != D2::Identity, "{g}");
         }
-        for (i, &g) in transformed.elements.iter().enumerate() {
+        for (i, &g) in augmented.elements.iter().enumerate() {
             let mut expected = buffer.observations().clone();
             expected.transform(&spec, i, g);
-            assert_eq!(transformed.observations.sample(&spec, i), expected.sample(&spec, i));
+            assert_eq!(augmented.observations.sample(&spec, i), expected.sample(&spec, i));
         }
     }
 }

@@ -10,7 +10,7 @@ use super::*;
 use crate::encoder::EncoderSettings;
 use crate::env::{EnvSpec, Observations, Transition};
 use crate::fixtures;
-use crate::fixtures::{slope, strided};
+use crate::fixtures::{central_difference, strided};
 use crate::network::ActorCritic;
 use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::policy::Decisions;
@@ -27,7 +27,7 @@ fn total(sums: &LossSums, weights: &LossWeights) -> f64 {
 
 /// Returns the loss of one decision and its gradient; parameters are mean (2), log_std (2), value.
 fn decision_loss(p: &[f64], sample: &Decision) -> (f64, [f64; 5]) {
-    let output = Output { mean: &p[..2], log_std: &p[2..4], value: p[4] };
+    let output = NetworkOutput { mean: &p[..2], log_std: &p[2..4], value: p[4] };
     let (mut mean, mut log_std) = ([0.0; 2], [0.0; 2]);
     let (sums, value) = WEIGHTS.loss(sample, &output, 1.0, &mut mean, &mut log_std);
     let gradient = [mean[0], mean[1], log_std[0], log_std[1], value];
@@ -44,7 +44,8 @@ fn gradient_equals_finite_differences_on_every_branch() {
         for advantage in [0.7, -1.3] {
             let sample = Decision { action: &action, log_prob: now - shift, advantage, ret: 0.4 };
             for (i, g) in decision_loss(&p, &sample).1.into_iter().enumerate() {
-                let slope = slope(&mut p.clone(), i, 1e-5, |p| decision_loss(p, &sample).0);
+                let slope =
+                    central_difference(&mut p.clone(), i, 1e-5, |p| decision_loss(p, &sample).0);
                 assert!((slope - g).abs() < 1e-8, "{shift} {advantage} {i}: {g} {slope}");
             }
         }
@@ -68,7 +69,7 @@ fn an_improvement_beyond_the_clip_has_no_gradient() {
 fn a_ratio_beyond_all_numbers_ends_an_update_and_one_that_is_none_is_an_error() {
     let losses = |log_prob: f64| {
         let sample = Decision { action: &[0.0; 2], log_prob, advantage: -3.0, ret: 0.0 };
-        let output = Output { mean: &[0.0; 2], log_std: &[0.0; 2], value: 0.0 };
+        let output = NetworkOutput { mean: &[0.0; 2], log_std: &[0.0; 2], value: 0.0 };
         let (mut d_mean, mut d_log_std) = ([0.0; 2], [0.0; 2]);
         WEIGHTS.loss(&sample, &output, 1.0, &mut d_mean, &mut d_log_std).0
     };
@@ -84,7 +85,7 @@ fn diagnostics_by_hand() {
     let (p, action) = ([0.0; 2], [0.0; 2]);
     let now = log_prob(&p, &p, &action);
     let sample = Decision { action: &action, log_prob: now - 0.5, advantage: 2.0, ret: 1.0 };
-    let output = Output { mean: &p, log_std: &p, value: 3.0 };
+    let output = NetworkOutput { mean: &p, log_std: &p, value: 3.0 };
     let (sums, d_value) = WEIGHTS.loss(&sample, &output, 0.25, &mut [0.0; 2], &mut [0.0; 2]);
     assert!((sums.approx_kl - (0.5f64.exp() - 1.5)).abs() < 1e-12);
     assert!((sums.policy_loss + 2.0 * 1.2).abs() < 1e-12);
@@ -155,12 +156,12 @@ fn loss(
         indices: &[3, 1, 4, 0, 2],
         advantages: &[0.9, -1.2, 0.3, -0.4, 0.4],
         weights: WEIGHTS,
-        transformed: None,
+        augmented: None,
     };
     let mut gradient = vec![0.0; params.len()];
     let mut workspace = network.workspace(3);
-    let mut sums = minibatch.chunk(network, params, 0..3, &mut workspace, &mut gradient);
-    sums.add(&minibatch.chunk(network, params, 3..B, &mut workspace, &mut gradient));
+    let mut sums = minibatch.run_chunk(network, params, 0..3, &mut workspace, &mut gradient);
+    sums.add(&minibatch.run_chunk(network, params, 3..B, &mut workspace, &mut gradient));
     (sums, gradient)
 }
 
@@ -187,7 +188,7 @@ fn gradient_equals_finite_differences(network: &ActorCritic<f64>) {
     assert!(sums.clip_fraction > 0.0 && sums.clip_fraction < B as f64, "{sums:?}");
     let scale = gradient.iter().fold(0.0, |m: f64, g| m.max(g.abs()));
     for (i, g) in gradient.iter().enumerate() {
-        let slope = slope(&mut params, i, 1e-6, |params| {
+        let slope = central_difference(&mut params, i, 1e-6, |params| {
             total(&loss(network, params, &buffer, &returns).0, &WEIGHTS) / B as f64
         });
         assert!((slope - g).abs() < 1e-7 * scale.max(1.0), "{i}: {g} {slope}");
@@ -204,7 +205,7 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
     let buffer = rollout(&network, &params, 0.5, &mut rng);
     let actions = actions(&buffer);
     let symmetry = SymmetryLoss::default();
-    let (transformed, returns) = (symmetry.draw(&buffer, &mut rng), uniform(&mut rng, B));
+    let (augmented, returns) = (symmetry.augment(&buffer, &mut rng), uniform(&mut rng, B));
     let weights = LossWeights { symmetry: 0.7, ..WEIGHTS };
     let run = |indices: &[usize], ends: &[usize]| {
         let minibatch = Minibatch {
@@ -214,7 +215,7 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
             indices,
             advantages: &[0.0; B],
             weights,
-            transformed: Some(&transformed),
+            augmented: Some(&augmented),
         };
         let (mut sum, mut gradient) = (0.0, vec![0.0; params.len()]);
         let mut workspace = network.workspace(B);
@@ -222,7 +223,7 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
         for &end in ends {
             let chunk = from..end;
             from = end;
-            let sums = minibatch.chunk(&network, &params, chunk, &mut workspace, &mut gradient);
+            let sums = minibatch.run_chunk(&network, &params, chunk, &mut workspace, &mut gradient);
             sum += sums.symmetry_loss;
         }
         (sum, gradient)

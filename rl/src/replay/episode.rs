@@ -70,7 +70,7 @@ pub(super) struct Episode {
     /// Number of steps removed from the front of the episode.
     pub removed: usize,
     /// Number of the episode's last steps that the replay buffer still holds.
-    pub held: usize,
+    pub num_held: usize,
 }
 
 impl Episode {
@@ -108,7 +108,7 @@ impl Episode {
         self.rewards.push(reward);
         self.outcome = outcome;
         self.observe(sizes, next_image, next_vector);
-        self.held += 1;
+        self.num_held += 1;
         if outcome.is_ended() {
             self.shrink();
         }
@@ -130,10 +130,10 @@ impl Episode {
     /// Drops the oldest held step of the episode, whose memory is freed later together with that of
     /// many others.
     pub fn drop_oldest(&mut self, sizes: &Sizes) {
-        self.held -= 1;
-        let dropped = self.steps() - self.held;
+        self.num_held -= 1;
+        let dropped = self.steps() - self.num_held;
         // removal moves the rest of the arrays, so it waits until it frees more than it moves
-        if dropped > self.held + 2 * HISTORY {
+        if dropped > self.num_held + 2 * HISTORY {
             let count = dropped - HISTORY;
             self.moving.drain(..count * sizes.moving_len());
             self.vectors.drain(..count * sizes.vector);
@@ -145,7 +145,7 @@ impl Episode {
     }
 
     /// Returns `true` if an image's still channels equal those of the episode.
-    pub fn stands_still(&self, sizes: &Sizes, image: &[u8]) -> bool {
+    pub fn has_same_still_channels(&self, sizes: &Sizes, image: &[u8]) -> bool {
         let mut own = self.still.chunks(sizes.still.max(1));
         sizes.still == 0 || sizes.split(image).all(|(_, still)| own.next() == Some(still))
     }
@@ -157,7 +157,7 @@ impl Episode {
         let mut moving = || sizes.split(image).all(|(moving, _)| own.next() == Some(moving));
         self.vectors[self.steps() * sizes.vector..] == *vector
             && (sizes.moving == 0 || moving())
-            && self.stands_still(sizes, image)
+            && self.has_same_still_channels(sizes, image)
     }
 
     /// Writes image `t` of the episode, in 0..=T, as the environment returned it.

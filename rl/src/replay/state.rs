@@ -50,7 +50,7 @@ pub struct EpisodeState<'a> {
 impl ReplayBuffer {
     /// Returns the complete state of the replay buffer; arrays are borrowed, not copied.
     pub fn save(&self) -> ReplayState<'_> {
-        let index = |number: u32| number - self.first;
+        let index = |number: u32| number - self.first_episode;
         ReplayState {
             num_recorded: self.num_recorded,
             num_before_newest: self.num_before_newest,
@@ -80,7 +80,7 @@ impl ReplayBuffer {
         replay.step_order = VecDeque::with_capacity(state.step_order.len());
         for &[episode, step] in &state.step_order {
             // `restored` starts from 0: the saved order says which steps are held
-            replay.stored_episodes[episode as usize].held += 1;
+            replay.stored_episodes[episode as usize].num_held += 1;
             replay.step_order.push_back(StepId { episode, step });
         }
         Ok(replay)
@@ -109,7 +109,7 @@ impl Episode {
             rewards: state.rewards.to_vec(),
             outcome: state.outcome,
             removed: state.removed as usize,
-            held: 0,
+            num_held: 0,
         }
     }
 }

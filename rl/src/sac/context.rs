@@ -11,7 +11,7 @@ use crate::sac::settings::ContextSettings;
 
 /// Layer that computes the input of an actor or critic: the observation's fields h, followed by the
 /// state of a GRU over the last steps of the episode if there is a context. The GRU's input for a
-/// step, its item, is [h, action, reward].
+/// step is [h, action, reward].
 pub(crate) struct ContextReader {
     fields: FieldType,
     context: Option<Context>,
@@ -22,28 +22,27 @@ struct Context {
     gru: Gru,
     /// Concatenation of an observation's fields h with (action, reward), the GRU's input for a
     /// step.
-    item: Concat,
-    /// Index in natural order of each component of (action, reward) in irrep-major order (sorted by
-    /// irrep).
+    gru_input_concat: Concat,
+    /// Indices of the components of (action, reward) in the environment's order, sorted by irrep
+    /// (irrep-major order).
     order: Vec<usize>,
     /// Concatenation of an observation's fields h with the GRU's state, the input of an actor or
     /// critic.
-    widened: Concat,
+    state_concat: Concat,
     /// Maximum number of steps that the GRU reads.
     length: usize,
 }
 
-/// GRU inputs (items) `[M, I]` of M distinct steps, I numbers each.
+/// Inputs of a GRU for M distinct steps, `[M, I]` with I numbers each.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct ContextItems<T>(Vec<T>);
+pub(crate) struct GruInputs<T>(Vec<T>);
 
-/// Last steps before each of n observations, as indices of their GRU inputs (items) in
-/// [`ContextItems`].
+/// Last steps before each of n observations, as indices in [`GruInputs`].
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ContextSteps {
     /// Indices of GRU inputs, `[L, n]` for up to L steps before each of n observations; for
     /// observation i, the last `lengths[i]` of the L are valid.
-    reads: Vec<usize>,
+    input_indices: Vec<usize>,
     /// Number of steps before each observation that the GRU reads, `[n]`.
     lengths: Vec<usize>,
 }
@@ -52,28 +51,28 @@ impl ContextSteps {
     /// Removes all steps, and prepares for `samples` observations with at most `length` steps
     /// before each.
     pub fn clear(&mut self, length: usize, samples: usize) {
-        self.reads.clear();
-        self.reads.resize(length * samples, 0);
+        self.input_indices.clear();
+        self.input_indices.resize(length * samples, 0);
         self.lengths.clear();
         self.lengths.resize(samples, 0);
     }
 
-    /// Adds the step with GRU input `item` before the steps of observation `slot`: steps are added
-    /// in reverse order. Steps beyond the maximum length are ignored.
-    pub fn prepend(&mut self, slot: usize, item: usize) {
+    /// Adds the step whose GRU input has the index `input` before the steps of observation `slot`:
+    /// steps are added in reverse order. Steps beyond the maximum length are ignored.
+    pub fn prepend(&mut self, slot: usize, input: usize) {
         let samples = self.lengths.len();
-        let before = self.reads.len() / samples - self.lengths[slot];
+        let before = self.input_indices.len() / samples - self.lengths[slot];
         // filled from the last row up, so that all samples' sequences end in the same row
         if let Some(row) = before.checked_sub(1) {
             self.lengths[slot] += 1;
-            self.reads[row * samples + slot] = item;
+            self.input_indices[row * samples + slot] = input;
         }
     }
 }
 
 /// Buffers of a [`ContextReader`]'s passes over up to a fixed number of observations.
 #[derive(Clone, Debug)]
-pub(crate) struct ContextPass<T> {
+pub(crate) struct ContextWorkspace<T> {
     gru: Option<GruWorkspace<T>>,
     /// Input of the actor or critic, `[N, S]` for N observations and S channels.
     pub state: Vec<T>,
@@ -96,7 +95,7 @@ impl ContextReader {
     /// Returns the field type of the input of an actor or critic, which the reader computes.
     pub fn out_type(&self) -> FieldType {
         let context = self.context.as_ref();
-        context.map_or(self.fields, |context| context.widened.out_shape().fields)
+        context.map_or(self.fields, |context| context.state_concat.out_shape().fields)
     }
 
     /// Returns L, the maximum number of steps that the GRU reads; 0 without a context.
@@ -115,11 +114,11 @@ impl ContextReader {
         }
     }
 
-    pub fn new_pass<T: Scalar>(&self, capacity: usize) -> ContextPass<T> {
+    pub fn workspace<T: Scalar>(&self, capacity: usize) -> ContextWorkspace<T> {
         let zeros = |width: usize| vec![T::ZERO; capacity * width];
         let context = self.context.as_ref();
         let width = self.out_type().dim();
-        ContextPass {
+        ContextWorkspace {
             gru: context.map(|context| context.gru.new_workspace(context.length, capacity)),
             state: zeros(width),
             d_state: zeros(width),
@@ -128,30 +127,30 @@ impl ContextReader {
         }
     }
 
-    /// Resizes `items` to the GRU inputs of `count` steps, all zeros.
-    pub fn clear<T: Scalar>(&self, count: usize, items: &mut ContextItems<T>) {
-        let width = self.context.as_ref().map_or(0, Context::item_len);
-        items.0.clear();
-        items.0.resize(count * width, T::ZERO);
+    /// Resizes `gru_inputs` to the GRU inputs of `count` steps, all zeros.
+    pub fn clear<T: Scalar>(&self, count: usize, gru_inputs: &mut GruInputs<T>) {
+        let width = self.context.as_ref().map_or(0, Context::gru_input_len);
+        gru_inputs.0.clear();
+        gru_inputs.0.resize(count * width, T::ZERO);
     }
 
     /// Writes the GRU input of a step from its observation's fields, and its action and reward in
-    /// natural order.
+    /// the environment's order.
     pub fn write<T: Scalar>(
         &self,
         index: usize,
         fields: &[T],
         action: &[f32],
         reward: f32,
-        items: &mut ContextItems<T>,
+        gru_inputs: &mut GruInputs<T>,
     ) {
         let Some(context) = &self.context else { return };
-        let width = context.item_len();
+        let width = context.gru_input_len();
         // the reward is the component after the last of the action
         let natural = |&i: &usize| f64::from(action.get(i).copied().unwrap_or(reward));
         let tail: Vec<T> = context.order.iter().map(natural).map(T::from_f64).collect();
-        let item = &mut items.0[index * width..(index + 1) * width];
-        context.item.forward(fields, &tail, item);
+        let item = &mut gru_inputs.0[index * width..(index + 1) * width];
+        context.gru_input_concat.forward(fields, &tail, item);
     }
 
     /// Computes `state`, the input of an actor or critic, for n observations: from their fields
@@ -160,9 +159,9 @@ impl ContextReader {
         &self,
         params: &[T],
         fields: &[T],
-        items: &ContextItems<T>,
+        gru_inputs: &GruInputs<T>,
         steps: &ContextSteps,
-        pass: &mut ContextPass<T>,
+        pass: &mut ContextWorkspace<T>,
     ) {
         let samples = fields.len() / self.fields.dim();
         let state = &mut pass.state[..samples * self.out_type().dim()];
@@ -170,12 +169,12 @@ impl ContextReader {
             (Some(context), Some(gru)) => {
                 context.gru.forward_shared_inputs(
                     params,
-                    &items.0,
-                    &steps.reads,
+                    &gru_inputs.0,
+                    &steps.input_indices,
                     &steps.lengths,
                     gru,
                 );
-                context.widened.forward(fields, gru.last_states(), state);
+                context.state_concat.forward(fields, gru.last_states(), state);
             }
             _ => state.copy_from_slice(fields),
         }
@@ -188,18 +187,18 @@ impl ContextReader {
     pub fn backward<'a, T: Scalar>(
         &self,
         params: &[T],
-        items: &ContextItems<T>,
+        gru_inputs: &GruInputs<T>,
         n: usize,
         dparams: &mut [T],
-        pass: &'a mut ContextPass<T>,
+        pass: &'a mut ContextWorkspace<T>,
     ) -> &'a [T] {
         let d_state = &pass.d_state[..n * self.out_type().dim()];
         let d_fields = &mut pass.d_fields[..n * self.fields.dim()];
         match (&self.context, &mut pass.gru) {
             (Some(context), Some(gru)) => {
                 let d_out = &mut pass.d_out[..n * context.gru.out_type().dim()];
-                context.widened.backward(d_state, d_fields, d_out);
-                context.gru.backward(params, &items.0, d_out, None, dparams, gru);
+                context.state_concat.backward(d_state, d_fields, d_out);
+                context.gru.backward(params, &gru_inputs.0, d_out, None, dparams, gru);
             }
             _ => d_fields.copy_from_slice(d_state),
         }
@@ -218,19 +217,20 @@ impl Context {
         let mut tail = spec.action_irreps.clone();
         tail.push(Irrep::Trivial);
         let shape = Shape::vector(fields);
-        let item = Concat::new(shape, Shape::vector(FieldType::from_irreps(group, &tail)))?;
-        let gru = Gru::new(item.out_shape().fields, size / group.order())?;
+        let gru_input_concat =
+            Concat::new(shape, Shape::vector(FieldType::from_irreps(group, &tail)))?;
+        let gru = Gru::new(gru_input_concat.out_shape().fields, size / group.order())?;
         Ok(Self {
-            widened: Concat::new(shape, Shape::vector(gru.out_type()))?,
+            state_concat: Concat::new(shape, Shape::vector(gru.out_type()))?,
             gru,
-            item,
+            gru_input_concat,
             order: irrep_major_permutation(group, &tail),
             length: settings.length,
         })
     }
 
     /// Returns I, the length of the GRU's input for a step.
-    fn item_len(&self) -> usize {
-        self.item.out_shape().len()
+    fn gru_input_len(&self) -> usize {
+        self.gru_input_concat.out_shape().len()
     }
 }

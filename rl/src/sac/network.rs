@@ -37,17 +37,18 @@ use crate::trunk::{HasTrunk, ParamAllocator, Trunk, head};
 /// the critics' ([`SacNetwork::critic_params`]).
 pub struct SacNetwork<T> {
     pub(super) trunk: Trunk<T>,
-    /// Context reader of actor and critics, which have separate parameters for it.
+    /// Layer that computes the input of actor and critics from an observation and the steps before
+    /// it; both have separate parameters for it.
     pub(super) reader: ContextReader,
     pub(super) actor: Sequential<T>,
     pub(super) critic: Sequential<T>,
     /// Concatenation of the context reader's output and the action, the input of a critic.
-    pub(super) joined: Concat,
-    /// Index in natural order of each component of the action in irrep-major order (sorted by
-    /// irrep).
+    pub(super) critic_input: Concat,
+    /// Indices of the components of the action in the environment's order, sorted by irrep
+    /// (irrep-major order).
     pub(super) action_order: Vec<usize>,
-    /// Index in natural order of each component of (mean, log_std) in irrep-major order (sorted by
-    /// irrep).
+    /// Indices of the components of (mean, log_std) in the environment's order, sorted by irrep
+    /// (irrep-major order).
     pub(super) output_order: Vec<usize>,
     context: Option<ContextSettings>,
 }
@@ -55,16 +56,16 @@ pub struct SacNetwork<T> {
 /// Ranges of the parameters of actor, critics and their context readers in the network's flat
 /// parameter slice.
 #[derive(Clone, Debug)]
-pub(super) struct Parts {
+pub(super) struct SacParamRanges {
     pub actor_reader: Range<usize>,
     pub actor: Range<usize>,
-    pub critics: CriticParts,
+    pub critics: CriticParamRanges,
 }
 
 /// Ranges of the critics' parameters, in the network's flat parameter slice or in that of the
 /// target critics.
 #[derive(Clone, Debug)]
-pub(super) struct CriticParts {
+pub(super) struct CriticParamRanges {
     pub reader: Range<usize>,
     pub twins: [Range<usize>; 2],
 }
@@ -94,13 +95,13 @@ impl<T: Scalar> SacNetwork<T> {
         let mut output = spec.action_irreps.clone();
         output.extend(spec.action_irreps.iter().map(|_| Irrep::Trivial));
         let action = Shape::vector(FieldType::from_irreps(group, &spec.action_irreps));
-        let joined = Concat::new(Shape::vector(reader.out_type()), action)?;
+        let critic_input = Concat::new(Shape::vector(reader.out_type()), action)?;
         let hidden = settings.regular_field_type(settings.actor_fields);
         let to = FieldType::from_irreps(group, &output);
         Ok(Self {
             actor: head(reader.out_type(), hidden, to)?,
-            critic: head(joined.out_shape().fields, fields, group.trivial_type(1))?,
-            joined,
+            critic: head(critic_input.out_shape().fields, fields, group.trivial_type(1))?,
+            critic_input,
             action_order: irrep_major_permutation(group, &spec.action_irreps),
             output_order: irrep_major_permutation(group, &output),
             trunk,
@@ -118,7 +119,7 @@ impl<T: Scalar> SacNetwork<T> {
     /// Returns the range of the critics' parameters, of which the target critics are a lagging
     /// copy.
     pub fn critic_params(&self) -> Range<usize> {
-        let critics = self.parts().critics;
+        let critics = self.param_ranges().critics;
         critics.reader.start..critics.twins[1].end
     }
 
@@ -141,25 +142,26 @@ impl<T: Scalar> SacNetwork<T> {
     /// sqrt(2), the last layers the gains of the settings, and GRUs gain 1. Biases are zero, except
     /// those of log_std, which give the initial log_std of the settings.
     pub fn init_params(&self, rng: &mut dyn Rng) -> Vec<T> {
-        let (parts, settings) = (self.parts(), self.settings());
+        let (ranges, settings) = (self.param_ranges(), self.settings());
         let mut params = self.trunk.init_params(self.num_params(), rng);
-        self.reader.init(rng, &mut params[parts.actor_reader]);
-        let actor = &mut params[parts.actor];
+        self.reader.init(rng, &mut params[ranges.actor_reader]);
+        let actor = &mut params[ranges.actor];
         self.actor.init_with_gain(rng, settings.action_gain.into(), actor);
         // a linear layer's last parameters are the biases of its trivial channels, of which
         // log_std's come last
         let log_std = actor.len() - self.action_order.len();
         let raw = unsquash_log_std(settings.log_std.into()).unwrap_or_default();
         actor[log_std..].fill(T::from_f64(raw));
-        self.reader.init(rng, &mut params[parts.critics.reader]);
-        for twin in parts.critics.twins {
+        self.reader.init(rng, &mut params[ranges.critics.reader]);
+        for twin in ranges.critics.twins {
             self.critic.init_with_gain(rng, settings.value_gain.into(), &mut params[twin]);
         }
         params
     }
 
-    /// Reorders outputs of the actor, `[n, 2 A]`, from irrep-major to natural order.
-    pub(super) fn natural_output(&self, from: &[T], to: &mut [f64]) {
+    /// Reorders outputs of the actor, `[n, 2 A]`, from irrep-major order to the environment's
+    /// order.
+    pub(super) fn output_in_env_order(&self, from: &[T], to: &mut [f64]) {
         let width = self.output_order.len();
         for (target, output) in to.chunks_exact_mut(width).zip(from.chunks_exact(width)) {
             for (&i, y) in self.output_order.iter().zip(output) {
@@ -170,29 +172,29 @@ impl<T: Scalar> SacNetwork<T> {
 
     /// Returns the maximum number of steps that the actor remembers and the length of each step's
     /// fields h; zeros without a context.
-    pub(super) fn remembered(&self) -> [usize; 2] {
+    pub(super) fn memory_sizes(&self) -> [usize; 2] {
         match self.reader.length() {
             0 => [0; 2],
             length => [length, self.trunk.out_type().dim()],
         }
     }
 
-    pub(super) fn parts(&self) -> Parts {
+    pub(super) fn param_ranges(&self) -> SacParamRanges {
         let mut layout = ParamAllocator::after(&self.trunk);
-        Parts {
+        SacParamRanges {
             actor_reader: layout.next(self.reader.num_params()),
             actor: layout.next(self.actor.num_params()),
-            critics: self.critic_parts(layout),
+            critics: self.critic_param_ranges(layout),
         }
     }
 
     /// Returns the ranges of the target critics' parameters in the slice that holds only these.
-    pub(super) fn target_parts(&self) -> CriticParts {
-        self.critic_parts(ParamAllocator::new())
+    pub(super) fn target_param_ranges(&self) -> CriticParamRanges {
+        self.critic_param_ranges(ParamAllocator::new())
     }
 
-    fn critic_parts(&self, mut layout: ParamAllocator) -> CriticParts {
-        CriticParts {
+    fn critic_param_ranges(&self, mut layout: ParamAllocator) -> CriticParamRanges {
+        CriticParamRanges {
             reader: layout.next(self.reader.num_params()),
             twins: [(); 2].map(|()| layout.next(self.critic.num_params())),
         }

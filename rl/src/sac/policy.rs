@@ -13,17 +13,17 @@ use crate::distributions::{
 };
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
-use crate::export;
 use crate::export::{
-    ChannelBasis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, chain,
+    ChannelBasis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, export_layers,
+    export_trunk,
 };
 use crate::network_policy::{Chunk, NetworkPolicy, check_saved_params};
 use crate::network_settings::NetworkSettings;
 use crate::policy::{Actor, ActorMemory};
-use crate::sac::context::{ContextItems, ContextPass, ContextSteps};
+use crate::sac::context::{ContextSteps, ContextWorkspace, GruInputs};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::ContextSettings;
-use crate::trunk::{HasTrunkPass, LayerBuffers, TrunkPass};
+use crate::trunk::{HasTrunkWorkspace, LayerBuffers, TrunkWorkspace};
 
 /// A [`SacNetwork`] with its parameters: a policy with tanh-Gaussian actions in (-1, 1), exactly
 /// equivariant under the group of its settings. With a context it remembers the last steps of each
@@ -33,10 +33,10 @@ pub type SacPolicy = NetworkPolicy<SacNetwork<f32>, SacForwardBuffers>;
 /// Buffers of a [`SacPolicy`]'s forward pass over one chunk, the observations that a thread
 /// processes at a time.
 pub struct SacForwardBuffers {
-    pub(super) trunk: TrunkPass<f32>,
-    pub(super) items: ContextItems<f32>,
-    pub(super) before: ContextSteps,
-    reader: ContextPass<f32>,
+    pub(super) trunk: TrunkWorkspace<f32>,
+    pub(super) gru_inputs: GruInputs<f32>,
+    pub(super) context_steps: ContextSteps,
+    reader: ContextWorkspace<f32>,
     pub(super) actor: LayerBuffers<f32>,
 }
 
@@ -54,7 +54,7 @@ impl SacPolicy {
     ) -> Result<Self, RlError> {
         let network = SacNetwork::new(settings, context, spec)?;
         let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(Self::from_parts(Arc::new(network), params, SacForwardBuffers::new))
+        Ok(Self::from_network(Arc::new(network), params, SacForwardBuffers::new))
     }
 
     /// Builds the network for `spec` with the given flat parameters, as [`SacPolicy::params`]
@@ -71,7 +71,7 @@ impl SacPolicy {
     ) -> Result<Self, RlError> {
         let network = SacNetwork::new(settings, context, spec)?;
         check_saved_params(&params, network.num_params())?;
-        Ok(Self::from_parts(Arc::new(network), params, SacForwardBuffers::new))
+        Ok(Self::from_network(Arc::new(network), params, SacForwardBuffers::new))
     }
 
     /// Runs the network on N observations: fills `outputs` with rows `[2 A + h]` of mean, raw
@@ -88,7 +88,7 @@ impl SacPolicy {
         let (network, width) = (self.network(), self.action_dim());
         let samples = observations.checked_num_samples(network.spec())?;
         check_len(what, "[N, A]", got, samples * width)?;
-        memory.check(network.remembered(), samples)?;
+        memory.check(network.memory_sizes(), samples)?;
         let row = 2 * width + memory.fields;
         let remembered = &*memory;
         let forward =
@@ -99,8 +99,8 @@ impl SacPolicy {
         self.infer(observations, row, forward)?;
         let outputs = self.outputs.chunks_exact(row);
         for (episode, output) in memory.envs.iter_mut().zip(outputs) {
-            episode.seen.clear();
-            episode.seen.extend(output[2 * width..].iter().map(|&x| x as f32));
+            episode.last_fields.clear();
+            episode.last_fields.extend(output[2 * width..].iter().map(|&x| x as f32));
         }
         Ok(row)
     }
@@ -109,10 +109,10 @@ impl SacPolicy {
 impl SacForwardBuffers {
     pub fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
         Self {
-            trunk: network.trunk.new_pass(capacity),
-            items: ContextItems::default(),
-            before: ContextSteps::default(),
-            reader: network.reader.new_pass(capacity),
+            trunk: network.trunk.workspace(capacity),
+            gru_inputs: GruInputs::default(),
+            context_steps: ContextSteps::default(),
+            reader: network.reader.workspace(capacity),
             actor: LayerBuffers::new(&network.actor, capacity),
         }
     }
@@ -120,31 +120,31 @@ impl SacForwardBuffers {
     /// Runs the actor on the loaded observations of a range of environments and their memory.
     pub(super) fn decide(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
         let Chunk { network, range, .. } = chunk;
-        let (parts, n) = (network.parts(), range.len());
+        let (ranges, n) = (network.param_ranges(), range.len());
         let of = |part| &chunk.params[part];
         network.trunk.forward(of(network.trunk.params()), n, &mut self.trunk);
-        self.recall(chunk, memory);
+        self.load_memory(chunk, memory);
         let fields = network.trunk.fields(n, &self.trunk);
-        let own = of(parts.actor_reader);
-        let (items, before) = (&self.items, &self.before);
-        network.reader.forward(own, fields, items, before, &mut self.reader);
+        let own = of(ranges.actor_reader);
+        let (inputs, steps) = (&self.gru_inputs, &self.context_steps);
+        network.reader.forward(own, fields, inputs, steps, &mut self.reader);
         self.actor.x.copy_from_slice(&self.reader.state);
-        self.actor.forward(&network.actor, of(parts.actor), n);
+        self.actor.forward(&network.actor, of(ranges.actor), n);
     }
 
     /// Passes the remembered steps of a range of environments to the GRU of the context.
-    fn recall(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
+    fn load_memory(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
         let (reader, range) = (&chunk.network.reader, chunk.range.clone());
         let episodes = || memory.envs.iter().skip(range.start).take(range.len());
-        let count = episodes().map(|episode| episode.past.len()).sum();
-        reader.clear(count, &mut self.items);
-        self.before.clear(reader.length(), range.len());
+        let count = episodes().map(|episode| episode.past_steps.len()).sum();
+        reader.clear(count, &mut self.gru_inputs);
+        self.context_steps.clear(reader.length(), range.len());
         let mut index = 0;
         for (slot, episode) in episodes().enumerate() {
-            for step in episode.past.iter().rev() {
+            for step in episode.past_steps.iter().rev() {
                 let (action, reward) = (&step.action[..], step.reward);
-                reader.write(index, &step.fields, action, reward, &mut self.items);
-                self.before.prepend(slot, index);
+                reader.write(index, &step.fields, action, reward, &mut self.gru_inputs);
+                self.context_steps.prepend(slot, index);
                 index += 1;
             }
         }
@@ -158,7 +158,7 @@ impl SacForwardBuffers {
         let samples = fields.chunks_exact(network.trunk.out_type().dim());
         let outputs = self.actor.y.chunks_exact(width);
         for ((to, output), sample) in rows.chunks_exact_mut(row).zip(outputs).zip(samples) {
-            network.natural_output(output, &mut to[..width]);
+            network.output_in_env_order(output, &mut to[..width]);
             for (entry, &from) in to[width..].iter_mut().zip(sample) {
                 *entry = from.into();
             }
@@ -166,8 +166,8 @@ impl SacForwardBuffers {
     }
 }
 
-impl HasTrunkPass<f32> for SacForwardBuffers {
-    fn trunk(&mut self) -> &mut TrunkPass<f32> {
+impl HasTrunkWorkspace<f32> for SacForwardBuffers {
+    fn trunk(&mut self) -> &mut TrunkWorkspace<f32> {
         &mut self.trunk
     }
 }
@@ -176,7 +176,7 @@ impl Actor for SacPolicy {
     type Memory = History;
 
     fn new_memory(&self, envs: usize) -> History {
-        History::new(self.network().remembered(), envs)
+        History::new(self.network().memory_sizes(), envs)
     }
 
     fn act(
@@ -222,14 +222,14 @@ impl ExportPolicy for SacPolicy {
             let part = "a context, which remembers an episode,";
             return Err(RlError::NotExportable { part });
         }
-        let trunk = export::trunk(&network.trunk, params)?;
+        let trunk = export_trunk(&network.trunk, params)?;
         let group = network.settings().group;
-        let bases = [trunk.joined, ChannelBasis::Natural(&network.output_order)];
-        let actor = &params[network.parts().actor];
+        let bases = [trunk.joined, ChannelBasis::Environment(&network.output_order)];
+        let actor = &params[network.param_ranges().actor];
         Ok(ExportedPolicy {
             spec: network.spec().clone(),
             order: group.order(),
-            actor: chain(group, &network.actor, actor, bases)?,
+            actor: export_layers(group, &network.actor, actor, bases)?,
             image: trunk.image,
             vector: trunk.vector,
             distribution: Distribution::TanhGaussian {
@@ -273,9 +273,9 @@ pub struct History {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct EpisodeMemory {
     /// Last steps of the episode that the policy remembers, the oldest first.
-    pub past: VecDeque<PastStep>,
+    pub past_steps: VecDeque<PastStep>,
     /// Fields h of the last observation that the policy decided on, until the step is complete.
-    pub seen: Vec<f32>,
+    pub last_fields: Vec<f32>,
 }
 
 /// A remembered step of an episode: its observation's fields h, its action and its reward.
@@ -315,14 +315,14 @@ impl ActorMemory for History {
             return;
         };
         // nothing was decided since the last step
-        if episode.seen.is_empty() {
+        if episode.last_fields.is_empty() {
             return;
         }
-        if episode.past.len() == self.length {
-            episode.past.pop_front();
+        if episode.past_steps.len() == self.length {
+            episode.past_steps.pop_front();
         }
-        episode.past.push_back(PastStep {
-            fields: std::mem::take(&mut episode.seen),
+        episode.past_steps.push_back(PastStep {
+            fields: std::mem::take(&mut episode.last_fields),
             action: action.to_vec(),
             reward,
         });
@@ -338,14 +338,14 @@ impl MeasureActivity for SacPolicy {
     ) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
         let samples = observations.checked_num_samples(network.spec())?;
-        memory.check(network.remembered(), samples)?;
+        memory.check(network.memory_sizes(), samples)?;
         let mut w = SacForwardBuffers::new(network, samples);
         network.trunk.load_all(observations, 0..samples, &mut w.trunk);
         let chunk = Chunk { network: &**network, params, range: 0..samples };
         w.decide(&chunk, memory);
         let own = &params[network.trunk.params()];
         let mut sums = network.trunk.unit_activation_sums(own, samples, &w.trunk);
-        let actor = &params[network.parts().actor];
+        let actor = &params[network.param_ranges().actor];
         sums.extend(w.actor.unit_activation_sums(&network.actor, actor, samples));
         sums.extend(critic_activation_sums(&chunk, &w));
         Ok(UnitActivity::from_layer_sums(sums))
@@ -355,21 +355,21 @@ impl MeasureActivity for SacPolicy {
 /// Returns the sum of the outputs of each ReLU unit of both critics at the mean actions.
 fn critic_activation_sums(chunk: &Chunk<SacNetwork<f32>>, w: &SacForwardBuffers) -> Vec<Vec<f64>> {
     let (network, params, n) = (chunk.network, chunk.params, chunk.range.len());
-    let (parts, width) = (network.parts().critics, network.action_order.len());
-    let mut reader = network.reader.new_pass(n);
+    let (ranges, width) = (network.param_ranges().critics, network.action_order.len());
+    let mut reader = network.reader.workspace(n);
     let fields = network.trunk.fields(n, &w.trunk);
-    let own = &params[parts.reader];
-    network.reader.forward(own, fields, &w.items, &w.before, &mut reader);
+    let own = &params[ranges.reader];
+    network.reader.forward(own, fields, &w.gru_inputs, &w.context_steps, &mut reader);
     let mut output = vec![0.0; n * 2 * width];
-    network.natural_output(&w.actor.y, &mut output);
+    network.output_in_env_order(&w.actor.y, &mut output);
     let actions: Vec<f32> = output
         .chunks_exact(2 * width)
         .flat_map(|row| network.action_order.iter().map(|&i| row[i].tanh() as f32))
         .collect();
-    let mut x = vec![0.0; n * network.joined.out_shape().len()];
-    network.joined.forward(&reader.state, &actions, &mut x);
+    let mut x = vec![0.0; n * network.critic_input.out_shape().len()];
+    network.critic_input.forward(&reader.state, &actions, &mut x);
     let critic = |range| absolute_activation_sums(&network.critic, &params[range], &x);
-    parts.twins.into_iter().flat_map(critic).collect()
+    ranges.twins.into_iter().flat_map(critic).collect()
 }
 
 #[cfg(test)]
@@ -377,7 +377,9 @@ mod tests {
     use symmetry::Group;
 
     use super::*;
-    use crate::fixtures::{check_killed_units, observations, settings, spec, strided, wake};
+    use crate::fixtures::{
+        activate_units, check_killed_units, observations, settings, spec, strided,
+    };
     use crate::policy::{Actor, ActorMemory};
     use crate::sac::settings::ContextSettings;
 
@@ -402,14 +404,14 @@ mod tests {
                 policy.unit_activity(&observations, &memory).unwrap()
             };
             assert_eq!(activity(params).num_units(), 4 * (2 + 3 + 2 + 2 + 2 * 3));
-            let parts = network.parts();
+            let ranges = network.param_ranges();
             // actions of a changed actor must not make units of the critics dormant
             let mut awake = params.to_vec();
-            for twin in &parts.critics.twins {
-                wake(&network.critic, &mut awake[twin.clone()]);
+            for twin in &ranges.critics.twins {
+                activate_units(&network.critic, &mut awake[twin.clone()]);
             }
-            check_killed_units(&network.actor, awake.clone(), parts.actor, activity);
-            for twin in parts.critics.twins {
+            check_killed_units(&network.actor, awake.clone(), ranges.actor, activity);
+            for twin in ranges.critics.twins {
                 check_killed_units(&network.critic, awake.clone(), twin, activity);
             }
             // a context reads the memory

@@ -102,9 +102,9 @@ fn check(case: &str, context: Option<ContextSettings>) {
     let mut policy = SacPolicy::with_params(&network(), context, &spec(), params).unwrap();
     let mut sac = Sac::new(settings(), &policy).unwrap();
     let (noise, targets) = (rounded(&of("noise")), rounded(&of("targets")));
-    assert_eq!(sac.targets.len(), targets.len());
-    sac.targets = targets;
-    sac.draws = Draws {
+    assert_eq!(sac.target_params.len(), targets.len());
+    sac.target_params = targets;
+    sac.minibatch = SampledMinibatch {
         indices: Vec::new(),
         steps: golden("indices").into_iter().map(|i| (i as usize, 0)).collect(),
         elements: vec![D2::Identity; BATCH],
@@ -116,13 +116,13 @@ fn check(case: &str, context: Option<ContextSettings>) {
     assert_close("losses", &means, &golden(&of("losses")));
     assert_close("gradient", &sac.gradient, &golden(&of("gradient")));
     let mut totals = SacTotals::default();
-    sac.descend(&mut policy, &mut totals).unwrap();
+    sac.clip_and_step(&mut policy, &mut totals).unwrap();
     assert!(totals.clipped > 0.0 && totals.clipped < 1.0);
     sac.update_alpha(&policy, &sums);
     sac.update_targets(&policy);
     let after = golden(&of("log_temperature_after"));
     assert_close("temperature", &sac.log_alpha, &after);
-    assert_close("targets", &sac.targets, &golden(&of("targets_after")));
+    assert_close("targets", &sac.target_params, &golden(&of("targets_after")));
     assert_close("params", policy.params(), &golden(&of("params_after")));
 }
 
@@ -136,7 +136,7 @@ fn an_update_with_a_context_is_that_of_pytorch() {
     check("context", Some(ContextSettings { size: 4, length: 3 }));
 }
 
-const DRAWS: usize = 4000;
+const SAMPLES: usize = 4000;
 
 /// Returns settings for minibatches of six steps in windows of `window` steps.
 fn drawn_settings(window: usize) -> SacSettings {
@@ -146,15 +146,15 @@ fn drawn_settings(window: usize) -> SacSettings {
 /// Counts the draws of each step of the fixtures' replay buffer in windows of `window` steps.
 fn counts(window: usize) -> Vec<usize> {
     let settings = drawn_settings(window);
-    let (replay, mut draws) = (fixtures::replay(), Draws::default());
+    let (replay, mut minibatch) = (fixtures::replay(), SampledMinibatch::default());
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let mut counts = vec![0; replay.len()];
-    for _ in 0..DRAWS {
-        draws.draw(&settings, &replay, &mut rng);
-        assert_eq!((draws.steps.len(), draws.elements.len()), (6, 6));
-        assert!(draws.elements.chunks(window).all(|own| own.iter().all(|g| *g == own[0])));
-        for &(index, further) in &draws.steps {
-            let place = replay.get(index).wrapping_later(further).index();
+    for _ in 0..SAMPLES {
+        minibatch.sample(&settings, &replay, &mut rng);
+        assert_eq!((minibatch.steps.len(), minibatch.elements.len()), (6, 6));
+        assert!(minibatch.elements.chunks(window).all(|own| own.iter().all(|g| *g == own[0])));
+        for &(index, offset) in &minibatch.steps {
+            let place = replay.get(index).wrapping_later(offset).index();
             let mut steps = 0..replay.len();
             let found = steps.find(|&i| replay.get(i).index() == place);
             counts[found.unwrap()] += 1;
@@ -168,7 +168,7 @@ fn counts(window: usize) -> Vec<usize> {
 #[test]
 fn every_step_is_drawn_equally_often() {
     for window in [1, 2, 3, 4] {
-        let expected = 6 * DRAWS / 12;
+        let expected = 6 * SAMPLES / 12;
         for count in counts(window) {
             let error = count.abs_diff(expected);
             // five standard errors; the largest is that of windows of three and four, which hold
@@ -184,23 +184,24 @@ fn every_step_is_drawn_equally_often() {
 fn a_share_of_the_windows_begins_with_the_newest_steps() {
     let drawn = |newest_share| {
         let settings = SacSettings { newest_share, ..drawn_settings(2) };
-        let (mut replay, mut draws) = (fixtures::marked(4), Draws::default());
+        let (mut replay, mut minibatch) =
+            (fixtures::replay_with_newest(4), SampledMinibatch::default());
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let mut newest = 0;
-        for _ in 0..DRAWS {
-            draws.draw(&settings, &replay, &mut rng);
-            let begin = draws.steps.iter().step_by(2);
+        for _ in 0..SAMPLES {
+            minibatch.sample(&settings, &replay, &mut rng);
+            let begin = minibatch.steps.iter().step_by(2);
             newest += begin.filter(|(index, _)| *index >= 8).count();
         }
         // nothing has come since
         replay.start_newest();
-        draws.draw(&settings, &replay, &mut rng);
-        assert_eq!(draws.steps.len(), 6);
-        newest as f64 / DRAWS as f64
+        minibatch.sample(&settings, &replay, &mut rng);
+        assert_eq!(minibatch.steps.len(), 6);
+        newest as f64 / SAMPLES as f64
     };
     for (share, expected) in [(0.0, 1.0), (0.7, 2.0 + 1.0 / 3.0), (1.0, 3.0)] {
         // five standard errors of three windows, each with a third
         let error = (drawn(share) - expected).abs();
-        assert!(error < 5.0 * (3.0 * 2.0 / 9.0 / DRAWS as f64).sqrt(), "{share}: {error}");
+        assert!(error < 5.0 * (3.0 * 2.0 / 9.0 / SAMPLES as f64).sqrt(), "{share}: {error}");
     }
 }

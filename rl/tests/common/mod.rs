@@ -1,12 +1,12 @@
 //! Toy environment of this crate's tests, exactly D2-symmetric: a point has to reach a goal that is
 //! only in the image.
 
+pub mod actors;
 pub mod episodes;
 pub mod guess;
-pub mod parts;
 pub mod sac;
+pub mod steps;
 pub mod toy;
-pub mod unseeing;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -7,7 +7,7 @@ use rl::{
     RlError, RolloutState, RolloutStats, Sac, SacPolicy, SacSettings, VectorEnv, collect,
 };
 
-use crate::common::parts::joint;
+use crate::common::steps::joint;
 use crate::common::{EPISODE, PointReach};
 
 pub const ENVS: usize = 5;

@@ -6,12 +6,12 @@ use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, ActorCriticPolicy, Algorithm, CriticSettings, Decisions, DevicePolicy, EncoderSettings,
     EnvSpec, NetworkSettings, Observations, OnPolicyActor, Ppo, PpoSettings, RlError,
-    RolloutBuffer, RolloutState, ValueFunction, VectorEnv, collect,
+    RolloutBuffer, ValueFunction, VectorEnv,
 };
 use symmetry::{D2, Group, Irrep};
 
-use crate::common::parts::{
-    error as deviation, random_observations, transform_vector, transformed,
+use crate::common::steps::{
+    OnPolicyRun, error as deviation, random_observations, transform_vector, transformed,
 };
 use crate::common::{EPISODE, PointReach};
 use crate::{TOLERANCE, device};
@@ -94,21 +94,26 @@ fn sampled(policy: &mut impl Actor<Memory = ()>) -> Vec<f32> {
     out
 }
 
+/// Checks that decisions differ by rounding.
+fn assert_alike(got: &Decisions, expected: &Decisions, tolerance: f32, what: &str) {
+    let pairs = [
+        ("actions", &got.actions, &expected.actions),
+        ("log-probabilities", &got.log_probs, &expected.log_probs),
+        ("values", &got.values, &expected.values),
+    ];
+    for (name, got, wanted) in pairs {
+        let error = deviation(got, wanted);
+        assert!(error < tolerance, "{what}: {name} are off by {error}");
+    }
+}
+
 /// In two whole batches and one of a single observation.
 #[test]
 fn decisions_are_those_of_the_cpu() {
     for network in networks() {
         let here = decisions(&mut policy(&network));
         let there = decisions(&mut there(&network));
-        let pairs = [
-            ("actions", &there.actions, &here.actions),
-            ("log-probabilities", &there.log_probs, &here.log_probs),
-            ("values", &there.values, &here.values),
-        ];
-        for (what, got, wanted) in pairs {
-            let error = deviation(got, wanted);
-            assert!(error < TOLERANCE, "{network:?}: {what} are off by {error}");
-        }
+        assert_alike(&there, &here, TOLERANCE, &format!("{network:?}"));
     }
 }
 
@@ -149,16 +154,6 @@ fn mirrored_observations_get_mirrored_means_and_the_same_values() {
     assert!(mean > 0.01 && value > 0.01, "{mean} and {value}");
 }
 
-/// A rollout of the toy.
-fn rollout(policy: &mut impl OnPolicyActor<Memory = ()>) -> RolloutBuffer {
-    let mut env = PointReach::new(9, 1);
-    let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(&mut env, policy).unwrap();
-    collect(&mut env, policy, &mut buffer, &mut state, &mut rng).unwrap();
-    buffer
-}
-
 /// The rollouts differ by rounding, which every step adds to.
 #[test]
 fn a_rollout_is_collected_and_an_update_is_taken_over() {
@@ -167,19 +162,16 @@ fn a_rollout_is_collected_and_an_update_is_taken_over() {
         action_gain: 1.0,
         ..NetworkSettings::default()
     };
-    let mut here = ActorCriticPolicy::new(&network, PointReach::new(9, 1).spec(), 2).unwrap();
-    let mut there = DevicePolicy::new(here.clone(), device(), 4).unwrap();
-    let (expected, buffer) = (rollout(&mut here), rollout(&mut there));
-    let [made, same] = [&buffer, &expected].map(RolloutBuffer::decisions);
-    let pairs = [
-        ("actions", &made.actions, &same.actions),
-        ("log-probabilities", &made.log_probs, &same.log_probs),
-        ("values", &made.values, &same.values),
-    ];
-    for (what, got, wanted) in pairs {
-        let error = deviation(got, wanted);
-        assert!(error < 10.0 * TOLERANCE, "the {what} are off by {error}");
-    }
+    let env = PointReach::new(9, 1);
+    let here = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
+    let there = DevicePolicy::new(here.clone(), device(), 4).unwrap();
+    let mut run = OnPolicyRun::new(env.clone(), here, EPISODE + 3);
+    let mut run_there = OnPolicyRun::new(env, there, EPISODE + 3);
+    run.collect();
+    run_there.collect();
+    let (mut here, OnPolicyRun { policy: mut there, buffer, .. }) = (run.policy, run_there);
+    let same = run.buffer.decisions();
+    assert_alike(buffer.decisions(), same, 10.0 * TOLERANCE, "a rollout");
 
     let mut ppo = Ppo::new(PpoSettings::default(), there.policy()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(4);

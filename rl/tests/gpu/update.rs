@@ -1,15 +1,15 @@
 //! One update of proximal policy optimisation.
 
 use equivariant::gpu::{Device, GpuError};
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, CriticSettings, EncoderSettings, NetworkSettings, Ppo,
-    PpoSettings, PpoStats, RlError, RolloutBuffer, RolloutState, VectorEnv, collect,
+    PpoSettings, PpoStats, RlError, RolloutBuffer, VectorEnv,
 };
 use symmetry::Group;
 
-use crate::common::parts::error as deviation;
+use crate::common::steps::{OnPolicyRun, error as deviation};
 use crate::common::{EPISODE, PointReach};
 use crate::{TOLERANCE, device};
 
@@ -31,13 +31,11 @@ fn settings() -> PpoSettings {
 
 /// A policy, one rollout of it, and the generator.
 fn rollout(network: &NetworkSettings) -> (ActorCriticPolicy, RolloutBuffer, ChaCha8Rng) {
-    let mut env = PointReach::new(ENVS, 1);
-    let mut policy = ActorCriticPolicy::new(network, env.spec(), 2).unwrap();
-    let mut buffer = RolloutBuffer::new(env.spec(), EPISODE + 3).unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(&mut env, &policy).unwrap();
-    collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng).unwrap();
-    (policy, buffer, rng)
+    let env = PointReach::new(ENVS, 1);
+    let policy = ActorCriticPolicy::new(network, env.spec(), 2).unwrap();
+    let mut run = OnPolicyRun::new(env, policy, EPISODE + 3);
+    run.collect();
+    (run.policy, run.buffer, run.rng)
 }
 
 /// State after an update.
@@ -107,22 +105,16 @@ fn ten_steps_are_those_of_the_cpu() {
 }
 
 #[test]
-fn they_are_so_without_operations_on_subgroups() {
+fn every_encoder_trains_as_on_the_cpu_also_without_operations_on_subgroups() {
     let plain = device().clone().without_subgroups();
-    let [here, there] = on_cpu_and(&plain, &settings(), &network());
-    assert_alike(&here, &there, "without subgroups");
-}
-
-#[test]
-fn every_encoder_trains_as_on_the_cpu() {
-    let encoders = [
-        EncoderSettings::Pooled { fields: vec![], inner: [3, 4] },
-        EncoderSettings::Keypoints { fields: vec![3], maps: 2 },
-        EncoderSettings::Blind,
-    ];
-    for encoder in encoders {
+    for (device, encoder) in [
+        (&plain, network().encoder),
+        (device(), EncoderSettings::Pooled { fields: vec![], inner: [3, 4] }),
+        (device(), EncoderSettings::Keypoints { fields: vec![3], maps: 2 }),
+        (device(), EncoderSettings::Blind),
+    ] {
         let network = NetworkSettings { encoder: encoder.clone(), ..network() };
-        let [here, there] = on_both(&settings(), &network);
+        let [here, there] = on_cpu_and(device, &settings(), &network);
         assert_alike(&here, &there, &format!("{encoder:?}"));
     }
 }

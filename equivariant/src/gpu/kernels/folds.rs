@@ -65,7 +65,7 @@ impl<'a> Folds<'a> {
             functions.iter().map(|f| f.tap_coefficients[0].0).collect();
         for tap in starts {
             let own = functions.iter().filter(|f| f.tap_coefficients[0].0 == tap);
-            let parities = own.fold(0u32, |mask, f| mask | 1 << self.position(f.parity));
+            let parities = own.fold(0u32, |mask, f| mask | 1 << self.irrep_index(f.parity));
             let len = parities.count_ones() as usize;
             self.orbits.push(Orbit { tap, len, parities, first: self.fields_per_patch });
             self.fields_per_patch +=
@@ -74,18 +74,18 @@ impl<'a> Folds<'a> {
     }
 
     /// Returns the position of an irrep in its group's list of irreps.
-    fn position(&self, irrep: Irrep) -> usize {
+    fn irrep_index(&self, irrep: Irrep) -> usize {
         let irreps = self.in_type.group().irreps();
         irreps.iter().position(|&a| a == irrep).unwrap_or(0)
     }
 
     /// Returns the entry of a folded patch that holds the first channel of the basis function of
     /// parity `parity` on the orbit of `tap`.
-    fn entry(&self, tap: [usize; 2], parity: Irrep) -> usize {
+    fn patch_entry(&self, tap: [usize; 2], parity: Irrep) -> usize {
         let Some(orbit) = self.orbits.iter().find(|orbit| orbit.tap == tap) else {
             unreachable!("every function starts with the first tap of an orbit")
         };
-        let before = orbit.parities & ((1 << self.position(parity)) - 1);
+        let before = orbit.parities & ((1 << self.irrep_index(parity)) - 1);
         let skipped = if self.is_input_trivial { 0 } else { before.count_ones() as usize };
         orbit.first + skipped * self.num_input_fields
     }
@@ -93,28 +93,28 @@ impl<'a> Folds<'a> {
     /// Returns the position of every parameter of the layer in the GPU's layout `[entry of a folded
     /// patch, output field, irrep]`; the bias has an entry of its own at the end.
     pub fn param_positions(&self) -> Vec<usize> {
-        let OrdinaryConv { taps, blocks, .. } = self.dense;
+        let OrdinaryConv { taps, irrep_weights, .. } = self.dense;
         let (out_type, in_type) = (self.dense.out_shape.fields, self.in_type);
         let cols = ChannelLayout::for_type(out_type).num_fields();
-        let mut places = vec![0; blocks.num_params()];
+        let mut positions = vec![0; irrep_weights.num_params()];
         for (lane, &b) in out_type.group().irreps().iter().enumerate() {
             for (i, function) in taps.basis_functions.iter().enumerate() {
-                let entry = self.entry(function.tap_coefficients[0].0, function.parity);
-                let first = blocks.weight_range(b).start + taps.first_column(b, i);
+                let entry = self.patch_entry(function.tap_coefficients[0].0, function.parity);
+                let first = irrep_weights.weight_range(b).start + taps.first_column(b, i);
                 let channels = in_type.multiplicity(taps.input_irrep(b, function.parity));
                 for output in 0..out_type.multiplicity(b) {
                     for channel in 0..channels {
-                        let weight = first + output * blocks.num_inputs(b) + channel;
+                        let weight = first + output * irrep_weights.num_inputs(b) + channel;
                         let param = self.dense.param_indices.map_or(weight, |moved| moved[weight]);
-                        places[param] = ((entry + channel) * cols + output) * self.order + lane;
+                        positions[param] = ((entry + channel) * cols + output) * self.order + lane;
                     }
                 }
             }
         }
-        for (output, param) in blocks.bias_range().enumerate() {
-            places[param] = (self.fields_per_patch * cols + output) * self.order;
+        for (output, param) in irrep_weights.bias_range().enumerate() {
+            positions[param] = (self.fields_per_patch * cols + output) * self.order;
         }
-        places
+        positions
     }
 
     /// Returns the table of all orbits, each as a struct `Orbit` of `window.wgsl`, with the factor

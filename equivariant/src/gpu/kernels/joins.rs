@@ -1,9 +1,9 @@
 //! GPU kernels for the points where networks branch and join.
 
 use crate::gpu::channels::ChannelLayout;
-use crate::gpu::kernels::pointwise::each_field;
+use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch};
+use crate::gpu::kernels::pointwise::kernel_per_field;
 use crate::gpu::plan::{Plan, Tensor};
-use crate::gpu::step::{BufferSlot, KernelStep};
 
 /// Adds the kernels that copy two feature maps into their direct sum, and the gradients back.
 pub(super) fn concat(plan: &mut Plan, inputs: &[Tensor; 2], y: &Tensor) {
@@ -30,10 +30,10 @@ fn copy(
     to: &ChannelLayout,
     y: BufferSlot,
     pixels: usize,
-) -> KernelStep {
-    let step = each_field("copy", from, pixels);
-    let step = to.add_output_map(from.add_input_map(step, "x", x), "y", y);
-    step.add_wgsl(include_str!("../wgsl/copy.wgsl"))
+) -> KernelDispatch {
+    let kernel = kernel_per_field("copy", from, pixels);
+    let kernel = to.add_output_map(from.add_input_map(kernel, "x", x), "y", y);
+    kernel.add_wgsl(include_str!("../wgsl/copy.wgsl"))
 }
 
 /// Adds the kernel that sums the gradients of a feature map from both layers that read it.
@@ -43,8 +43,8 @@ pub(super) fn fork(plan: &mut Plan, x: &Tensor, readers: &[Tensor; 2]) {
         return;
     };
     let channels = ChannelLayout::single_channel_fields(x.shape.fields.dim());
-    let step = each_field("add", &channels, x.shape.num_pixels());
-    let step = channels.add_input_map(channels.add_input_map(step, "a", first), "b", second);
-    let step = channels.add_output_map(step, "y", dx);
-    plan.add_kernels(Vec::new(), vec![step.add_wgsl(include_str!("../wgsl/add.wgsl"))]);
+    let kernel = kernel_per_field("add", &channels, x.shape.num_pixels());
+    let kernel = channels.add_input_map(channels.add_input_map(kernel, "a", first), "b", second);
+    let kernel = channels.add_output_map(kernel, "y", dx);
+    plan.add_kernels(Vec::new(), vec![kernel.add_wgsl(include_str!("../wgsl/add.wgsl"))]);
 }

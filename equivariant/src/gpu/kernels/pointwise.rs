@@ -1,19 +1,19 @@
 //! GPU kernels of layers that treat every field of every pixel separately.
 
 use crate::gpu::channels::ChannelLayout;
+use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupCount};
 use crate::gpu::plan::{Plan, Tensor};
-use crate::gpu::step::{BufferSlot, KernelStep, WorkgroupCount};
 use crate::steerable::hadamard::permuted_field_order_and_count;
 
 /// Returns a GPU kernel that runs one thread per pixel and field of a feature map.
-pub(super) fn each_field(
+pub(super) fn kernel_per_field(
     label: &'static str,
     channels: &ChannelLayout,
     pixels: usize,
-) -> KernelStep {
-    KernelStep::new(
+) -> KernelDispatch {
+    KernelDispatch::new(
         label,
-        channels.numbers_per_field(),
+        channels.components_per_field(),
         WorkgroupCount::threads_per_sample(pixels * channels.num_fields()),
     )
     .add_u32_constants([("PIXELS", pixels), ("FIELDS", channels.num_fields())])
@@ -44,9 +44,9 @@ impl<'a> Map<'a> {
 
 /// Adds the forward and the backward kernel of a layer without parameters. The first computes y
 /// from x, the second the gradient with respect to x from x and the gradient with respect to y.
-pub(super) fn passes(plan: &mut Plan, x: Map, y: Map, kernels: [KernelStep; 2]) {
+pub(super) fn passes(plan: &mut Plan, x: Map, y: Map, kernels: [KernelDispatch; 2]) {
     let [forward, backward] =
-        kernels.map(|step| x.channels.add_input_map(step, "x", x.tensor.values));
+        kernels.map(|kernel| x.channels.add_input_map(kernel, "x", x.tensor.values));
     let forward = y.channels.add_output_map(forward, "y", y.tensor.values);
     let backward = gradients(x.tensor, y.tensor).map(|[dx, dy]| {
         x.channels.add_output_map(y.channels.add_input_map(backward, "dy", dy), "dx", dx)
@@ -61,8 +61,9 @@ pub(super) fn relu(plan: &mut Plan, x: &Tensor, y: &Tensor) {
         ("relu", include_str!("../wgsl/relu.wgsl")),
         ("relu backward", include_str!("../wgsl/relu_backward.wgsl")),
     ];
-    let kernels = texts
-        .map(|(label, text)| each_field(label, &channels, x.shape.num_pixels()).add_wgsl(text));
+    let kernels = texts.map(|(label, text)| {
+        kernel_per_field(label, &channels, x.shape.num_pixels()).add_wgsl(text)
+    });
     passes(plan, Map::new(x, &channels), Map::new(y, &channels), kernels);
 }
 
@@ -73,7 +74,7 @@ pub(super) fn group_max_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
         ("group max-pool", include_str!("../wgsl/group_max_pool.wgsl")),
         ("group max-pool backward", backward),
     ];
-    group_pool(plan, x, y, texts, |step| step);
+    group_pool(plan, x, y, texts, |kernel| kernel);
 }
 
 /// Adds the GPU kernels of a mean over the group from map `x` to map `y`.
@@ -84,7 +85,7 @@ pub(super) fn group_mean_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
         ("group mean-pool", include_str!("../wgsl/group_mean_pool.wgsl")),
         ("group mean-pool backward", backward),
     ];
-    group_pool(plan, x, y, texts, |step| step.add_f32_constant("SCALE", scale));
+    group_pool(plan, x, y, texts, |kernel| kernel.add_f32_constant("SCALE", scale));
 }
 
 /// Adds kernels with the names and WGSL texts `texts` that reduce each regular field to one number.
@@ -93,11 +94,11 @@ fn group_pool(
     x: &Tensor,
     y: &Tensor,
     texts: [(&'static str, &str); 2],
-    constants: impl Fn(KernelStep) -> KernelStep,
+    constants: impl Fn(KernelDispatch) -> KernelDispatch,
 ) {
     let [of_x, of_y] = [x, y].map(|map| ChannelLayout::for_type(map.shape.fields));
     let kernels = texts.map(|(label, text)| {
-        constants(each_field(label, &of_x, x.shape.num_pixels()).add_wgsl(text))
+        constants(kernel_per_field(label, &of_x, x.shape.num_pixels()).add_wgsl(text))
     });
     passes(plan, Map::new(x, &of_x), Map::new(y, &of_y), kernels);
 }

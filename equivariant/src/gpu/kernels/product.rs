@@ -1,6 +1,6 @@
 //! Products of matrices of fields on a GPU.
 
-use crate::gpu::step::{KernelStep, RowCount, WORKGROUP_THREADS, WorkgroupCount};
+use crate::gpu::kernel_dispatch::{DynamicDim, KernelDispatch, WORKGROUP_THREADS, WorkgroupCount};
 
 /// Number of terms of a matrix product's sums that a workgroup loads at once.
 const TILE_DEPTH: usize = 8;
@@ -12,27 +12,26 @@ const COLS_EACH: usize = 2;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Product {
     pub order: usize,
-    pub rows: RowCount,
+    pub rows: DynamicDim,
     pub cols: usize,
-    pub depth: RowCount,
+    pub depth: DynamicDim,
     /// Number of parts into which the sums over `depth` are cut, computed by separate workgroups.
     pub num_slices: usize,
-    /// `true` if neighbouring rows of the left factor are adjacent in memory, `false` if its
-    /// columns are.
-    pub rows_are_neighbours: bool,
+    /// `true` if the left factor is stored column by column, `false` if row by row.
+    pub left_is_column_major: bool,
 }
 
 impl Product {
     /// Returns the GPU kernel of the product, without its buffers and the functions that access
     /// them.
-    pub fn kernel(self, label: &'static str) -> KernelStep {
+    pub fn kernel(self, label: &'static str) -> KernelDispatch {
         let tile = self.tile();
         let work = WorkgroupCount::per_tile_of_rows(
             self.rows,
             tile.rows(),
             tile.col_tiles * self.num_slices,
         );
-        let step = KernelStep::new(label, self.order, work).add_u32_constants([
+        let kernel = KernelDispatch::new(label, self.order, work).add_u32_constants([
             ("ROW_THREADS", tile.row_threads),
             ("COL_THREADS", tile.col_threads),
             ("ROWS_EACH", tile.rows_each),
@@ -41,10 +40,11 @@ impl Product {
             ("COLS", self.cols),
             ("SLICES", self.num_slices),
         ]);
-        let neighbours = self.rows_are_neighbours;
-        step.add_wgsl(&format!("const ROWS_ARE_NEIGHBOURS = {neighbours};"))
-            .add_wgsl(&row_count_function("rows", self.rows))
-            .add_wgsl(&row_count_function("depth", self.depth))
+        let neighbours = self.left_is_column_major;
+        kernel
+            .add_wgsl(&format!("const ROWS_ARE_NEIGHBOURS = {neighbours};"))
+            .add_wgsl(&dim_function("rows", self.rows))
+            .add_wgsl(&dim_function("depth", self.depth))
             .add_wgsl(&tile.text())
     }
 
@@ -61,10 +61,10 @@ impl Product {
         let row_threads = WORKGROUP_THREADS / col_threads;
         // with few rows, large tiles would leave most of a GPU idle
         let most = match self.rows {
-            RowCount::PerSample(0..=16) => 1,
-            RowCount::PerSample(17..=64) => 2,
-            RowCount::PerSample(_) => 4,
-            RowCount::Fixed(rows) => rows.div_ceil(row_threads).next_power_of_two().min(4),
+            DynamicDim::PerSample(0..=16) => 1,
+            DynamicDim::PerSample(17..=64) => 2,
+            DynamicDim::PerSample(_) => 4,
+            DynamicDim::Fixed(rows) => rows.div_ceil(row_threads).next_power_of_two().min(4),
         };
         Tile {
             row_threads,
@@ -152,7 +152,7 @@ impl Tile {
     }
 }
 
-/// Returns the text of a WGSL function `name` that returns the number `rows` for the current batch.
-pub(super) fn row_count_function(name: &str, rows: RowCount) -> String {
+/// Returns the text of a WGSL function `name` that returns the size `rows` for the current batch.
+pub(super) fn dim_function(name: &str, rows: DynamicDim) -> String {
     format!("fn {name}() -> u32 {{ return {}; }}", rows.wgsl_expression())
 }

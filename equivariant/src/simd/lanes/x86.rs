@@ -8,12 +8,12 @@ use pulp::{NullaryFnOnce, cast};
 use crate::simd::lanes::{Block, LANES, Lanes, WithLanes};
 
 /// Computation together with the instruction set on which it runs: AVX-512, or AVX2 and FMA.
-pub(super) struct On<S, W> {
+pub(super) struct OnInstructionSet<S, W> {
     pub simd: S,
     pub work: W,
 }
 
-impl<S: Lanes<f32>, W: WithLanes<f32>> NullaryFnOnce for On<S, W> {
+impl<S: Lanes<f32>, W: WithLanes<f32>> NullaryFnOnce for OnInstructionSet<S, W> {
     type Output = ();
 
     #[inline(always)]

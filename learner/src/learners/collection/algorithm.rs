@@ -13,7 +13,6 @@
 //! steps of `learn`.
 
 use std::path::Path;
-use std::time::Instant;
 
 use cluster::Decision;
 use evidence::Course;
@@ -22,6 +21,7 @@ use rl::{
     Experience, ExportPolicy, ExportedPolicy, MeasureActivity, Observations, PolicyOutput, RlError,
     RolloutState, UnitActivity, VectorEnv, collect,
 };
+use web_time::Instant;
 
 use crate::error::LearnerError;
 use crate::groupings::{GroupingDecision, Query, Recognised};

@@ -1,11 +1,10 @@
 //! Steps of the learner that the paper's Algorithm 1 does not have: undecided rollouts, trials of
 //! policies before they train, rollouts of two groups, and policies that are merged.
 
-use std::time::Instant;
-
 use cluster::Decision;
 use evidence::{Course, Trial};
 use rl::{Experience as _, VectorEnv};
+use web_time::Instant;
 
 use crate::error::LearnerError;
 use crate::groupings::{Episodes, GroupingDecision, Learned, Lesson, Query};

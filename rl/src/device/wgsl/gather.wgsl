@@ -9,7 +9,7 @@ fn main(place: Place) {
     }
     let slot = index / (IMAGE + VECTOR);
     let i = index % (IMAGE + VECTOR);
-    let decision = draws[batch.start + slot].decision;
+    let decision = samples[batch.start + slot].decision;
     if i < IMAGE {
         let at = decision * IMAGE + i;
         let byte = (images[at / 4u] >> (8u * (at % 4u))) & 255u;

@@ -11,8 +11,8 @@ fn main(place: Place) {
     var terms = vec4<f32>();
     var d_log_std: array<f32, ACTION>;
     for (var s = thread; s < batch.samples; s += THREADS) {
-        let draw = draws[batch.start + s];
-        let at = draw.decision * (ACTION + 2u);
+        let sample = samples[batch.start + s];
+        let at = sample.decision * (ACTION + 2u);
         var log_ratio = -decisions[at + ACTION];
         for (var j = 0u; j < ACTION; j++) {
             let log_std = params[LOG_STD + component[j]];
@@ -20,8 +20,8 @@ fn main(place: Place) {
             log_ratio -= 0.5 * z * z + log_std + HALF_LN_TAU;
         }
         let ratio = exp(select(log_ratio, MAX_LOG_RATIO, log_ratio > MAX_LOG_RATIO));
-        let surrogate = ratio * draw.advantage;
-        let clipped = clamp(ratio, 1.0 - CLIP, 1.0 + CLIP) * draw.advantage;
+        let surrogate = ratio * sample.advantage;
+        let clipped = clamp(ratio, 1.0 - CLIP, 1.0 + CLIP) * sample.advantage;
         // where the minimum takes the clipped branch, the loss does not depend on the policy
         let d_log_prob = select(0.0, -surrogate * scale, surrogate <= clipped);
         for (var j = 0u; j < ACTION; j++) {

@@ -1,0 +1,218 @@
+//! Check of a model: plane, pairs, differences and maps in one result.
+
+use std::fmt::Write;
+
+use glam::DVec3;
+use mujoco::{Model, NumberArray};
+use serde::Serialize;
+
+use crate::compare::{Comparison, Difference, Measure};
+use crate::effect;
+use crate::error::CheckError;
+use crate::maps::SymmetryMaps;
+use crate::mirror::Plane;
+use crate::names::{are_mirror_names, is_left};
+use crate::pairs::{Corrections, Pairs};
+use crate::snapshot::{Kind, Snapshot};
+
+/// Settings of [`check`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct CheckSettings {
+    /// Smallest difference that is listed: a share of the value, an angle in radians, or ten times
+    /// a length in metres.
+    pub tolerance: f64,
+    /// Corrections of the proposed plane and pairs.
+    pub corrections: Corrections,
+    /// `true` if the effects of differences are simulated.
+    pub simulates: bool,
+}
+
+impl Default for CheckSettings {
+    /// Returns a tolerance of 0.001 (0.1 %, 0.1 mm, 0.06 degrees), with effects.
+    fn default() -> Self {
+        Self { tolerance: 1e-3, corrections: Corrections::default(), simulates: true }
+    }
+}
+
+/// Result of the check of a model.
+#[derive(Clone, Debug, Serialize)]
+pub struct ModelCheck {
+    /// Plane and counterparts, in the form of a file of corrections.
+    pub corrections: Corrections,
+    /// Differences, those with the largest effect first.
+    pub differences: Vec<Difference>,
+    /// Root mean square by which two copies of the same side diverge after a second of mirrored
+    /// torques (radians and metres); `None` if that is not simulated.
+    pub twin_divergence: Option<f64>,
+    /// Maps of states and actions to those of the mirrored motion.
+    pub maps: Option<SymmetryMaps>,
+    /// Reason for which there are no maps.
+    pub unmapped: Option<String>,
+}
+
+/// Compares the left side of a model with its right side.
+///
+/// # Errors
+/// [`CheckError::UnknownObject`] and [`CheckError::InvalidNormal`] for corrections.
+pub fn check(model: &Model, settings: &CheckSettings) -> Result<ModelCheck, CheckError> {
+    let snapshot = Snapshot::new(model);
+    let corrections = &settings.corrections;
+    let forced = corrections.indices(&snapshot)?;
+    let planes = match corrections.plane {
+        Some(plane) if (DVec3::from_array(plane.normal).length() - 1.0).abs() > 1e-6 => {
+            return Err(CheckError::InvalidNormal { normal: plane.normal });
+        }
+        Some(plane) => vec![plane],
+        None => proposed_planes(&snapshot),
+    };
+    let compared = planes.into_iter().map(|plane| {
+        let pairs = Pairs::new(&snapshot, &plane, &forced);
+        let comparison = Comparison::new(&snapshot, &pairs, &plane, settings.tolerance);
+        (plane, pairs, comparison)
+    });
+    let best = compared
+        .min_by_key(|(_, pairs, comparison)| comparison.differences.len() + pairs.unpaired());
+    // there is always a proposal
+    let Some((plane, pairs, mut comparison)) = best else {
+        return Err(CheckError::InvalidNormal { normal: [0.0; 3] });
+    };
+    let mut differences = std::mem::take(&mut comparison.differences);
+    let ignores = |difference: &Difference| {
+        let names = [&difference.left, &difference.right];
+        let names = names.map(|name| format!("{} {name}", difference.kind));
+        corrections.ignore.iter().any(|ignored| names.contains(ignored))
+    };
+    differences.retain(|difference| !ignores(difference));
+    let maps = SymmetryMaps::new(&snapshot, &pairs, &comparison, &plane);
+    let twin_divergence = match &maps {
+        Ok(maps) if settings.simulates => effect::simulate(model, maps, &mut differences),
+        _ => None,
+    };
+    let rank =
+        |difference: &Difference| (difference.effect.unwrap_or(-1.0), difference.scaled_amount());
+    differences.sort_by(|a, b| {
+        let ((a, small), (b, large)) = (rank(a), rank(b));
+        b.total_cmp(&a).then(large.total_cmp(&small))
+    });
+    let (maps, unmapped) = match maps {
+        Ok(maps) => (Some(maps), None),
+        Err(reason) => (None, Some(reason)),
+    };
+    let corrections = corrections_of(&snapshot, &pairs, &plane, &corrections.ignore);
+    Ok(ModelCheck { corrections, differences, twin_divergence, maps, unmapped })
+}
+
+/// Returns candidate planes across y, across x and across the mean direction from right to left
+/// names, through the world's origin, the bodies on the world, and between named bodies.
+fn proposed_planes(snapshot: &Snapshot) -> Vec<Plane> {
+    let bodies = 1..snapshot.count(Kind::Body);
+    let names: Vec<_> = bodies.clone().map(|body| snapshot.name(Kind::Body, body)).collect();
+    let named = |one: usize| {
+        let is_of = |other: &usize| {
+            matches!((names[one - 1], names[other - 1]), (Some(a), Some(b))
+                if are_mirror_names(a, b) && is_left(a, b))
+        };
+        bodies.clone().find(is_of).map(|other| [one, other].map(|body| snapshot.frame(body).0))
+    };
+    let named: Vec<[DVec3; 2]> = bodies.clone().filter_map(named).collect();
+    let across: DVec3 = named.iter().map(|[left, right]| *left - *right).sum();
+    let mut normals = vec![DVec3::Y, DVec3::X];
+    normals.extend(across.try_normalize());
+    let roots = bodies.clone().filter(|&body| snapshot.parent(body) == 0);
+    let mut points: Vec<DVec3> = roots.map(|body| snapshot.frame(body).0).collect();
+    // more roots than arms of a robot are objects of a scene
+    points.truncate(4);
+    points.insert(0, DVec3::ZERO);
+    let mut planes = Vec::new();
+    for normal in normals {
+        let normal = if normal.dot(across) < 0.0 { -normal } else { normal };
+        let mut offsets: Vec<f64> = points.iter().map(|point| normal.dot(*point)).collect();
+        let between = named.iter().map(|[left, right]| 0.5 * normal.dot(*left + *right));
+        let mut between: Vec<f64> = between.collect();
+        between.sort_by(f64::total_cmp);
+        offsets.extend(between.get(between.len() / 2));
+        let mass = |body: usize| snapshot.number(NumberArray::BodyMass, body);
+        let total: f64 = bodies.clone().map(mass).sum();
+        let centre: DVec3 =
+            bodies.clone().map(|body| mass(body) * snapshot.position(Kind::Body, body)).sum();
+        offsets.push(normal.dot(centre) / total.max(1e-9));
+        let new = offsets.into_iter().map(|offset| Plane { normal: normal.to_array(), offset });
+        planes.extend(new);
+    }
+    planes
+}
+
+fn corrections_of(
+    snapshot: &Snapshot,
+    pairs: &Pairs,
+    plane: &Plane,
+    ignore: &[String],
+) -> Corrections {
+    let list = |kind| {
+        let pairs = pairs.list(kind, snapshot, plane).into_iter();
+        pairs.map(|pair| pair.map(|index| snapshot.label(kind, index))).collect::<Vec<_>>()
+    };
+    let lists = Kind::ALL.into_iter().map(|kind| (kind, list(kind))).collect();
+    Corrections { plane: Some(*plane), pairs: lists, ignore: ignore.to_vec() }
+}
+
+impl Difference {
+    /// Returns one line that names both objects, the property and the amount.
+    fn line(&self) -> String {
+        let Self { kind, left, right, property, amount, .. } = self;
+        if property == "counterpart" {
+            return format!("{kind} {left} has no counterpart on {right}");
+        }
+        let amount = match self.measure {
+            Measure::Share | Measure::Scale => format!("differs by {:.3} %", 100.0 * amount),
+            Measure::Metres => format!("differs by {:.2} mm", 1000.0 * amount),
+            Measure::Radians => format!("differs by {amount:.4} rad"),
+            Measure::Exact => "differs".to_owned(),
+        };
+        let numbers = |values: &[f64]| {
+            let texts: Vec<String> = values.iter().map(|value| format!("{value:.6}")).collect();
+            let short = texts.iter().map(|text| text.trim_end_matches('0').trim_end_matches('.'));
+            short.collect::<Vec<_>>().join(" ")
+        };
+        let names = if left == right {
+            format!("{kind} {left} and its mirror image")
+        } else {
+            format!("{kind} {left} | {right}")
+        };
+        let (expected, found) = (numbers(&self.expected), numbers(&self.found));
+        format!("{names}: {property} {amount}: mirror image {expected}, found {found}")
+    }
+}
+
+impl ModelCheck {
+    /// Returns the report as text: the plane, and a line for each difference.
+    pub fn text(&self) -> String {
+        let pairs: usize = self.corrections.pairs.values().map(Vec::len).sum();
+        // writing to a String cannot fail
+        let mut text = String::new();
+        if let Some(Plane { normal, offset }) = self.corrections.plane {
+            // no negative zeros
+            let [x, y, z] = normal.map(|part| part + 0.0);
+            let offset = offset + 0.0;
+            let _ = writeln!(
+                text,
+                "plane: normal {x:.4} {y:.4} {z:.4}, {offset:.4} m from the origin; {pairs} pairs"
+            );
+        }
+        match self.differences.len() {
+            0 => text += "no differences\n",
+            count => _ = writeln!(text, "{count} differences, by effect after 1 s:"),
+        }
+        if let Some(twin) = self.twin_divergence {
+            let _ = writeln!(text, "{twin:>9.1e}  two copies of the left side");
+        }
+        for difference in &self.differences {
+            let effect = difference.effect.map_or("-".to_owned(), |effect| format!("{effect:.1e}"));
+            let _ = writeln!(text, "{effect:>9}  {}", difference.line());
+        }
+        if let Some(reason) = &self.unmapped {
+            let _ = writeln!(text, "no maps and effects: {reason}");
+        }
+        text
+    }
+}

@@ -1,0 +1,245 @@
+//! Counterparts of objects on the other side, from names and geometry.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use mujoco::{IntegerArray, raw};
+use serde::{Deserialize, Serialize};
+
+use crate::error::CheckError;
+use crate::mirror::Plane;
+use crate::names::are_mirror_names;
+use crate::snapshot::{Kind, Snapshot};
+
+/// Distance within which objects without names of sides are counterparts, as a share of the model's
+/// extent.
+const NEARNESS: f64 = 0.1;
+
+/// Counterparts that corrections give, in both directions.
+type Forced = BTreeMap<(Kind, usize), usize>;
+
+/// Corrections of the proposed mirror plane and pairs, as a JSON file holds them.
+///
+/// Objects are named as reports name them, [left, right]; a name twice is an object in the plane.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Corrections {
+    /// Mirror plane; `None` for the proposed one.
+    pub plane: Option<Plane>,
+    /// Counterparts of each kind of object.
+    pub pairs: BTreeMap<Kind, Vec<[String; 2]>>,
+    /// Objects whose differences are left out, for instance `camera side`.
+    pub ignore: Vec<String>,
+}
+
+impl Corrections {
+    /// Reads corrections from a JSON file.
+    ///
+    /// # Errors
+    /// [`CheckError::Read`], [`CheckError::InvalidFile`].
+    pub fn read(path: &Path) -> Result<Self, CheckError> {
+        let text =
+            std::fs::read(path).map_err(|source| CheckError::Read { path: path.into(), source })?;
+        serde_json::from_slice(&text).map_err(|error| CheckError::InvalidFile {
+            path: path.into(),
+            message: error.to_string(),
+        })
+    }
+
+    /// Returns the pairs of each kind as indices, in both directions.
+    ///
+    /// # Errors
+    /// [`CheckError::UnknownObject`].
+    pub(crate) fn indices(&self, snapshot: &Snapshot) -> Result<Forced, CheckError> {
+        let mut forced = BTreeMap::new();
+        for (&kind, pairs) in &self.pairs {
+            let labels = (0..snapshot.count(kind)).map(|index| snapshot.label(kind, index));
+            let known: Vec<String> = labels.collect();
+            let find = |name: &String| {
+                let found = known.iter().position(|label| label == name);
+                found.ok_or_else(|| {
+                    let (name, known) = (name.clone(), known.clone());
+                    CheckError::UnknownObject { kind, name, known }
+                })
+            };
+            for [one, other] in pairs {
+                let [one, other] = [find(one)?, find(other)?];
+                forced.insert((kind, one), other);
+                forced.insert((kind, other), one);
+            }
+        }
+        Ok(forced)
+    }
+}
+
+/// Counterparts of all objects.
+pub(crate) struct Pairs {
+    counterparts: [Vec<Option<usize>>; 8],
+}
+
+impl Pairs {
+    /// Finds counterparts by the pairs `forced`, then by names, then by the distance of mirror
+    /// images. Objects of bodies without counterparts have none either.
+    pub fn new(snapshot: &Snapshot, plane: &Plane, forced: &Forced) -> Self {
+        let none = Kind::ALL.map(|kind| vec![None; snapshot.count(kind)]);
+        let mut pairs = Self { counterparts: none };
+        let finder = Finder { snapshot, plane, forced };
+        pairs.counterparts[Kind::Body as usize][0] = Some(0);
+        for body in 0..snapshot.count(Kind::Body) {
+            // a body comes after its parent, whose counterpart is known here
+            let Some(other) = pairs.of(Kind::Body, body).filter(|&other| body <= other) else {
+                continue;
+            };
+            for kind in [Kind::Body, Kind::Joint, Kind::Geom, Kind::Site, Kind::Camera] {
+                let [one, other] = [body, other].map(|owner| finder.objects(kind, owner));
+                finder.pair_up(kind, &one, &other, &mut pairs);
+            }
+        }
+        for kind in [Kind::Actuator, Kind::Sensor, Kind::Keyframe] {
+            let all: Vec<usize> = (0..snapshot.count(kind)).collect();
+            finder.pair_up(kind, &all, &all, &mut pairs);
+        }
+        pairs
+    }
+
+    /// Returns the counterpart of an object, which is itself if it lies in the plane.
+    pub fn of(&self, kind: Kind, index: usize) -> Option<usize> {
+        *self.counterparts[kind as usize].get(index)?
+    }
+
+    /// Returns the number of objects without counterparts, those that are only drawn included.
+    pub fn unpaired(&self) -> usize {
+        self.counterparts.iter().flatten().filter(|other| other.is_none()).count()
+    }
+
+    fn set(&mut self, kind: Kind, one: usize, other: usize) {
+        let counterparts = &mut self.counterparts[kind as usize];
+        counterparts[one] = Some(other);
+        counterparts[other] = Some(one);
+    }
+
+    /// Returns the pairs of a kind, left first, each once.
+    pub fn list(&self, kind: Kind, snapshot: &Snapshot, plane: &Plane) -> Vec<[usize; 2]> {
+        let pairs = self.counterparts[kind as usize].iter().enumerate();
+        let pairs = pairs.filter_map(|(one, other)| other.map(|other| [one, other]));
+        let once = pairs.filter(|[one, other]| one <= other);
+        let left_first = |[one, other]: [usize; 2]| {
+            let [a, b] = [one, other].map(|at| plane.distance(snapshot.position(kind, at)));
+            if a < b { [other, one] } else { [one, other] }
+        };
+        once.map(left_first).collect()
+    }
+}
+
+struct Finder<'a> {
+    snapshot: &'a Snapshot<'a>,
+    plane: &'a Plane,
+    forced: &'a Forced,
+}
+
+impl Finder<'_> {
+    /// Returns the objects that are compared of a body, or the bodies that hang on it.
+    fn objects(&self, kind: Kind, owner: usize) -> Vec<usize> {
+        let all = 0..self.snapshot.count(kind);
+        let belongs = |&index: &usize| match kind {
+            Kind::Body => index > 0 && self.snapshot.parent(index) == owner,
+            Kind::Geom => {
+                self.snapshot.body(kind, index) == Some(owner) && self.snapshot.collides(index)
+            }
+            _ => self.snapshot.body(kind, index) == Some(owner),
+        };
+        all.filter(belongs).collect()
+    }
+
+    /// Pairs objects of two lists, which are one list if their owner lies in the plane.
+    fn pair_up(&self, kind: Kind, left: &[usize], right: &[usize], pairs: &mut Pairs) {
+        let is_one_list = left == right;
+        let mut candidates = Vec::new();
+        for &one in left {
+            for &other in right.iter().filter(|&&other| !is_one_list || one <= other) {
+                let rank = self.rank(kind, one, other, pairs);
+                // what is left on two sides corresponds, however far it was moved
+                if let Some(rank) = rank.filter(|(rank, _)| *rank < 3 || !is_one_list) {
+                    candidates.push((rank, one, other));
+                }
+            }
+        }
+        candidates.sort_by(|((a, near), ..), ((b, far), ..)| a.cmp(b).then(near.total_cmp(far)));
+        for (_, one, other) in candidates {
+            if pairs.of(kind, one).is_none() && pairs.of(kind, other).is_none() {
+                pairs.set(kind, one, other);
+            }
+        }
+    }
+
+    /// Returns the priority of a pair, the lower the better, and its distance: 0 by corrections, 1 by
+    /// names, 2 by nearness, 3 for the rest. `None` if the two cannot be counterparts.
+    fn rank(&self, kind: Kind, one: usize, other: usize, pairs: &Pairs) -> Option<(u8, f64)> {
+        let given = [(one, other), (other, one)]
+            .map(|(from, to)| self.forced.get(&(kind, from)).map(|&at| at == to));
+        match given {
+            [None, None] => {}
+            [Some(true), _] | [_, Some(true)] => return Some((0, 0.0)),
+            _ => return None,
+        }
+        let snapshot = self.snapshot;
+        let names = [one, other].map(|index| snapshot.name(kind, index));
+        let is_named = matches!(names, [Some(a), Some(b)] if are_mirror_names(a, b));
+        let position = |index| snapshot.position(kind, index);
+        let mut distance = self.plane.mirror().point(position(one)).distance(position(other));
+        let agree = |array| snapshot.integer(array, one) == snapshot.integer(array, other);
+        match kind {
+            Kind::Joint if !agree(IntegerArray::JntType) => return None,
+            Kind::Geom if !agree(IntegerArray::GeomType) => return None,
+            Kind::Joint => {
+                let image = self.plane.mirror().direction(snapshot.axis(one));
+                let cosine = image.dot(snapshot.axis(other)).abs();
+                distance += NEARNESS * snapshot.extent * (1.0 - cosine);
+            }
+            Kind::Actuator => {
+                let types = [IntegerArray::ActuatorTrntype, IntegerArray::ActuatorGaintype];
+                if !types.into_iter().all(agree)
+                    || !self.targets_correspond(kind, one, other, pairs)
+                {
+                    return None;
+                }
+                distance = 0.0;
+            }
+            Kind::Sensor => {
+                let same = agree(IntegerArray::SensorType) && agree(IntegerArray::SensorReftype);
+                if !same || !self.targets_correspond(kind, one, other, pairs) {
+                    return None;
+                }
+                distance = 0.0;
+            }
+            Kind::Keyframe => {
+                return (is_named || one == other).then_some((u8::from(!is_named), 0.0));
+            }
+            Kind::Body | Kind::Geom | Kind::Site | Kind::Camera => {}
+        }
+        let is_near = distance <= NEARNESS * snapshot.extent;
+        Some((if is_named { 1 } else { 3 - u8::from(is_near) }, distance))
+    }
+
+    /// Returns `true` if the objects that two actuators or sensors act on or observe are
+    /// counterparts.
+    fn targets_correspond(&self, kind: Kind, one: usize, other: usize, pairs: &Pairs) -> bool {
+        match (self.snapshot.target(kind, one), self.snapshot.target(kind, other)) {
+            (Some((of, from)), Some((_, to))) => pairs.of(of, from) == Some(to),
+            (None, None) if kind == Kind::Actuator => self.tendons_correspond(one, other),
+            (None, None) => one == other,
+            _ => false,
+        }
+    }
+
+    /// Returns `true` if two actuators pull tendons whose names are counterparts, or the same one.
+    fn tendons_correspond(&self, one: usize, other: usize) -> bool {
+        let [one, other] =
+            [one, other].map(|at| self.snapshot.index(IntegerArray::ActuatorTrnid, 2 * at));
+        let name = |tendon| self.snapshot.model.object_name(raw::mjOBJ_TENDON, tendon);
+        match (name(one), name(other)) {
+            (Some(a), Some(b)) if one != other => are_mirror_names(a, b),
+            _ => one == other,
+        }
+    }
+}

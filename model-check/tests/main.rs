@@ -1,0 +1,5 @@
+//! Tests of the check of models.
+
+mod parts;
+mod robots;
+mod seeded;

@@ -1,0 +1,117 @@
+//! Meshes, cameras, sensors, corrections and maps.
+
+use std::sync::Arc;
+
+use model_check::{CheckSettings, Corrections, ModelCheck, check, read_model};
+use mujoco::{Data, Model};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+fn checked(xml: &str, corrections: Corrections) -> ModelCheck {
+    let model = Model::from_xml(xml).unwrap();
+    check(&model, &CheckSettings { corrections, simulates: false, ..Default::default() }).unwrap()
+}
+
+fn properties(found: &ModelCheck) -> Vec<String> {
+    found.differences.iter().map(|d| format!("{} {}", d.kind, d.property)).collect()
+}
+
+/// Two wheels with a mesh each, whose vertices are given, at the sides of a cart with a camera.
+fn cart(left: &str, right: &str, camera: &str, fovy: &str) -> String {
+    format!(
+        "<mujoco><asset><mesh name='l' vertex='{left}'/><mesh name='r' vertex='{right}'/></asset>\
+         <worldbody><body name='cart'><freejoint/><geom type='sphere' size='0.1'/>\
+         <camera name='eye_l' pos='0.1 0.05 0' {camera}/>\
+         <camera name='eye_r' pos='0.1 -0.05 0' {camera} fovy='{fovy}'/>\
+         <body name='l' pos='0 0.2 0'><joint name='l' axis='0 1 0'/><geom type='mesh' mesh='l'/>\
+         </body><body name='r' pos='0 -0.2 0'><joint name='r' axis='0 1 0'/>\
+         <geom type='mesh' mesh='r'/></body></body></worldbody></mujoco>"
+    )
+}
+
+const LEFT: &str = "0 0 0  0.1 0 0  0 0.05 0  0 0 0.07";
+const RIGHT: &str = "0 0 0  0.1 0 0  0 -0.05 0  0 0 0.07";
+const AHEAD: &str = "xyaxes='0 -1 0 0 0 1'";
+
+#[test]
+fn a_mesh_that_is_not_mirrored_is_named_with_its_inertia() {
+    let sound = checked(&cart(LEFT, RIGHT, AHEAD, "45"), Corrections::default());
+    assert_eq!(properties(&sound), [""; 0], "{}", sound.text());
+    let copied = checked(&cart(LEFT, LEFT, AHEAD, "45"), Corrections::default());
+    let properties = properties(&copied);
+    for expected in ["geom position", "body centre of mass", "body inertia"] {
+        assert!(properties.contains(&expected.to_owned()), "{expected}: {properties:?}");
+    }
+}
+
+#[test]
+fn cameras_are_compared_and_can_be_ignored() {
+    let narrow = cart(LEFT, RIGHT, AHEAD, "40");
+    let found = checked(&narrow, Corrections::default());
+    assert_eq!(properties(&found), ["camera field of view"], "{}", found.text());
+    let ignore = vec!["camera eye_r".to_owned()];
+    let ignored = checked(&narrow, Corrections { ignore, ..Corrections::default() });
+    assert_eq!(properties(&ignored), [""; 0]);
+    // both look to the left
+    let aside = checked(&cart(LEFT, RIGHT, "xyaxes='1 0 0 0 0 1'", "45"), Corrections::default());
+    assert_eq!(properties(&aside), ["camera orientation"], "{}", aside.text());
+}
+
+#[test]
+fn a_geom_on_one_side_has_no_counterpart() {
+    let sound = cart(LEFT, RIGHT, AHEAD, "45");
+    let pad = "<geom name='pad' size='0.01' pos='0 0.03 0'/><geom type='mesh' mesh='l'/>";
+    let padded = sound
+        .replace(
+            "<geom type='mesh' mesh='l'/>",
+            &format!("{pad}<inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>"),
+        )
+        .replace(
+            "<geom type='mesh' mesh='r'/>",
+            "<geom type='mesh' mesh='r'/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>",
+        );
+    let found = checked(&padded, Corrections::default());
+    assert_eq!(found.differences.len(), 1, "{}", found.text());
+    let line = found.text();
+    assert!(line.contains("geom pad has no counterpart on r"), "{line}");
+}
+
+#[test]
+fn maps_turn_sensor_data_into_those_of_the_mirrored_state() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/models/quadruped.xml");
+    let model = read_model(path.as_ref()).unwrap();
+    let found = check(&model, &CheckSettings::default()).unwrap();
+    assert!(found.differences.is_empty(), "{}", found.text());
+    let maps = found.maps.unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let [mut data, mut mirrored] =
+        [0; 2].map(|_| Data::new(Arc::new(read_model(path.as_ref()).unwrap())));
+    for _ in 0..10 {
+        let mut draw =
+            |len: usize| -> Vec<f64> { (0..len).map(|_| rng.random_range(-0.5..0.5)).collect() };
+        let [mut qpos, qvel, ctrl] = [draw(model.nq()), draw(model.nv()), draw(model.nu())];
+        let norm = qpos[3..7].iter().map(|part| part * part).sum::<f64>().sqrt();
+        qpos[3..7].iter_mut().for_each(|part| *part /= norm);
+        data.qpos_mut().copy_from_slice(&qpos);
+        data.qvel_mut().copy_from_slice(&qvel);
+        data.set_ctrl(&ctrl).unwrap();
+        mirrored.qpos_mut().copy_from_slice(&maps.qpos.apply(&qpos));
+        mirrored.qvel_mut().copy_from_slice(&maps.qvel.apply(&qvel));
+        mirrored.set_ctrl(&maps.ctrl.apply(&ctrl)).unwrap();
+        data.forward().unwrap();
+        mirrored.forward().unwrap();
+        let expected = maps.sensordata.as_ref().unwrap().apply(data.sensor_data());
+        for (expected, got) in expected.iter().zip(mirrored.sensor_data()) {
+            assert!((expected - got).abs() < 1e-6 * (1.0 + got.abs()), "{expected} {got}");
+        }
+        assert!(data.sensor_data().iter().any(|value| value.abs() > 0.1));
+        // channels of irreps: the even ones stay, the odd ones change sign
+        let (group, flip) = (maps.group, maps.group.elements()[1]);
+        let mut channels = maps.qvel.to_irreps(group, &qvel);
+        let back = maps.qvel.from_irreps(group, &channels);
+        assert!(back.iter().zip(&qvel).all(|(a, b)| (a - b).abs() < 1e-12));
+        maps.qvel.field_type(group).transform_channels(flip, &mut channels);
+        let image = maps.qvel.to_irreps(group, &maps.qvel.apply(&qvel));
+        assert!(channels.iter().zip(&image).all(|(a, b)| (a - b).abs() < 1e-12));
+    }
+}

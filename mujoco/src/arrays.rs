@@ -1,0 +1,343 @@
+//! Arrays of `mjModel` by their C names, for programs that compare or change whole models.
+
+use std::ffi::CStr;
+use std::ptr::{self, NonNull};
+use std::slice;
+
+use crate::data::Data;
+use crate::fields::data::QFRC_APPLIED;
+use crate::model::Model;
+use crate::raw;
+
+/// Expands to the length of a row: a number, or a size of the model.
+macro_rules! width {
+    ($model:ident, $width:literal) => {
+        $width
+    };
+    ($model:ident, $width:ident) => {
+        $model.$width as usize
+    };
+}
+
+/// Declares an enum of arrays of `mjModel`, with start, number of rows and length of a row of each.
+macro_rules! arrays {
+    (
+        $(#[$doc:meta])* $name:ident, $start:ident, $table:ident:
+        $($variant:ident = $field:ident: [$kind:ident; $count:ident, $width:tt],)+
+    ) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum $name {
+            $(
+                #[doc = concat!(
+                    "Array `", stringify!($field), "` `[", stringify!($count), ", ",
+                    stringify!($width), "]`."
+                )]
+                $variant,
+            )+
+        }
+
+        impl $name {
+            fn location(self, model: &raw::mjModel) -> ($start, usize, usize) {
+                match self {
+                    $(Self::$variant => {
+                        ($start::$kind(model.$field), model.$count as usize, width!(model, $width))
+                    })+
+                }
+            }
+        }
+
+        #[cfg(test)]
+        const $table: &[[&str; 4]] = &[
+            $([stringify!($kind), stringify!($field), stringify!($count), stringify!($width)]),+
+        ];
+    };
+}
+
+/// Start of an array of `mjModel`.
+#[allow(non_camel_case_types)]
+enum NumberStart {
+    f64(*mut f64),
+}
+
+/// Start of an array of `mjModel`.
+#[allow(non_camel_case_types)]
+enum IntegerStart {
+    i32(*mut i32),
+    u8(*mut u8),
+}
+
+arrays! {
+    /// Array of numbers in `mjModel`, whose documentation describes it.
+    NumberArray, NumberStart, NUMBERS:
+    ActuatorBiasprm = actuator_biasprm: [f64; nu, 10],
+    ActuatorCtrlrange = actuator_ctrlrange: [f64; nu, 2],
+    ActuatorForcerange = actuator_forcerange: [f64; nu, 2],
+    ActuatorGainprm = actuator_gainprm: [f64; nu, 10],
+    ActuatorGear = actuator_gear: [f64; nu, 6],
+    BodyInertia = body_inertia: [f64; nbody, 3],
+    BodyIpos = body_ipos: [f64; nbody, 3],
+    BodyIquat = body_iquat: [f64; nbody, 4],
+    BodyMass = body_mass: [f64; nbody, 1],
+    BodyPos = body_pos: [f64; nbody, 3],
+    BodyQuat = body_quat: [f64; nbody, 4],
+    CamFovy = cam_fovy: [f64; ncam, 1],
+    CamPos = cam_pos: [f64; ncam, 3],
+    CamQuat = cam_quat: [f64; ncam, 4],
+    DofArmature = dof_armature: [f64; nv, 1],
+    DofDamping = dof_damping: [f64; nv, 1],
+    DofFrictionloss = dof_frictionloss: [f64; nv, 1],
+    DofInvweight0 = dof_invweight0: [f64; nv, 1],
+    GeomFriction = geom_friction: [f64; ngeom, 3],
+    GeomMargin = geom_margin: [f64; ngeom, 1],
+    GeomPos = geom_pos: [f64; ngeom, 3],
+    GeomQuat = geom_quat: [f64; ngeom, 4],
+    GeomSize = geom_size: [f64; ngeom, 3],
+    GeomSolimp = geom_solimp: [f64; ngeom, 5],
+    GeomSolref = geom_solref: [f64; ngeom, 2],
+    JntAxis = jnt_axis: [f64; njnt, 3],
+    JntPos = jnt_pos: [f64; njnt, 3],
+    JntRange = jnt_range: [f64; njnt, 2],
+    JntStiffness = jnt_stiffness: [f64; njnt, 1],
+    KeyCtrl = key_ctrl: [f64; nkey, nu],
+    KeyQpos = key_qpos: [f64; nkey, nq],
+    QposSpring = qpos_spring: [f64; nq, 1],
+    Qpos0 = qpos0: [f64; nq, 1],
+    SensorCutoff = sensor_cutoff: [f64; nsensor, 1],
+    SensorNoise = sensor_noise: [f64; nsensor, 1],
+    SitePos = site_pos: [f64; nsite, 3],
+    SiteQuat = site_quat: [f64; nsite, 4],
+}
+
+arrays! {
+    /// Array of integers, indices or flags in `mjModel`, whose documentation describes it.
+    IntegerArray, IntegerStart, INTEGERS:
+    ActuatorGaintype = actuator_gaintype: [i32; nu, 1],
+    ActuatorTrnid = actuator_trnid: [i32; nu, 2],
+    ActuatorTrntype = actuator_trntype: [i32; nu, 1],
+    BodyParentid = body_parentid: [i32; nbody, 1],
+    CamBodyid = cam_bodyid: [i32; ncam, 1],
+    GeomBodyid = geom_bodyid: [i32; ngeom, 1],
+    GeomConaffinity = geom_conaffinity: [i32; ngeom, 1],
+    GeomCondim = geom_condim: [i32; ngeom, 1],
+    GeomContype = geom_contype: [i32; ngeom, 1],
+    GeomType = geom_type: [i32; ngeom, 1],
+    JntBodyid = jnt_bodyid: [i32; njnt, 1],
+    JntDofadr = jnt_dofadr: [i32; njnt, 1],
+    JntLimited = jnt_limited: [u8; njnt, 1],
+    JntQposadr = jnt_qposadr: [i32; njnt, 1],
+    JntType = jnt_type: [i32; njnt, 1],
+    PairGeom1 = pair_geom1: [i32; npair, 1],
+    PairGeom2 = pair_geom2: [i32; npair, 1],
+    SensorAdr = sensor_adr: [i32; nsensor, 1],
+    SensorObjid = sensor_objid: [i32; nsensor, 1],
+    SensorObjtype = sensor_objtype: [i32; nsensor, 1],
+    SensorReftype = sensor_reftype: [i32; nsensor, 1],
+    SensorType = sensor_type: [i32; nsensor, 1],
+    SiteBodyid = site_bodyid: [i32; nsite, 1],
+}
+
+/// Change of a row of an array of a model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RowEdit {
+    /// Array with the row.
+    pub array: NumberArray,
+    /// Index of the row.
+    pub row: usize,
+    /// New values of the row.
+    pub values: Vec<f64>,
+}
+
+impl Model {
+    /// Returns the elements of an array, row after row.
+    pub fn numbers(&self, array: NumberArray) -> &[f64] {
+        let (NumberStart::f64(start), rows, width) = array.location(self.as_raw());
+        // SAFETY: `mjxmacro.h`, which MuJoCo allocates by, gives the array these lengths, and
+        // nobody writes to the model.
+        unsafe { elements(start, rows * width) }
+    }
+
+    /// Returns the element of an array with this index, row after row; flags are 0 or 1.
+    ///
+    /// # Panics
+    /// If the array has no such element.
+    pub fn integer(&self, array: IntegerArray, index: usize) -> i32 {
+        let (start, rows, width) = array.location(self.as_raw());
+        // SAFETY: as in `numbers`.
+        unsafe {
+            match start {
+                IntegerStart::i32(start) => elements(start, rows * width)[index],
+                IntegerStart::u8(start) => elements(start, rows * width)[index].into(),
+            }
+        }
+    }
+
+    /// Returns the name of the object with this index and `mjtObj` type, such as
+    /// [`mjOBJ_SENSOR`](crate::raw::mjOBJ_SENSOR); `None` if the XML gives none.
+    pub fn object_name(&self, object: raw::mjtObj, index: usize) -> Option<&str> {
+        let index = i32::try_from(index).ok()?;
+        // SAFETY: live model; MuJoCo returns NULL for unknown types, indices and unnamed objects.
+        let name = unsafe { raw::mj_id2name(self.as_raw(), object.cast_signed(), index) };
+        // SAFETY: a name is a NUL-terminated string inside the model, which outlives the borrow.
+        (!name.is_null()).then(|| unsafe { CStr::from_ptr(name) }.to_str().ok())?
+    }
+
+    /// Returns a copy of the model with other values in some rows, and with the constants that
+    /// MuJoCo derives from them computed afresh. Ids are those of this model.
+    ///
+    /// # Panics
+    /// If a row does not exist, or has another length than the new values.
+    pub fn edited(&self, edits: &[RowEdit]) -> Self {
+        // SAFETY: a live model; MuJoCo allocates a copy where it is given none, and reports a
+        // failed allocation as an error, which aborts.
+        let mut copy =
+            unsafe { NonNull::new_unchecked(raw::mj_copyModel(ptr::null_mut(), self.as_raw())) };
+        for RowEdit { array, row, values } in edits {
+            // SAFETY: nobody else holds the copy yet.
+            let (NumberStart::f64(start), rows, width) = array.location(unsafe { copy.as_ref() });
+            assert_eq!(values.len(), width, "wrong number of values for a row of {array:?}");
+            assert!(*row < rows, "row {row} of {array:?}, which has {rows} rows");
+            // SAFETY: the row is inside the array, by the lengths of `mjxmacro.h`.
+            unsafe { ptr::copy_nonoverlapping(values.as_ptr(), start.add(row * width), width) };
+        }
+        // SAFETY: nobody else holds the copy, and the data is one that MuJoCo makes for it.
+        unsafe {
+            forget_shortcuts(copy.as_mut());
+            let data = raw::mj_makeData(copy.as_ptr());
+            raw::mj_setConst(copy.as_mut(), data);
+            raw::mj_deleteData(data);
+        }
+        self.edited_copy(copy)
+    }
+}
+
+impl Data {
+    /// Sets the forces `[nv]` that act on the degrees of freedom besides those of the actuators, in
+    /// newtons and newton metres. They stay until they are set again.
+    ///
+    /// # Panics
+    /// If there are not `nv` forces. One that is not finite is an error of the next step.
+    pub fn set_applied_forces(&mut self, forces: &[f64]) {
+        self.rows_mut(&QFRC_APPLIED).as_flattened_mut().copy_from_slice(forces);
+    }
+
+    /// Returns the outputs of all sensors `[nsensordata]`; derived (see [`Data`]).
+    pub fn sensor_data(&self) -> &[f64] {
+        // SAFETY: MuJoCo made the array for this model; it is written through `&mut self` only.
+        unsafe { elements(self.as_raw().sensordata, self.model().as_raw().nsensordata as usize) }
+    }
+}
+
+/// Clears the flags by which MuJoCo skips computations for frames that coincide and for bodies
+/// whose inertia is diagonal, which an edit may change.
+///
+/// # Safety
+/// MuJoCo must have made the model, and nobody may read or write its arrays meanwhile.
+unsafe fn forget_shortcuts(model: &mut raw::mjModel) {
+    let [bodies, dofs, geoms, sites] =
+        [model.nbody, model.nv, model.ngeom, model.nsite].map(|size| size as usize);
+    // SAFETY: `mjxmacro.h` gives the arrays these lengths.
+    unsafe {
+        for (flags, len) in [
+            (model.body_simple, bodies),
+            (model.body_sameframe, bodies),
+            (model.geom_sameframe, geoms),
+            (model.site_sameframe, sites),
+        ] {
+            flags.write_bytes(0, len);
+        }
+        model.dof_simplenum.write_bytes(0, dofs);
+    }
+}
+
+/// Returns the elements of an array.
+///
+/// # Safety
+/// `len` must be 0, or `start` an array of `len` elements to which nobody writes for `'a`.
+unsafe fn elements<'a, T>(start: *const T, len: usize) -> &'a [T] {
+    match len {
+        // nothing is promised about the pointer of an empty array
+        0 => &[],
+        // SAFETY: the caller's promise.
+        len => unsafe { slice::from_raw_parts(start, len) },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+    use std::sync::Arc;
+
+    use super::*;
+
+    #[test]
+    fn every_array_has_the_type_and_the_lengths_of_the_header() {
+        let header = Path::new(raw::HEADER_FOLDER).join("mjxmacro.h");
+        let mut header = fs::read_to_string(header).unwrap().replace(' ', "");
+        for (name, size) in [
+            ("mjNREF", raw::mjNREF),
+            ("mjNIMP", raw::mjNIMP),
+            ("mjNGAIN", raw::mjNGAIN),
+            ("mjNBIAS", raw::mjNBIAS),
+        ] {
+            header = header.replace(&format!("{name})"), &format!("{size})"));
+        }
+        let declared = |[kind, field, count, width]: [&str; 4]| {
+            let kind = match kind {
+                "f64" => "mjtNum",
+                "i32" => "int",
+                _ => "mjtByte",
+            };
+            let stated = |row| header.contains(&format!("X({kind},{field},{count},{row})"));
+            stated(width.to_owned()) || stated(format!("MJ_M({width})"))
+        };
+        for &array in NUMBERS.iter().chain(INTEGERS) {
+            assert!(declared(array), "{array:?}");
+        }
+        for other in [
+            "X(mjtByte,body_simple,nbody,1)",
+            "X(mjtByte,body_sameframe,nbody,1)",
+            "X(mjtByte,geom_sameframe,ngeom,1)",
+            "X(mjtByte,site_sameframe,nsite,1)",
+            "X(int,dof_simplenum,nv,1)",
+        ] {
+            assert!(header.contains(other), "{other}");
+        }
+        assert!(!declared(["f64", "body_mass", "nbody", "3"]));
+    }
+
+    #[test]
+    fn an_edited_copy_has_the_new_values_and_their_consequences() {
+        let xml = "<mujoco><worldbody><body name='b'><joint/><geom size='.1'/></body></worldbody>\
+                   <keyframe><key qpos='0.5'/></keyframe></mujoco>";
+        let model = Model::from_xml(xml).unwrap();
+        let [mass, weight] = [NumberArray::BodyMass, NumberArray::DofInvweight0];
+        let inertia = NumberArray::BodyInertia;
+        let double = |array: NumberArray, width: usize| RowEdit {
+            array,
+            row: 1,
+            values: model.numbers(array)[width..].iter().map(|value| 2.0 * value).collect(),
+        };
+        let heavy = model.edited(&[double(mass, 1), double(inertia, 3)]);
+        assert_eq!(heavy.numbers(mass)[1], 2.0 * model.numbers(mass)[1]);
+        let ratio = model.numbers(weight)[0] / heavy.numbers(weight)[0];
+        assert!((ratio - 2.0).abs() < 1e-12, "{ratio}");
+        assert_eq!(model.numbers(NumberArray::KeyQpos), [0.5]);
+        assert_eq!(model.integer(IntegerArray::JntLimited, 0), 0);
+        assert_eq!(model.object_name(raw::mjOBJ_BODY, 1), Some("b"));
+        assert_eq!(model.object_name(raw::mjOBJ_SENSOR, 0), None);
+    }
+
+    #[test]
+    fn applied_forces_accelerate() {
+        let xml = "<mujoco><worldbody><body><joint type='slide'/><geom size='.1' mass='2'/></body>\
+                   </worldbody></mujoco>";
+        let mut data = Data::new(Arc::new(Model::from_xml(xml).unwrap()));
+        data.qvel_mut()[0] = 0.0;
+        data.set_applied_forces(&[2.0 * (1.0 + 9.81)]);
+        data.step(1).unwrap();
+        let speed = data.model().timestep() * 1.0;
+        assert!((data.qvel()[0] - speed).abs() < 1e-9, "{:?}", data.qvel());
+    }
+}

@@ -1,5 +1,0 @@
-// Index of an observation of a batch; in an update, also its decision's normalised advantage.
-struct Draw {
-    decision: u32,
-    advantage: f32,
-}

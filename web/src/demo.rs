@@ -1,0 +1,192 @@
+//! Stream of drawn tasks, the learner that watches it, and records of what happens.
+
+use learner::{Covers, CoversSettings, Learner, LearnerError};
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rl::{
+    BoxedEnvError, CriticSettings, EnvSpec, NetworkSettings, Observations, PpoSettings, RlError,
+    Transition, VectorEnv,
+};
+use serde::Serialize;
+use symmetry::D2;
+use worlds::{StreamError, TaskStream, Visit, World, WorldKind};
+
+/// Number of environments that step together.
+const NUM_ENVS: usize = 20;
+/// Number of environments whose pictures are recorded.
+pub const NUM_FILMED: usize = 4;
+/// Number of decisions of an episode.
+const HORIZON: usize = 25;
+
+/// Stream that records the pictures of its first environments.
+struct FilmedStream {
+    stream: TaskStream,
+    film: Vec<u8>,
+}
+
+impl FilmedStream {
+    fn record(&mut self, images: &[u8]) {
+        let len = self.stream.spec().image_len() * NUM_FILMED;
+        self.film.extend(present(&images[..len]));
+    }
+}
+
+impl VectorEnv for FilmedStream {
+    fn spec(&self) -> &EnvSpec {
+        self.stream.spec()
+    }
+
+    fn horizon(&self) -> Option<usize> {
+        self.stream.horizon()
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
+        self.stream.reset(out)?;
+        // only the last rollout of an iteration is shown
+        self.film.clear();
+        self.record(&out.images);
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
+        self.stream.step(actions, out)?;
+        self.record(&out.observations.images);
+        Ok(())
+    }
+}
+
+/// Learner and its stream.
+pub struct Demo {
+    env: FilmedStream,
+    learner: Covers,
+    iterations: usize,
+}
+
+/// Record of one iteration of learning.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Record {
+    /// Number of the iteration, from 0.
+    pub iteration: usize,
+    /// True group of the last episodes, which the learner is not told.
+    pub group: usize,
+    /// Index of the policy that trained.
+    pub policy: usize,
+    /// `true` if that policy is new.
+    pub is_new: bool,
+    /// Share of successful episodes, in [0, 1].
+    pub success: f64,
+    /// 1-Wasserstein distance between image features of the rollout and those that each policy
+    /// remembers; empty where nothing was compared.
+    pub distances: Vec<f64>,
+    /// Policy that each policy was merged into, if any.
+    pub merged_into: Vec<Option<usize>>,
+}
+
+impl Demo {
+    /// Draws a world of `num_groups` groups and its stream from a seed.
+    ///
+    /// # Errors
+    /// Settings that the learner refuses.
+    pub fn new(seed: u64, num_groups: usize) -> Result<Self, LearnerError> {
+        let world = World::random_with_num_groups(WorldKind::Appearance, seed, num_groups);
+        let visits = draw_visits(seed, world.groups.len());
+        let stream =
+            TaskStream::new(world, visits, NUM_ENVS).map_err(refused)?.with_horizon(HORIZON);
+        let learner = Covers::new(settings(seed), stream.spec())?;
+        Ok(Self { env: FilmedStream { stream, film: Vec::new() }, learner, iterations: 0 })
+    }
+
+    /// Runs one iteration of learning.
+    ///
+    /// # Errors
+    /// Errors of the learner.
+    pub fn learn(&mut self) -> Result<Record, LearnerError> {
+        let report = self.learner.learn(&mut self.env)?;
+        let stream = &self.env.stream;
+        let record = Record {
+            iteration: self.iterations,
+            group: stream.group_in_round(stream.num_rounds_ended() - 1),
+            policy: report.policy,
+            is_new: report.policy_created,
+            success: report.rollout_stats.success_rate().unwrap_or(0.0),
+            distances: report.evidence.iter().map(|evidence| evidence.distance).collect(),
+            merged_into: report.merged_into,
+        };
+        self.iterations += 1;
+        Ok(record)
+    }
+
+    /// Returns the images `[T, 4, 48, 48, 3]` of the latest rollout.
+    pub fn film(&self) -> &[u8] {
+        &self.env.film
+    }
+
+    /// Returns the first image `[48, 48, 3]` of an episode of a task group.
+    ///
+    /// # Errors
+    /// [`RlError::Environment`] for a group that the world does not have.
+    pub fn picture(&self, group: usize) -> Result<Vec<u8>, RlError> {
+        let visits = vec![Visit { variant: Some(D2::Identity), ..Visit::new(group, 1) }];
+        let world = self.env.stream.world().clone();
+        let mut stream = TaskStream::new(world, visits, 1).map_err(refused)?;
+        let mut observations = Observations::new(stream.spec());
+        stream.reset(&mut observations).map_err(RlError::Environment)?;
+        Ok(present(&observations.images).collect())
+    }
+
+    /// Inserts a visit to a task group of `rounds` rollouts, which begins within two iterations.
+    ///
+    /// # Errors
+    /// [`RlError::Environment`] for a group that the world does not have.
+    pub fn insert(
+        &mut self,
+        group: usize,
+        rounds: usize,
+        variant: Option<D2>,
+    ) -> Result<(), RlError> {
+        self.env.stream.insert_visit(Visit { group, rounds, variant }).map_err(refused)
+    }
+}
+
+/// Wraps an error of the stream.
+fn refused(error: StreamError) -> RlError {
+    RlError::Environment(error.into())
+}
+
+/// Returns the channels of the present image, which the first image of the episode follows.
+fn present(images: &[u8]) -> impl Iterator<Item = u8> {
+    images.chunks_exact(6).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]])
+}
+
+/// Draws visits of all groups in random order, 8 to 14 rounds each.
+fn draw_visits(seed: u64, groups: usize) -> Vec<Visit> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut visits = Vec::new();
+    for _ in 0..100 {
+        let mut order: Vec<usize> = (0..groups).collect();
+        order.shuffle(&mut rng);
+        visits.extend(order.into_iter().map(|group| Visit::new(group, rng.random_range(8..=14))));
+    }
+    visits
+}
+
+fn settings(seed: u64) -> CoversSettings {
+    CoversSettings {
+        network: NetworkSettings {
+            critic: CriticSettings::Joint { fields: 16 },
+            ..NetworkSettings::strided(vec![2, 4, 8, 8], 16)
+        },
+        ppo: PpoSettings {
+            gamma: 0.9,
+            encoder_learning_rate: 1e-3,
+            epochs: 8,
+            minibatch: 50,
+            ..PpoSettings::default()
+        },
+        rollout_steps: NUM_ENVS * HORIZON,
+        noise_correlation: 0.5,
+        seed,
+        ..CoversSettings::default()
+    }
+}

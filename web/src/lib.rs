@@ -1,0 +1,61 @@
+//! Live demonstration of COVERS in a browser: the learner of `covers-learner` in worlds that
+//! `covers-worlds` draws. [`Demo`] is the demonstration; [`Session`] is its JavaScript interface.
+
+mod demo;
+
+pub use demo::{Demo, NUM_FILMED, Record};
+
+use symmetry::D2;
+use wasm_bindgen::JsError;
+use wasm_bindgen::prelude::wasm_bindgen;
+
+/// Demonstration as an object of JavaScript.
+#[wasm_bindgen]
+pub struct Session(Demo);
+
+#[wasm_bindgen]
+impl Session {
+    /// Draws a world of `num_groups` task groups and a stream of visits from a seed.
+    ///
+    /// # Errors
+    /// A number of groups for which there is no world.
+    #[wasm_bindgen(constructor)]
+    pub fn new(seed: u32, num_groups: usize) -> Result<Session, JsError> {
+        Ok(Self(Demo::new(seed.into(), num_groups)?))
+    }
+
+    /// Runs one iteration of learning, and returns its [`Record`] as JSON.
+    ///
+    /// # Errors
+    /// Errors of the learner.
+    pub fn learn(&mut self) -> Result<String, JsError> {
+        Ok(serde_json::to_string(&self.0.learn()?)?)
+    }
+
+    /// Returns the images `[T, 4, 48, 48, 3]` of the latest rollout, as bytes.
+    pub fn film(&self) -> Vec<u8> {
+        self.0.film().to_vec()
+    }
+
+    /// Returns an image `[48, 48, 3]` of a task group, as bytes.
+    ///
+    /// # Errors
+    /// A group that the world does not have.
+    pub fn picture(&self, group: usize) -> Result<Vec<u8>, JsError> {
+        Ok(self.0.picture(group)?)
+    }
+
+    /// Inserts a visit to a task group, which begins within two iterations. The variant is the
+    /// two bits of an element of D2 (bit 0 mirrors x, bit 1 mirrors y), or missing for random ones.
+    ///
+    /// # Errors
+    /// A group that the world does not have.
+    pub fn insert(
+        &mut self,
+        group: usize,
+        rounds: usize,
+        variant: Option<usize>,
+    ) -> Result<(), JsError> {
+        Ok(self.0.insert(group, rounds, variant.map(D2::from_bits))?)
+    }
+}
