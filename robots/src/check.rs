@@ -68,8 +68,8 @@ pub struct RobotCheck {
     pub notes: Vec<String>,
     /// Collision shapes that are missing, with the reasons.
     pub missing_shapes: Vec<String>,
-    /// Reasons for which the robot cannot be simulated with servos, controlled, or used with its own
-    /// gripper.
+    /// Reasons for which the robot cannot be simulated with servos, controlled, or used with its
+    /// own gripper.
     pub problems: Vec<String>,
 }
 

@@ -291,8 +291,8 @@ impl RobotDescription {
         Ok(self)
     }
 
-    /// Returns this robot with `link` fixed to the link `parent`, at `origin` in its frame. The joint
-    /// has the name of the link.
+    /// Returns this robot with `link` fixed to the link `parent`, at `origin` in its frame. The
+    /// joint has the name of the link.
     ///
     /// # Errors
     /// [`DescriptionError::UnknownLink`], [`DescriptionError::Duplicate`].

@@ -9,8 +9,8 @@ use crate::capsule::{Capsule, PlacedShape, Shape};
 use crate::fit::{bounding_capsule, extent, volume};
 use crate::pose::Pose;
 
-/// Number of directions in which the outermost points are kept. The hull of those is up to 2 % of the
-/// radius too small where a mesh is round; shallow tips between the directions are lost.
+/// Number of directions in which the outermost points are kept. The hull of those is up to 2 % of
+/// the radius too small where a mesh is round; shallow tips between the directions are lost.
 const DIRECTIONS: usize = 200;
 /// Largest number of capsules around a hull.
 const MAX_CAPSULES: usize = 4;

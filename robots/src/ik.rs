@@ -143,8 +143,8 @@ impl OrientationConstraint {
         }
     }
 
-    /// Returns the error of the tip, without the rotation that is free, as the twist that moves it to
-    /// `target` in one second.
+    /// Returns the error of the tip, without the rotation that is free, as the twist that moves it
+    /// to `target` in one second.
     pub fn error(&self, tip: &Pose, target: &Pose) -> Twist {
         let [linear, turn] = tip.displacement_to(target);
         let angular = match self {
@@ -285,8 +285,8 @@ impl Chain {
 
 impl Chain {
     /// Returns configuration `number` of a sequence that is spread evenly over the ranges of the
-    /// joints, of which half a turn (or as many metres) to either side of the middle is used. Number
-    /// 0 is the middle itself, and zero for joints without limits.
+    /// joints, of which half a turn (or as many metres) to either side of the middle is used.
+    /// Number 0 is the middle itself, and zero for joints without limits.
     pub fn spread_configuration(&self, number: usize) -> Vec<f64> {
         let ranges = self.ranges();
         let middle = |range: &Option<[f64; 2]>| range.map_or(0.0, |[low, high]| low.midpoint(high));

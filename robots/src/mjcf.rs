@@ -65,8 +65,8 @@ impl TouchingPairs {
 pub struct MjcfSettings {
     /// Servos of the joints; if `None`, the model has no actuators.
     pub servo: Option<Servo>,
-    /// Pairs of a link and the default class (`childclass`) of its geometries and of all links below
-    /// it. The scene must declare the classes.
+    /// Pairs of a link and the default class (`childclass`) of its geometries and of all links
+    /// below it. The scene must declare the classes.
     pub link_classes: Vec<(String, String)>,
     /// Elements that are added to links.
     pub additions: Vec<LinkAddition>,
@@ -295,8 +295,8 @@ impl RobotDescription {
         meshes
     }
 
-    /// Returns the pairs of links that would collide at rest, and the others that would in more than
-    /// half of [`POSTURES`] postures.
+    /// Returns the pairs of links that would collide at rest, and the others that would in more
+    /// than half of [`POSTURES`] postures.
     pub(crate) fn touching_pairs(&self) -> TouchingPairs {
         let (at_rest, others) = self.split_touching(self.colliding_pairs(), &self.rest_positions());
         let ranges: Vec<_> = self.free_joints().map(|(_, motion)| motion.range).collect();

@@ -54,8 +54,8 @@ pub struct RobotFile {
     /// Folders of ROS packages by name, relative to the folder of this file.
     #[serde(default)]
     pub packages: BTreeMap<String, PathBuf>,
-    /// Folder outside of which no mesh is read ([`UrdfSettings::mesh_root`]), relative to the folder
-    /// of this file.
+    /// Folder outside of which no mesh is read ([`UrdfSettings::mesh_root`]), relative to the
+    /// folder of this file.
     #[serde(default)]
     pub mesh_root: Option<PathBuf>,
 }

@@ -322,8 +322,9 @@ impl<'a> FingerPoses<'a> {
         0.5 * (self.furthest(1, sideways) + self.furthest(0, -sideways))
     }
 
-    /// Returns the frame of the hand as tasks know it, between the fingers and [`HAND_TO_TIP`] above
-    /// their tips, and the fingers with their reference points, as if open claws were 0.1 m apart.
+    /// Returns the frame of the hand as tasks know it, between the fingers and [`HAND_TO_TIP`]
+    /// above their tips, and the fingers with their reference points, as if open claws were 0.1 m
+    /// apart.
     fn frame_and_fingers(
         &self,
         axis: DVec3,

@@ -124,8 +124,8 @@ impl BaseSearch<'_> {
     }
 
     /// Returns the placement with the base at `base`: with the first posture that holds the hand
-    /// still at all required positions, or else with the best one. `None` if the hand does not point
-    /// down over the centre.
+    /// still at all required positions, or else with the best one. `None` if the hand does not
+    /// point down over the centre.
     fn posture(&self, base: Pose) -> Result<Option<BasePlacement>, EnvError> {
         let robot = self.robot.clone().with_base_pose(base)?;
         let chain = Chain::new(&robot, self.hand)?;
@@ -142,8 +142,8 @@ impl BaseSearch<'_> {
         Ok(best)
     }
 
-    /// Returns the placement with a ready posture near `seed`, without turns of the hand if it can do
-    /// without.
+    /// Returns the placement with a ready posture near `seed`, without turns of the hand if it can
+    /// do without.
     fn ready(
         &self,
         robot: &RobotDescription,
@@ -183,8 +183,8 @@ pub(super) fn gripper_rotation(quarter_turns: usize) -> DQuat {
 }
 
 impl BasePlacement {
-    /// Moves the hand from the centre to each required position, and notes those that it reaches and
-    /// how fast it is there.
+    /// Moves the hand from the centre to each required position, and notes those that it reaches
+    /// and how fast it is there.
     fn measure_reach(&mut self, robot: &RobotDescription, chain: &Chain, rotation: DQuat) {
         for position in required_hand_positions() {
             let solved = solve(chain, position, rotation, &self.ready, self.orientation);

@@ -56,8 +56,9 @@ impl<'a> Meshes<'a> {
         Ok(Self { settings, folders, allowed })
     }
 
-    /// Returns the convex hull of the points of a mesh, or a capsule if it is flat. `None` if meshes
-    /// are ignored, and for a mesh without points or one that cannot be read, which is reported.
+    /// Returns the convex hull of the points of a mesh, or a capsule if it is flat. `None` if
+    /// meshes are ignored, and for a mesh without points or one that cannot be read, which is
+    /// reported.
     pub(super) fn shape(
         &self,
         link: &str,
