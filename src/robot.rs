@@ -7,7 +7,9 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use envs::EnvError;
 use envs::embodiments::Arm;
-use envs::robots::{JointCheck, MjcfSettings, OrientationConstraint, RobotCheck, RobotFile, Servo};
+use envs::robots::{
+    JointCheck, MjcfSettings, OrientationConstraint, RobotCheck, RobotFile, Servo, TouchingPairs,
+};
 use glam::DVec3;
 
 use experiments::RunError;
@@ -96,7 +98,7 @@ impl RobotMjcfOptions {
         }
         if self.json {
             let object =
-                serde_json::json!({"mjcf": mjcf.text, "excluded_pairs": mjcf.excluded_pairs});
+                serde_json::json!({"mjcf": mjcf.text, "excluded_pairs": &mjcf.excluded_pairs});
             return print_escaped(out, &object.to_string());
         }
         print_escaped(out, mjcf.text.trim_end())
@@ -127,9 +129,13 @@ fn check_text(check: &RobotCheck) -> String {
     }
     text += "joint                      lowest    highest      speed     effort\n";
     joints.iter().for_each(|joint| text += &joint_line(joint));
-    let pairs = check.touching_at_rest.iter().map(|[one, other]| format!("{one} and {other}"));
+    let pairs = |pairs: &[[String; 2]]| -> Vec<String> {
+        pairs.iter().map(|[one, other]| format!("{one} and {other}")).collect()
+    };
+    let TouchingPairs { at_rest, in_most_postures } = &check.touching;
     let lists = [
-        ("links that touch at rest and do not collide", pairs.collect()),
+        ("links that touch at rest and do not collide", pairs(at_rest)),
+        ("links that touch in most postures and do not collide", pairs(in_most_postures)),
         ("notes", check.notes.clone()),
         ("collision shapes that are missing", check.missing_shapes.clone()),
         ("units that look wrong", check.unit_warnings.clone()),

@@ -235,8 +235,8 @@ fn settings_hold_the_path_of_an_arm_and_its_file_the_rest() {
     for degrees in [-361.0, f64::NAN] {
         let base_yaw_degrees = Some(degrees);
         let turned = RobotFile { base_yaw_degrees, ..RobotFile::read(&path).unwrap() };
-        let message = Arm::from_file("arm", &turned).unwrap_err().to_string();
-        assert!(message.contains("`base_yaw_degrees` is"), "{message}");
+        let refused = Arm::from_file("arm", &turned).unwrap_err().to_string();
+        assert!(refused.contains("`base_yaw_degrees` is"), "{refused}");
     }
 }
 

@@ -79,7 +79,12 @@ impl Extrinsics {
         let Self { rotation, translation } = self;
         let orthonormal = (rotation * rotation.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-6);
         let holds = orthonormal && rotation.determinant() > 0.0;
-        require_that(holds, "rotation", rotation, "an orthonormal matrix of determinant 1")?;
+        require_that(
+            holds,
+            "rotation",
+            rotation,
+            "an orthonormal matrix of determinant 1, to six decimals",
+        )?;
         require_valid_coordinates("translation", *translation)
     }
 }

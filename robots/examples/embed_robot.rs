@@ -34,8 +34,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let mjcf = arm
             .to_mjcf(&MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() })?;
         print!("{}", mjcf.text);
-        for [first, second] in mjcf.excluded_pairs {
-            eprintln!("{first} and {second} touch at rest, so they do not collide in this model");
+        for [first, second] in mjcf.excluded_pairs.iter() {
+            eprintln!(
+                "{first} and {second} touch at rest or in most postures, so they do not collide"
+            );
         }
         return Ok(());
     }

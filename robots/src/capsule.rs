@@ -1,7 +1,10 @@
 //! Collision shapes of links, and the capsules that enclose them.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
+use crate::hull::Hull;
 use crate::pose::Pose;
 
 /// Capsule: all points within `radius` (metres) of a segment.
@@ -25,7 +28,7 @@ impl Capsule {
 }
 
 /// Collision shape centred at the origin, sizes in metres; cylinders and capsules lie along z.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     /// A sphere.
     Sphere {
@@ -51,10 +54,12 @@ pub enum Shape {
         /// Half extents along x, y and z.
         half_extents: DVec3,
     },
+    /// The convex hull of a mesh.
+    Hull(Arc<Hull>),
 }
 
 /// Collision shape at a pose in the frame of its link.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct PlacedShape {
     /// Pose of the shape in the frame of the link.
     pub pose: Pose,
@@ -63,12 +68,22 @@ pub struct PlacedShape {
 }
 
 impl PlacedShape {
-    /// Returns a capsule, in the world, that encloses the shape of a link at pose `link`.
+    /// Returns capsules, in the world, that enclose the shape of a link at pose `link`: one, or up
+    /// to four around a hull.
     ///
     /// It is exact for spheres and capsules. A cylinder gains a hemisphere at each end; the capsule
-    /// of a box lies along the box's longest axis and passes through its edges.
-    pub fn enclosing_capsule(&self, link: &Pose) -> Capsule {
+    /// of a box lies along the box's longest axis and passes through its edges. Those of a hull lie
+    /// along x, y or z of its mesh.
+    pub fn enclosing_capsules(&self, link: &Pose) -> Vec<Capsule> {
         let (half, radius) = match self.shape {
+            Shape::Hull(ref hull) => {
+                let pose = *link * self.pose;
+                return hull
+                    .capsules()
+                    .iter()
+                    .flat_map(|of| of.enclosing_capsules(&pose))
+                    .collect();
+            }
             Shape::Sphere { radius } => (DVec3::ZERO, radius),
             Shape::Capsule { radius, length } | Shape::Cylinder { radius, length } => {
                 (0.5 * length * DVec3::Z, radius)
@@ -76,7 +91,7 @@ impl PlacedShape {
             Shape::Box { half_extents } => along_longest(half_extents),
         };
         let pose = *link * self.pose;
-        Capsule { ends: [pose.transform_point(-half), pose.transform_point(half)], radius }
+        vec![Capsule { ends: [pose.transform_point(-half), pose.transform_point(half)], radius }]
     }
 }
 
@@ -96,7 +111,7 @@ const LENGTH_TOLERANCE: f64 = 1e-6;
 pub(crate) fn join_capsules(shapes: Vec<PlacedShape>) -> Vec<PlacedShape> {
     let mut left: Vec<Option<PlacedShape>> = shapes.into_iter().map(Some).collect();
     for index in 0..left.len() {
-        if let Some((capsule, caps)) = left[index].and_then(|one| capsule_of(one, &left)) {
+        if let Some((capsule, caps)) = left[index].as_ref().and_then(|one| capsule_of(one, &left)) {
             left[index] = Some(capsule);
             for cap in caps {
                 left[cap] = None;
@@ -109,15 +124,17 @@ pub(crate) fn join_capsules(shapes: Vec<PlacedShape>) -> Vec<PlacedShape> {
 /// Returns the capsule that a cylinder is part of, and the indices of its two caps in `shapes`.
 /// `None` if the shape is no cylinder or lacks a cap.
 fn capsule_of(
-    PlacedShape { pose, shape }: PlacedShape,
+    &PlacedShape { pose, ref shape }: &PlacedShape,
     shapes: &[Option<PlacedShape>],
 ) -> Option<(PlacedShape, [usize; 2])> {
-    let Shape::Cylinder { radius, length } = shape else {
+    let &Shape::Cylinder { radius, length } = shape else {
         return None;
     };
     let cap = |side: f64| {
         let end = pose.transform_point(side * 0.5 * length * DVec3::Z);
-        shapes.iter().position(|other| other.is_some_and(|other| is_cap(&other, end, radius)))
+        shapes
+            .iter()
+            .position(|other| other.as_ref().is_some_and(|other| is_cap(other, end, radius)))
     };
     let capsule = PlacedShape { pose, shape: Shape::Capsule { radius, length } };
     Some((capsule, [cap(-1.0)?, cap(1.0)?]))
@@ -151,7 +168,7 @@ mod tests {
             pose: Pose::from_xyz_rpy([0.1, 0.0, -0.2], [1.0, 0.2, 0.0]),
             shape: Shape::Box { half_extents },
         };
-        let capsule = shape.enclosing_capsule(&link);
+        let capsule = shape.enclosing_capsules(&link)[0];
         assert!((capsule.radius - 0.05_f64.sqrt()).abs() < 1e-15);
         for corner in 0..8 {
             let sign = |bit: u32| if corner >> bit & 1 == 0 { -1.0 } else { 1.0 };
@@ -171,12 +188,14 @@ mod tests {
             pose: Pose { position: at, rotation: DQuat::from_rotation_x(0.3) },
             shape: cylinder,
         };
-        let ends = [-0.2, 0.2].map(|z| placed(sphere, turned.pose.transform_point(z * DVec3::Z)));
-        let joined = join_capsules(vec![ends[0], turned, ends[1]]);
-        let expected = PlacedShape { shape: Shape::Capsule { radius: 0.1, length: 0.4 }, ..turned };
+        let ends =
+            [-0.2, 0.2].map(|z| placed(sphere.clone(), turned.pose.transform_point(z * DVec3::Z)));
+        let joined = join_capsules(vec![ends[0].clone(), turned.clone(), ends[1].clone()]);
+        let expected =
+            PlacedShape { shape: Shape::Capsule { radius: 0.1, length: 0.4 }, ..turned.clone() };
         assert_eq!(joined, [expected]);
         // one cap alone, or caps of another size, are shapes of their own
-        assert_eq!(join_capsules(vec![turned, ends[0]]).len(), 2);
+        assert_eq!(join_capsules(vec![turned.clone(), ends[0].clone()]).len(), 2);
         let wider = ends.map(|end| placed(Shape::Sphere { radius: 0.11 }, end.pose.position));
         assert_eq!(join_capsules([vec![turned], wider.to_vec()].concat()).len(), 3);
     }

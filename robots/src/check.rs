@@ -9,7 +9,7 @@ use crate::control::{CartesianControl, ControlSettings};
 use crate::description::{Inertia, Joint, JointMotion, Link, MotionKind, RobotDescription};
 use crate::error::DescriptionError;
 use crate::ik::IkSettings;
-use crate::mjcf::{MjcfSettings, Servo};
+use crate::mjcf::{MjcfSettings, Servo, TouchingPairs};
 use crate::pose::Pose;
 use crate::robot_file::RobotFile;
 
@@ -59,16 +59,17 @@ pub struct RobotCheck {
     pub ik_targets: usize,
     /// Number of these targets that inverse kinematics finds from the middle of the ranges.
     pub ik_found: usize,
-    /// Pairs of links that touch at rest, and therefore do not collide in the simulation.
-    pub touching_at_rest: Vec<[String; 2]>,
+    /// Pairs of links that touch at rest or in most postures, and therefore do not collide in the
+    /// simulation.
+    pub touching: TouchingPairs,
     /// Values that look as if they were in another unit.
     pub unit_warnings: Vec<String>,
     /// Values of the file that were replaced, left out or reduced.
     pub notes: Vec<String>,
     /// Collision shapes that are missing, with the reasons.
     pub missing_shapes: Vec<String>,
-    /// Reasons for which the robot cannot be simulated with servos, controlled, or used with its own
-    /// gripper.
+    /// Reasons for which the robot cannot be simulated with servos, controlled, or used with its
+    /// own gripper.
     pub problems: Vec<String>,
 }
 
@@ -149,7 +150,7 @@ impl RobotDescription {
             ik_targets: chain.as_ref().map_or(0, |_| TARGETS),
             ik_found: chain.as_ref().map_or(0, found_targets),
             chain: chain.iter().flat_map(|of| of.joints()).map(|of| of.name.clone()).collect(),
-            touching_at_rest: self.names_of_touching_links(),
+            touching: self.touching_pairs(),
             unit_warnings: self.unit_warnings(reach),
             notes: self.notes.iter().cloned().chain(self.restriction_notes()).collect(),
             missing_shapes: self.missing_shapes.clone(),
@@ -187,7 +188,8 @@ impl RobotDescription {
         if let Some(reach) = reach {
             let length = format!("the arm is {reach:.3} m long");
             warn(reach <= REACHES[1], length.clone(), "millimetres or inches instead of metres");
-            warn(reach >= REACHES[0], length, "kilometres instead of metres");
+            // a hand on the only joint has a reach of zero in any unit
+            warn(reach == 0.0 || reach >= REACHES[0], length, "kilometres instead of metres");
         }
         for link in &self.links {
             let name = &link.name;
@@ -227,7 +229,7 @@ fn joint_check(joint: &Joint) -> Option<JointCheck> {
 
 /// Returns the largest distance of a shape from the origin of its link (metres).
 fn extent(link: &Link) -> f64 {
-    let capsules = link.shapes.iter().map(|shape| shape.enclosing_capsule(&Pose::IDENTITY));
+    let capsules = link.shapes.iter().flat_map(|shape| shape.enclosing_capsules(&Pose::IDENTITY));
     let far =
         |Capsule { ends: [start, end], radius }: Capsule| start.length().max(end.length()) + radius;
     capsules.map(far).fold(0.0, f64::max)

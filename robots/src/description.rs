@@ -291,8 +291,8 @@ impl RobotDescription {
         Ok(self)
     }
 
-    /// Returns this robot with `link` fixed to the link `parent`, at `origin` in its frame. The joint
-    /// has the name of the link.
+    /// Returns this robot with `link` fixed to the link `parent`, at `origin` in its frame. The
+    /// joint has the name of the link.
     ///
     /// # Errors
     /// [`DescriptionError::UnknownLink`], [`DescriptionError::Duplicate`].
@@ -358,9 +358,8 @@ impl RobotDescription {
     pub fn capsules(&self, positions: &[f64]) -> Vec<(usize, Capsule)> {
         let links = self.links.iter().zip(self.link_poses(positions)).enumerate();
         let of_link = |(index, (link, pose)): (usize, (&Link, Pose))| {
-            let capsules =
-                link.shapes.iter().map(move |shape| (index, shape.enclosing_capsule(&pose)));
-            capsules.collect::<Vec<_>>()
+            let capsules = link.shapes.iter().flat_map(|shape| shape.enclosing_capsules(&pose));
+            capsules.map(|capsule| (index, capsule)).collect::<Vec<_>>()
         };
         links.flat_map(of_link).collect()
     }

@@ -46,6 +46,14 @@ pub enum DescriptionError {
         /// Error, which names the element.
         error: Box<DescriptionError>,
     },
+    /// An error in a file.
+    #[error("`{}`: {error}", .path.display())]
+    File {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error in its contents.
+        error: Box<DescriptionError>,
+    },
     /// Several errors.
     #[error(
         "{} errors:{}", .errors.len(),
@@ -118,7 +126,8 @@ pub enum DescriptionError {
     /// A hand with links that move, which are not two fingers.
     #[error(
         "the links {} move on the hand `{hand}`, and are not recognised as two fingers that one \
-         joint moves: set `fingers` or `hand` in a JSON file of the arm's settings",
+         joint moves: set `fingers` or `hand` in a JSON file of the arm's settings, or let one \
+         finger follow the other (`<mimic>`)",
         .branches.join(", ")
     )]
     UnknownFingers {
@@ -165,7 +174,8 @@ pub enum DescriptionError {
     /// A moving link without mass, in a use that needs it.
     #[error(
         "the joint `{joint}` moves the link `{link}`, which has no mass (a milligram or more), nor \
-         have links that are fixed to it: give it `<inertial>`, or set `UrdfSettings::repair`"
+         have links that are fixed to it: give it `<inertial>`, or set `repair` in the robot's \
+         settings (`UrdfSettings`, or a JSON file)"
     )]
     MissingInertia {
         /// Name of the link.
@@ -176,7 +186,8 @@ pub enum DescriptionError {
     /// An inertia that no rigid body can have.
     #[error(
         "the link `{link}` has an inertia that no rigid body can have: {reason} (ixx {}, iyy {}, \
-         izz {}, ixy {}, ixz {}, iyz {} kg m^2); correct it, or set `UrdfSettings::repair`",
+         izz {}, ixy {}, ixz {}, iyz {} kg m^2); correct it, or set `repair` in the robot's \
+         settings (`UrdfSettings`, or a JSON file)",
         .tensor[0], .tensor[1], .tensor[2], .tensor[3], .tensor[4], .tensor[5]
     )]
     InvalidInertia {
@@ -199,8 +210,8 @@ pub enum DescriptionError {
     },
     /// Collision shapes that are missing, in a use that needs all shapes.
     #[error(
-        "{}\ncorrect them, or set `UrdfSettings::ignore_meshes`, which leaves out all meshes, or \
-         `UrdfSettings::repair`, which enlarges sizes to 1e-6 m",
+        "{}\ncorrect them, or set in the robot's settings (`UrdfSettings`, or a JSON file) \
+         `ignore_meshes`, which leaves out all meshes, or `repair`, which enlarges sizes to 1e-6 m",
         .shapes.join("\n")
     )]
     MissingShapes {
@@ -218,7 +229,7 @@ pub enum DescriptionError {
     /// Joints without maximum force or torque, which servos need.
     #[error(
         "servos need the efforts of the joints {}: state a positive `effort` below 1e6 in their \
-         `<limit>`, or set `UrdfSettings::default_effort`",
+         `<limit>`, or set `default_effort` in the settings (`UrdfSettings`, or a JSON file)",
         .joints.join(", ")
     )]
     MissingEffort {
@@ -272,7 +283,7 @@ pub enum ControlError {
     /// Joints without maximum speed.
     #[error(
         "control needs the speeds of the joints {}: state a positive `velocity` below 1e6 in their \
-         `<limit>`, or set `UrdfSettings::default_speed`",
+         `<limit>`, or set `default_speed` in the settings (`UrdfSettings`, or a JSON file)",
         .joints.join(", ")
     )]
     MissingSpeed {

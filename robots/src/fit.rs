@@ -63,17 +63,18 @@ fn shape(radius: f64, length: f64) -> Shape {
     Shape::Sphere { radius }
 }
 
-fn extent(points: &[DVec3]) -> [DVec3; 2] {
+/// Returns the corners of the bounding box of points.
+pub(crate) fn extent(points: &[DVec3]) -> [DVec3; 2] {
     let first = [DVec3::INFINITY, DVec3::NEG_INFINITY];
     points.iter().fold(first, |[low, high], &point| [low.min(point), high.max(point)])
 }
 
-/// Returns the volume divided by pi.
-fn volume(placed: &PlacedShape) -> f64 {
+/// Returns the volume of a capsule or sphere divided by pi.
+pub(crate) fn volume(placed: &PlacedShape) -> f64 {
     match placed.shape {
         Shape::Capsule { radius, length } => radius * radius * (length + 4.0 / 3.0 * radius),
         Shape::Sphere { radius } => 4.0 / 3.0 * radius.powi(3),
-        Shape::Cylinder { .. } | Shape::Box { .. } => f64::INFINITY,
+        Shape::Cylinder { .. } | Shape::Box { .. } | Shape::Hull(_) => f64::INFINITY,
     }
 }
 
@@ -95,7 +96,7 @@ mod tests {
             let stretch = DVec3::from_array(stretch);
             let points: Vec<DVec3> =
                 points.into_iter().map(|point| stretch * DVec3::from_array(point)).collect();
-            let capsule = bounding_capsule(&points).enclosing_capsule(&Pose::IDENTITY);
+            let capsule = bounding_capsule(&points).enclosing_capsules(&Pose::IDENTITY)[0];
             let outside = points.iter().map(|&point| capsule.signed_distance(point));
             let furthest = outside.fold(f64::NEG_INFINITY, f64::max);
             prop_assert!(furthest.abs() < 2.1 * MIN_SHAPE_SIZE, "{furthest}");
@@ -106,7 +107,7 @@ mod tests {
     fn a_long_thing_has_a_long_capsule() {
         let corner = |x: f64| [DVec3::new(x, 0.1, 0.0), DVec3::new(x, -0.1, 0.0)];
         let points = [corner(-1.0), corner(3.0)].concat();
-        let capsule = bounding_capsule(&points).enclosing_capsule(&Pose::IDENTITY);
+        let capsule = bounding_capsule(&points).enclosing_capsules(&Pose::IDENTITY)[0];
         assert!((capsule.radius - 0.1).abs() < 1e-12, "{capsule:?}");
         assert!(capsule.ends[0].distance(DVec3::new(-1.0, 0.0, 0.0)) < 1e-12, "{capsule:?}");
         assert!(capsule.ends[1].distance(DVec3::new(3.0, 0.0, 0.0)) < 1e-12, "{capsule:?}");

@@ -28,7 +28,8 @@ impl RobotDescription {
     }
 
     /// Returns the names of the two fingers of the link `hand`: two branches with one moving joint
-    /// each, both of which one element of the position vector drives. `None` if nothing moves on it.
+    /// each, both of which one element of the position vector drives. `None` if nothing moves on
+    /// it.
     ///
     /// # Errors
     /// [`DescriptionError::UnknownLink`]; [`DescriptionError::UnknownFingers`] if other branches

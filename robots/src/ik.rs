@@ -143,8 +143,8 @@ impl OrientationConstraint {
         }
     }
 
-    /// Returns the error of the tip, without the rotation that is free, as the twist that moves it to
-    /// `target` in one second.
+    /// Returns the error of the tip, without the rotation that is free, as the twist that moves it
+    /// to `target` in one second.
     pub fn error(&self, tip: &Pose, target: &Pose) -> Twist {
         let [linear, turn] = tip.displacement_to(target);
         let angular = match self {
@@ -268,7 +268,7 @@ impl Chain {
             && searches < settings.max_searches
             && started.elapsed() < settings.time_limit
         {
-            let found = search.run(spread(self, seed, searches), RESTART_ITERATIONS, 0);
+            let found = search.run(spread(&self.ranges(), seed, searches), RESTART_ITERATIONS, 0);
             searches += 1;
             if found.0 < nearest.0 {
                 nearest = found;
@@ -285,13 +285,17 @@ impl Chain {
 
 impl Chain {
     /// Returns configuration `number` of a sequence that is spread evenly over the ranges of the
-    /// joints, of which half a turn (or as many metres) to either side of the middle is used. Number
-    /// 0 is the middle itself, and zero for joints without limits.
+    /// joints, of which half a turn (or as many metres) to either side of the middle is used.
+    /// Number 0 is the middle itself, and zero for joints without limits.
     pub fn spread_configuration(&self, number: usize) -> Vec<f64> {
-        let range = |joint: &ChainJoint| joint.motion.range.unwrap_or_default();
-        let joints = self.joints().iter();
-        let middle: Vec<f64> = joints.map(range).map(|[low, high]| low.midpoint(high)).collect();
-        if number == 0 { middle } else { spread(self, &middle, number) }
+        let ranges = self.ranges();
+        let middle = |range: &Option<[f64; 2]>| range.map_or(0.0, |[low, high]| low.midpoint(high));
+        let middle: Vec<f64> = ranges.iter().map(middle).collect();
+        if number == 0 { middle } else { spread(&ranges, &middle, number) }
+    }
+
+    fn ranges(&self) -> Vec<Option<[f64; 2]>> {
+        self.joints().iter().map(|joint| joint.motion.range).collect()
     }
 
     /// Returns the speed (m/s) that the tip reaches in every direction in `configuration` `[len]`,
@@ -390,23 +394,25 @@ fn check_reach(
 /// Relative rounding of a distance that still counts as within reach.
 const REACH_TOLERANCE: f64 = 1e-9;
 
-/// Returns the start of search `number`, from 1: the joints are spread evenly over their ranges, of
-/// which half a turn (or as many metres) to either side of the seed is used.
+/// Returns configuration `number`, from 1, of joints with these ranges: they are spread evenly over
+/// their ranges, of which half a turn (or as many metres) to either side of the seed is used.
 ///
 /// Point `number` of Roberts' sequence with the powers of 1/g, where g^(d + 1) = g + 1 for d joints
 /// (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
-fn spread(chain: &Chain, seed: &[f64], number: usize) -> Vec<f64> {
+pub(crate) fn spread(ranges: &[Option<[f64; 2]>], seed: &[f64], number: usize) -> Vec<f64> {
     let dimension = seed.len() as f64;
     let g = (0..50).fold(2.0_f64, |g, _| (1.0 + g).powf(1.0 / (dimension + 1.0)));
-    let position = |index: usize, joint: &ChainJoint, start: f64| {
-        let [low, high] = joint.motion.range.unwrap_or([f64::MIN, f64::MAX]);
+    let position = |index: usize, range: Option<[f64; 2]>, start: f64| {
+        let [one, other] = range.unwrap_or([f64::MIN, f64::MAX]);
+        // a file may state them the wrong way round
+        let [low, high] = [one.min(other), one.max(other)];
         let half = PI.min(0.5 * (high - low));
         let middle = start.max(low + half).min(high - half);
         let part = (0.5 + number as f64 / g.powi(index as i32 + 1)).fract();
         (middle + (2.0 * part - 1.0) * half).clamp(low, high)
     };
-    let joints = chain.joints().iter().zip(seed).enumerate();
-    joints.map(|(index, (joint, &start))| position(index, joint, start)).collect()
+    let joints = ranges.iter().zip(seed).enumerate();
+    joints.map(|(index, (&range, &start))| position(index, range, start)).collect()
 }
 
 /// Returns the distances (metres, radians) from `position` to the ends of a joint's range; infinite

@@ -108,8 +108,8 @@ fn mass(link: &Link) -> f64 {
 
 /// Estimates the inertia of a link from capsules of water around its shapes.
 fn estimated(link: &Link) -> Inertia {
-    let masses = link.shapes.iter().map(|placed| {
-        let Capsule { ends: [start, end], radius } = placed.enclosing_capsule(&Pose::IDENTITY);
+    let capsules = link.shapes.iter().flat_map(|of| of.enclosing_capsules(&Pose::IDENTITY));
+    let masses = capsules.map(|Capsule { ends: [start, end], radius }| {
         let volume = PI * radius * radius * (start.distance(end) + 4.0 / 3.0 * radius);
         (DENSITY * volume, start.midpoint(end))
     });

@@ -10,6 +10,7 @@ mod fit;
 pub mod gen3;
 mod gravity;
 mod hand;
+mod hull;
 mod ik;
 mod inertia;
 mod kinematic_arm;
@@ -31,9 +32,10 @@ pub use description::{
     RobotDescription,
 };
 pub use error::{ControlError, DescriptionError, TipMiss};
+pub use hull::Hull;
 pub use ik::{IkSettings, OrientationConstraint};
 pub use kinematic_arm::KinematicArm;
-pub use mjcf::{LinkAddition, Mjcf, MjcfSettings, Servo};
+pub use mjcf::{LinkAddition, Mjcf, MjcfSettings, Servo, TouchingPairs};
 pub use pose::Pose;
 pub use robot::{Command, Robot, RobotState};
 pub use robot_file::RobotFile;

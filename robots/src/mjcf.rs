@@ -12,7 +12,10 @@
 //! - a position actuator has no damping;
 //! - its XML parser rejects elements in the 100th level.
 
+use std::collections::BTreeMap;
+
 use glam::{DQuat, DVec3};
+use serde::Serialize;
 
 use crate::capsule::{PlacedShape, Shape};
 use crate::description::{
@@ -20,6 +23,7 @@ use crate::description::{
 };
 use crate::error::DescriptionError;
 use crate::error::{all, check_numbers, require};
+use crate::ik::spread;
 use crate::overlap::Solids;
 use crate::pose::Pose;
 
@@ -27,14 +31,33 @@ use crate::pose::Pose;
 /// levels, the most that MuJoCo's parser accepts.
 const MAX_NESTED_LINKS: usize = 96;
 
+/// Number of postures in which links are tried for contacts.
+const POSTURES: usize = 32;
+
 /// Robot as MJCF.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mjcf {
     /// MJCF source.
     pub text: String,
-    /// Pairs of links whose collisions are switched off in all poses, because they touch at rest
-    /// ([`RobotDescription::rest_positions`]) and would collide otherwise.
-    pub excluded_pairs: Vec<[String; 2]>,
+    /// Pairs of links whose collisions are switched off in all poses.
+    pub excluded_pairs: TouchingPairs,
+}
+
+/// Pairs of links that touch, although no joint alone separates them.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TouchingPairs {
+    /// Pairs that touch at rest ([`RobotDescription::rest_positions`]).
+    pub at_rest: Vec<[String; 2]>,
+    /// Other pairs, which touch in more than half of 32 postures that are spread over the ranges of
+    /// the joints.
+    pub in_most_postures: Vec<[String; 2]>,
+}
+
+impl TouchingPairs {
+    /// Returns all pairs.
+    pub fn iter(&self) -> impl Iterator<Item = &[String; 2]> {
+        self.at_rest.iter().chain(&self.in_most_postures)
+    }
 }
 
 /// Settings of the conversion to MJCF: additions to the robot itself.
@@ -42,8 +65,8 @@ pub struct Mjcf {
 pub struct MjcfSettings {
     /// Servos of the joints; if `None`, the model has no actuators.
     pub servo: Option<Servo>,
-    /// Pairs of a link and the default class (`childclass`) of its geometries and of all links below
-    /// it. The scene must declare the classes.
+    /// Pairs of a link and the default class (`childclass`) of its geometries and of all links
+    /// below it. The scene must declare the classes.
     pub link_classes: Vec<(String, String)>,
     /// Elements that are added to links.
     pub additions: Vec<LinkAddition>,
@@ -118,7 +141,7 @@ impl RobotDescription {
     /// the order of position vectors, and an equality for each joint that follows another. Bodies
     /// and joints have the names of links and joints; a shape has its link's name with `_0`, `_1`
     /// and so on. A link does not collide with the link that it moves on, nor do links that touch
-    /// at rest ([`Mjcf::excluded_pairs`]).
+    /// at rest or in most postures ([`Mjcf::excluded_pairs`]).
     ///
     /// # Errors
     /// [`DescriptionError::NumberOutOfRange`] for a servo out of range,
@@ -172,26 +195,15 @@ impl RobotDescription {
             "" => String::new(),
             text => format!("<{name}>\n{text}</{name}>\n"),
         };
-        let touching = self.touching_at_rest();
+        let touching = self.touching_pairs();
         let sections = [
+            ("asset", self.meshes()),
             ("worldbody", self.bodies(settings, &inertias)),
             ("contact", self.excludes(&touching)),
             ("equality", self.equalities()),
             ("actuator", servos),
         ];
-        Ok(Mjcf {
-            text: sections.map(section).concat(),
-            excluded_pairs: touching.into_iter().map(|pair| self.link_names(pair)).collect(),
-        })
-    }
-
-    /// Returns the names of the links that touch at rest and would collide otherwise.
-    pub(crate) fn names_of_touching_links(&self) -> Vec<[String; 2]> {
-        self.touching_at_rest().into_iter().map(|pair| self.link_names(pair)).collect()
-    }
-
-    fn link_names(&self, pair: [usize; 2]) -> [String; 2] {
-        pair.map(|link| self.links[link].name.clone())
+        Ok(Mjcf { text: sections.map(section).concat(), excluded_pairs: touching })
     }
 
     fn check_links(&self, settings: &MjcfSettings) -> Result<(), DescriptionError> {
@@ -252,38 +264,91 @@ impl RobotDescription {
     }
 
     /// Writes `<exclude>` for the pairs of links that must not collide.
-    fn excludes(&self, touching: &[[usize; 2]]) -> String {
+    fn excludes(&self, touching: &TouchingPairs) -> String {
         let links = 0..self.links.len();
         let pairs =
             links.flat_map(|link| self.neighbours(link).into_iter().map(move |n| [n, link]));
-        let exclude = |pair: [usize; 2]| {
-            let [first, second] = pair.map(|link| xml_escaped(&self.links[link].name));
+        let exclude = |pair: [String; 2]| {
+            let [first, second] = pair.map(|name| xml_escaped(&name));
             format!("<exclude body1=\"{first}\" body2=\"{second}\"/>\n")
         };
-        pairs.chain(touching.iter().copied()).map(exclude).collect()
+        let neighbours = pairs.map(|pair| self.link_names(pair));
+        neighbours.chain(touching.iter().cloned()).map(exclude).collect()
     }
 
-    /// Returns the pairs of links that would collide at rest.
-    fn touching_at_rest(&self) -> Vec<[usize; 2]> {
-        let poses = self.link_poses(&self.rest_positions());
+    fn link_names(&self, pair: [usize; 2]) -> [String; 2] {
+        pair.map(|link| self.links[link].name.clone())
+    }
+
+    /// Writes the mesh of each hull, with the name of its geom.
+    fn meshes(&self) -> String {
+        let mut meshes = String::new();
+        for link in &self.links {
+            for (index, placed) in link.shapes.iter().enumerate() {
+                if let Shape::Hull(hull) = &placed.shape {
+                    let points: Vec<String> = hull.points().iter().map(|&of| numbers(of)).collect();
+                    let name = xml_escaped(&geom_name(link, index));
+                    meshes += &format!("<mesh name=\"{name}\" vertex=\"{}\"/>\n", points.join(" "));
+                }
+            }
+        }
+        meshes
+    }
+
+    /// Returns the pairs of links that would collide at rest, and the others that would in more
+    /// than half of [`POSTURES`] postures.
+    pub(crate) fn touching_pairs(&self) -> TouchingPairs {
+        let (at_rest, others) = self.split_touching(self.colliding_pairs(), &self.rest_positions());
+        let ranges: Vec<_> = self.free_joints().map(|(_, motion)| motion.range).collect();
+        let mut counts = BTreeMap::new();
+        for number in 1..=POSTURES {
+            let positions = spread(&ranges, &self.rest_positions(), number);
+            for pair in self.split_touching(others.clone(), &positions).0 {
+                *counts.entry(pair).or_insert(0) += 1;
+            }
+        }
+        counts.retain(|_, &mut count| 2 * count > POSTURES);
+        TouchingPairs {
+            at_rest: at_rest.into_iter().map(|pair| self.link_names(pair)).collect(),
+            in_most_postures: counts.into_keys().map(|pair| self.link_names(pair)).collect(),
+        }
+    }
+
+    /// Returns the pairs of links with shapes that can collide: no joint alone separates them.
+    fn colliding_pairs(&self) -> Vec<[usize; 2]> {
         let bodies = self.rigid_bodies();
         let moves_on = |body: usize, other: usize| {
             let joint = body.checked_sub(1);
             other > 0 && joint.is_some_and(|joint| bodies[self.joints[joint].parent] == other)
         };
-        let never_collide = |[a, b]: [usize; 2]| {
-            let [one, other] = [bodies[a], bodies[b]];
-            one == other
-                || moves_on(one, other)
-                || moves_on(other, one)
-                || self.neighbours(b).contains(&a)
-        };
+        let has_shapes = |link: &usize| !self.links[*link].shapes.is_empty();
+        let with_shapes: Vec<usize> = (0..self.links.len()).filter(has_shapes).collect();
+        let mut pairs = Vec::new();
+        for (index, &b) in with_shapes.iter().enumerate() {
+            let neighbours = self.neighbours(b);
+            let collides = |a: &usize| {
+                let [one, other] = [bodies[*a], bodies[b]];
+                one != other
+                    && !moves_on(one, other)
+                    && !moves_on(other, one)
+                    && !neighbours.contains(a)
+            };
+            pairs.extend(with_shapes[..index].iter().copied().filter(collides).map(|a| [a, b]));
+        }
+        pairs
+    }
+
+    /// Splits pairs of links into those that touch in these positions and those that do not.
+    fn split_touching(
+        &self,
+        pairs: Vec<[usize; 2]>,
+        positions: &[f64],
+    ) -> (Vec<[usize; 2]>, Vec<[usize; 2]>) {
+        let poses = self.link_poses(positions);
         let links = self.links.iter().zip(&poses);
         let solids: Vec<Solids> =
             links.map(|(link, pose)| Solids::new(&link.shapes, pose)).collect();
-        let touch = |[a, b]: [usize; 2]| solids[a].touch(&solids[b]);
-        let pairs = (0..self.links.len()).flat_map(|b| (0..b).map(move |a| [a, b]));
-        pairs.filter(|&pair| touch(pair) && !never_collide(pair)).collect()
+        pairs.into_iter().partition(|&[a, b]| solids[a].touch(&solids[b]))
     }
 
     /// Returns the links between `link` and the root that at most one joint separates from it, as
@@ -365,7 +430,7 @@ const NO_MASS: &str = "<inertial pos=\"0 0 0\" mass=\"0\" diaginertia=\"0 0 0\"/
 /// Writes the mass, shapes and added elements of a link.
 fn contents(link: &Link, inertia: Option<Inertia>, settings: &MjcfSettings) -> String {
     let shapes = link.shapes.iter().enumerate();
-    let geoms = shapes.map(|(index, shape)| geom(&format!("{}_{index}", link.name), shape));
+    let geoms = shapes.map(|(index, shape)| geom(&geom_name(link, index), shape));
     let additions = settings.additions.iter();
     let additions = additions.filter(|addition| addition.link == link.name);
     let mass = match inertia {
@@ -408,16 +473,27 @@ fn moving(name: &str, motion: &JointMotion) -> String {
     )
 }
 
+/// Returns the name of a link's shape.
+fn geom_name(link: &Link, index: usize) -> String {
+    format!("{}_{index}", link.name)
+}
+
 /// Writes a shape, without mass: the link's `<inertial>` states the mass.
 fn geom(name: &str, placed_shape: &PlacedShape) -> String {
-    let (kind, size) = match placed_shape.shape {
-        Shape::Sphere { radius } => ("sphere", format!("{radius}")),
-        Shape::Capsule { radius, length } => ("capsule", format!("{radius} {}", 0.5 * length)),
-        Shape::Cylinder { radius, length } => ("cylinder", format!("{radius} {}", 0.5 * length)),
-        Shape::Box { half_extents } => ("box", numbers(half_extents)),
-    };
     let (name, place) = (xml_escaped(name), placed(&placed_shape.pose));
-    format!("<geom name=\"{name}\" type=\"{kind}\" size=\"{size}\"{place} mass=\"0\"/>\n")
+    let of_size = |kind: &str, size: String| format!("type=\"{kind}\" size=\"{size}\"");
+    let shape = match placed_shape.shape {
+        Shape::Sphere { radius } => of_size("sphere", format!("{radius}")),
+        Shape::Capsule { radius, length } => {
+            of_size("capsule", format!("{radius} {}", 0.5 * length))
+        }
+        Shape::Cylinder { radius, length } => {
+            of_size("cylinder", format!("{radius} {}", 0.5 * length))
+        }
+        Shape::Box { half_extents } => of_size("box", numbers(half_extents)),
+        Shape::Hull(_) => format!("type=\"mesh\" mesh=\"{name}\""),
+    };
+    format!("<geom name=\"{name}\" {shape}{place} mass=\"0\"/>\n")
 }
 
 /// Writes the attributes of a pose.

@@ -13,30 +13,33 @@ const CLEARANCE: f64 = 1e-3;
 /// to rounding.
 const STEPS: usize = 100;
 
-/// Convex shape in the world: all points within `radius` of a box, a cylinder, a segment or a
-/// point.
+/// Convex shape in the world: all points within `radius` of a hull, a box, a cylinder, a segment or
+/// a point.
 #[derive(Clone, Copy)]
-struct Solid {
-    shape: Shape,
+struct Solid<'a> {
+    shape: &'a Shape,
     pose: Pose,
     radius: f64,
     /// Distance of the furthest point from the middle.
     reach: f64,
 }
 
-impl Solid {
-    fn new(placed: &PlacedShape, link: &Pose) -> Self {
+impl<'a> Solid<'a> {
+    fn new(placed: &'a PlacedShape, link: &Pose) -> Self {
         let rounding = match placed.shape {
             Shape::Sphere { radius } | Shape::Capsule { radius, .. } => radius,
-            Shape::Cylinder { .. } | Shape::Box { .. } => 0.0,
+            Shape::Cylinder { .. } | Shape::Box { .. } | Shape::Hull(_) => 0.0,
         };
         let reach = match placed.shape {
             Shape::Sphere { radius } => radius,
             Shape::Capsule { radius, length } => radius + 0.5 * length,
             Shape::Cylinder { radius, length } => radius.hypot(0.5 * length),
             Shape::Box { half_extents } => half_extents.length(),
+            Shape::Hull(ref hull) => {
+                hull.points().iter().map(|point| point.length()).fold(0.0, f64::max)
+            }
         };
-        Self { shape: placed.shape, pose: *link * placed.pose, radius: rounding, reach }
+        Self { shape: &placed.shape, pose: *link * placed.pose, radius: rounding, reach }
     }
 
     fn sphere(&self) -> Sphere {
@@ -47,7 +50,7 @@ impl Solid {
     fn support(&self, direction: DVec3) -> DVec3 {
         let direction = self.pose.rotation.conjugate() * direction;
         let at_end = |length: f64| (0.5 * length).copysign(direction.z) * DVec3::Z;
-        let point = match self.shape {
+        let point = match *self.shape {
             Shape::Sphere { .. } => DVec3::ZERO,
             Shape::Capsule { length, .. } => at_end(length),
             Shape::Cylinder { radius, length } => {
@@ -55,12 +58,13 @@ impl Solid {
                 radius * across + at_end(length)
             }
             Shape::Box { half_extents } => half_extents.copysign(direction),
+            Shape::Hull(ref hull) => hull.support(direction),
         };
         self.pose.transform_point(point)
     }
 
     /// Returns `true` if the distance to `other` is at most the clearance.
-    fn touches(&self, other: &Self) -> bool {
+    fn touches(&self, other: &Solid) -> bool {
         if self.sphere().is_apart(&other.sphere()) {
             return false;
         }
@@ -150,14 +154,14 @@ impl Sphere {
 }
 
 /// Collision shapes of a link in the world, with a bounding sphere.
-pub(crate) struct Solids {
-    solids: Vec<Solid>,
+pub(crate) struct Solids<'a> {
+    solids: Vec<Solid<'a>>,
     around: Sphere,
 }
 
-impl Solids {
+impl<'a> Solids<'a> {
     /// Places the shapes of a link whose pose in the world is `link`.
-    pub(crate) fn new(shapes: &[PlacedShape], link: &Pose) -> Self {
+    pub(crate) fn new(shapes: &'a [PlacedShape], link: &Pose) -> Self {
         let solids: Vec<Solid> = shapes.iter().map(|shape| Solid::new(shape, link)).collect();
         let places = solids.iter().map(|solid| solid.pose.position);
         let centre = places.sum::<DVec3>() / solids.len().max(1) as f64;
@@ -167,7 +171,7 @@ impl Solids {
     }
 
     /// Returns `true` if a shape of one link touches a shape of the other one.
-    pub(crate) fn touch(&self, other: &Self) -> bool {
+    pub(crate) fn touch(&self, other: &Solids) -> bool {
         let near = |solid: &&Solid| !solid.sphere().is_apart(&other.around);
         !self.around.is_apart(&other.around)
             && self
@@ -202,24 +206,27 @@ mod tests {
         let upright = DQuat::IDENTITY;
         // each with its turn and the height of its middle over its lowest point
         for ([lower, upper], above) in [
-            ([ball, ball], [(upright, 0.05), (upright, 0.05)]),
-            ([cube, cube], [(upright, 0.05), (upright, 0.05)]),
-            ([cube, beam], [(upright, 0.05), (edge, half_diagonal)]),
-            ([cube, cylinder], [(upright, 0.05), (tilted, rim)]),
-            ([cube, cylinder], [(upright, 0.05), (upright, 0.1)]),
-            ([cube, cylinder], [(upright, 0.05), (lying, 0.03)]),
-            ([capsule, cube], [(upright, 0.13), (upright, 0.05)]),
-            ([capsule, beam], [(lying, 0.03), (edge, half_diagonal)]),
-            ([ball, capsule], [(upright, 0.05), (lying, 0.03)]),
+            ([&ball, &ball], [(upright, 0.05), (upright, 0.05)]),
+            ([&cube, &cube], [(upright, 0.05), (upright, 0.05)]),
+            ([&cube, &beam], [(upright, 0.05), (edge, half_diagonal)]),
+            ([&cube, &cylinder], [(upright, 0.05), (tilted, rim)]),
+            ([&cube, &cylinder], [(upright, 0.05), (upright, 0.1)]),
+            ([&cube, &cylinder], [(upright, 0.05), (lying, 0.03)]),
+            ([&capsule, &cube], [(upright, 0.13), (upright, 0.05)]),
+            ([&capsule, &beam], [(lying, 0.03), (edge, half_diagonal)]),
+            ([&ball, &capsule], [(upright, 0.05), (lying, 0.03)]),
         ] {
             let [(first, top), (second, bottom)] = above;
-            let link = |shape, rotation, height| {
-                let pose = Pose { position: height * DVec3::Z, rotation };
-                Solids::new(&[PlacedShape { pose, shape }], &Pose::IDENTITY)
+            let placed = |shape: &Shape, rotation, height| PlacedShape {
+                pose: Pose { position: height * DVec3::Z, rotation },
+                shape: shape.clone(),
             };
             for (gap, touch) in [(0.9e-3, true), (1.1e-3, false)] {
-                let [one, other] =
-                    [link(lower, first, 0.0), link(upper, second, top + gap + bottom)];
+                let height = top + gap + bottom;
+                let shapes = [placed(lower, first, 0.0), placed(upper, second, height)];
+                let [one, other] = shapes
+                    .each_ref()
+                    .map(|of| Solids::new(std::slice::from_ref(of), &Pose::IDENTITY));
                 let found = [one.touch(&other), other.touch(&one)];
                 assert_eq!(found, [touch; 2], "{lower:?} {upper:?} {gap}");
             }
@@ -236,7 +243,8 @@ mod tests {
         let row: Vec<_> = (0..20).map(|index| ball(f64::from(index))).collect();
         let row = Solids::new(&row, &Pose::IDENTITY);
         for (place, touch) in [(19.2, true), (19.3, false), (9.5, false), (9.15, true)] {
-            let other = Solids::new(&[ball(place)], &Pose::IDENTITY);
+            let single = [ball(place)];
+            let other = Solids::new(&single, &Pose::IDENTITY);
             assert_eq!((row.touch(&other), other.touch(&row)), (touch, touch), "{place}");
         }
         let nothing = Solids::new(&[], &Pose::IDENTITY);

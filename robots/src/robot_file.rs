@@ -54,6 +54,10 @@ pub struct RobotFile {
     /// Folders of ROS packages by name, relative to the folder of this file.
     #[serde(default)]
     pub packages: BTreeMap<String, PathBuf>,
+    /// Folder outside of which no mesh is read ([`UrdfSettings::mesh_root`]), relative to the
+    /// folder of this file.
+    #[serde(default)]
+    pub mesh_root: Option<PathBuf>,
 }
 
 impl RobotFile {
@@ -79,23 +83,31 @@ impl RobotFile {
         })?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let packages = file.packages.into_iter().map(|(name, at)| (name, folder.join(at)));
-        Ok(Self { urdf: folder.join(&file.urdf), packages: packages.collect(), ..file })
+        Ok(Self {
+            urdf: folder.join(&file.urdf),
+            packages: packages.collect(),
+            mesh_root: file.mesh_root.map(|root| folder.join(root)),
+            ..file
+        })
     }
 
     /// Reads the URDF.
     ///
     /// # Errors
-    /// Those of [`RobotDescription::from_urdf_file`].
+    /// Those of [`RobotDescription::from_urdf_file_with`]; they name the file.
     pub fn description(&self) -> Result<RobotDescription, DescriptionError> {
         let settings = UrdfSettings {
             packages: self.packages.clone().into_iter().collect(),
-            mesh_root: None,
+            mesh_root: self.mesh_root.clone(),
             ignore_meshes: self.ignore_meshes,
             default_speed: self.default_speed,
             default_effort: self.default_effort,
             repair: self.repair,
         };
-        RobotDescription::from_urdf_file_with(&self.urdf, &settings)
+        RobotDescription::from_urdf_file_with(&self.urdf, &settings).map_err(|error| match error {
+            DescriptionError::Read { .. } => error,
+            _ => DescriptionError::File { path: self.urdf.clone(), error: Box::new(error) },
+        })
     }
 
     /// Returns the name of the hand's link in `robot`.

@@ -119,8 +119,8 @@ impl RobotDescription {
 
     /// Reads a URDF file, and the collision meshes that it names.
     ///
-    /// A mesh (STL, OBJ or COLLADA) becomes a capsule that encloses its points. One that cannot be
-    /// read is left out and named by [`RobotDescription::missing_shapes`].
+    /// A mesh (STL, OBJ or COLLADA) becomes the convex hull of its points. One that cannot be read
+    /// is left out and named by [`RobotDescription::missing_shapes`].
     ///
     /// # Errors
     /// [`DescriptionError::Read`], [`DescriptionError::InvalidFolder`] and

@@ -63,6 +63,7 @@ fn what_keeps_a_robot_from_moving_is_a_problem() {
         ("<mass value=\"1.5\"/>", "<mass value=\"0\"/>", "`upper_arm`, which has no mass"),
         ("velocity=\"0.4\"", "", "the speeds of the joints lift"),
         ("effort=\"60\"", "", "the efforts of the joints turn"),
+        ("lower=\"-3\" upper=\"3\"", "lower=\"3\" upper=\"-3\"", "its lower limit is 3"),
     ] {
         let check = six_joint(from, to).check(Some("tip")).unwrap();
         assert!(check.problems.iter().any(|of| of.contains(says)), "{:?}", check.problems);
@@ -138,6 +139,9 @@ fn a_file_of_settings_names_the_urdf_beside_it() {
     assert!(unknown.contains("arm.json") && unknown.contains("`hnad`"), "{unknown}");
     let plain = RobotFile::read(&folder.join("arm.urdf")).unwrap();
     assert_eq!(plain.urdf, folder.join("arm.urdf"));
+    let rooted = read(r#"{"urdf": "arm.urdf", "mesh_root": "none"}"#).unwrap();
+    let no_folder = rooted.description().unwrap_err().to_string();
+    assert!(no_folder.contains("arm.urdf`: ") && no_folder.contains("mesh_root"), "{no_folder}");
     assert!(matches!(
         RobotFile::read(&folder.join("none.json")),
         Err(robots::DescriptionError::Read { .. })

@@ -18,7 +18,7 @@ impl Folder {
         Self(folder.canonicalize().unwrap())
     }
 
-    fn write(&self, file: &str, text: &[u8]) {
+    pub fn write(&self, file: &str, text: &[u8]) {
         let path = self.0.join(file);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, text).unwrap();
@@ -74,11 +74,11 @@ fn octahedron(radius: f64) -> Vec<u8> {
 #[track_caller]
 fn radius(arm: &RobotDescription) -> f64 {
     let shapes = &arm.links()[2].shapes[..];
-    let &[PlacedShape { shape: Shape::Sphere { radius }, pose }] = shapes else {
+    let [PlacedShape { shape: Shape::Hull(hull), pose }] = shapes else {
         panic!("{shapes:?} {:?}", arm.missing_shapes());
     };
-    assert!(pose.position.x == 0.1, "{shapes:?}");
-    (1e3 * radius).round()
+    assert!(pose.position.x == 0.1 && hull.points().len() == 6, "{shapes:?}");
+    (1e3 * hull.points()[0].length()).round()
 }
 
 #[test]

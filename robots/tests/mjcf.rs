@@ -333,7 +333,7 @@ fn capsules_that_overlap_at_rest_do_not_push_the_arm_away() {
         .to_mjcf(&MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() })
         .unwrap();
     let pair = ["base", "forearm"].map(str::to_owned);
-    assert_eq!(mjcf.excluded_pairs, [pair]);
+    assert_eq!(mjcf.excluded_pairs.at_rest, [pair]);
     let exclude = "<exclude body1=\"base\" body2=\"forearm\"/>\n";
     let drift = |text: &str| {
         let model = model(text, "arm.xml");
@@ -412,5 +412,43 @@ fn a_follower_stays_within_its_own_range() {
         let (swing, balance) = (data.qpos()[at("swing")], data.qpos()[at("balance")]);
         assert!((swing - restriction.range[side]).abs() < 0.01, "{swing}");
         assert!((-0.01..0.31).contains(&balance), "{balance}");
+    }
+}
+
+/// A ball on an arm of two joints, and a ring of balls around the base with a gap before the rest.
+#[test]
+fn links_that_touch_in_most_postures_do_not_collide() {
+    for (gap_degrees, expected) in [(40, 1), (120, 0)] {
+        let inertial = "<inertial><mass value=\"1\"/><inertia ixx=\"1\" iyy=\"1\" izz=\"1\" \
+                        ixy=\"0\" ixz=\"0\" iyz=\"0\"/></inertial>";
+        let ball = |x: f64, y: f64| {
+            format!(
+                "<collision><origin xyz=\"{x} {y} 0\"/><geometry><sphere radius=\"0.03\"/>\
+                 </geometry></collision>"
+            )
+        };
+        let angles =
+            (gap_degrees..=360 - gap_degrees).step_by(5).map(|of| f64::from(of).to_radians());
+        let ring: String = angles.map(|angle| ball(0.3 * angle.cos(), 0.3 * angle.sin())).collect();
+        let joint = |name: &str, parent: &str, child: &str, x: f64| {
+            format!(
+                "<joint name=\"{name}\" type=\"revolute\"><origin xyz=\"{x} 0 0\"/>\
+                 <parent link=\"{parent}\"/><child link=\"{child}\"/><axis xyz=\"0 0 1\"/>\
+                 <limit lower=\"-3.1\" upper=\"3.1\" effort=\"1\" velocity=\"1\"/></joint>"
+            )
+        };
+        let arm = RobotDescription::from_urdf(&format!(
+            "<robot name=\"r\"><link name=\"base\">{ring}</link><link name=\"arm\">{inertial}</link>\
+             <link name=\"hand\">{inertial}{}</link>{}{}</robot>",
+            ball(0.0, 0.0),
+            joint("pan", "base", "arm", 0.0),
+            joint("turn", "arm", "hand", 0.3),
+        ));
+        let mjcf = arm.unwrap().to_mjcf(&MjcfSettings::default()).unwrap();
+        let pairs = &mjcf.excluded_pairs;
+        assert!(pairs.at_rest.is_empty(), "{pairs:?}");
+        assert_eq!(pairs.in_most_postures.len(), expected, "{pairs:?}");
+        let exclude = "<exclude body1=\"base\" body2=\"hand\"/>";
+        assert_eq!(mjcf.text.matches(exclude).count(), expected);
     }
 }

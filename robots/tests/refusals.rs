@@ -385,10 +385,7 @@ fn shapes_without_size_are_missed_or_repaired() {
         let start = format!("line {line}: {place}");
         assert!(arm.missing_shapes()[0].starts_with(&start), "{:?}", arm.missing_shapes());
         let message = not_simulated(&urdf);
-        assert!(
-            message.contains(&start) && message.contains("`UrdfSettings::repair`"),
-            "{message}"
-        );
+        assert!(message.contains(&start) && message.contains("`repair`"), "{message}");
         let settings = UrdfSettings { repair: true, ..UrdfSettings::default() };
         let repaired = Folder::new("sizes").read_with(&urdf, &settings).unwrap();
         assert!(repaired.notes()[0].starts_with(&start), "{:?}", repaired.notes());

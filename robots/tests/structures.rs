@@ -8,14 +8,42 @@ use mujoco::{Data, Model};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use robots::{MjcfSettings, RobotDescription, Servo};
+use robots::{MjcfSettings, RobotDescription, Servo, UrdfSettings};
 
-/// Generator of a random tree.
-struct Draw(ChaCha8Rng);
+use crate::meshes::Folder;
+
+/// Generator of a random tree, with the OBJ files of its meshes.
+struct Draw(ChaCha8Rng, Vec<String>);
 
 impl Draw {
     fn new(seed: u64) -> Self {
-        Self(ChaCha8Rng::seed_from_u64(seed))
+        Self(ChaCha8Rng::seed_from_u64(seed), Vec::new())
+    }
+
+    /// Draws a robot and reads it from a folder with its meshes.
+    fn read(seed: u64, most: usize, sizes: [f64; 2]) -> (String, RobotDescription) {
+        let mut draw = Self::new(seed);
+        let urdf = draw.robot(most, sizes);
+        let folder = Folder::new(&format!("structure-{seed}"));
+        for (index, mesh) in draw.1.iter().enumerate() {
+            folder.write(&format!("arm_description/urdf/{index}.obj"), mesh.as_bytes());
+        }
+        let robot = folder.read_with(&urdf, &UrdfSettings::default());
+        let robot = robot.unwrap_or_else(|error| panic!("{error}\n{urdf}"));
+        assert!(robot.missing_shapes().is_empty(), "{:?}", robot.missing_shapes());
+        (urdf, robot)
+    }
+
+    /// Points of a mesh of this size, some of which are all in a plane or on a line.
+    fn mesh(&mut self, size: [f64; 3]) -> String {
+        let flat = [0; 3].map(|_| if self.chance(0.1) { 0.0 } else { 1.0 });
+        let count = self.0.random_range(1..60);
+        let point = |_| {
+            let [x, y, z] =
+                [0, 1, 2].map(|axis| flat[axis] * self.0.random_range(-size[axis]..size[axis]));
+            format!("v {x} {y} {z}\n")
+        };
+        (0..count).map(point).collect()
     }
 
     fn chance(&mut self, part: f64) -> bool {
@@ -54,7 +82,7 @@ impl Draw {
     /// Up to three shapes of each kind.
     fn shapes(&mut self, sizes: [f64; 2]) -> String {
         let mut shapes = String::new();
-        for kind in 0..4 {
+        for kind in 0..5 {
             let count = if self.chance(0.5) { 0 } else { self.0.random_range(1..4) };
             for _ in 0..count {
                 let [a, b, c] = [0; 3].map(|_| self.scale(sizes));
@@ -62,6 +90,11 @@ impl Draw {
                     0 => format!("<sphere radius=\"{a}\"/>"),
                     1 => format!("<capsule radius=\"{a}\" length=\"{b}\"/>"),
                     2 => format!("<cylinder radius=\"{a}\" length=\"{b}\"/>"),
+                    3 => {
+                        let points = self.mesh([a, b, c]);
+                        self.1.push(points);
+                        format!("<mesh filename=\"{}.obj\"/>", self.1.len() - 1)
+                    }
                     _ => format!("<box size=\"{a} {b} {c}\"/>"),
                 };
                 let origin = self.origin();
@@ -216,10 +249,8 @@ proptest! {
 
     #[test]
     fn mujoco_takes_the_mjcf_of_every_robot(seed in any::<u64>()) {
-        let urdf = Draw::new(seed).robot(12, [1e-6, 1.0]);
-        let arm = RobotDescription::from_urdf(&urdf);
-        prop_assert!(arm.is_ok(), "{:?}\n{urdf}", arm.err());
-        let mjcf = arm.unwrap().to_mjcf(&with_servo()).unwrap();
+        let (urdf, arm) = Draw::read(seed, 12, [1e-6, 1.0]);
+        let mjcf = arm.to_mjcf(&with_servo()).unwrap();
         let model = Model::from_xml(&mjcf.text);
         prop_assert!(model.is_ok(), "{:?}\n{urdf}\n{}", model.err(), mjcf.text);
     }
@@ -228,16 +259,15 @@ proptest! {
     /// the slow twin. Shapes that are a millimetre apart are excluded, too.
     #[test]
     fn links_that_touch_at_rest_are_excluded_and_named(seed in any::<u64>()) {
-        let urdf = Draw::new(seed).robot(6, [0.02, 0.2]);
-        let arm = RobotDescription::from_urdf(&urdf).unwrap();
+        let (urdf, arm) = Draw::read(seed, 6, [0.02, 0.2]);
         let mjcf = arm.to_mjcf(&MjcfSettings::default()).unwrap();
-        let named: BTreeSet<_> = mjcf.excluded_pairs.iter().cloned().collect();
+        let named: BTreeSet<_> = mjcf.excluded_pairs.at_rest.iter().cloned().collect();
         let left = contacts(&arm, &mjcf.text);
         prop_assert!(left.is_empty(), "{left:?}\n{urdf}");
         let escape = |name: &String| {
             name.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
         };
-        let colliding = mjcf.excluded_pairs.iter().fold(mjcf.text.clone(), |text, pair| {
+        let colliding = mjcf.excluded_pairs.at_rest.iter().fold(mjcf.text.clone(), |text, pair| {
             let [first, second] = pair.each_ref().map(escape);
             let line = format!("<exclude body1=\"{first}\" body2=\"{second}\"/>\n");
             let without = text.replacen(&line, "", 1);

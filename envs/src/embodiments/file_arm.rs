@@ -227,8 +227,8 @@ impl OwnFingers {
             return Err(refuse("their tips are those of their shapes, and they have none"));
         }
         let driving_dof = |link: usize| Some(robot.joints()[link - 1].motion?.drive.dof());
-        let dof = driving_dof(one).filter(|_| driving_dof(one) == driving_dof(other));
-        let driving = dof.and_then(|dof| Some((dof, robot.free_joints().nth(dof)?)));
+        let shared = driving_dof(one).filter(|_| driving_dof(one) == driving_dof(other));
+        let driving = shared.and_then(|dof| Some((dof, robot.free_joints().nth(dof)?)));
         let Some((dof, (joint, motion))) = driving else {
             return Err(refuse("one joint must move both, the other one following it"));
         };
@@ -322,8 +322,9 @@ impl<'a> FingerPoses<'a> {
         0.5 * (self.furthest(1, sideways) + self.furthest(0, -sideways))
     }
 
-    /// Returns the frame of the hand as tasks know it, between the fingers and [`HAND_TO_TIP`] above
-    /// their tips, and the fingers with their reference points, as if open claws were 0.1 m apart.
+    /// Returns the frame of the hand as tasks know it, between the fingers and [`HAND_TO_TIP`]
+    /// above their tips, and the fingers with their reference points, as if open claws were 0.1 m
+    /// apart.
     fn frame_and_fingers(
         &self,
         axis: DVec3,

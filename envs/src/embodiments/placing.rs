@@ -4,7 +4,10 @@ use std::f64::consts::FRAC_PI_2;
 use std::time::Duration;
 
 use glam::{DQuat, DVec3};
-use robots::{Chain, IkSettings, OrientationConstraint, Pose, RobotDescription};
+use robots::{
+    CartesianControl, Chain, ControlSettings, IkSettings, OrientationConstraint, Pose,
+    RobotDescription,
+};
 
 use crate::error::{EnvError, ReachShortfall};
 use crate::layout::HAND_TARGET_START;
@@ -73,8 +76,13 @@ impl BaseSearch<'_> {
     /// table if there is one, and the one where the hand is fastest.
     ///
     /// # Errors
-    /// [`EnvError::OutOfReach`] with the placement from which it reaches the most.
+    /// [`EnvError::OutOfReach`] with the placement from which it reaches the most;
+    /// [`EnvError::Control`] for joints that cannot be controlled.
     pub fn search(&self) -> Result<BasePlacement, EnvError> {
+        let unplaced = Chain::new(self.robot, self.hand)?;
+        let middle = unplaced.spread_configuration(0);
+        // reports what keeps the arm from moving before the search takes it for a short reach
+        CartesianControl::new(unplaced, &middle, ControlSettings::default())?;
         let grid = |ys: &[f64]| -> Vec<DVec3> {
             ys.iter().flat_map(|&y| BASE_Z.map(|z| DVec3::new(0.0, y, z))).collect()
         };
@@ -116,8 +124,8 @@ impl BaseSearch<'_> {
     }
 
     /// Returns the placement with the base at `base`: with the first posture that holds the hand
-    /// still at all required positions, or else with the best one. `None` if the hand does not point
-    /// down over the centre.
+    /// still at all required positions, or else with the best one. `None` if the hand does not
+    /// point down over the centre.
     fn posture(&self, base: Pose) -> Result<Option<BasePlacement>, EnvError> {
         let robot = self.robot.clone().with_base_pose(base)?;
         let chain = Chain::new(&robot, self.hand)?;
@@ -134,8 +142,8 @@ impl BaseSearch<'_> {
         Ok(best)
     }
 
-    /// Returns the placement with a ready posture near `seed`, without turns of the hand if it can do
-    /// without.
+    /// Returns the placement with a ready posture near `seed`, without turns of the hand if it can
+    /// do without.
     fn ready(
         &self,
         robot: &RobotDescription,
@@ -175,8 +183,8 @@ pub(super) fn gripper_rotation(quarter_turns: usize) -> DQuat {
 }
 
 impl BasePlacement {
-    /// Moves the hand from the centre to each required position, and notes those that it reaches and
-    /// how fast it is there.
+    /// Moves the hand from the centre to each required position, and notes those that it reaches
+    /// and how fast it is there.
     fn measure_reach(&mut self, robot: &RobotDescription, chain: &Chain, rotation: DQuat) {
         for position in required_hand_positions() {
             let solved = solve(chain, position, rotation, &self.ready, self.orientation);

@@ -1,4 +1,4 @@
-//! Collision shapes from mesh files: a capsule that encloses the points of a mesh.
+//! Collision shapes from mesh files: the convex hull of the points of a mesh.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use super::xml::{MAX_URDF_BYTES, decode, parse};
 use super::{Report, UrdfSettings, read};
 use crate::capsule::PlacedShape;
 use crate::error::{DescriptionError, MAX_NUMBER};
-use crate::fit::bounding_capsule;
+use crate::hull::mesh_shape;
 
 /// Maximum size of a mesh file (bytes).
 const MAX_BYTES: usize = 64 << 20;
@@ -56,8 +56,9 @@ impl<'a> Meshes<'a> {
         Ok(Self { settings, folders, allowed })
     }
 
-    /// Returns a capsule that encloses the points of a mesh. `None` if meshes are ignored, and for
-    /// a mesh without points or one that cannot be read, which is reported.
+    /// Returns the convex hull of the points of a mesh, or a capsule if it is flat. `None` if
+    /// meshes are ignored, and for a mesh without points or one that cannot be read, which is
+    /// reported.
     pub(super) fn shape(
         &self,
         link: &str,
@@ -83,7 +84,7 @@ impl<'a> Meshes<'a> {
             points.map_err(|reason| format!("`{}`: {reason}", path.display()))
         });
         match points {
-            Ok(points) if !points.is_empty() => return Some(bounding_capsule(&points)),
+            Ok(points) if !points.is_empty() => return Some(mesh_shape(&points)),
             Ok(_) => report.note(line, &format!("{place} holds no points; it is left out")),
             Err(reason) => {
                 let missing = format!("line {line}: {place} cannot be used: {reason}");
@@ -122,7 +123,7 @@ impl<'a> Meshes<'a> {
             let paths: Vec<String> =
                 tried.iter().map(|path| format!("`{}`", path.display())).collect();
             let advice = match package(file) {
-                Some(_) => "give the right folder of its package in `UrdfSettings::packages`",
+                Some(_) => "give the right folder of its package in `packages` of the settings",
                 None => "correct its `filename`",
             };
             return Err(format!("no such file, tried {}; {advice}", paths.join(", ")));
@@ -131,14 +132,14 @@ impl<'a> Meshes<'a> {
             let root = self.allowed.last().unwrap_or(own).display();
             return Err(format!(
                 "`{}` is outside of `{root}`, and no file there is read; give a folder around both \
-                 as `UrdfSettings::mesh_root`",
+                 as `mesh_root` of the settings",
                 found.display()
             ));
         }
         if let (true, Some((name, _))) = (index >= known, package(file)) {
             let note = format!(
                 "no folder of the package `{name}` has all its meshes, so some are read from other \
-                 folders around the URDF; give its folder in `UrdfSettings::packages`"
+                 folders around the URDF; give its folder in `packages` of the settings"
             );
             report.note(0, &note);
         }
