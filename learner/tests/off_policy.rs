@@ -150,7 +150,8 @@ fn packed_policies_recognise_and_hold_no_replay() {
 
 #[test]
 fn settings_out_of_range_are_named() {
-    let cases: [(fn(&mut OffPolicySettings), &str); 6] = [
+    type Spoil = fn(&mut OffPolicySettings);
+    let cases: [(Spoil, &str); 6] = [
         (|s| s.capacity = 0, "capacity"),
         (|s| s.still_channels = 2, "still_channels"),
         (|s| s.sac.window = 3, "window"),

@@ -151,7 +151,7 @@ impl TaskStream {
     pub fn insert_visit(&mut self, visit: Visit) -> Result<(), StreamError> {
         let next = self.round + usize::from(!self.episodes.is_empty());
         let index = self.visit_in_round(next);
-        let rounds_before: usize = self.visits[..index].iter().map(|visit| visit.rounds).sum();
+        let rounds_before: usize = self.visits[..index].iter().map(|earlier| earlier.rounds).sum();
         check_group(&self.world, index + 1, &visit)?;
         self.visits[index].rounds = next - rounds_before;
         self.visits.insert(index + 1, visit);

@@ -204,9 +204,8 @@ fn what_cannot_be_shown_is_refused() {
 fn a_visit_is_inserted_after_the_round_that_runs() {
     let world = World::random_with_num_groups(WorldKind::Appearance, 1000, 3);
     let mut stream = TaskStream::new(world, visits(&[0, 1], 4), 1).unwrap().with_horizon(2);
-    let groups = |stream: &TaskStream| -> Vec<usize> {
-        (0..8).map(|round| stream.group_in_round(round)).collect()
-    };
+    let groups =
+        |of: &TaskStream| -> Vec<usize> { (0..8).map(|round| of.group_in_round(round)).collect() };
     let inserted = Visit { variant: Some(D2::FlipX), ..Visit::new(2, 2) };
     let mut transition = Transition::new(stream.spec());
     let mut observations = Observations::new(stream.spec());
