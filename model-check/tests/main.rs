@@ -1,6 +1,6 @@
-//! Tests of the check of models.
+//! The integration tests of this crate as one program, which is compiled and linked once.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
 mod parts;
 mod robots;

@@ -101,8 +101,8 @@ fn maps_turn_sensor_data_into_those_of_the_mirrored_state() {
         data.forward().unwrap();
         mirrored.forward().unwrap();
         let expected = maps.sensordata.as_ref().unwrap().apply(data.sensor_data());
-        for (sensor, got) in expected.iter().zip(mirrored.sensor_data()) {
-            assert!((sensor - got).abs() < 1e-6 * (1.0 + got.abs()), "{sensor} {got}");
+        for (image, got) in expected.iter().zip(mirrored.sensor_data()) {
+            assert!((image - got).abs() < 1e-6 * (1.0 + got.abs()), "{image} {got}");
         }
         assert!(data.sensor_data().iter().any(|value| value.abs() > 0.1));
         // channels of irreps: the even ones stay, the odd ones change sign
