@@ -56,7 +56,15 @@ pub(crate) fn crc32_hex(table: &[u8]) -> String {
 /// Names, lengths and modification times of the files of a run, to be compared with a later
 /// snapshot: no clock of another machine decides anything.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FolderSnapshot(Vec<(PathBuf, Option<(u64, Option<SystemTime>)>)>);
+pub struct FolderSnapshot(Vec<FileState>);
+
+/// State of one file, without length and time if it was removed since it was listed.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct FileState {
+    path: PathBuf,
+    length: Option<u64>,
+    modified: Option<SystemTime>,
+}
 
 /// Folder of one run. A lock ensures that a single process writes to it.
 #[derive(Clone, Debug)]
@@ -133,10 +141,10 @@ impl RunFolder {
             };
             for entry in entries {
                 let path = entry.map_err(read)?.path();
-                // a file that was removed since it was listed is a change, too
                 let metadata = path.symlink_metadata().ok();
-                let state = metadata.map(|file| (file.len(), file.modified().ok()));
-                files.push((path, state));
+                let length = metadata.as_ref().map(std::fs::Metadata::len);
+                let modified = metadata.and_then(|file| file.modified().ok());
+                files.push(FileState { path, length, modified });
             }
         }
         files.sort_unstable();
@@ -236,15 +244,15 @@ impl RunFolder {
             serde_json::from_slice(&summary).map_err(RunError::reading(&path))?;
         for name in TABLES {
             let Some(expected) = summary.tables.get(name) else { continue };
-            let path = self.file_path(name);
-            let found = match std::fs::read(&path) {
+            let table_path = self.file_path(name);
+            let found = match std::fs::read(&table_path) {
                 Ok(table) => crc32_hex(&table),
                 Err(error) if error.kind() == ErrorKind::NotFound => "missing".to_owned(),
-                Err(error) => return Err(RunError::cannot_read(&path, error)),
+                Err(error) => return Err(RunError::cannot_read(&table_path, error)),
             };
             if found != *expected {
                 let expected = expected.clone();
-                return Err(RunError::ChangedTable { path, found, expected });
+                return Err(RunError::ChangedTable { path: table_path, found, expected });
             }
         }
         Ok(())
