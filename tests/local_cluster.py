@@ -16,7 +16,12 @@ PLAN = {
     "methods": ["covers", "equi"],
     "seeds": [1000, 1001],
     "budget": "smoke",
-    "set": ["envs.embodiment=hand", "checkpoints.every=1"],
+    "set": [
+        "envs.embodiment=hand",
+        "schedule.cycles=1",
+        "checkpoints.every=1",
+        'schedule.groups=[{"group": "goal-reach", "decisions": 960, "variants": ["identity"]}]',
+    ],
 }
 SECONDS = 600
 

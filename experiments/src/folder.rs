@@ -58,13 +58,12 @@ pub(crate) fn crc32_hex(table: &[u8]) -> String {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FolderSnapshot(Vec<FileState>);
 
-/// State of one file of a run.
+/// State of one file, without length and time if it was removed since it was listed.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct FileState {
     path: PathBuf,
-    /// Length in bytes, and modification time where the file system has one; `None` for a file that
-    /// is gone.
-    length_and_time: Option<(u64, Option<SystemTime>)>,
+    length: Option<u64>,
+    modified: Option<SystemTime>,
 }
 
 /// Folder of one run. A lock ensures that a single process writes to it.
@@ -142,10 +141,10 @@ impl RunFolder {
             };
             for entry in entries {
                 let path = entry.map_err(read)?.path();
-                // a file that was removed since it was listed is a change, too
                 let metadata = path.symlink_metadata().ok();
-                let length_and_time = metadata.map(|file| (file.len(), file.modified().ok()));
-                files.push(FileState { path, length_and_time });
+                let length = metadata.as_ref().map(std::fs::Metadata::len);
+                let modified = metadata.and_then(|file| file.modified().ok());
+                files.push(FileState { path, length, modified });
             }
         }
         files.sort_unstable();

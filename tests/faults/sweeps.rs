@@ -291,8 +291,8 @@ fn printed_commands_say_threads_and_kubernetes_takes_paths_on_its_volume_alone()
         &["--time", "1"],
         &["--slurm", "--time", "1; rm"],
     ] {
-        let output = sweep.worker(options).wait_with_output().unwrap();
-        assert_eq!(output.status.code(), Some(2), "{options:?}");
+        let refusal = sweep.worker(options).wait_with_output().unwrap();
+        assert_eq!(refusal.status.code(), Some(2), "{options:?}");
     }
     let refused = sweep.worker(&["--kubernetes", "covers"]);
     assert_eq!(refused.wait_with_output().unwrap().status.code(), Some(1));
