@@ -91,8 +91,13 @@ fn wrong_command(own: &[&str]) -> Option<String> {
                 None => refused::<Program>(arguments),
                 Some("continual_stream") => refused::<StreamOptions>(arguments),
                 Some(name) => {
-                    let folders =
-                        ["examples", "evidence/examples", "benches/studies", "benches/peers"];
+                    let folders = [
+                        "examples",
+                        "evidence/examples",
+                        "model-check/examples",
+                        "benches/studies",
+                        "benches/peers",
+                    ];
                     let known = folders.iter().any(|folder| {
                         let examples = Path::new(folder);
                         examples.join(format!("{name}.rs")).exists() || examples.join(name).exists()

@@ -13,6 +13,8 @@ use crate::maps::SymmetryMaps;
 const SECONDS: f64 = 1.0;
 /// Amplitude of the torques: that of the accelerations that they would cause alone (rad/s^2).
 const ACCELERATION: f64 = 10.0;
+/// Amplitude of the controls, in their units: radians for servos, newton metres for motors.
+const CONTROL: f64 = 0.1;
 /// Number of differences that are simulated, the largest ones: seconds for models of 50 bodies.
 const MAX_SIMULATED: usize = 40;
 
@@ -67,6 +69,7 @@ fn divergence(model: &Arc<Model>, maps: &SymmetryMaps) -> Result<f64, SimError> 
             amplitudes[at] = ACCELERATION / weights[at].max(1e-9);
         }
     }
+    let reaches = vec![CONTROL; model.nu()];
     let steps = (SECONDS / model.timestep()).ceil() as usize;
     for _ in 0..steps {
         // frequencies of 1 to 2 Hz and phases that no two degrees of freedom share
@@ -75,6 +78,9 @@ fn divergence(model: &Arc<Model>, maps: &SymmetryMaps) -> Result<f64, SimError> 
             amplitude * (TAU * ((1.0 + share) * motion.time() + 3.0 * share)).sin()
         };
         let forces: Vec<f64> = amplitudes.iter().enumerate().map(wave).collect();
+        let controls: Vec<f64> = reaches.iter().enumerate().map(wave).collect();
+        motion.set_ctrl(&controls)?;
+        other.set_ctrl(&maps.ctrl.apply(&controls))?;
         motion.set_applied_forces(&forces);
         other.set_applied_forces(&maps.qvel.apply(&forces));
         motion.step(1)?;
