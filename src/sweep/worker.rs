@@ -71,8 +71,7 @@ pub fn run_worker(
     let (failed, lost, seen) = Default::default();
     let mut worker = Worker { settings, stop, out, failed, lost, seen };
     let stopped = worker.work(jobs);
-    let failed = worker.failed;
-    Ok(SweepOutcome { stopped, failed_jobs: failed })
+    Ok(SweepOutcome { stopped, failed_jobs: worker.failed })
 }
 
 struct Worker<'a, W> {

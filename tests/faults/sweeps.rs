@@ -119,7 +119,8 @@ impl Machines {
             let options = "attr_timeout=0,entry_timeout=0,negative_timeout=0";
             let mut bindfs = Command::new("bindfs");
             bindfs.args(["-o", options]).args([&sweep.runs, &path]);
-            assert!(bindfs.status().expect("bindfs is not installed").success());
+            let mounted = bindfs.status().is_ok_and(|status| status.success());
+            assert!(mounted, "{bindfs:?}: is bindfs installed?");
             path
         };
         Self { first: mount("first"), second: mount("second") }
