@@ -119,8 +119,8 @@ impl Machines {
             let options = "attr_timeout=0,entry_timeout=0,negative_timeout=0";
             let mut bindfs = Command::new("bindfs");
             bindfs.args(["-o", options]).args([&sweep.runs, &path]);
-            // an error here: `make faults` installs bindfs
-            assert!(bindfs.status().unwrap().success());
+            let mounted = bindfs.status().is_ok_and(|status| status.success());
+            assert!(mounted, "{bindfs:?}: is bindfs installed?");
             path
         };
         Self { first: mount("first"), second: mount("second") }
@@ -279,8 +279,8 @@ fn runs_of_other_settings_are_left_alone() {
 #[test]
 fn printed_commands_say_threads_and_kubernetes_takes_paths_on_its_volume_alone() {
     let sweep = Sweep::new();
-    let printing = sweep.worker(&["--threads", "3", "--slurm"]);
-    let script = said(&printing.wait_with_output().unwrap());
+    let output = sweep.worker(&["--threads", "3", "--slurm"]);
+    let script = said(&output.wait_with_output().unwrap());
     assert!(script.contains("--threads 3"), "{script}");
     assert!(script.contains("#SBATCH --mem="), "{script}");
     for options in [
