@@ -101,8 +101,8 @@ fn assert_alike(got: &Decisions, expected: &Decisions, tolerance: f32, what: &st
         ("log-probabilities", &got.log_probs, &expected.log_probs),
         ("values", &got.values, &expected.values),
     ];
-    for (name, got, wanted) in pairs {
-        let error = deviation(got, wanted);
+    for (name, found, wanted) in pairs {
+        let error = deviation(found, wanted);
         assert!(error < tolerance, "{what}: {name} are off by {error}");
     }
 }
@@ -163,10 +163,10 @@ fn a_rollout_is_collected_and_an_update_is_taken_over() {
         ..NetworkSettings::default()
     };
     let env = PointReach::new(9, 1);
-    let here = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
-    let there = DevicePolicy::new(here.clone(), device(), 4).unwrap();
-    let mut run = OnPolicyRun::new(env.clone(), here, EPISODE + 3);
-    let mut run_there = OnPolicyRun::new(env, there, EPISODE + 3);
+    let on_cpu = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
+    let on_gpu = DevicePolicy::new(on_cpu.clone(), device(), 4).unwrap();
+    let mut run = OnPolicyRun::new(env.clone(), on_cpu, EPISODE + 3);
+    let mut run_there = OnPolicyRun::new(env, on_gpu, EPISODE + 3);
     run.collect();
     run_there.collect();
     let (mut here, OnPolicyRun { policy: mut there, buffer, .. }) = (run.policy, run_there);
