@@ -127,8 +127,9 @@ fn objects_that_cannot_be_placed_or_mirrored_are_refused() {
         "type=\"slide\" axis=\"0 1 0\" range=\"-0.01 0.14\" limited=\"true\"",
         "type=\"ball\"",
     );
-    let task = PushBlock { scene: ball, ..PushBlock::default() };
-    let turning = Spoilt { task, parts: |parts| parts.handed = true, ..Spoilt::default() };
+    let with_ball = PushBlock { scene: ball, ..PushBlock::default() };
+    let turning =
+        Spoilt { task: with_ball, parts: |parts| parts.handed = true, ..Spoilt::default() };
     for (spoilt, says) in [
         (sliding, "setting `loose_joint` is `push` of type Slide, expected a free joint"),
         (both, "`push` beside a mocap body `object`, expected one of the two"),
