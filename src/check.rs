@@ -164,8 +164,13 @@ fn of_variants<R: Send>(
 }
 
 fn expert_line(row: &ExpertRow) -> String {
+    let failed = if row.failed_seeds.is_empty() {
+        String::new()
+    } else {
+        format!("  failed with the seeds {:?}", row.failed_seeds)
+    };
     format!(
-        "{} success {:>4} of {:<4} return {:>6.1}",
+        "{} success {:>4} of {:<4} return {:>6.1}{failed}",
         row.variant, row.successes, row.episodes, row.mean_return
     )
 }

@@ -35,6 +35,10 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] =
 /// `[0, 1]`.
 const REWARD_SCALE: f64 = 0.1;
 
+/// Number of control steps in which a hand follows an expert's command. In a shorter decision the
+/// expert covers a share of the way: the hand's target would run ahead of the hand and swing.
+const FOLLOWED: f64 = 10.0;
+
 /// Outcome of one decision: reward, success and truncation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepResult {
@@ -349,7 +353,8 @@ impl TableTop {
         }
         // experts command in the canonical frame, and actions are in the world's
         let here = map_point(episode.element, self.hand_position());
-        let wanted = map_point(episode.element, hand - here) / self.control.displacement;
+        let share = (self.control.action_repeat as f64 / FOLLOWED).min(1.0);
+        let wanted = map_point(episode.element, hand - here) / self.control.displacement * share;
         // each axis alone, as a policy's actions are clipped
         let bounded = wanted.clamp(DVec3::NEG_ONE, DVec3::ONE);
         Ok([bounded.x as f32, bounded.y as f32, bounded.z as f32, finger as f32])

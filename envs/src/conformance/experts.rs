@@ -58,6 +58,8 @@ pub struct ExpertRow {
     pub episodes: u64,
     /// Number of episodes in which the success condition held at any control step.
     pub successes: u64,
+    /// Seeds of the episodes that failed.
+    pub failed_seeds: Vec<u64>,
     /// Mean return: sum over control steps of the dense reward / 10, in `[0, horizon]`.
     pub mean_return: f64,
 }
@@ -89,17 +91,20 @@ pub fn measure_expert(
     check_seeds(seeds)?;
     let mut table = TableTop::new(Arc::clone(scene), control)?;
     // one environment for all episodes, which do not depend on those before
-    let (mut successes, mut total) = (0, 0.0);
+    let (mut failed_seeds, mut total) = (Vec::new(), 0.0);
     for seed in 0..seeds {
         table.reset(element, &mut ChaCha8Rng::seed_from_u64(seed))?;
         let (reward, success) = episode(&mut table)?;
-        successes += u64::from(success);
+        if !success {
+            failed_seeds.push(seed);
+        }
         total += reward;
     }
     Ok(ExpertRow {
         variant: VariantName::new(scene, element),
         episodes: seeds,
-        successes,
+        successes: seeds - failed_seeds.len() as u64,
+        failed_seeds,
         // a decision's reward is the mean over its control steps, and returns count control steps
         mean_return: total * control.action_repeat as f64 / seeds as f64,
     })

@@ -94,7 +94,8 @@ impl Task for Push {
         // low, so that a block between the fingers slides and is not lifted
         let aim = DVec3::new(now.object.x, now.object.y, PUSHING_Z);
         let to = DVec3::new(placement.goal.x, placement.goal.y, PUSHING_Z);
-        take_and_carry(now, aim, to)
+        let moved = (now.object - placement.object).truncate().length();
+        take_and_carry(now, aim, to, moved)
     }
 
     fn parts(&self) -> TaskParts<'_> {
@@ -142,7 +143,7 @@ impl Task for PickPlace {
         let aim = now.object + GRIP * DVec3::Z;
         // the block may sit askew in the grip, so the hand stays as far from it as it is
         let to = placement.goal + (now.hand - now.object);
-        take_and_carry(now, aim, to)
+        take_and_carry(now, aim, to, now.object.z - placement.object.z)
     }
 
     fn parts(&self) -> TaskParts<'_> {

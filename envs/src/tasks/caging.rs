@@ -110,9 +110,20 @@ const HOLDS: [f64; 2] = [0.02, 0.025];
 /// Share of its way that the hand covers in a decision: an arm that lags would overshoot with more.
 const GAIN: f64 = 0.5;
 
+/// Way that the hand starts with while its object does not follow (metres): the fingers may still
+/// be closing, and would lose an object that they left at full speed.
+const FIRST_WAY: f64 = 0.02;
+/// Way of an object that follows the hand (metres).
+const FOLLOWS: f64 = 0.005;
+
 /// Returns the command for an object to be taken with the hand at `grip`, and then carried with the
-/// hand to `to`.
-pub(super) fn take_and_carry(now: &Measurement, grip: DVec3, to: DVec3) -> ExpertCommand {
+/// hand to `to`. `moved` is the object's way from its start that the fingers are to cause (metres).
+pub(super) fn take_and_carry(
+    now: &Measurement,
+    grip: DVec3,
+    to: DVec3,
+    moved: f64,
+) -> ExpertCommand {
     let beside = (now.hand - grip).truncate().length();
     // looser bounds once the fingers close, so that the hand does not waver between two states
     let [near, low] = if now.aperture > CLOSING { READY } else { HOLDS };
@@ -123,7 +134,8 @@ pub(super) fn take_and_carry(now: &Measurement, grip: DVec3, to: DVec3) -> Exper
     } else if now.aperture > CLOSING {
         (grip - now.hand, 1.0)
     } else {
-        (to - now.hand, 1.0)
+        let longest = if moved > FOLLOWS { f64::INFINITY } else { FIRST_WAY };
+        ((to - now.hand).clamp_length_max(longest), 1.0)
     };
     ExpertCommand { hand: now.hand + GAIN * way, finger }
 }

@@ -61,6 +61,8 @@ const PADS: [f64; 2] = [0.0075, 0.03];
 /// Distance of the fingertips from a held peg (metres).
 const HELD: f64 = 0.08;
 
+/// Height of the grip above the peg's centre (metres).
+const GRASP_ABOVE: f64 = 0.01;
 /// Height of the expert's hand above the grip (metres).
 const GRIP: f64 = 0.03;
 /// Distance of the head from the box while it is not in line with the channel (metres).
@@ -116,7 +118,8 @@ impl Task for PegInsertSide {
             off.x.max(-STEP)
         };
         let to = now.hand + DVec3::new(x, off.y, off.z);
-        take_and_carry(now, now.object + GRIP * DVec3::Z, to)
+        let lifted = now.object.z - GRASP_ABOVE - placement.object.z;
+        take_and_carry(now, now.object + GRIP * DVec3::Z, to, lifted)
     }
 
     fn parts(&self) -> TaskParts<'_> {
