@@ -193,7 +193,7 @@ fn drawn() -> Answer<Vec<Group>> {
         let summaries = features.into_iter().enumerate();
         groups.push(Group {
             name: format!("{:?} {:?}", world.groups[group].appearance.shape, group),
-            summaries: summaries.map(|(began, features)| summary(began, features)).collect(),
+            summaries: summaries.map(|(began, described)| summary(began, described)).collect(),
         });
     }
     Ok(groups)
