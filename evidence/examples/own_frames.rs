@@ -181,7 +181,7 @@ fn drawn() -> Answer<Vec<Group>> {
     let world = World::random(WorldKind::Appearance, 1000);
     let mut groups = Vec::new();
     for group in 0..world.groups.len() {
-        let visits = vec![Visit::new(group, 1)];
+        let visits = vec![Visit { group, rounds: 1 }];
         let mut stream = TaskStream::new(world.clone(), visits, 40)?;
         let spec = stream.spec().clone();
         let mut seen = Observations::new(&spec);
@@ -193,7 +193,7 @@ fn drawn() -> Answer<Vec<Group>> {
         let summaries = features.into_iter().enumerate();
         groups.push(Group {
             name: format!("{:?} {:?}", world.groups[group].appearance.shape, group),
-            summaries: summaries.map(|(began, of_episode)| summary(began, of_episode)).collect(),
+            summaries: summaries.map(|(began, described)| summary(began, described)).collect(),
         });
     }
     Ok(groups)

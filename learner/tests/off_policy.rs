@@ -148,10 +148,12 @@ fn packed_policies_recognise_and_hold_no_replay() {
     assert_eq!(recognised, [Some(0), Some(1)]);
 }
 
+/// Way to spoil settings, and a part of the error's message.
+type Case = (fn(&mut OffPolicySettings), &'static str);
+
 #[test]
 fn settings_out_of_range_are_named() {
-    type Spoil = fn(&mut OffPolicySettings);
-    let cases: [(Spoil, &str); 6] = [
+    let cases: [Case; 6] = [
         (|s| s.capacity = 0, "capacity"),
         (|s| s.still_channels = 2, "still_channels"),
         (|s| s.sac.window = 3, "window"),

@@ -365,8 +365,8 @@ fn a_grouping_from_outside_decides_and_is_saved() {
     // the settings name another grouping than the one that decided
     assert_refused(Covers::load(&path, env.spec()), "grouping");
     // a policy that does not exist is refused
-    let missing = [vec![Decision::Existing(0); 4], vec![Decision::Existing(7)]].concat();
-    let other = Box::new(Script { decisions: missing, ..Script::default() });
+    let others = [vec![Decision::Existing(0); 4], vec![Decision::Existing(7)]].concat();
+    let other = Box::new(Script { decisions: others, ..Script::default() });
     let (mut copy, _) = Covers::load_with_grouping(&path, env.spec(), other).unwrap();
     std::fs::remove_file(path).unwrap();
     assert_eq!(copy.learn(&mut env).unwrap().policy, 0);
