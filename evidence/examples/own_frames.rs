@@ -181,7 +181,7 @@ fn drawn() -> Answer<Vec<Group>> {
     let world = World::random(WorldKind::Appearance, 1000);
     let mut groups = Vec::new();
     for group in 0..world.groups.len() {
-        let visits = vec![Visit { group, rounds: 1 }];
+        let visits = vec![Visit::new(group, 1)];
         let mut stream = TaskStream::new(world.clone(), visits, 40)?;
         let spec = stream.spec().clone();
         let mut seen = Observations::new(&spec);
