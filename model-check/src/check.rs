@@ -53,28 +53,31 @@ pub struct ModelCheck {
 /// Compares the left side of a model with its right side.
 ///
 /// # Errors
-/// [`CheckError::UnknownObject`] and [`CheckError::InvalidNormal`] for corrections.
+/// [`CheckError::UnknownObject`] and [`CheckError::InvalidPlane`] for corrections,
+/// [`CheckError::InvalidTolerance`].
 pub fn check(model: &Model, settings: &CheckSettings) -> Result<ModelCheck, CheckError> {
+    let tolerance = settings.tolerance;
+    if !(0.0..=1.0).contains(&tolerance) {
+        return Err(CheckError::InvalidTolerance { tolerance });
+    }
     let snapshot = Snapshot::new(model);
     let corrections = &settings.corrections;
     let forced = corrections.indices(&snapshot)?;
     let planes = match corrections.plane {
-        Some(plane) if (DVec3::from_array(plane.normal).length() - 1.0).abs() > 1e-6 => {
-            return Err(CheckError::InvalidNormal { normal: plane.normal });
-        }
-        Some(plane) => vec![plane],
+        Some(plane) if plane.is_valid() => vec![plane],
+        Some(plane) => return Err(CheckError::InvalidPlane { plane }),
         None => proposed_planes(&snapshot),
     };
     let compared = planes.into_iter().map(|plane| {
         let pairs = Pairs::new(&snapshot, &plane, &forced);
-        let comparison = Comparison::new(&snapshot, &pairs, &plane, settings.tolerance);
+        let comparison = Comparison::new(&snapshot, &pairs, &plane, tolerance);
         (plane, pairs, comparison)
     });
     let best = compared
         .min_by_key(|(_, pairs, comparison)| comparison.differences.len() + pairs.unpaired());
     // there is always a proposal
     let Some((plane, pairs, mut comparison)) = best else {
-        return Err(CheckError::InvalidNormal { normal: [0.0; 3] });
+        return Err(CheckError::InvalidPlane { plane: Plane::default() });
     };
     let mut differences = std::mem::take(&mut comparison.differences);
     let ignores = |difference: &Difference| {
@@ -201,6 +204,7 @@ impl ModelCheck {
         }
         match self.differences.len() {
             0 => text += "no differences\n",
+            1 => text += "1 difference, by effect after 1 s:\n",
             count => _ = writeln!(text, "{count} differences, by effect after 1 s:"),
         }
         if let Some(twin) = self.twin_divergence {

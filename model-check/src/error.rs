@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use mujoco::ModelError;
 use robots::DescriptionError;
 
+use crate::mirror::Plane;
 use crate::snapshot::Kind;
 
 /// Error of checking a model.
@@ -43,10 +44,16 @@ pub enum CheckError {
         /// Names that reports use for the objects of this kind.
         known: Vec<String>,
     },
-    /// Corrected plane without a direction.
-    #[error("the plane's normal is {normal:?}; expected a vector of length 1")]
-    InvalidNormal {
-        /// Normal in the corrections.
-        normal: [f64; 3],
+    /// Corrected plane without a direction or a place.
+    #[error("the plane is {plane:?}; expected a normal of length 1 and a finite offset")]
+    InvalidPlane {
+        /// Plane in the corrections.
+        plane: Plane,
+    },
+    /// Tolerance that would hide every difference, or that is negative.
+    #[error("the tolerance is {tolerance}, expected a number from 0 to 1")]
+    InvalidTolerance {
+        /// Tolerance of the settings.
+        tolerance: f64,
     },
 }

@@ -4,7 +4,7 @@ use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// Mirror plane in the world: all points p with `normal` · p = `offset`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plane {
     /// Unit vector across the plane, which points to the left side.
@@ -15,6 +15,12 @@ pub struct Plane {
 }
 
 impl Plane {
+    /// Returns `true` for a normal of length 1 and a finite offset.
+    pub(crate) fn is_valid(&self) -> bool {
+        let excess = DVec3::from_array(self.normal).length() - 1.0;
+        excess.abs() <= 1e-6 && self.offset.is_finite()
+    }
+
     /// Returns the signed distance of a point from the plane (metres), positive on the left.
     pub(crate) fn distance(&self, point: DVec3) -> f64 {
         DVec3::from_array(self.normal).dot(point) - self.offset

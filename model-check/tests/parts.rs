@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use model_check::{CheckSettings, Corrections, ModelCheck, check, read_model};
+use model_check::{CheckSettings, Corrections, ModelCheck, Plane, check, read_model};
 use mujoco::{Data, Model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -113,5 +113,26 @@ fn maps_turn_sensor_data_into_those_of_the_mirrored_state() {
         maps.qvel.field_type(group).transform_channels(flip, &mut channels);
         let image = maps.qvel.to_irreps(group, &maps.qvel.apply(&qvel));
         assert!(channels.iter().zip(&image).all(|(a, b)| (a - b).abs() < 1e-12));
+    }
+}
+
+#[test]
+fn a_tolerance_or_a_plane_that_would_hide_differences_is_refused() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/models/quadruped.xml");
+    let model = read_model(path.as_ref()).unwrap();
+    let refused = |settings: CheckSettings| check(&model, &settings).unwrap_err().to_string();
+    for tolerance in [f64::NAN, f64::INFINITY, -1e-3] {
+        let message = refused(CheckSettings { tolerance, ..CheckSettings::default() });
+        assert!(message.starts_with("the tolerance is"), "{message}");
+    }
+    let plane = |normal, offset| Corrections {
+        plane: Some(Plane { normal, offset }),
+        ..Corrections::default()
+    };
+    for corrections in
+        [plane([0.0, 2.0, 0.0], 0.0), plane([f64::NAN; 3], 0.0), plane([0.0, 1.0, 0.0], f64::NAN)]
+    {
+        let message = refused(CheckSettings { corrections, ..CheckSettings::default() });
+        assert!(message.starts_with("the plane is"), "{message}");
     }
 }

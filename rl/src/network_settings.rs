@@ -26,8 +26,13 @@ pub struct NetworkSettings {
     /// use symmetry::{Group, Irrep};
     ///
     /// let xy = vec![Irrep::X, Irrep::Y, Irrep::Trivial];
-    /// let spec = EnvSpec { num_envs: 1, image_shape: [48, 48, 6], vector_irreps: xy.clone(),
-    /// action_irreps: xy }; let parameters = |group| {
+    /// let spec = EnvSpec {
+    ///     num_envs: 1,
+    ///     image_shape: [48, 48, 6],
+    ///     vector_irreps: xy.clone(),
+    ///     action_irreps: xy,
+    /// };
+    /// let parameters = |group| {
     ///     let settings = NetworkSettings { group, ..NetworkSettings::default() };
     ///     ActorCritic::<f32>::new(&settings, &spec).map(|network| network.num_params())
     /// };
