@@ -64,11 +64,11 @@ fn wrong(words: &[String]) -> Option<String> {
     commands.find_map(wrong_command)
 }
 
-fn wrong_command(own: &[&str]) -> Option<String> {
-    let own = match own.iter().position(|word| !word.contains('=')) {
-        Some(first) => &own[first..],
-        None => return None,
-    };
+fn wrong_command(words: &[&str]) -> Option<String> {
+    // the file of a redirection is no argument
+    let own = words.split(|word| *word == ">").next()?;
+    let first = own.iter().position(|word| !word.contains('='))?;
+    let own = &own[first..];
     match own {
         ["make", target, ..] => {
             let makefile = fs::read_to_string("Makefile").unwrap();

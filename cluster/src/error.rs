@@ -88,7 +88,7 @@ pub enum ClusterError {
         /// Number that is negative, infinite or NaN.
         value: f64,
     },
-    /// Weights of one side of the transport problem that do not add up to 1.
+    /// Weights of the transport problem that do not add up to 1, on one side or both.
     #[error(
         "the weights of {} add up to {}, those of {} to {}: expected 1 within {tolerance:e} for \
          both; divide the weights of each side by their sum",

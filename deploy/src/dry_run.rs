@@ -91,7 +91,8 @@ fn decision(number: usize, action: &[f32; ACTION_DIM], commands: &[BlockedComman
     )
 }
 
-/// Rig that passes on pictures and states, but blocks commands, stops and set-ups.
+/// Rig that sends nothing to the robot: it passes on pictures and states, and tests and records the
+/// commands.
 pub(super) struct DryRunRig<'a> {
     rig: &'a mut dyn Rig,
     control: CartesianControl,

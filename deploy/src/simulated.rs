@@ -89,7 +89,8 @@ struct Workspace {
 }
 
 impl SimulatedRig {
-    /// Creates a rig with the arm `robot` for policies that were trained with the camera `policy`.
+    /// Creates a simulated rig with the arm `robot`, whose camera has the light and the pose of
+    /// `policy`, the camera of the policies' training.
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`] for an embodiment without servos, and errors of reading an

@@ -58,7 +58,7 @@ impl EmbodimentSpec for Hand {
 #[derive(Clone, Copy, Debug)]
 pub struct Sawyer;
 
-/// Joint positions (radians) near rest with the hand at
+/// Initial joint positions (radians) of the Sawyer arm, with the hand almost at rest at
 /// [`HAND_TARGET_START`](crate::HAND_TARGET_START).
 const REST: [(&str, f64); 7] = [
     ("j0", 1.932580),

@@ -229,7 +229,7 @@ pub struct ReachShortfall {
     pub name: String,
     /// Number of required positions that the hand reaches.
     pub reached: usize,
-    /// Number of positions that the hand must reach.
+    /// Number of positions of the hand in the tasks, all of which an arm must reach.
     pub required: usize,
     /// Position of the base from which the hand reaches the most (metres).
     pub base: glam::DVec3,

@@ -127,7 +127,8 @@ impl TableTop {
         self.reset_to(element, placement)
     }
 
-    /// Starts an episode of the variant `element` at a given placement (canonical frame, metres).
+    /// Starts an episode of the variant `element`, with object and goal at a given placement
+    /// (canonical frame, metres).
     ///
     /// # Errors
     /// [`EnvError::NoSuchVariant`] or [`EnvError::NonFinitePlacement`], and nothing has changed; or

@@ -100,8 +100,8 @@ impl PolicyMemory {
         self.return_and_gain().map_or(0.0, |(_, gain)| error / gain)
     }
 
-    /// Returns the mean return of the policy's remembered episodes and its rise since the first
-    /// rollout; `None` if it did not rise.
+    /// Returns the mean return of the policy's recent episodes and its rise since the first
+    /// rollout, raised to at least half of that mean; `None` if it did not rise or is unknown.
     fn return_and_gain(&self) -> Option<(f64, f64)> {
         let remembered = mean_return(self.recent().into_iter())?;
         let gain = remembered - self.initial_return?;

@@ -10,8 +10,8 @@ use crate::experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 use crate::schedule::Schedule;
 use learner::{CoversSettings, GroupingSettings, LearnerSettings, OffPolicySettings};
 
-/// Number of environments of every method, so that a rollout of 500 decisions is one episode in
-/// each.
+/// Number of environments of a run, so that a rollout of 500 decisions in all is one episode of 50
+/// in each.
 const NUM_ENVS: usize = 10;
 /// Width and height of the camera images in the paper (pixels).
 const PAPER_PICTURES: usize = 128;

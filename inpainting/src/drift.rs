@@ -11,7 +11,7 @@ use crate::sensor::standard_normal;
 pub(crate) struct GainDrift {
     /// Logarithms of the gains of all light, of red and of blue, in standard deviations.
     logarithms: [f64; 3],
-    /// Time of the last sample of the gains (seconds); `None` before the first.
+    /// Time (seconds) at which the camera's gains were last drawn; `None` before the first picture.
     drawn: Option<f64>,
 }
 

@@ -71,7 +71,7 @@ pub enum LearnerError {
         /// Newest number of a file format that this version reads.
         known: u32,
     },
-    /// Infinite or NaN parameter or other number of a learner, found while a checkpoint is written.
+    /// Infinite or NaN number in a learner's state, found while a checkpoint is written.
     #[error(
         "`{tensor}`[{index}] is {value}: nothing was written to {}, and the last checkpoint stands. \
          Begin a new run with a smaller learning rate (`--set covers.ppo.head_learning_rate=...` \

@@ -23,7 +23,7 @@ pub struct CheckSettings {
     pub tolerance: f64,
     /// Corrections of the proposed plane and pairs.
     pub corrections: Corrections,
-    /// `true` if the effects of differences are simulated.
+    /// `true` to simulate the effect on the motion of each difference between left and right.
     pub simulates: bool,
 }
 

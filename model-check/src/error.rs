@@ -15,7 +15,7 @@ pub enum CheckError {
     /// File that cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
-        /// Path of the file.
+        /// Path of the file that cannot be read.
         path: PathBuf,
         /// Error of reading.
         source: std::io::Error,

@@ -21,13 +21,13 @@ const FIRST_TARGET: usize = 1000;
 const MASSES: [f64; 2] = [0.05, 500.0];
 /// Reaches (metres) that arms have.
 const REACHES: [f64; 2] = [0.05, 5.0];
-/// Largest distance of a shape from its link (metres) that looks right.
+/// Distance (metres) of a shape from its link's origin beyond which its unit looks wrong.
 const SHAPE_EXTENT: f64 = 5.0;
-/// Largest position (radians) of a hinge's limit that looks right: more than two turns.
+/// Position (radians) of a hinge's limit, two turns, beyond which its unit looks wrong.
 const HINGE_LIMIT: f64 = 13.0;
-/// Largest speed of a hinge (rad/s) that looks right.
+/// Speed of a hinge (rad/s) beyond which its unit looks wrong.
 const HINGE_SPEED: f64 = 50.0;
-/// Largest inertia of a kilogram (m^2) that looks right: that of a mass 2 m away.
+/// Inertia per mass (m^2), that of a mass 2 m away, beyond which its unit looks wrong.
 const INERTIA_PER_MASS: f64 = 4.0;
 
 /// Findings of [`RobotDescription::check`] and [`RobotFile::check`].

@@ -46,7 +46,7 @@ pub enum DescriptionError {
         /// Error, which names the element.
         error: Box<DescriptionError>,
     },
-    /// An error in a file.
+    /// Error in the contents of a file, with the file's path.
     #[error("`{}`: {error}", .path.display())]
     File {
         /// Path of the file.

@@ -115,7 +115,8 @@ fn parse(name: &str, bytes: &[u8]) -> Result<Array, String> {
     Ok(Array { shape, values })
 }
 
-/// Returns the quoted element type in an npy header, for instance `<f8`; empty without one.
+/// Returns the element type in an npy header without its quotes, for instance `<f8`; empty without
+/// one.
 fn kind(header: &str) -> &str {
     let after = header.split_once("'descr'").map_or("", |(_, after)| after);
     after.split('\'').nth(1).unwrap_or_default()

@@ -102,8 +102,8 @@ impl Solver {
         }
     }
 
-    /// Returns a cost that no optimum exceeds, if it is less than half of the range of costs up to
-    /// `ceiling` above the least cost.
+    /// Returns a bound on the costs of the arcs of every optimal plan; `None` unless it lies in the
+    /// lower half of the range from the least cost to `ceiling`.
     ///
     /// Two plans differ by cycles of at most `k = min(n, m)` arcs of either. Where the present plan
     /// uses no arc above `t`, exchanging a cycle with an arc above `k t - (k - 1) least` for arcs

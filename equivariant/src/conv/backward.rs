@@ -33,8 +33,8 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, is_blocked: bool) -> us
 }
 
 impl<'a, T: Real> ConvBackward<'a, T> {
-    /// Runs the backward pass of a convolution over im2col panels of folded patches, for a group of
-    /// `G` elements.
+    /// Adds a convolution's parameter gradients and writes the input's gradient, by im2col panels
+    /// of folded patches (signed sums over orbits of taps), for a group of `G` elements.
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, &self.conv.patches);

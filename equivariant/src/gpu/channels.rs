@@ -43,8 +43,8 @@ impl ChannelLayout {
         }
     }
 
-    /// Moves the fields into pixels of `dim` channels, where component a of all fields lies
-    /// together, from channel `starts[a]` on.
+    /// Returns the layout of the same fields in pixels of `dim` channels, with component a of all
+    /// fields from channel `starts[a]` on.
     pub fn moved_to(mut self, dim: usize, starts: Vec<usize>) -> ChannelLayout {
         self.dim = dim;
         self.starts = starts;
