@@ -262,15 +262,20 @@ impl Budget {
             TaskGroup::STANDARD.into_iter().zip(visits.map(|visit| visit * unit)).collect()
         };
         let long = |groups: &[TaskGroup]| groups.iter().map(|&group| long_visit(group)).collect();
-        let (cycles, visits): (_, Vec<_>) = match self {
-            Self::Smoke => (1, standard([2, 2, 2, 2])),
-            Self::Short => (2, standard([4, 12, 6, 28])),
-            Self::Full => (3, standard([4, 12, 6, 31])),
-            Self::TableProtocol => (3, standard([6, 18, 9, 35])),
-            Self::ZeroShot => (2, standard([8, 27, 12, 40])),
-            Self::Ten => (2, long(&TaskGroup::TEN)),
-            Self::Mt10 => (2, long(&TaskGroup::MT10)),
-            Self::All => (2, long(&TaskGroup::ALL)),
+        let visits: Vec<_> = match self {
+            Self::Smoke => standard([2, 2, 2, 2]),
+            Self::Short => standard([4, 12, 6, 28]),
+            Self::Full => standard([4, 12, 6, 31]),
+            Self::TableProtocol => standard([6, 18, 9, 35]),
+            Self::ZeroShot => standard([8, 27, 12, 40]),
+            Self::Ten => long(&TaskGroup::TEN),
+            Self::Mt10 => long(&TaskGroup::MT10),
+            Self::All => long(&TaskGroup::ALL),
+        };
+        let cycles = match self {
+            Self::Smoke => 1,
+            Self::Full | Self::TableProtocol => 3,
+            Self::Short | Self::ZeroShot | Self::Ten | Self::Mt10 | Self::All => 2,
         };
         let mut schedule = Schedule::shuffled(cycles, &visits);
         if self == Self::ZeroShot {

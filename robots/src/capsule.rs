@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::hull::Hull;
 use crate::pose::Pose;
 
 /// Capsule: all points within `radius` (metres) of a segment.
@@ -65,6 +64,47 @@ pub struct PlacedShape {
     pub pose: Pose,
     /// Kind and sizes of the shape.
     pub shape: Shape,
+}
+
+/// Convex hull of points, with capsules that enclose it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Hull {
+    points: Vec<DVec3>,
+    capsules: Vec<PlacedShape>,
+}
+
+impl Hull {
+    /// Creates the hull of `points` with `capsules` that enclose it.
+    pub(crate) fn new(points: Vec<DVec3>, capsules: Vec<PlacedShape>) -> Self {
+        Self { points, capsules }
+    }
+
+    /// Returns the points (metres), 204 at most, whose convex hull this is.
+    pub fn points(&self) -> &[DVec3] {
+        &self.points
+    }
+
+    /// Returns capsules that enclose the hull and all points of the mesh.
+    pub(crate) fn capsules(&self) -> &[PlacedShape] {
+        &self.capsules
+    }
+
+    /// Returns the point that lies furthest in `direction`.
+    pub(crate) fn support(&self, direction: DVec3) -> DVec3 {
+        furthest(&self.points, |point| point.dot(direction))
+    }
+}
+
+/// Returns the first of the points with the largest measure.
+pub(crate) fn furthest(points: &[DVec3], measure: impl Fn(DVec3) -> f64) -> DVec3 {
+    let mut best = (f64::NEG_INFINITY, DVec3::ZERO);
+    for &point in points {
+        let value = measure(point);
+        if value > best.0 {
+            best = (value, point);
+        }
+    }
+    best.1
 }
 
 impl PlacedShape {

@@ -58,7 +58,7 @@ fn shape(radius: f64, length: f64) -> Shape {
     if length > MIN_SHAPE_SIZE {
         return Shape::Capsule { radius, length };
     }
-    // LEAST_SIZE more, so that it covers a segment of up to that length
+    // MIN_SHAPE_SIZE more, so that it covers a segment of up to that length
     let radius = radius + MIN_SHAPE_SIZE;
     Shape::Sphere { radius }
 }

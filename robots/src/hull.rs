@@ -1,11 +1,11 @@
-//! Convex hull of the points of a mesh.
+//! Convex hulls of the points of meshes, and capsules around them.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::capsule::{Capsule, PlacedShape, Shape};
+use crate::capsule::{Capsule, Hull, PlacedShape, Shape, furthest};
 use crate::fit::{bounding_capsule, extent, volume};
 use crate::pose::Pose;
 
@@ -16,30 +16,6 @@ const DIRECTIONS: usize = 200;
 const MAX_CAPSULES: usize = 4;
 /// Smallest thickness of a hull (metres). MuJoCo rejects flat ones, and rounds to single precision.
 const MIN_THICKNESS: f64 = 2e-3;
-
-/// Convex hull of points, with capsules that enclose it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Hull {
-    points: Vec<DVec3>,
-    capsules: Vec<PlacedShape>,
-}
-
-impl Hull {
-    /// Returns the points (metres), 204 at most, whose convex hull this is.
-    pub fn points(&self) -> &[DVec3] {
-        &self.points
-    }
-
-    /// Returns capsules that enclose the hull and all points of the mesh.
-    pub(crate) fn capsules(&self) -> &[PlacedShape] {
-        &self.capsules
-    }
-
-    /// Returns the point that lies furthest in `direction`.
-    pub(crate) fn support(&self, direction: DVec3) -> DVec3 {
-        furthest(&self.points, |point| point.dot(direction))
-    }
-}
 
 /// Returns the convex hull of the points of a mesh, or a capsule if the mesh is flat. `points` must
 /// not be empty.
@@ -67,7 +43,7 @@ pub(crate) fn mesh_shape(points: &[DVec3]) -> PlacedShape {
                 if size(&capsules) < size(&best) { capsules } else { best }
             },
         );
-    PlacedShape { pose, shape: Shape::Hull(Arc::new(Hull { points: outermost, capsules })) }
+    PlacedShape { pose, shape: Shape::Hull(Arc::new(Hull::new(outermost, capsules))) }
 }
 
 /// Returns capsules around slices of a hull across its longest side, which enclose `all` points,
@@ -117,17 +93,6 @@ fn tetrahedron(points: &[DVec3]) -> Option<[DVec3; 4]> {
     let d = furthest(points, height);
     let thickness = height(d).min((c - a).dot(across));
     (thickness >= MIN_THICKNESS).then_some([a, b, c, d])
-}
-
-fn furthest(points: &[DVec3], measure: impl Fn(DVec3) -> f64) -> DVec3 {
-    let mut best = (f64::NEG_INFINITY, DVec3::ZERO);
-    for &point in points {
-        let value = measure(point);
-        if value > best.0 {
-            best = (value, point);
-        }
-    }
-    best.1
 }
 
 /// Returns unit vectors that are spread evenly: Fibonacci's lattice on the sphere.

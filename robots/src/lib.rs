@@ -32,7 +32,6 @@ pub use description::{
     RobotDescription,
 };
 pub use error::{ControlError, DescriptionError, TipMiss};
-pub use hull::Hull;
 pub use ik::{IkSettings, OrientationConstraint};
 pub use kinematic_arm::KinematicArm;
 pub use mjcf::{LinkAddition, Mjcf, MjcfSettings, Servo, TouchingPairs};

@@ -163,6 +163,7 @@ fn present(images: &[u8]) -> impl Iterator<Item = u8> {
 fn draw_visits(seed: u64, groups: usize) -> Vec<Visit> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut visits = Vec::new();
+    // more than anyone will watch; the last group would stay
     for _ in 0..100 {
         let mut order: Vec<usize> = (0..groups).collect();
         order.shuffle(&mut rng);
@@ -173,11 +174,13 @@ fn draw_visits(seed: u64, groups: usize) -> Vec<Visit> {
 
 fn settings(seed: u64) -> CoversSettings {
     CoversSettings {
+        // half of the default's widths: a browser computes more slowly
         network: NetworkSettings {
             critic: CriticSettings::Joint { fields: 16 },
             ..NetworkSettings::strided(vec![2, 4, 8, 8], 16)
         },
         ppo: PpoSettings {
+            // rewards are dense, and episodes have 25 decisions
             gamma: 0.9,
             encoder_learning_rate: 1e-3,
             epochs: 8,
