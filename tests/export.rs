@@ -192,10 +192,6 @@ fn what_cannot_be_exported_is_refused_with_the_reason() {
     };
     let covers = narrow(Method::Covers, Group::D2);
     assert!(refusal(&covers, "1").contains("`policy` is 1"));
-    let mut keypoints = covers.clone();
-    let encoder = EncoderSettings::Keypoints { fields: vec![1], maps: 2 };
-    network(&mut keypoints).encoder = encoder;
-    assert!(refusal(&keypoints, "0").contains("keypoints has no form in ordinary layers"));
     let recurrent = narrow(Method::ThreeRl, Group::C1);
     assert!(refusal(&recurrent, "0").contains("a context"));
     let scratch = Scratch::new("export-refused");

@@ -42,35 +42,6 @@ def conv(x, kernel, bias):
     return nhwc(F.conv2d(nchw(x), kernel, bias, stride=2, padding=1))
 
 
-def batch_norm(x, gain, bias):
-    return nhwc(F.batch_norm(nchw(x), None, None, gain, bias, training=True, eps=1e-5))
-
-
-def d2_norm(x, gain, bias):
-    """Batch normalisation of fields: the group is one more axis of every field."""
-    n, h, w, c = x.shape
-    fields = x.reshape(n, h * w, 4, c // 4).permute(0, 3, 1, 2)
-    y = F.batch_norm(fields, None, None, gain, bias, training=True, eps=1e-5)
-    return y.permute(0, 2, 3, 1).reshape(n, h, w, c)
-
-
-def keypoints(x, temperature=0.5):
-    """Expected x and y of every channel: [N, 2, C]; pixel centres, the edges of the image at -1 and 1, y upwards."""
-    n, h, w, c = x.shape
-    p = torch.softmax(x.reshape(n, h * w, c) / temperature, dim=1).reshape(n, h, w, c)
-    xs = (2 * torch.arange(w) + 1 - w) / w
-    ys = -(2 * torch.arange(h) + 1 - h) / h
-    return torch.stack([(p.sum(1) * xs[:, None]).sum(1), (p.sum(2) * ys[:, None]).sum(1)], dim=1)
-
-
-def d2_keypoints(x):
-    """As regular fields: the values at element g carry the sign by which g acts on the coordinate."""
-    n, c = x.shape[0], x.shape[3]
-    signs = torch.tensor([[1.0, -1.0, 1.0, -1.0], [1.0, 1.0, -1.0, -1.0]])
-    values = keypoints(x).reshape(n, 2, 4, c // 4) * signs[:, :, None]
-    return values.transpose(1, 2).reshape(n, 2 * c)
-
-
 def d2_kernel(out_fields, in_fields, size):
     """The group average of a random kernel, with no formula but the definition of the action."""
     free = torch.randn(4, out_fields, 4, in_fields, size, size)
@@ -103,13 +74,7 @@ record("conv", conv, x, kernel=torch.randn(4, 8, 3, 3), bias=torch.randn(4))
 record("d2_conv", conv, x, kernel=d2_kernel(1, 2, 3), bias=torch.randn(1).repeat(4))
 record("relu", F.relu, x)
 record("max_pool", pooled(F.max_pool2d), x)
-record("average_pool", pooled(F.avg_pool2d), x)
-record("norm", batch_norm, x, gain=torch.randn(8), bias=torch.randn(8))
-record("d2_norm", d2_norm, x, gain=torch.randn(2), bias=torch.randn(2))
-record("keypoints", lambda x: keypoints(x).flatten(1), x)
-record("d2_keypoints", d2_keypoints, x)
 record("d2_group_max", lambda x: x.reshape(2, 5, 7, 4, 2).amax(3), x)
-record("d2_group_mean", lambda x: x.reshape(2, 5, 7, 4, 2).mean(3), x)
 record("d2_to_d1x", lambda x: restrict(x, [0, 1]), x)
 record("d2_to_d1y", lambda x: restrict(x, [0, 2]), x)
 record("d2_to_c2", lambda x: restrict(x, [0, 3]), x)

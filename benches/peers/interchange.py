@@ -43,7 +43,6 @@ def module(line, index, tensors, order):
     return {
         "Relu": torch.nn.ReLU,
         "MaxPool": lambda: torch.nn.MaxPool2d(size, stride, padding),
-        "AveragePool": lambda: torch.nn.AvgPool2d(size, stride, padding),
         "GroupMaxPool": lambda: GroupMax(order),
     }[kind]()
 

@@ -7,8 +7,8 @@ use std::error::Error;
 use std::path::Path;
 
 use equivariant::{
-    AveragePool, FieldType, Group, GroupMaxPool, Layer, LayerError, LayerSignature, Linear,
-    MaxPool, R2Conv, Relu, Sequential, Shape, SlidingWindow, save_safetensors,
+    FieldType, Group, GroupMaxPool, Layer, LayerError, LayerSignature, Linear, MaxPool, R2Conv,
+    Relu, Sequential, Shape, SlidingWindow, save_safetensors,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use safetensors::{Dtype, tensor::TensorView};
@@ -44,14 +44,14 @@ fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
         shape = conv(&mut layers, shape, n, HALVING)?;
     }
     shape = conv(&mut layers, shape, 16, SAME)?;
-    let max = MaxPool::new(shape, POOL)?;
-    let average = AveragePool::new(max.out_shape(), POOL)?;
-    let group_max = GroupMaxPool::new(average.out_shape())?;
+    let first_pool = MaxPool::new(shape, POOL)?;
+    let second_pool = MaxPool::new(first_pool.out_shape(), POOL)?;
+    let group_max = GroupMaxPool::new(second_pool.out_shape())?;
     let pooled = group_max.out_shape();
     let head = Linear::new(pooled.fields, FieldType::new(group, [5, 0, 0, 0]))?;
     layers.extend([
-        Box::new(max) as Box<dyn Layer<f32>>,
-        Box::new(average),
+        Box::new(first_pool) as Box<dyn Layer<f32>>,
+        Box::new(second_pool),
         Box::new(group_max),
         Box::new(head),
     ]);

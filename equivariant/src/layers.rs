@@ -1,9 +1,7 @@
 //! Layers of equivariant networks.
 
-mod average_pool;
 mod check;
 mod concat;
-pub(crate) mod field_norm;
 mod fused_chain;
 mod group_pool;
 mod gru;
@@ -15,7 +13,6 @@ mod r2_conv;
 mod relu;
 mod restrict;
 mod sequential;
-mod soft_argmax;
 mod sum;
 
 pub use check::{
@@ -24,13 +21,13 @@ pub use check::{
 pub use concat::Concat;
 pub use gru::{Gru, GruWorkspace};
 pub use interchange::{SafetensorsError, load_safetensors, save_safetensors};
-pub use layer::{Layer, LayerKind, LayerSignature, NormStatistics, Scalar};
+pub use layer::{Layer, LayerKind, LayerSignature, Scalar};
 pub use sequential::Sequential;
 
 /// Exports the layers of each file and collects their test layers.
 macro_rules! registry {
-    ($($module:ident: $($Layer:ident)+,)+) => {
-        $(pub use $module::{$($Layer),+};)+
+    ($($module:ident: $Layer:ident,)+) => {
+        $(pub use $module::$Layer;)+
 
         /// Returns test layers of every kind for a group, for tests of code that runs layers.
         ///
@@ -46,14 +43,11 @@ macro_rules! registry {
 }
 
 registry! {
-    average_pool: AveragePool,
-    field_norm: FieldNorm,
-    group_pool: GroupMaxPool GroupMeanPool,
+    group_pool: GroupMaxPool,
     linear: Linear,
     max_pool: MaxPool,
     r2_conv: R2Conv,
     relu: Relu,
     restrict: Restrict,
-    soft_argmax: SpatialSoftArgmax,
     sum: BranchSum,
 }

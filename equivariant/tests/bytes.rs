@@ -1,8 +1,8 @@
 //! Networks on byte images give the same bits as on the levels of the bytes.
 
 use equivariant::{
-    FieldNorm, InstructionSet, Layer, LayerSignature, Linear, MaxPool, NormStatistics, R2Conv,
-    Relu, Scalar, Sequential, Shape, SlidingWindow, pixel_byte_to_float,
+    BranchSum, InstructionSet, Layer, LayerSignature, Linear, MaxPool, R2Conv, Relu, Scalar,
+    Sequential, Shape, SlidingWindow, pixel_byte_to_float,
 };
 use symmetry::Group;
 
@@ -43,7 +43,7 @@ fn networks<T: Scalar>(conv: &R2Conv) -> Vec<Sequential<T>> {
     let next = || R2Conv::new(out.fields, out.fields, SAME, [out.height, out.width]).unwrap();
     let mut deep = first(2);
     deep.push(Box::new(next()));
-    deep.push(Box::new(FieldNorm::new(out, NormStatistics::PerSample).unwrap()));
+    deep.push(Box::new(BranchSum::residual(Box::new(Relu::new(out).unwrap())).unwrap()));
     deep.push(Box::new(next()));
     let networks = [first(1), first(2), first(3), deep].into_iter();
     networks.map(|stack| Sequential::new(stack).unwrap()).collect()

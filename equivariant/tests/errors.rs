@@ -2,8 +2,8 @@
 //! expectation.
 
 use equivariant::{
-    AveragePool, Concat, FieldNorm, FieldType, Group, GroupMaxPool, GroupMeanPool, LayerError,
-    Linear, MaxPool, NormStatistics, R2Conv, Relu, Shape, SlidingWindow, SpatialSoftArgmax,
+    Concat, FieldType, Group, GroupMaxPool, LayerError, Linear, MaxPool, R2Conv, Relu, Shape,
+    SlidingWindow,
 };
 
 fn message<L>(refused: Result<L, LayerError>) -> String {
@@ -23,19 +23,11 @@ fn types_that_a_layer_does_not_take_are_refused() {
     for fields in ["8 reg + 2 x", "1 x", "4 1", "C2: 4 1"] {
         let shape = Shape::image(4, 4, fields.parse().unwrap());
         let reason = format!("got the type `{fields}`, expected regular fields only");
-        let group_pools = [
-            ("GroupMaxPool", message(GroupMaxPool::new(shape))),
-            ("GroupMeanPool", message(GroupMeanPool::new(shape))),
-        ];
-        assert_refused(&reason, group_pools);
+        assert_refused(&reason, [("GroupMaxPool", message(GroupMaxPool::new(shape)))]);
         // the others take trivial channels, too
         if !shape.fields.is_trivial() {
             let pool = MaxPool::new(shape, SlidingWindow::new(2, 2, 0));
-            let others = [
-                ("Relu", message(Relu::new(shape))),
-                ("MaxPool", message(pool)),
-                ("SpatialSoftArgmax", message(SpatialSoftArgmax::new(shape, 1.0))),
-            ];
+            let others = [("Relu", message(Relu::new(shape))), ("MaxPool", message(pool))];
             assert_refused(&reason, others);
         }
     }
@@ -63,7 +55,6 @@ fn windows_that_are_inexact_or_do_not_fit_are_refused() {
         [
             ("R2Conv", message(R2Conv::new(fields, fields, window, [5, 6]))),
             ("MaxPool", message(MaxPool::new(image, window))),
-            ("AveragePool", message(AveragePool::new(image, window))),
         ]
     };
     let inexact = "D2 flips the height, and a window of 2 pixels, stride 2 and padding 0 leaves a \
@@ -89,9 +80,6 @@ fn maps_and_settings_that_do_not_fit_are_refused() {
     let concat = ("Concat", message(Concat::new(odd, even)));
     let sizes = "got the maps 5 x 6 x (2 reg) and 4 x 4 x (2 reg), expected equal heights and";
     assert_refused(sizes, [concat]);
-    let norm = message(FieldNorm::new(odd, NormStatistics::Fixed(vec![])));
-    let statistics = "got the fixed statistics [], expected a mean and a variance of at least 0";
-    assert_refused(statistics, [("FieldNorm", norm)]);
 }
 
 #[test]
@@ -103,11 +91,7 @@ fn maps_without_values_are_refused() {
         [
             message(Relu::new(shape)),
             message(GroupMaxPool::new(shape)),
-            message(GroupMeanPool::new(shape)),
             message(MaxPool::new(shape, one)),
-            message(AveragePool::new(shape, SlidingWindow::new(2, 1, 1))),
-            message(SpatialSoftArgmax::new(shape, 1.0)),
-            message(FieldNorm::new(shape, NormStatistics::Batch)),
             message(R2Conv::new(
                 shape.fields,
                 some,
@@ -135,16 +119,9 @@ fn maps_without_values_are_refused() {
 fn more_output_channels_than_a_type_holds_are_refused() {
     let half = FieldType::MAX_DIM / 2;
     let map = |channels| Shape::vector(Group::C2.trivial_type(channels));
-    let refused = [
-        message(Concat::new(map(half), map(half + 1))),
-        message(SpatialSoftArgmax::new(map(half + 1), 1.0)),
-    ];
-    for message in refused {
-        let expected = "got the number of output channels 1677721";
-        assert!(message.contains(expected), "{message}");
-    }
+    let message = message(Concat::new(map(half), map(half + 1)));
+    assert!(message.contains("got the number of output channels 1677721"), "{message}");
     Concat::new(map(half), map(half)).unwrap();
-    SpatialSoftArgmax::new(map(half), 1.0).unwrap();
 }
 
 #[test]
@@ -169,11 +146,7 @@ fn sizes_that_no_memory_holds_are_refused() {
         message(Relu::new(wide)),
         message(MaxPool::new(wide, window)),
         message(MaxPool::new(Shape::image(5, 7, one), padded)),
-        message(AveragePool::new(wide, window)),
-        message(AveragePool::new(Shape::image(2, 3, one), SlidingWindow::new(large, 1, large / 2))),
         message(GroupMaxPool::new(wide)),
-        message(FieldNorm::new(wide, NormStatistics::PerSample)),
-        message(SpatialSoftArgmax::new(wide, 1.0)),
     ] {
         assert!(
             message.contains("of more than 2147483648 values, expected at most that"),

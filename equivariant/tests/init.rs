@@ -1,10 +1,6 @@
 //! Initial weights: variances, gains, biases, determinism.
 
-use equivariant::{
-    FieldNorm, FieldType, Group, Layer, LayerSignature, Linear, NormStatistics, Relu, Sequential,
-    Shape,
-};
-use rand::Rng;
+use equivariant::{FieldType, Group, Layer, LayerSignature, Linear, Relu, Sequential, Shape};
 
 use crate::common::{boxed, conv, forward, network, normal, rng};
 
@@ -69,17 +65,6 @@ fn the_default_keeps_the_second_moment_across_relus() {
         let moment = second_moment(&forward(&net, &params, &normal(50 * 512, 4)));
         assert!((moment - 1.0).abs() < 0.2, "{group}: {moment}");
     }
-}
-
-#[test]
-fn norms_start_with_the_gain_and_draw_nothing() {
-    let norm =
-        FieldNorm::new(Shape::vector(Group::D2.regular_type(2)), NormStatistics::Batch).unwrap();
-    let (mut used, mut fresh) = (rng(1), rng(1));
-    let mut params = [f64::NAN; 4];
-    norm.init_with_gain(&mut used, 0.5, &mut params);
-    assert_eq!(params, [0.5, 0.5, 0.0, 0.0]);
-    assert_eq!(used.next_u64(), fresh.next_u64());
 }
 
 #[test]

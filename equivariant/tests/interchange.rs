@@ -2,10 +2,7 @@
 
 use std::path::PathBuf;
 
-use equivariant::{
-    FieldNorm, Group, Layer, Linear, NormStatistics, Sequential, Shape, load_safetensors,
-    save_safetensors,
-};
+use equivariant::{Group, Layer, Linear, Sequential, load_safetensors, save_safetensors};
 use safetensors::SafeTensors;
 
 use crate::common::{boxed, forward, layers, network, normal, params};
@@ -93,27 +90,6 @@ fn files_that_are_not_ours_are_refused_by_name() {
     let none: [(&str, safetensors::tensor::TensorView); 0] = [];
     std::fs::write(&file.0, safetensors::serialize(none, None).unwrap()).unwrap();
     assert!(message(&file, &net).contains("got no metadata `covers-equivariant 1`"));
-}
-
-#[test]
-fn norms_of_other_statistics_are_refused() {
-    let file = File::new("norms");
-    let norm = |statistics| {
-        boxed::<f32, _>(FieldNorm::new(Shape::image(2, 3, Group::D2.regular_type(1)), statistics))
-    };
-    let fixed = |mean: f64| NormStatistics::Fixed(vec![[mean, 2.0]]);
-    let all =
-        [NormStatistics::PerSample, NormStatistics::Batch, fixed(0.1), fixed(0.1f64.next_up())];
-    for (i, saved) in all.iter().enumerate() {
-        save_safetensors(&file.0, norm(saved.clone()).as_ref(), &[1.5, 0.5]).unwrap();
-        for (j, built) in all.iter().enumerate() {
-            let loaded = load_safetensors(&file.0, norm(built.clone()).as_ref());
-            assert_eq!(loaded.is_ok(), i == j, "{saved:?} as {built:?}");
-        }
-    }
-    let refused = message(&file, norm(NormStatistics::Batch).as_ref());
-    assert!(refused.contains("fixed statistics) [[0.1000000000000000"), "{refused}");
-    assert!(refused.contains("statistics of the batch)` in the network"), "{refused}");
 }
 
 #[test]

@@ -15,7 +15,6 @@ mod init;
 mod instruction_sets;
 mod interchange;
 mod kernel_space;
-mod norm;
 mod oracle;
 mod pooling;
 mod precision;

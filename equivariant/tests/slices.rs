@@ -1,6 +1,6 @@
 //! Slices and scratches of wrong lengths are rejected by every layer, with the name of the slice.
 
-use equivariant::{Concat, Group, Layer, MaxPool, Scratch, Sequential, Shape, SpatialSoftArgmax};
+use equivariant::{BranchSum, Concat, Group, Layer, MaxPool, Relu, Scratch, Sequential, Shape};
 
 use crate::common::{boxed, kernel, layers, normal, panic_of, rng};
 
@@ -145,11 +145,13 @@ fn a_scratch_of_another_number_of_samples_is_refused_where_it_is_kept() {
 fn a_scratch_of_another_layer_is_refused_where_it_is_kept() {
     let map = Shape::image(4, 4, Group::D2.regular_type(2));
     let pool = |window| boxed::<f32, _>(MaxPool::new(map, kernel(window)));
-    let keypoints = |temperature| boxed::<f32, _>(SpatialSoftArgmax::new(map, temperature));
+    let relu = || boxed::<f32, _>(Relu::new(map));
+    let sum = |branches| boxed(BranchSum::new(branches));
+    let residual = || boxed(BranchSum::residual(relu()));
     let chain = |layer| -> Box<dyn Layer<f32>> { boxed(Sequential::new(vec![layer])) };
     let pairs = [
-        [keypoints(0.5), keypoints(1.0)],
-        [chain(keypoints(0.5)), chain(keypoints(1.0))],
+        [residual(), sum(vec![relu(), relu()])],
+        [chain(residual()), chain(sum(vec![relu(), relu()]))],
         [chain(pool([3, 1, 1])), chain(pool([1, 1, 0]))],
     ];
     for [own, foreign] in pairs {

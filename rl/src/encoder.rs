@@ -3,8 +3,7 @@
 use std::f64::consts::SQRT_2;
 
 use equivariant::{
-    FieldType, Layer, Linear, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape, SlidingWindow,
-    SpatialSoftArgmax,
+    FieldType, Layer, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape, SlidingWindow,
 };
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
@@ -25,9 +24,6 @@ const UNPADDED_WINDOW: SlidingWindow = SlidingWindow::new(3, 1, 0);
 pub(crate) const POOL_WINDOW: SlidingWindow = SlidingWindow::new(2, 2, 0);
 /// Side in pixels of the feature maps after all halvings of [`EncoderSettings::Pooled`].
 const POOLED_SIDE: usize = 8;
-/// Temperature of the softmax over pixels in the spatial soft-argmax of
-/// [`EncoderSettings::Keypoints`].
-const TEMPERATURE: f64 = 1.0;
 
 /// Kind and layer widths of the image encoder, which maps an image to a vector of regular fields
 /// ([`NetworkSettings::top_fields`](crate::NetworkSettings::top_fields)). All kinds are exactly
@@ -64,20 +60,6 @@ pub enum EncoderSettings {
         /// the second is not padded.
         inner: [usize; 2],
     },
-    /// Encoder of 4 x 4 convolutions of stride 2 with ReLUs, a 3 x 3 convolution to feature maps,
-    /// the expected position in each map (spatial soft-argmax, temperature 1) and a linear layer.
-    /// From Levine et al., "End-to-end training of deep visuomotor policies" (JMLR 2016, section
-    /// 5.1), made equivariant by [`SpatialSoftArgmax`].
-    ///
-    /// Sides of images are multiples of 2 to the power of the number of halvings.
-    Keypoints {
-        /// Number of regular fields after each halving of the image, at least 1 each and at least
-        /// one halving.
-        fields: Vec<usize>,
-        /// Number of regular fields of the feature maps whose expected positions are the keypoints,
-        /// at least 1.
-        maps: usize,
-    },
     /// No encoder: the network reads the observation's vector only.
     Blind,
 }
@@ -95,10 +77,6 @@ impl EncoderSettings {
                 let inner = inner.map(|width| ("encoder.pooled.inner", width));
                 ("encoder.pooled.fields", fields.clone(), inner.to_vec())
             }
-            Self::Keypoints { fields, maps } => {
-                let maps = vec![("encoder.keypoints.maps", *maps)];
-                ("encoder.keypoints.fields", halving(fields), maps)
-            }
             Self::Blind => return Vec::new(),
         };
         let fields = fields.into_iter().map(|width| (name, width));
@@ -114,8 +92,7 @@ impl EncoderSettings {
         let (encoder, fields) = match self {
             Self::Strided { fields } => ("strided", fields),
             Self::Pooled { fields, .. } => ("pooled", fields),
-            // these do not end in one pixel, so images need not be square
-            Self::Keypoints { .. } | Self::Blind => return Ok(image),
+            Self::Blind => return Ok(image),
         };
         let [height, width, channels] = image;
         if !(height + width).is_multiple_of(2) {
@@ -152,7 +129,6 @@ impl EncoderSettings {
         let layers = match self {
             Self::Strided { fields } => builder().strided(fields, top_fields)?,
             Self::Pooled { fields, inner } => builder().pooled(fields, *inner, top_fields)?,
-            Self::Keypoints { fields, maps } => builder().keypoints(fields, *maps, top_fields)?,
             Self::Blind => return Ok(None),
         };
         Ok(Some(Sequential::new(layers)?))
@@ -163,7 +139,7 @@ impl EncoderSettings {
     pub(crate) fn last_layer_gain(&self) -> f64 {
         match self {
             Self::Strided { .. } | Self::Pooled { .. } => SQRT_2,
-            Self::Keypoints { .. } | Self::Blind => 1.0,
+            Self::Blind => 1.0,
         }
     }
 }
@@ -215,21 +191,6 @@ impl<T: Scalar> EncoderBuilder<T> {
         self.conv_relu(inner[1], UNPADDED_WINDOW)?;
         self.pool()?;
         self.conv_relu(top_fields, UNPADDED_WINDOW)?;
-        Ok(self.layers)
-    }
-
-    fn keypoints(
-        mut self,
-        fields: &[usize],
-        maps: usize,
-        top_fields: usize,
-    ) -> Result<Layers<T>, RlError> {
-        self.check_multiple("keypoints", fields.len())?;
-        self.conv_relu_halvings(fields)?;
-        self.conv(maps, SAME_SIZE_WINDOW)?;
-        self.add(SpatialSoftArgmax::new(self.shape, TEMPERATURE)?);
-        let top = self.regular_field_type(top_fields);
-        self.add(Linear::new(self.shape.fields, top)?);
         Ok(self.layers)
     }
 

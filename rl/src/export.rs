@@ -5,7 +5,7 @@ use equivariant::{
 };
 use symmetry::Group;
 
-use crate::encoder::{EncoderSettings, POOL_WINDOW};
+use crate::encoder::POOL_WINDOW;
 use crate::env::{EnvSpec, Observations};
 use crate::error::RlError;
 use crate::trunk::Trunk;
@@ -129,21 +129,12 @@ pub(crate) struct ExportedTrunk {
 /// Exports the image layers and the vector layers of a [`Trunk`] as ordinary layers.
 ///
 /// # Errors
-/// [`RlError::NotExportable`] for keypoints and for images that are not square.
+/// [`RlError::NotExportable`] for images that are not square.
 pub(crate) fn export_trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<ExportedTrunk, RlError> {
     let (group, spec) = (trunk.settings.group, &trunk.spec);
-    let refused = match trunk.settings.encoder {
-        EncoderSettings::Keypoints { .. } => Some("an encoder of keypoints"),
-        EncoderSettings::Strided { .. } | EncoderSettings::Pooled { .. }
-            if spec.image_shape[0] != spec.image_shape[1] =>
-        {
-            Some("an encoder of images that are not square")
-        }
-        _ => None,
-    };
     // an environment without images has no encoder, whatever the setting says
-    if let (Some(part), Some(_)) = (refused, &trunk.encoder) {
-        return Err(RlError::NotExportable { part });
+    if trunk.encoder.is_some() && spec.image_shape[0] != spec.image_shape[1] {
+        return Err(RlError::NotExportable { part: "an encoder of images that are not square" });
     }
     let channels: Vec<usize> = (0..spec.image_shape[2]).collect();
     let export = |layers: &Option<Sequential<f32>>, own, order| {
@@ -259,7 +250,7 @@ fn joined_order(order: usize, [image, vector]: [usize; 2]) -> Vec<usize> {
 
 #[cfg(test)]
 mod tests {
-    use equivariant::{AveragePool, FieldType, Layer, MaxPool, Relu, Shape};
+    use equivariant::{FieldType, GroupMaxPool, Layer, MaxPool, Relu, Shape};
 
     use super::*;
 
@@ -270,8 +261,7 @@ mod tests {
         let (relu, pool) = (Relu::new(shape).unwrap(), MaxPool::new(shape, POOL_WINDOW));
         assert_eq!(plain(&relu), Some(ExportedLayer::Relu));
         assert_eq!(plain(&pool.unwrap()), Some(ExportedLayer::MaxPool(POOL_WINDOW)));
-        let halving = AveragePool::new(shape, POOL_WINDOW).unwrap();
-        assert_eq!(plain(&halving), None);
+        assert_eq!(plain(&GroupMaxPool::new(shape).unwrap()), None);
         let wide = SlidingWindow { size: 4, ..POOL_WINDOW };
         assert_eq!(plain(&MaxPool::new(shape, wide).unwrap()), None);
     }

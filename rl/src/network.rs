@@ -373,10 +373,9 @@ mod tests {
 
     /// Settings of an encoder, image sizes that fit it and that do not, and the expected part of
     /// the error.
-    fn sides() -> [(NetworkSettings, usize, [usize; 2], &'static str); 3] {
+    fn sides() -> [(NetworkSettings, usize, [usize; 2], &'static str); 2] {
         [
             (NetworkSettings::default(), 48, [50, 8], "multiples of 16"),
-            (NetworkSettings::keypoints(), 12, [50, 2], "multiples of 4"),
             (NetworkSettings::so2_128(), 128, [64, 256], "exactly 128 x 128"),
         ]
     }

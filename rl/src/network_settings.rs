@@ -131,16 +131,6 @@ impl NetworkSettings {
         }
     }
 
-    /// Returns the default network settings with a keypoint encoder
-    /// ([`EncoderSettings::Keypoints`]) of two halvings of the image and 16 regular fields of
-    /// keypoints. Sides of images are multiples of 4.
-    pub fn keypoints() -> Self {
-        Self {
-            encoder: EncoderSettings::Keypoints { fields: vec![4, 8], maps: 16 },
-            ..Self::default()
-        }
-    }
-
     /// Returns the number of regular fields of the network's group that have as many channels as
     /// `fields` regular fields of D2.
     pub(crate) fn num_group_fields(&self, fields: usize) -> usize {

@@ -28,13 +28,13 @@ fn spec() -> EnvSpec {
     }
 }
 
-/// The three kinds of encoder and the two of critic, for pictures of 32 x 32 pixels.
-fn networks() -> [NetworkSettings; 4] {
+/// The two kinds of encoder and the two of critic, for pictures of 32 x 32 pixels.
+fn networks() -> [NetworkSettings; 3] {
     let pooled = NetworkSettings {
         encoder: EncoderSettings::Pooled { fields: vec![4, 8], inner: [16, 8] },
         ..NetworkSettings::default()
     };
-    [NetworkSettings::default(), pooled, NetworkSettings::keypoints(), with_pooled_critic()]
+    [NetworkSettings::default(), pooled, with_pooled_critic()]
 }
 
 fn with_pooled_critic() -> NetworkSettings {

@@ -30,9 +30,7 @@ fn env((image, components): Space) -> PointReach {
 }
 
 fn encoders() -> [EncoderSettings; 2] {
-    let fields = vec![2];
-    let keypoints = EncoderSettings::Keypoints { fields: fields.clone(), maps: 3 };
-    [EncoderSettings::Strided { fields }, keypoints]
+    [vec![2], vec![2, 2]].map(|fields| EncoderSettings::Strided { fields })
 }
 
 fn network(encoder: EncoderSettings, group: Group) -> NetworkSettings {

@@ -91,9 +91,7 @@ fn learned(initial: f32, target: f32) -> Temperature {
 
 #[test]
 fn settings_of_networks_out_of_range_are_refused_by_name() {
-    for preset in [NetworkSettings::so2_128(), NetworkSettings::keypoints()] {
-        preset.check().unwrap();
-    }
+    NetworkSettings::so2_128().check().unwrap();
     assert_refused(
         &NetworkSettings::default(),
         NetworkSettings::check,
@@ -103,9 +101,6 @@ fn settings_of_networks_out_of_range_are_refused_by_name() {
             ("encoder.strided.fields", |s| s.encoder = strided(vec![4, 0])),
             ("encoder.pooled.inner", |s| {
                 s.encoder = EncoderSettings::Pooled { fields: vec![], inner: [1, 0] };
-            }),
-            ("encoder.keypoints.maps", |s| {
-                s.encoder = EncoderSettings::Keypoints { fields: vec![1], maps: 0 };
             }),
             ("action_gain", |s| s.action_gain = 0.0),
             ("log_std", |s| s.log_std = f32::NAN),
@@ -164,7 +159,6 @@ fn settings_survive_a_file_and_unknown_names_are_refused() {
         ..NetworkSettings::default()
     });
     assert_survives(&NetworkSettings::so2_128());
-    assert_survives(&NetworkSettings::keypoints());
     let temperature = learned(0.3, -1.0);
     assert_survives(&SacSettings {
         temperature,

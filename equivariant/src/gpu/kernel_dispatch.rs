@@ -74,47 +74,14 @@ impl DynamicDim {
     }
 }
 
-/// Operation that combines the values of the threads of a GPU workgroup.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum ReductionOp {
-    Sum,
-    Max,
-}
-
-/// WGSL function that combines the values of a workgroup's threads, which are of WGSL type
-/// `element`.
-#[derive(Clone, Copy, Debug)]
-struct Reduction {
-    name: &'static str,
-    element: &'static str,
-    combine: ReductionOp,
-}
-
-impl Reduction {
-    fn text(self, subgroups: bool) -> String {
-        let text = if subgroups {
-            include_str!("wgsl/reduce_in_subgroups.wgsl")
-        } else {
-            include_str!("wgsl/reduce.wgsl")
-        };
-        let (combined, of_subgroup) = match self.combine {
-            ReductionOp::Sum => ("a + b", "subgroupAdd"),
-            ReductionOp::Max => ("max(a, b)", "subgroupMax"),
-        };
-        text.replace("NAME", self.name)
-            .replace("TYPE", self.element)
-            .replace("COMBINED", combined)
-            .replace("OF_SUBGROUP", of_subgroup)
-    }
-}
-
 /// Dispatch of a GPU kernel: its WGSL text, its buffers in the order of their bindings, and its
 /// number of workgroups.
 #[derive(Clone, Debug)]
 pub struct KernelDispatch {
     pub(crate) label: &'static str,
     source: String,
-    reductions: Vec<Reduction>,
+    /// `true` if the kernel calls `summed`.
+    has_workgroup_sum: bool,
     /// Buffers of the kernel in the order of their bindings, each with `true` if the kernel writes
     /// it.
     pub(crate) buffers: Vec<(BufferSlot, bool)>,
@@ -137,7 +104,7 @@ impl KernelDispatch {
         KernelDispatch {
             label,
             source: [include_str!("wgsl/common.wgsl"), group].concat(),
-            reductions: Vec::new(),
+            has_workgroup_sum: false,
             buffers: Vec::new(),
             workgroups: work,
         }
@@ -171,36 +138,25 @@ impl KernelDispatch {
 
     /// Adds the WGSL function `summed(value, place)`, the sum over the threads of a workgroup,
     /// where `place` is the argument of `main`. All threads of the workgroup must call it.
-    pub fn add_workgroup_sum(self) -> KernelDispatch {
-        self.add_workgroup_reduction("summed", "f32", ReductionOp::Sum)
-    }
-
-    /// Adds the WGSL function `name(value, place)`, which combines the values of the threads of a
-    /// workgroup.
-    pub(crate) fn add_workgroup_reduction(
-        mut self,
-        name: &'static str,
-        element: &'static str,
-        combine: ReductionOp,
-    ) -> KernelDispatch {
-        self.reductions.push(Reduction { name, element, combine });
+    pub fn add_workgroup_sum(mut self) -> KernelDispatch {
+        self.has_workgroup_sum = true;
         self
     }
 
     /// Returns the complete WGSL text of the kernel, with or without subgroup operations.
     pub(crate) fn wgsl_source(&self, subgroups: bool) -> String {
-        // kernels without reductions need no subgroup extension
-        let subgroups = subgroups && !self.reductions.is_empty();
-        let place = if subgroups {
-            include_str!("wgsl/place_in_subgroups.wgsl")
-        } else {
-            include_str!("wgsl/place.wgsl")
+        // kernels without a sum need no subgroup extension
+        let (place, sum) = match (self.has_workgroup_sum, subgroups) {
+            (true, true) => (
+                include_str!("wgsl/place_in_subgroups.wgsl"),
+                include_str!("wgsl/sum_in_subgroups.wgsl"),
+            ),
+            (true, false) => {
+                (include_str!("wgsl/place.wgsl"), include_str!("wgsl/workgroup_sum.wgsl"))
+            }
+            (false, _) => (include_str!("wgsl/place.wgsl"), ""),
         };
-        let mut source = [&self.source, place].concat();
-        for reduction in &self.reductions {
-            source.push_str(&reduction.text(subgroups));
-        }
-        source
+        [&self.source, place, sum].concat()
     }
 
     /// Adds an input buffer to the GPU kernel as an array of the WGSL type `element`.
@@ -235,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_kernels_that_combine_values_have_operations_on_subgroups() {
+    fn only_kernels_that_sum_values_have_operations_on_subgroups() {
         let kernel = || KernelDispatch::new("some", 4, WorkgroupCount::fixed_workgroups(1));
         let has =
             |made: KernelDispatch, subgroups| made.wgsl_source(subgroups).contains("subgroup");

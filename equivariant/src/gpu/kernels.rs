@@ -1,6 +1,5 @@
 //! GPU kernels of every kind of layer.
 
-mod field_norm;
 mod folds;
 mod joins;
 mod linear;
@@ -8,7 +7,6 @@ mod partial;
 mod pointwise;
 mod pools;
 mod product;
-mod soft_argmax;
 mod window;
 
 use crate::gpu::error::GpuError;
@@ -79,11 +77,7 @@ fn add(
         LayerKind::Linear(dense) => linear::add(plan, &dense, x, y, with_relu),
         LayerKind::Relu => pointwise::relu(plan, x, y),
         LayerKind::GroupMaxPool => pointwise::group_max_pool(plan, x, y),
-        LayerKind::GroupMeanPool => pointwise::group_mean_pool(plan, x, y),
         LayerKind::MaxPool(kernel) => pools::max_pool(plan, kernel, x, y),
-        LayerKind::AveragePool(kernel) => pools::average_pool(plan, kernel, x, y),
-        LayerKind::FieldNorm(statistics) => field_norm::add(plan, statistics, x, y),
-        LayerKind::SpatialSoftArgmax { temperature } => soft_argmax::add(plan, temperature, x, y),
         LayerKind::Sequential(_) | LayerKind::Other => {
             return Err(GpuError::UnsupportedLayer { layer: layer.to_string() });
         }

@@ -14,71 +14,49 @@ use crate::steerable::hadamard::{
     split_by_irrep, split_by_irrep_mut, walsh_hadamard, with_const_order,
 };
 
-/// Shape of feature maps of regular fields, with the number of fields.
+/// Layer that takes the maximum of every regular field over the elements of the group.
+///
+/// Maps n regular fields to n trivial channels: the largest value in the regular basis. On ties the
+/// gradient goes to the first group element.
 #[derive(Clone, Copy, Debug)]
-struct RegularMaps {
+pub struct GroupMaxPool {
     shape: Shape,
     fields: usize,
 }
 
-impl RegularMaps {
-    /// Creates the shape after checking that its field type consists of regular fields only.
-    fn new(layer: &'static str, shape: Shape) -> Result<RegularMaps, LayerError> {
+impl GroupMaxPool {
+    /// Creates the pooling over the group for feature maps of this shape.
+    ///
+    /// # Errors
+    /// When the map is empty or its type is not regular fields only.
+    pub fn new(shape: Shape) -> Result<GroupMaxPool, LayerError> {
+        let layer = "GroupMaxPool";
         LayerError::check_map(layer, shape, 0)?;
         let fields = shape.fields.num_regular_fields().ok_or(LayerError::InvalidFieldType {
             layer,
             got: shape.fields,
             expected: "regular fields only",
         })?;
-        Ok(RegularMaps { shape, fields })
+        Ok(GroupMaxPool { shape, fields })
+    }
+}
+
+impl LayerSignature for GroupMaxPool {
+    fn in_shape(&self) -> Shape {
+        self.shape
     }
 
     /// Returns the shape after pooling over the group: a trivial channel for each regular field.
-    fn pooled(&self) -> Shape {
-        let fields = self.shape.fields.group().trivial_type(self.fields);
-        Shape { fields, ..self.shape }
+    fn out_shape(&self) -> Shape {
+        Shape { fields: self.shape.fields.group().trivial_type(self.fields), ..self.shape }
     }
 }
 
-/// Implements the parts that are common to layers that reduce each regular field to one number.
-macro_rules! pooled_over_the_group {
-    ($Pool:ident) => {
-        impl $Pool {
-            /// Creates the pooling over the group for feature maps of this shape.
-            ///
-            /// # Errors
-            /// When the map is empty or its type is not regular fields only.
-            pub fn new(shape: Shape) -> Result<$Pool, LayerError> {
-                RegularMaps::new(stringify!($Pool), shape).map($Pool)
-            }
-        }
-
-        impl LayerSignature for $Pool {
-            fn in_shape(&self) -> Shape {
-                self.0.shape
-            }
-
-            fn out_shape(&self) -> Shape {
-                self.0.pooled()
-            }
-        }
-
-        impl fmt::Display for $Pool {
-            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                write!(f, concat!(stringify!($Pool), "({})"), self.0.shape)
-            }
-        }
-    };
+impl fmt::Display for GroupMaxPool {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "GroupMaxPool({})", self.shape)
+    }
 }
-
-/// Layer that takes the maximum of every regular field over the elements of the group.
-///
-/// Maps n regular fields to n trivial channels: the largest value in the regular basis. On ties the
-/// gradient goes to the first group element.
-#[derive(Clone, Copy, Debug)]
-pub struct GroupMaxPool(RegularMaps);
-
-pooled_over_the_group!(GroupMaxPool);
 
 impl Parameterless for GroupMaxPool {
     fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
@@ -86,13 +64,13 @@ impl Parameterless for GroupMaxPool {
     }
 
     fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
-        let order = self.0.shape.fields.group().order();
-        with_const_order!(G = order, forward::<T, G>(self.0.fields, x, y));
+        let order = self.shape.fields.group().order();
+        with_const_order!(G = order, forward::<T, G>(self.fields, x, y));
     }
 
     fn backprop<T: Scalar>(&self, x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
-        let order = self.0.shape.fields.group().order();
-        with_const_order!(G = order, backward::<T, G>(self.0.fields, x, dy, dx));
+        let order = self.shape.fields.group().order();
+        with_const_order!(G = order, backward::<T, G>(self.fields, x, dy, dx));
     }
 }
 
@@ -136,68 +114,15 @@ fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
     best
 }
 
-/// Layer that takes the mean of every regular field over the elements of the group.
-///
-/// Maps n regular fields to n trivial channels. The mean of a field's values is its trivial
-/// coefficient over the square root of the group's order; the other coefficients do not matter, so
-/// the layer is linear.
-#[derive(Clone, Copy, Debug)]
-pub struct GroupMeanPool(RegularMaps);
-
-impl GroupMeanPool {
-    /// Returns the factor from a field's trivial coefficient to its mean over the group, 1 /
-    /// sqrt(|G|).
-    fn scale<T: Scalar>(&self) -> T {
-        let order = self.0.shape.fields.group().order() as f64;
-        T::from_f64(order.sqrt().recip())
-    }
-}
-
-pooled_over_the_group!(GroupMeanPool);
-
-impl Parameterless for GroupMeanPool {
-    fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {
-        LayerKind::GroupMeanPool
-    }
-
-    fn apply<T: Scalar>(&self, x: &[T], y: &mut [T], _scratch: &mut [T]) {
-        let (dim, scale) = (self.0.shape.fields.dim(), self.scale::<T>());
-        let ys = y.chunks_exact_mut(self.0.fields);
-        for (pixel, out) in x.chunks_exact(dim).zip(ys) {
-            for (pooled, &value) in out.iter_mut().zip(pixel) {
-                *pooled = value * scale;
-            }
-        }
-    }
-
-    fn backprop<T: Scalar>(&self, _x: &[T], _y: &[T], dy: &[T], dx: &mut [T], _scratch: &mut [T]) {
-        let (dim, scale) = (self.0.shape.fields.dim(), self.scale::<T>());
-        let dys = dy.chunks_exact(self.0.fields);
-        for (gradient, upstream) in dx.chunks_exact_mut(dim).zip(dys) {
-            let (trivial, rest) = gradient.split_at_mut(upstream.len());
-            for (entry, &value) in trivial.iter_mut().zip(upstream) {
-                *entry = value * scale;
-            }
-            rest.fill(T::ZERO);
-        }
-    }
-}
-
-/// Returns examples of [`GroupMaxPool`] and [`GroupMeanPool`] for the tests that run on every kind
-/// of layer.
+/// Returns an example of [`GroupMaxPool`] for the tests that run on every kind of layer.
 pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
-    let shape = Shape::image(2, 3, group.regular_type(4));
-    Ok(vec![
-        TestLayer::exact("group max-pool", GroupMaxPool::new(shape)?),
-        TestLayer::exact("group mean-pool", GroupMeanPool::new(shape)?),
-    ])
+    let pool = GroupMaxPool::new(Shape::image(2, 3, group.regular_type(4)))?;
+    Ok(vec![TestLayer::exact("group max-pool", pool)])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::layers::layer::Layer;
-    use crate::steerable::hadamard::hadamard_transform;
 
     #[test]
     fn ties_go_to_the_first_element() {
@@ -210,20 +135,6 @@ mod tests {
             let mut values = [1.0f64, 5.0, 2.0, 3.0];
             values[place] = f64::NAN;
             assert!(first_maximum(values).1.is_nan(), "{values:?}");
-        }
-    }
-
-    #[test]
-    fn the_mean_is_that_of_the_regular_basis() {
-        for group in Group::ALL {
-            let pool = GroupMeanPool::new(Shape::vector(group.regular_type(1))).unwrap();
-            let values = [1.0, -2.0, 3.0, -8.0];
-            let mut x = values[..group.order()].to_vec();
-            let mean = x.iter().sum::<f64>() / x.len() as f64;
-            hadamard_transform(group, &mut x);
-            let mut y = [0.0];
-            pool.forward(&[], &x, &mut y, &mut pool.allocate_scratch(1));
-            assert!((y[0] - mean).abs() < 1e-15, "{group}");
         }
     }
 }

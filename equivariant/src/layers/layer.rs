@@ -201,20 +201,8 @@ pub enum LayerKind<'a, T: Scalar> {
     /// Maximum of every channel over a sliding window of pixels, in the basis that the group
     /// permutes.
     MaxPool(SlidingWindow),
-    /// Average of every channel over a sliding window of pixels.
-    AveragePool(SlidingWindow),
     /// Maximum of every regular field over the elements of the group.
     GroupMaxPool,
-    /// Mean of every regular field over the elements of the group.
-    GroupMeanPool,
-    /// Normalisation of every field to mean 0 and variance 1 by the given statistics, then a learnt
-    /// scale and shift.
-    FieldNorm(&'a NormStatistics),
-    /// Expected pixel position of every map under the softmax over its pixels.
-    SpatialSoftArgmax {
-        /// Divisor of a map's values before the softmax over its pixels.
-        temperature: f64,
-    },
     /// Chain of layers, whose parameters lie one after another in the order of the layers.
     Sequential(&'a [Box<dyn Layer<T>>]),
     /// Any other layer, which runs only through its own `forward` and `backward`.
@@ -231,23 +219,6 @@ impl<'a, T: Scalar> LayerKind<'a, T> {
             _ => None,
         }
     }
-}
-
-/// Source of mean and variance of a [`FieldNorm`](crate::FieldNorm).
-#[derive(Clone, Debug, PartialEq)]
-pub enum NormStatistics {
-    /// Mean and variance of each sample separately, in training and inference alike (Ulyanov et
-    /// al., "Instance normalization", 2016).
-    PerSample,
-    /// Mean and variance over all samples of one call of `forward` (Ioffe and Szegedy, "Batch
-    /// normalization", ICML 2015). In a minibatch that runs in chunks these are the samples of a
-    /// chunk: ghost batch normalisation (Hoffer et al., NeurIPS 2017, section 4). Chunks are fixed,
-    /// so the result does not depend on threads.
-    Batch,
-    /// Fixed `[mean, variance]` per field, such as
-    /// [`FieldNorm::means_and_variances`](crate::FieldNorm::means_and_variances) of training data,
-    /// for inference after training with `Batch`.
-    Fixed(Vec<[f64; 2]>),
 }
 
 /// Layer without parameters; implements [`Layer`] in both precisions.

@@ -55,7 +55,6 @@ fn widths(encoder: &EncoderSettings) -> Vec<usize> {
     match encoder {
         EncoderSettings::Strided { fields } => fields.clone(),
         EncoderSettings::Pooled { fields, inner, .. } => [&fields[..], &inner[..]].concat(),
-        EncoderSettings::Keypoints { fields, maps, .. } => [&fields[..], &[*maps]].concat(),
         EncoderSettings::Blind => Vec::new(),
     }
 }

@@ -110,7 +110,6 @@ fn every_encoder_trains_as_on_the_cpu_also_without_operations_on_subgroups() {
     for (device, encoder) in [
         (&plain, network().encoder),
         (device(), EncoderSettings::Pooled { fields: vec![], inner: [3, 4] }),
-        (device(), EncoderSettings::Keypoints { fields: vec![3], maps: 2 }),
         (device(), EncoderSettings::Blind),
     ] {
         let network = NetworkSettings { encoder: encoder.clone(), ..network() };

@@ -69,41 +69,17 @@ pub(super) fn relu(plan: &mut Plan, x: &Tensor, y: &Tensor) {
 
 /// Adds the GPU kernels of a maximum over the group from map `x` to map `y`.
 pub(super) fn group_max_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
-    let backward = include_str!("../wgsl/group_max_pool_backward.wgsl");
+    let [of_x, of_y] = [x, y].map(|map| ChannelLayout::for_type(map.shape.fields));
     let texts = [
         ("group max-pool", include_str!("../wgsl/group_max_pool.wgsl")),
-        ("group max-pool backward", backward),
+        ("group max-pool backward", include_str!("../wgsl/group_max_pool_backward.wgsl")),
     ];
-    group_pool(plan, x, y, texts, |kernel| kernel);
-}
-
-/// Adds the GPU kernels of a mean over the group from map `x` to map `y`.
-pub(super) fn group_mean_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
-    let scale = (x.shape.fields.group().order() as f64).sqrt().recip();
-    let backward = include_str!("../wgsl/group_mean_pool_backward.wgsl");
-    let texts = [
-        ("group mean-pool", include_str!("../wgsl/group_mean_pool.wgsl")),
-        ("group mean-pool backward", backward),
-    ];
-    group_pool(plan, x, y, texts, |kernel| kernel.add_f32_constant("SCALE", scale));
-}
-
-/// Adds kernels with the names and WGSL texts `texts` that reduce each regular field to one number.
-fn group_pool(
-    plan: &mut Plan,
-    x: &Tensor,
-    y: &Tensor,
-    texts: [(&'static str, &str); 2],
-    constants: impl Fn(KernelDispatch) -> KernelDispatch,
-) {
-    let [of_x, of_y] = [x, y].map(|map| ChannelLayout::for_type(map.shape.fields));
-    let kernels = texts.map(|(label, text)| {
-        constants(kernel_per_field(label, &of_x, x.shape.num_pixels()).add_wgsl(text))
-    });
+    let kernels = texts
+        .map(|(label, text)| kernel_per_field(label, &of_x, x.shape.num_pixels()).add_wgsl(text));
     passes(plan, Map::new(x, &of_x), Map::new(y, &of_y), kernels);
 }
 
 /// Returns the buffers of the gradients with respect to `x` and `y` if both are needed.
-pub(super) fn gradients(x: &Tensor, y: &Tensor) -> Option<[BufferSlot; 2]> {
+fn gradients(x: &Tensor, y: &Tensor) -> Option<[BufferSlot; 2]> {
     Some([x.gradient?, y.gradient?])
 }
