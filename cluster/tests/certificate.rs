@@ -18,70 +18,46 @@ fn solved() -> (Vec<f64>, TransportPlan) {
     (cost, plan)
 }
 
-/// Way to spoil a plan, and the error that must name it.
-type Case = (fn(&mut TransportPlan), fn(&ClusterError) -> bool);
+/// Way to spoil a plan, and the beginning of the error in its `Debug` form.
+type Case = (fn(&mut TransportPlan), &'static str);
+
+const CASES: [Case; 14] = [
+    // mass that moved, grew, vanished, or is no mass
+    (|plan| plan.entries[0].sink = (plan.entries[0].sink + 1) % 4, "Marginal { side: \"sink\""),
+    (|plan| plan.entries[0].mass += 0.01, "Marginal { side: \"source\""),
+    (|plan| plan.entries.clear(), "Marginal { side: \"source\", index: 0, got: 0.0"),
+    (|plan| plan.entries[0].mass = f64::NAN, "Weight {"),
+    // a negative entry that its row and column make good
+    (
+        |plan| plan.entries.extend([-0.01, 0.01].map(|mass| Entry { source: 0, sink: 0, mass })),
+        "Weight {",
+    ),
+    // potentials
+    (|plan| plan.source_potentials[2] += 0.01, "DualInfeasible { source_index: 2"),
+    (|plan| plan.sink_potentials[1] -= 0.01, "DualityGap {"),
+    (|plan| plan.sink_potentials[3] = f64::NAN, "DualInfeasible { source_index: 0, sink_index: 3"),
+    // opposite shifts cancel in the dual value but not in the reduced costs of a plan with mixed
+    // pairs
+    (
+        |plan| plan.source_potentials[..2].copy_from_slice(&[1e6, -1e6]),
+        "DualInfeasible { source_index: 0",
+    ),
+    // false claims and shapes
+    (|plan| plan.cost += 0.01, "DualityGap {"),
+    (|plan| plan.cost = f64::NAN, "DualityGap {"),
+    (|plan| plan.sink_potentials.truncate(3), "Length {"),
+    (|plan| plan.entries[0].source = 6, "OutOfRange { name: \"source\", value: 6.0"),
+    (|plan| plan.entries[0].sink = 4, "OutOfRange { name: \"sink\", value: 4.0"),
+];
 
 #[test]
 fn the_certificate_refuses_spoilt_plans() {
-    use ClusterError::{DualInfeasible, DualityGap, Length, Marginal, OutOfRange, Weight};
-    let cases: [Case; 14] = [
-        // mass that moved, grew, vanished, or is no mass
-        (
-            |plan| plan.entries[0].sink = (plan.entries[0].sink + 1) % 4,
-            |error| matches!(error, Marginal { side: "sink", .. }),
-        ),
-        (
-            |plan| plan.entries[0].mass += 0.01,
-            |error| matches!(error, Marginal { side: "source", .. }),
-        ),
-        (|plan| plan.entries.clear(), |error| matches!(error, Marginal { got: 0.0, .. })),
-        (|plan| plan.entries[0].mass = f64::NAN, |error| matches!(error, Weight { .. })),
-        // a negative entry that its row and column make good
-        (
-            |plan| {
-                let moved = |mass| Entry { source: 0, sink: 0, mass };
-                plan.entries.extend([moved(-0.01), moved(0.01)]);
-            },
-            |error| matches!(error, Weight { .. }),
-        ),
-        // potentials
-        (
-            |plan| plan.source_potentials[2] += 0.01,
-            |error| matches!(error, DualInfeasible { source_index: 2, .. }),
-        ),
-        (|plan| plan.sink_potentials[1] -= 0.01, |error| matches!(error, DualityGap { .. })),
-        (
-            |plan| plan.sink_potentials[3] = f64::NAN,
-            |error| matches!(error, DualInfeasible { sink_index: 3, .. }),
-        ),
-        // opposite shifts cancel in the dual value but not in the reduced costs of a plan with
-        // mixed pairs
-        (
-            |plan| (plan.source_potentials[0], plan.source_potentials[1]) = (1e6, -1e6),
-            |error| matches!(error, DualInfeasible { source_index: 0, .. }),
-        ),
-        // false claims and shapes
-        (|plan| plan.cost += 0.01, |error| matches!(error, DualityGap { .. })),
-        (|plan| plan.cost = f64::NAN, |error| matches!(error, DualityGap { .. })),
-        (
-            |plan| plan.sink_potentials.truncate(3),
-            |error| matches!(error, Length { got: 3, expected: 4, .. }),
-        ),
-        (
-            |plan| plan.entries[0].source = 6,
-            |error| matches!(error, OutOfRange { name: "source", value: 6.0, .. }),
-        ),
-        (
-            |plan| plan.entries[0].sink = 4,
-            |error| matches!(error, OutOfRange { name: "sink", value: 4.0, .. }),
-        ),
-    ];
     let (cost, plan) = solved();
-    for (index, (spoil, is_expected)) in cases.into_iter().enumerate() {
+    for (index, (spoil, expected)) in CASES.into_iter().enumerate() {
         let mut spoilt = plan.clone();
         spoil(&mut spoilt);
         let error = checked(&cost, &spoilt).expect_err("a spoilt plan must be refused");
-        assert!(is_expected(&error), "{index}: {error}");
+        assert!(format!("{error:?}").starts_with(expected), "{index}: {error:?}");
     }
     let narrow = certify(&cost, Weights::Uniform(4), SIDES.1, &plan).unwrap_err();
     assert!(matches!(narrow, ClusterError::CostShape { len: 24, .. }), "{narrow}");
