@@ -168,6 +168,7 @@ rerun: deps
 # folder of wheels may be named in PIP_FIND_LINKS.
 VENV := $(abspath $(TARGET))/python
 POLICIES := $(VENV)/policies
+EXPORTED := $(VENV)/exported
 
 python: export CARGO_TARGET_DIR := $(abspath $(TARGET))
 
@@ -178,7 +179,7 @@ python: deps
 	cargo build --quiet --release --locked --bin covers
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/pip install --quiet 'maturin>=1.9,<2' 'gymnasium>=1.2' 'numpy>=1.26' 'pytest>=8' \
-	  'onnxruntime>=1.20'
+	  'onnxruntime>=1.20' 'safetensors>=0.5'
 	$(VENV)/bin/maturin build --quiet --release --locked --auditwheel skip \
 	  --manifest-path python/Cargo.toml --interpreter $(VENV)/bin/python --out $(VENV)/wheels
 	$(VENV)/bin/pip install --quiet --no-deps --force-reinstall $(VENV)/wheels/covers_envs-*.whl
@@ -186,6 +187,11 @@ python: deps
 	for policy in 0 1 2 3; do \
 	  $(TARGET)/release/covers export assets/pretrained --policy $$policy --out $(POLICIES)/$$policy || \
 	    exit 1; \
+	done
+	rm -rf $(EXPORTED)
+	COVERS_EXPORTED=$(EXPORTED) cargo test --quiet --locked --test suite policies_of_every_kind
+	for policy in $(EXPORTED)/*; do \
+	  $(VENV)/bin/python examples/onnx_policy.py $$policy || exit 1; \
 	done
 	cd python && COVERS_BYTES=$(abspath $(TARGET))/release/examples/bytes \
 	  COVERS_POLICIES=$(POLICIES) $(VENV)/bin/pytest --quiet tests
@@ -222,7 +228,7 @@ hyperqueue: deps
 # Hours: ten million inputs for each of fuzz/README.md's targets, a tenth of a million through MuJoCo.
 # It takes g++.
 FUZZ_RUNS := 10000000
-FUZZ_TARGETS := notation settings overrides command-line plan calibration checkpoint note tables network npz mjcf
+FUZZ_TARGETS := notation settings overrides command-line plan calibration checkpoint note tables npz mjcf
 # Files of inputs lie in memory where there is such a folder: a disk would take most of the time.
 FUZZ := TMPDIR=$(firstword $(wildcard /dev/shm) /tmp) cargo run --release --locked --
 

@@ -1,5 +1,6 @@
-//! What `covers export` writes, read back and run without the crates that wrote it.
+//! What `covers export` writes, read back without the crates that wrote it.
 
+use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -11,7 +12,6 @@ use safetensors::tensor::{Dtype, SafeTensors};
 use symmetry::Group;
 
 use crate::common::covers;
-use crate::common::onnx::{Tensor, run, tensor, weights};
 use crate::common::packed::small;
 use crate::common::scratch::Scratch;
 
@@ -20,48 +20,19 @@ fn export(run: &Path, policy: &str, out: &Path) -> Result<String, CoversError> {
     covers(&["export", &run, "--policy", policy, "--out", &to])
 }
 
-/// The arrays of a safetensors file.
-fn arrays(path: &Path) -> Vec<(String, Tensor)> {
+/// Names and shapes of the arrays of a safetensors file, in which no number is infinite or NaN.
+fn arrays(path: &Path) -> HashMap<String, Vec<usize>> {
     let bytes = fs::read(path).unwrap();
     let file = SafeTensors::deserialize(&bytes).unwrap();
     let arrays = file.iter().map(|(name, view)| {
-        let data = view.data();
-        let values: Vec<f64> = match view.dtype() {
-            Dtype::U8 => data.iter().map(|&byte| byte.into()).collect(),
-            Dtype::F32 => {
-                data.as_chunks().0.iter().map(|b| f32::from_le_bytes(*b).into()).collect()
-            }
-            other => panic!("{other:?}"),
-        };
-        (name.to_owned(), tensor(view.shape(), values))
+        let finite = |b: &[u8; 4]| f32::from_le_bytes(*b).is_finite();
+        assert!(
+            view.dtype() == Dtype::U8 || view.data().as_chunks().0.iter().all(finite),
+            "{name}"
+        );
+        (name.to_owned(), view.shape().to_vec())
     });
     arrays.collect()
-}
-
-/// The largest difference between what the exported policy and the policy say.
-fn difference(folder: &Path) -> f64 {
-    let model = fs::read(folder.join("policy.onnx")).unwrap();
-    let golden = arrays(&folder.join("golden.safetensors"));
-    let named = |name| golden.iter().find(|(n, _)| n == name).map(|(_, t)| t.clone());
-    let inputs = ["image", "vector"].map(|name| (name, named(name).unwrap()));
-    let outputs = run(&model, &inputs);
-    let mut names: Vec<&str> = outputs.keys().map(String::as_str).collect();
-    names.extend(["image", "vector"]);
-    names.sort_unstable();
-    let mut expected: Vec<&str> = golden.iter().map(|(name, _)| name.as_str()).collect();
-    expected.sort_unstable();
-    assert_eq!(names, expected);
-    let mut largest: f64 = 0.0;
-    for (name, tensor) in &outputs {
-        let kept = named(name).unwrap();
-        assert_eq!(tensor.shape(), kept.shape(), "{name}");
-        assert!(kept.iter().any(|&value| value != 0.0), "{name}");
-        for (got, wanted) in tensor.iter().zip(&kept) {
-            assert!(got.is_finite() && wanted.is_finite(), "{name}");
-            largest = largest.max((got - wanted).abs() / wanted.abs().max(1.0));
-        }
-    }
-    largest
 }
 
 /// Narrow networks on small pictures.
@@ -97,36 +68,35 @@ fn policies() -> Vec<Experiment> {
     groups.chain(others).collect()
 }
 
+/// `make python` names a folder in `COVERS_EXPORTED`, and runs what is written there by ONNX.
 #[test]
-fn exported_policies_say_what_the_policies_say() {
-    for experiment in policies() {
+fn policies_of_every_kind_are_written_with_golden_outputs() {
+    for (number, experiment) in policies().into_iter().enumerate() {
         let scratch = Scratch::new("export");
-        let folder = scratch.0.join("new");
+        let kept = std::env::var_os("COVERS_EXPORTED").map(PathBuf::from);
+        let folder = kept.unwrap_or(scratch.0.join("new")).join(number.to_string());
         export(&scratch.pack(&experiment), "0", &folder).unwrap();
-        let difference = difference(&folder);
-        assert!(difference < 1e-5, "{difference} {:?}", experiment.learner);
+        let golden = arrays(&folder.join("golden.safetensors"));
+        // two observations of each of two groups
+        assert!(golden.values().all(|shape| shape[0] == 4), "{golden:?}");
+        assert_eq!(golden["action"], [4, 4]);
+        assert_eq!(
+            golden.contains_key("value"),
+            matches!(experiment.learner, LearnerSettings::Covers(_))
+        );
     }
 }
 
-/// Weights under the names that PyTorch gives them are those of the model.
 #[test]
-fn weights_and_their_description_belong_to_the_model() {
+fn weights_have_the_names_that_pytorch_gives_them() {
     let scratch = Scratch::new("export-weights");
     let root = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("assets/pretrained");
     let folder = scratch.0.join("new");
     let said = export(&root, "1", &folder).unwrap();
     assert!(said.contains("policy.onnx"), "{said}");
-    let model = fs::read(folder.join("policy.onnx")).unwrap();
-    let model = weights(&model);
     let arrays = arrays(&folder.join("policy.safetensors"));
     assert_eq!(arrays.len(), 2 * (5 + 1 + 2 + 2) + 1);
-    for (name, array) in &arrays {
-        match name.as_str() {
-            "log_std" => assert!(array.iter().eq(&model["actor.log_std"])),
-            _ => assert_eq!(array, &model[name], "{name}"),
-        }
-    }
-    assert_eq!(model["image.0.weight"].shape(), [16, 6, 4, 4]);
+    assert_eq!(arrays["image.0.weight"], [16, 6, 4, 4]);
     let text = fs::read_to_string(folder.join("policy.json")).unwrap();
     let about: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(about["policy"], 1);
@@ -157,8 +127,6 @@ fn a_description_says_what_the_pictures_show() {
         // the camera reads back as it was, so that a program can ask for the same images
         let camera: Camera = serde_json::from_value(image["camera"].clone()).unwrap();
         assert_eq!(camera, experiment.envs.camera);
-        let difference = difference(&folder);
-        assert!(difference < 1e-5, "{difference} {beside:?}");
     }
 }
 

@@ -5,7 +5,6 @@ use covers::CoversError;
 use covers::program::Program;
 
 pub mod faulty;
-pub mod onnx;
 pub mod packed;
 pub mod protobuf;
 pub mod scratch;

@@ -1,6 +1,5 @@
 //! Reads the wire format of protocol buffers.
 
-/// A field of a message.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Field<'a> {
     Int(u64),
@@ -9,7 +8,6 @@ pub enum Field<'a> {
     Bytes(&'a [u8]),
 }
 
-/// The fields of a message with their numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Message<'a>(Vec<(u64, Field<'a>)>);
 
