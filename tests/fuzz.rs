@@ -95,7 +95,6 @@ targets! {
     checkpoints_are_read_or_refused: "checkpoint",
     notes_of_runs_are_read_or_refused: "note",
     tables_are_read_or_refused: "tables",
-    networks_are_read_or_refused: "network",
     recordings_are_read_or_refused: "npz",
     scenes_are_read_or_refused: "mjcf",
     scenes_are_compiled_or_refused: "compiler",

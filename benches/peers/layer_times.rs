@@ -16,7 +16,6 @@ use equivariant::{Layer, LayerError, LayerSignature, ParallelChunks, Scratch, Se
 use networks::network;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
-/// Number of images of a training chunk and of an inference chunk.
 const CHUNK: usize = 8;
 
 #[derive(Clone, Copy)]

@@ -116,7 +116,6 @@ impl Passes {
     }
 }
 
-/// Returns the milliseconds of all chunks.
 fn timed(mut chunk: impl FnMut()) -> f64 {
     let clock = Instant::now();
     for _ in 0..IMAGES / CHUNK {

@@ -5,7 +5,6 @@ mod concat;
 mod fused_chain;
 mod group_pool;
 mod gru;
-mod interchange;
 pub(crate) mod layer;
 mod linear;
 mod max_pool;
@@ -20,7 +19,6 @@ pub use check::{
 };
 pub use concat::Concat;
 pub use gru::{Gru, GruWorkspace};
-pub use interchange::{SafetensorsError, load_safetensors, save_safetensors};
 pub use layer::{Layer, LayerKind, LayerSignature, Scalar};
 pub use sequential::Sequential;
 

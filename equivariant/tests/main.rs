@@ -13,7 +13,6 @@ mod gradients;
 mod gru;
 mod init;
 mod instruction_sets;
-mod interchange;
 mod kernel_space;
 mod oracle;
 mod pooling;

@@ -12,7 +12,7 @@ mod window;
 use crate::gpu::error::GpuError;
 use crate::gpu::plan::{Plan, Tensor};
 use crate::layers::Concat;
-use crate::layers::layer::{Layer, LayerKind, flatten_layers};
+use crate::layers::layer::{Layer, LayerKind};
 use crate::shape::Shape;
 use crate::steerable::hadamard::permuted_field_order_and_count;
 
@@ -52,6 +52,17 @@ impl Plan {
         });
         joins::fork(self, &x, &readers);
         readers
+    }
+}
+
+/// Returns the layers of a chain, including those of nested chains; any other layer is returned
+/// alone.
+fn flatten_layers(layer: &dyn Layer<f32>) -> Vec<&dyn Layer<f32>> {
+    match layer.kind() {
+        LayerKind::Sequential(layers) => {
+            layers.iter().flat_map(|child| flatten_layers(child.as_ref())).collect()
+        }
+        _ => vec![layer],
     }
 }
 

@@ -72,9 +72,7 @@ pub struct Plan {
     param_positions: Vec<u32>,
 }
 
-/// Slot of the GPU buffer with the parameters of all layers.
 const PARAMS: BufferSlot = BufferSlot(0);
-/// Slot of the GPU buffer with the gradient with respect to the parameters of all layers.
 const GRADIENT: BufferSlot = BufferSlot(1);
 /// Slot of the GPU buffer [`SharedBuffer::FoldedGradient`].
 const FOLDED: BufferSlot = BufferSlot(2);

@@ -27,7 +27,7 @@ impl Scalar for f64 {}
 /// Shapes and sizes of a layer, independent of the precision.
 ///
 /// The provided methods suit a layer without parameters or scratch that keeps the shape. `Display`
-/// must print every setting of a layer, since files of networks are compared by it.
+/// names a layer in messages, with its shapes and settings.
 pub trait LayerSignature: fmt::Display + Send + Sync {
     /// Returns the shape of one input sample.
     fn in_shape(&self) -> Shape;
@@ -249,17 +249,6 @@ impl<T: Scalar, L: Parameterless> Layer<T> for L {
         if let Some(dx) = args.dx {
             self.backprop(args.x, args.y, args.dy, dx, args.scratch);
         }
-    }
-}
-
-/// Returns the layers of a chain, including those of nested chains; any other layer is returned
-/// alone.
-pub(crate) fn flatten_layers<T: Scalar>(layer: &dyn Layer<T>) -> Vec<&dyn Layer<T>> {
-    match layer.kind() {
-        LayerKind::Sequential(layers) => {
-            layers.iter().flat_map(|child| flatten_layers(child.as_ref())).collect()
-        }
-        _ => vec![layer],
     }
 }
 

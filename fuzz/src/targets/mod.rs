@@ -36,7 +36,7 @@ pub struct Target {
 }
 
 /// All targets.
-pub const TARGETS: [Target; 13] = [
+pub const TARGETS: [Target; 12] = [
     text::NOTATION,
     text::SETTINGS,
     text::OVERRIDES,
@@ -46,7 +46,6 @@ pub const TARGETS: [Target; 13] = [
     checkpoint::CHECKPOINT,
     note::NOTE,
     tables::TABLES,
-    tensors::NETWORK,
     npz::NPZ,
     mjcf::MJCF,
     mjcf::COMPILER,
