@@ -33,7 +33,6 @@ fn assert_close(name: &str, got: &[f64], expected: &[f64]) {
     assert!(error < TOLERANCE, "{name}: {error}");
 }
 
-/// Runs a layer on a case of the file and returns the gradient of the parameters.
 fn check(case: &str, layer: &dyn Layer<f64>, params: &[f64]) -> Vec<f64> {
     let (in_shape, out_shape) = (layer.in_shape(), layer.out_shape());
     let of = |part: &str| golden(&format!("{case}.{part}"));
@@ -75,7 +74,6 @@ fn restrictions_are_those_of_their_definition_in_pytorch() {
     }
 }
 
-/// Returns the parameters of a convolution with the kernel and the bias of a case.
 fn params(case: &str, layer: &R2Conv) -> Vec<f64> {
     let dense = layer.as_ordinary_conv();
     let projection = dense.project_regular_kernel(&golden(&format!("{case}.kernel")));

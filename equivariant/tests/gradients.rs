@@ -30,7 +30,6 @@ fn cases() -> impl Iterator<Item = Case> {
     })
 }
 
-/// Returns the derivative of `f` along entry `i` of `at`.
 fn difference(at: &[f64], i: usize, f: impl Fn(&[f64]) -> f64) -> f64 {
     let moved = |by: f64| {
         let mut moved = at.to_vec();

@@ -7,7 +7,6 @@ use crate::common::{layers, normal, panic_of, params, scratch, unwritten};
 
 const SAMPLES: usize = 3;
 
-/// Returns the gradients, with the scratch moved between forward and backward.
 fn gradients<T: Scalar>(layer: &dyn Layer<T>, moved: impl Fn(Scratch<T>) -> Scratch<T>) -> Vec<T> {
     let params = params(layer, 1);
     let x = normal::<T>(SAMPLES * layer.in_shape().len(), 2);

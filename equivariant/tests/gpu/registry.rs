@@ -43,7 +43,6 @@ fn layers_without_kernels_are_refused_by_name() {
     }
 }
 
-/// Creates a network for up to five samples with these parameters.
 fn network(layer: &dyn Layer<f32>, params: &[f32]) -> Network {
     let mut network = Network::new(device(), layer, 5).unwrap();
     network.set_params(params);
