@@ -20,7 +20,6 @@ pub(crate) use kinova_gen3::made as kinova_gen3_arm;
 /// Finger slides and actuators of `Sawyer` and `Hand`.
 const GRIPPER: Mjcf<'static> = part!("gripper.xml");
 
-/// Returns parts made of files of this crate.
 fn parts(mjcf: &'static str, included_files: &[Mjcf<'static>]) -> EmbodimentParts {
     let files = included_files.iter().chain([&GRIPPER]);
     EmbodimentParts {

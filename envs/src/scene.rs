@@ -310,7 +310,6 @@ fn pad(model: &Model, side: &str) -> Result<BodyId, EnvError> {
     Ok(model.body(&format!("{side}_pad")).or_else(|_| claw())?)
 }
 
-/// Returns the addresses in `qpos` of the named joints, with the given positions.
 fn addresses(model: &Model, joints: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, EnvError> {
     let address = |&(name, position)| Ok((model.joint_qpos_address(model.joint(name)?), position));
     joints.iter().map(address).collect()

@@ -354,7 +354,6 @@ impl Drop for VecEnv {
     }
 }
 
-/// Returns the range of a worker's actions among those of all environments.
 fn action_range(worker: &Worker) -> std::ops::Range<usize> {
     worker.envs.start * ACTION_DIM..worker.envs.end * ACTION_DIM
 }

@@ -22,7 +22,6 @@ const N: usize = 3;
 /// Allocations that three threads and their four channels may make once.
 const ONCE: usize = 8;
 
-/// Counts the allocations of `run`.
 fn allocations(run: impl FnOnce()) -> usize {
     let region = Region::new(ALLOCATOR);
     run();

@@ -18,7 +18,6 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Arc<Scene> {
     Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap())
 }
 
-/// Returns a table at the start of an episode.
 fn started(group: TaskGroup, embodiment: Embodiment) -> TableTop {
     let mut table = TableTop::new(scene(group, embodiment), Control::default()).unwrap();
     table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000)).unwrap();

@@ -8,7 +8,6 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-/// One decision of a press.
 #[derive(Debug)]
 struct Press {
     /// Remaining travel (metres).

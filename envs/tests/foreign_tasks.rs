@@ -17,7 +17,6 @@ fn scene(group: TaskGroup) -> Result<Scene, EnvError> {
     Scene::new(group, Embodiment::HAND, Camera::default())
 }
 
-/// Returns a table of `group` at the start of an episode.
 fn started(group: TaskGroup, control: Control) -> TableTop {
     let mut table = TableTop::new(Arc::new(scene(group).unwrap()), control).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);

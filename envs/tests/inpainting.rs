@@ -13,8 +13,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-use crate::arm;
-use crate::arm::Arm;
+mod arm;
+
+use arm::Arm;
 
 const SIZE: usize = 64;
 

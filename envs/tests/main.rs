@@ -18,6 +18,3 @@ mod simulated_arm;
 mod solids;
 mod tasks;
 mod vec_env;
-
-#[path = "../examples/inpainting/arm.rs"]
-mod arm;

@@ -18,7 +18,6 @@ fn scene(embodiment: Embodiment) -> Arc<Scene> {
     Arc::new(Scene::new(TaskGroup::GOAL_REACH, embodiment, Camera::default()).unwrap())
 }
 
-/// Returns an arm at the start of an episode.
 fn started(latency: f64) -> SimulatedArm {
     let mut arm = SimulatedArm::new(scene(Embodiment::KINOVA_GEN3), latency).unwrap();
     let placement = Placement { object: DVec3::ZERO, goal: DVec3::new(0.1, 0.1, 0.1) };

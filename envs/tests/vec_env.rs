@@ -175,7 +175,6 @@ fn large(settings: &VecEnvSettings, group: TaskGroup) -> (TableTop, SceneRendere
     (table, SceneRenderer::without_arm(scene).unwrap())
 }
 
-/// Returns row `env` of observations.
 fn row(observations: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
     let image = observations.images.len() / N;
     (

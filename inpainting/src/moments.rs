@@ -108,7 +108,6 @@ mod tests {
         }
     }
 
-    /// A cut across the long axis makes an ellipse rounder, and lopsided.
     #[test]
     fn an_ellipse_that_is_cut_round_is_lopsided() {
         let moments = ImageMoments::of_weighted_pixels(&ellipse([84.0, 70.0], 0.4, 0.6));

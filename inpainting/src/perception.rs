@@ -122,7 +122,6 @@ impl Perception {
     }
 }
 
-/// Returns the warp from a camera's pictures to those of `view`, a camera at the same position.
 fn rectification(calibration: &Calibration, view: &PinholeCamera) -> Result<Warp, InpaintingError> {
     let Intrinsics { width, height, .. } = calibration.intrinsics;
     let across = view.intrinsics.width;
@@ -149,7 +148,6 @@ mod tests {
 
     const SIZE: usize = 48;
 
-    /// Returns the camera of the policy's training.
     fn policy() -> PinholeCamera {
         PinholeCamera::overhead(SIZE, 1.5, 0.44)
     }

@@ -45,7 +45,6 @@ pub enum ConformanceError {
 /// Description of a conformance rule, and the function that checks it.
 type Rule = (&'static str, fn(&Case) -> RuleResult);
 
-/// Conformance rules for a scene, checked with its identity variant.
 const OF_SCENES: [Rule; 3] = [
     ("everything in the scene has a name", scene_rules::names),
     ("pictures show what happens", scene_rules::moving_pictures),

@@ -60,7 +60,6 @@ struct PressReward {
     weights: [f64; 2],
 }
 
-/// Figures of the reward of Button Press.
 const PRESS: PressReward = PressReward {
     travel: 0.0935,
     success: 0.02,
@@ -68,7 +67,6 @@ const PRESS: PressReward = PressReward {
     touching: 0.05,
     weights: [2.0, 8.0],
 };
-/// Figures of the reward of Button Press Topdown.
 const TOP_PRESS: PressReward = PressReward {
     // 0.0935 turned by 1.57
     travel: 0.09349997035412654,

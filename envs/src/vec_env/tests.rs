@@ -45,7 +45,6 @@ impl Rig {
         texts(self.env.reset(self.batch.observations_mut()).unwrap())
     }
 
-    /// Returns row `env` of an observation.
     fn row(observation: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
         let image = observation.images.len() / N;
         (

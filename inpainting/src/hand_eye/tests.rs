@@ -8,7 +8,6 @@ use crate::camera::{Extrinsics, Intrinsics};
 use crate::distortion::Distortion;
 use crate::sensor::standard_normal;
 
-/// Returns a camera at a position, turned from looking straight down.
 fn camera(position: DVec3, turn: DVec3, distortion: Distortion) -> Calibration {
     let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
     let rotation = turn * Extrinsics::overhead(0.0).rotation;
