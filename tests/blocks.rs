@@ -32,7 +32,6 @@ fn blocks(text: &str) -> Vec<(&str, String)> {
     found
 }
 
-/// Blocks of a language on a page.
 fn blocks_of(text: &str, language: &str) -> Vec<String> {
     let blocks = blocks(text).into_iter();
     let of = blocks.filter(|(name, _)| name.split(',').next() == Some(language));

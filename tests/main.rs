@@ -26,7 +26,6 @@ mod settings;
 mod table1;
 #[cfg(feature = "tui")]
 mod terminal;
-mod unsafe_code;
 mod variants;
 mod watch;
 mod words;

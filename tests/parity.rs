@@ -88,7 +88,6 @@ fn only_row(folder: &Scratch) -> ParityRow {
     rows.remove(0)
 }
 
-/// Adds to the number at `index` of an array.
 fn add(bytes: &mut [u8], index: usize, value: f64) {
     let at = start(bytes) + 8 * index;
     let number = bytes[at..].first_chunk_mut().unwrap();

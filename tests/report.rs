@@ -30,7 +30,6 @@ impl Scratch {
         fs::write(path, summary.to_string()).unwrap();
     }
 
-    /// Reports the runs of these names.
     fn report(&self, names: &[&str], more: &[&str]) -> Result<String, CoversError> {
         let folders = names.iter().map(|name| self.0.join(name));
         let folders: Vec<String> = folders.map(|path| path.display().to_string()).collect();

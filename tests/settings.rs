@@ -31,7 +31,6 @@ const SOURCES: [&str; 19] = [
     "rl/src/sac/context.rs",
     "rl/src/sac/settings.rs",
 ];
-/// Files of the symmetries.
 const SYMMETRIES: [&str; 2] = ["symmetry/src/d2.rs", "symmetry/src/group.rs"];
 
 const HEAD: &str = "# Settings
@@ -73,7 +72,6 @@ fn sentence(doc: &str) -> String {
     text.replace("[`", "`").replace("`]", "`").replace("`None`", "`null`").replace('|', "\\|") + "."
 }
 
-/// Returns the name of a variant in files, by the rule of its enum.
 fn in_files(variant: &str, rule: &str) -> String {
     let word = |(i, c): (usize, char)| match c {
         'A'..='Z' if i > 0 && rule == "snake_case" => format!("_{}", c.to_ascii_lowercase()),
@@ -130,7 +128,6 @@ impl Types {
         }
     }
 
-    /// Returns the type in words.
     fn words(&self, kind: &str) -> String {
         let inside = |start: &str, end: char| kind.strip_prefix(start)?.strip_suffix(end);
         if let Some(inner) = inside("Option<", '>') {
@@ -206,7 +203,6 @@ impl Types {
     }
 }
 
-/// Joins a path and a name. A path may begin below the learner.
 fn join(path: &str, name: &str) -> String {
     match (path, name) {
         ("", "learner") => String::new(),

@@ -23,7 +23,6 @@ fn results() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/results")
 }
 
-/// Archives of kept runs.
 fn archives() -> Vec<String> {
     let names = files(&results().join("data"));
     names.into_iter().filter(|name| name.ends_with(".tar.gz")).collect()

@@ -1,7 +1,7 @@
 //! Arrays of `mjModel` by their C names, for programs that compare or change whole models.
 
 use std::ffi::CStr;
-use std::ptr::{self, NonNull};
+use std::ptr;
 use std::slice;
 
 use crate::data::Data;
@@ -188,10 +188,7 @@ impl Model {
     /// # Panics
     /// If a row does not exist, or has another length than the new values.
     pub fn edited(&self, edits: &[RowEdit]) -> Self {
-        // SAFETY: a live model; MuJoCo allocates a copy where it is given none, and reports a
-        // failed allocation as an error, which aborts.
-        let mut copy =
-            unsafe { NonNull::new_unchecked(raw::mj_copyModel(ptr::null_mut(), self.as_raw())) };
+        let mut copy = self.copied();
         for RowEdit { array, row, values } in edits {
             // SAFETY: nobody else holds the copy yet.
             let (NumberStart::f64(start), rows, width) = array.location(unsafe { copy.as_ref() });
@@ -207,7 +204,7 @@ impl Model {
             raw::mj_setConst(copy.as_mut(), data);
             raw::mj_deleteData(data);
         }
-        self.edited_copy(copy)
+        self.relative(copy)
     }
 }
 

@@ -89,7 +89,7 @@ impl Model {
         Ok(Self { raw, warning, family: Arc::new(()) })
     }
 
-    /// Returns the model that owns `raw`, a copy of this one with other poses.
+    /// Returns the model that owns `raw`, a copy of this one with other values.
     pub(crate) fn relative(&self, raw: NonNull<raw::mjModel>) -> Self {
         Self { raw, warning: self.warning.clone(), family: Arc::new(()) }
     }
@@ -119,11 +119,6 @@ impl Model {
     /// Returns MuJoCo's warning during compilation, if any.
     pub fn compile_warning(&self) -> Option<&str> {
         self.warning.as_deref()
-    }
-
-    /// Returns the model that owns `raw`, a copy of this one with other values.
-    pub(crate) fn edited_copy(&self, raw: NonNull<raw::mjModel>) -> Self {
-        Self { raw, warning: self.warning.clone(), family: Arc::new(()) }
     }
 
     sizes! {

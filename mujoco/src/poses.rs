@@ -98,7 +98,8 @@ impl Model {
         Ok(())
     }
 
-    fn copied(&self) -> NonNull<raw::mjModel> {
+    /// Returns a copy of the raw model, which the caller owns.
+    pub(crate) fn copied(&self) -> NonNull<raw::mjModel> {
         // SAFETY: a live model; MuJoCo allocates a copy where it is given none.
         let copy = unsafe { raw::mj_copyModel(ptr::null_mut(), self.as_raw()) };
         // SAFETY: `mj_copyModel` reports a failed allocation as an error, which aborts.

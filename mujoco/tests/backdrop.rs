@@ -91,26 +91,6 @@ fn a_backdrop_of_another_renderer_is_refused_whatever_its_size() {
     }
 }
 
-#[test]
-fn a_backdrop_of_another_model_is_refused() {
-    let (mut data, mut other_data) = (simulation(), simulation());
-    let (_painter, mut backdrop) = drawn(&mut data, 8, 4);
-    let mut other = renderer(other_data.model(), 8, 4);
-    let refused = other.render_over_backdrop(&mut other_data, &mut backdrop, &mut [0; 96]);
-    assert!(matches!(refused, Err(RenderError::OtherRenderer { .. })));
-}
-
-#[test]
-fn a_backdrop_may_be_drawn_afresh_by_another_renderer() {
-    let mut data = simulation();
-    let (_painter, mut backdrop) = drawn(&mut data, 8, 4);
-    let mut other = renderer(data.model(), 4, 8);
-    let camera = top(&data);
-    other.draw_backdrop(&mut data, camera, &mut backdrop).unwrap();
-    let out = over(&mut other, &mut data, &mut backdrop);
-    assert_eq!(out, whole(&mut other, &mut data));
-}
-
 /// Makes OpenGL corrupt every picture of the current context, and report an error, until it is
 /// dropped.
 struct Spoilt {

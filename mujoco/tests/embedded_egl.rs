@@ -19,7 +19,6 @@ const SCENE: &str = r#"<mujoco>
 
 type Egl = egl::DynamicInstance<egl::EGL1_5>;
 
-/// `EGL_PLATFORM_SURFACELESS_MESA`.
 const SURFACELESS: egl::Enum = 0x31DD;
 const CONFIG: [egl::Int; 3] = [egl::SURFACE_TYPE, egl::PBUFFER_BIT, egl::NONE];
 
@@ -64,7 +63,6 @@ impl Program {
         self.egl.make_current(self.display, None, None, None).unwrap();
     }
 
-    /// Returns the current context with its surfaces for drawing and reading.
     fn current(&self) -> (Option<egl::Context>, [Option<egl::Surface>; 2]) {
         let surfaces = [egl::DRAW, egl::READ].map(|which| self.egl.get_current_surface(which));
         (self.egl.get_current_context(), surfaces)

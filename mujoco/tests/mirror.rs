@@ -6,7 +6,7 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use mujoco::{Backdrop, CameraView, Data, Mirror, Model, RenderError, RenderOptions, Renderer};
+use mujoco::{CameraView, Data, Mirror, Model, RenderError, RenderOptions, Renderer};
 
 /// Size of the images, in pixels. They are not square, or width and height could be exchanged.
 const WIDTH: usize = 80;
@@ -128,44 +128,6 @@ fn twins_drawn_in_the_mirror_between_them_mirror_bit_for_bit() {
         inexact > 100,
         "without mirrors only {inexact} of 240 differ, so the scenes are too easy"
     );
-}
-
-/// Handedness decides edges through pixel centres; round shapes are cut into other triangles and
-/// differ by a few levels.
-#[test]
-fn a_mirror_changes_nothing_but_edges() {
-    for seed in 0..60 {
-        let mut ready = ready(&scene(seed, Mirror::default()));
-        let direct = picture(&mut ready, Mirror::default()).unwrap();
-        assert!(differing(&direct, &vec![0; direct.len()], 0) > 100, "scene {seed} is empty");
-        for mirror in MIRRORS {
-            let seen = picture(&mut ready, mirror).unwrap();
-            let [edges, shades] = [24, 8].map(|levels| differing(&direct, &seen, levels));
-            assert!(
-                edges <= 8 && shades <= 48,
-                "scene {seed}, {mirror:?}: {edges} and {shades} pixels"
-            );
-        }
-    }
-}
-
-#[test]
-fn a_backdrop_keeps_its_mirror() {
-    let (mut data, mut renderer) = ready(&scene(3, Mirror::default()));
-    let camera = data.model().camera("top").unwrap();
-    for mirror in MIRRORS {
-        let mut backdrop = Backdrop::default();
-        renderer.draw_backdrop(&mut data, CameraView { camera, mirror }, &mut backdrop).unwrap();
-        for height in [0.0, 0.2, 0.4] {
-            data.qpos_mut()[0] = height;
-            data.forward().unwrap();
-            let (mut over, mut whole) =
-                (vec![0; renderer.image_len()], vec![0; renderer.image_len()]);
-            renderer.render_over_backdrop(&mut data, &mut backdrop, &mut over).unwrap();
-            renderer.render(&mut data, CameraView { camera, mirror }, &mut whole).unwrap();
-            assert!(over == whole, "{mirror:?} at {height}");
-        }
-    }
 }
 
 /// A tetrahedron without symmetry: one flip would need its mirror image, which is another shape;

@@ -20,7 +20,6 @@ fn is_case(name: &str) -> bool {
     env::var(CASE).is_ok_and(|case| case == name)
 }
 
-/// Runs the test `name` of this file in a process of its own, in the folder `folder`.
 fn run_case_in(name: &str, folder: &Path) -> Output {
     Command::new(env::current_exe().unwrap())
         .args(["--exact", name, "--nocapture"])

@@ -14,7 +14,6 @@ use envs::{Camera, Embodiment};
 pub use crate::scratch::Scratch;
 
 impl Scratch {
-    /// A run's folder in it.
     pub fn run(&self, name: &str) -> RunFolder {
         RunFolder::create(&self.0, name).unwrap()
     }
@@ -63,7 +62,6 @@ pub fn bytes(folder: &Path) -> Bytes {
     files.map(read).collect()
 }
 
-/// The newest checkpoint.
 pub fn newest(folder: &Path) -> PathBuf {
     checkpoints(folder).pop().unwrap()
 }
@@ -120,7 +118,6 @@ pub fn interrupted(scratch: &Scratch) -> PathBuf {
     folder
 }
 
-/// All files of a run, with their paths in its folder.
 pub fn contents(folder: &Path) -> Bytes {
     let inside = [folder.to_owned(), folder.join("checkpoints")];
     let entries = inside.iter().flat_map(|path| fs::read_dir(path).unwrap());
@@ -147,7 +144,6 @@ pub fn assert_same(got: &Bytes, expected: &Bytes) {
     }
 }
 
-/// Operation of a disk.
 #[derive(Clone, Debug)]
 pub enum Operation {
     Write(PathBuf, Vec<u8>),

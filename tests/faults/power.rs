@@ -176,7 +176,6 @@ fn saved(folder: &Path) -> Option<usize> {
     numbers.max()
 }
 
-/// The recorded operations of a whole run, and its folder.
 fn record(scratch: &Scratch) -> (PathBuf, Vec<Operation>) {
     let operations = Arc::new(Mutex::new(Vec::new()));
     let recorded = Arc::clone(&operations);

@@ -63,7 +63,6 @@ fn train_arguments(scratch: &Scratch, experiment: &Experiment) -> [OsString; 5] 
     ["train".into(), "--config".into(), config.into(), "--folder".into(), folder]
 }
 
-/// Sends the signal when the process has printed `moment` and waits for the end.
 fn stop_after(moment: &str, mut process: Process, signal: &str) -> String {
     process.wait_for(moment);
     process.signal(signal);

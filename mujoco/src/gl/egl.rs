@@ -15,9 +15,7 @@ use crate::error::ContextError;
 
 type Egl = egl::DynamicInstance<egl::EGL1_5>;
 
-/// `EGL_PLATFORM_SURFACELESS_MESA` of the extension EGL_MESA_platform_surfaceless.
 const PLATFORM_SURFACELESS_MESA: egl::Enum = 0x31DD;
-/// `EGL_PLATFORM_DEVICE_EXT` of the extension EGL_EXT_platform_device.
 const PLATFORM_DEVICE_EXT: egl::Enum = 0x313F;
 
 const CONFIG: [egl::Int; 13] = [
