@@ -30,7 +30,6 @@ const PUSH: DVec3 = DVec3::new(0.0, -0.04, 0.0);
 /// Distance to the pushing point at which the approach has full reward (metres).
 const NEAR: f64 = 0.02;
 
-/// Task of pushing a block to the end of its rail.
 struct BlockPush;
 
 impl Task for BlockPush {

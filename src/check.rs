@@ -135,7 +135,6 @@ fn measure_symmetries(
     Ok(of_variants(&scenes, is_flipped, |scene, element| measure_symmetry(scene, element, seeds))?)
 }
 
-/// Compiles the scenes of all groups in these layouts with these embodiments, on all CPUs.
 fn scenes(
     layouts: &[(Layout, Embodiment)],
     groups: &[TaskGroup],

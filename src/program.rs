@@ -20,7 +20,6 @@ use experiments::{memory, survive_file_size_limit};
 use render::RenderOptions;
 use watch::WatchOptions;
 
-/// Text of `covers --help` and its manual page below the options.
 const AFTER_HELP: &str = "\
 Examples:
   covers train --budget short

@@ -26,7 +26,6 @@ use symmetry::D2;
 
 type Failure = Box<dyn Error + Send + Sync>;
 
-/// Duration of one measurement.
 const TURN: Duration = Duration::from_millis(400);
 /// Number of environments that take turns on each thread.
 const ENVS: usize = 16;

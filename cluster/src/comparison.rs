@@ -45,7 +45,6 @@ impl PairwiseComparison {
     }
 }
 
-/// Returns the mean Euclidean distance between the frames of `x` and those of `y`.
 fn between(x: &Frames, y: &Frames) -> Result<f64> {
     x.check_alike(y)?;
     let mut costs = EuclideanCosts::new();

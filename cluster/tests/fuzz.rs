@@ -5,7 +5,6 @@ use std::panic::catch_unwind;
 
 use crate::fuzz_case as case;
 
-/// `COVERS_INPUTS` asks for more inputs.
 #[test]
 fn hostile_inputs_get_the_verdict_they_deserve() {
     let inputs = std::env::var("COVERS_INPUTS").map_or(20_000, |inputs| inputs.parse().unwrap());

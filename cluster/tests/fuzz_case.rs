@@ -11,7 +11,6 @@ use rand_chacha::ChaCha8Rng;
 use crate::common::distances;
 use crate::oracle;
 
-/// Outcome of one input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Outcome {
     /// Solved and certified; no oracle covers it.
@@ -72,7 +71,6 @@ impl Problem {
     }
 }
 
-/// The weights of one side.
 enum Side {
     Uniform(usize),
     Given(Vec<f64>),

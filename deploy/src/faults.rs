@@ -159,7 +159,6 @@ impl FromStr for FaultAmount {
     }
 }
 
-/// Splits a text at its `=` into a fault and the text of its amounts.
 fn named(text: &str) -> Result<(Fault, &str), DeployError> {
     let refused =
         |expected| RunError::InvalidSetting { name: "fault", value: text.to_owned(), expected };

@@ -42,7 +42,6 @@ pub struct RigOptions {
     pub fault_amounts: Vec<FaultAmount>,
 }
 
-/// Parses the name of a robot.
 fn robot(name: &str) -> Result<Embodiment, EnvError> {
     if name == "kinova-sim" { Ok(Embodiment::KINOVA_GEN3) } else { name.parse() }
 }

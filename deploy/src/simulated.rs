@@ -48,7 +48,6 @@ impl SimulationSettings {
 
 type Watched = Watchdog<SimulatedArm, Box<dyn Fn() -> Duration>>;
 
-/// Duration of a control step of the simulation.
 const STEP: Duration = Duration::from_micros(12_500);
 /// Number of control steps whose states are kept to render late pictures: 2.25 s, more than the
 /// largest latency and exposure time of a camera.

@@ -71,7 +71,6 @@ mod tests {
         Duration::from_millis(t)
     }
 
-    /// Returns the state of an arm of one joint at this angle.
     fn state(angle: f64) -> RobotState {
         RobotState {
             joints: vec![angle],

@@ -119,7 +119,6 @@ fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
     Ok(())
 }
 
-/// Groups from the folders in `folder`.
 fn read(folder: &Path) -> Answer<Vec<Group>> {
     let mut groups = Vec::new();
     let mut first = None;

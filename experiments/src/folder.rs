@@ -31,7 +31,6 @@ pub(crate) const TIMINGS_FILE: &str = "timings.csv";
 /// Name of the copy of the timings that is written with every checkpoint, and from which they are
 /// restored. Checkpoints of equal runs are equal, so the copy cannot be inside them.
 pub(crate) const SAVED_TIMINGS_FILE: &str = "timings-saved.csv";
-/// File names of the tables (CSV) of a run.
 const TABLES: [&str; 5] =
     ["evaluation.csv", "metrics.csv", "recognition.csv", TIMINGS_FILE, "units.csv"];
 /// Names of the files of a run, without its settings and checkpoints.

@@ -113,7 +113,6 @@ fn timing_row(progress: &RolloutReport) -> TimingRow {
     }
 }
 
-/// Returns the row of `evaluation.csv` for one evaluated task variant.
 fn score_row(evaluation: &EvaluationReport, score: &Score) -> ScoreRow {
     ScoreRow {
         rollouts: evaluation.rollouts,
@@ -133,7 +132,6 @@ fn score_row(evaluation: &EvaluationReport, score: &Score) -> ScoreRow {
     }
 }
 
-/// Returns the row of `units.csv` for the network of one policy.
 fn units_row(evaluation: &EvaluationReport, dormancy: &DormantUnits) -> DormantUnitsRow {
     DormantUnitsRow {
         rollouts: evaluation.rollouts,
@@ -144,7 +142,6 @@ fn units_row(evaluation: &EvaluationReport, dormancy: &DormantUnits) -> DormantU
     }
 }
 
-/// Returns the row of `recognition.csv` for one answer of the learner.
 fn recognition_row(recognition: &Recognition) -> RecognitionRow {
     RecognitionRow {
         group: recognition.group.name().to_owned(),

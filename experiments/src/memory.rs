@@ -19,7 +19,6 @@ const MACHINE: &str = "the memory of this machine, beside other programs,";
 /// thread, 583 MiB with 4, 807 MiB with 16; and 475 MiB over hours of longer runs.
 const RESIDENT: u64 = 470 * MEBIBYTE;
 const RESIDENT_OF_THREAD: u64 = 56 * MEBIBYTE;
-/// Step of requests for memory (MiB).
 const REQUEST_STEP: u64 = 256;
 /// Address space (bytes) of a small run with one thread, and of each further thread, which has its
 /// own renderer and allocator arena. Measured: 1 thread ran with 0.86 GiB and failed with 0.76;

@@ -317,7 +317,6 @@ impl Budget {
     }
 }
 
-/// Returns the group with the decisions of its visits in streams of ten or more groups.
 fn long_visit(group: TaskGroup) -> (TaskGroup, usize) {
     // odd multiples of an episode in each of ten environments: rollouts of two episodes, as the
     // paper's, span task switches

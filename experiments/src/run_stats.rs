@@ -210,7 +210,6 @@ mod tests {
         stats
     }
 
-    /// Returns accuracy and return accuracy.
     fn accuracies(stats: &RunStats) -> [Option<f64>; 2] {
         [stats.assignment_accuracy(), stats.revisit_accuracy()]
     }

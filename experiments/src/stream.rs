@@ -9,7 +9,6 @@ use symmetry::D2;
 use crate::error::RunError;
 use crate::stop::StopSignal;
 
-/// Return of a perfect episode on the paper's scale.
 const PERFECT_EPISODE: f64 = 500.0;
 /// Factor from positions (metres) to network inputs, which makes them numbers of order one.
 const INPUTS_PER_METRE: f32 = 10.0;

@@ -156,7 +156,6 @@ mod tests {
         row.map(|(name, cell)| (name.to_string(), cell.to_string())).collect()
     }
 
-    /// Creates a table with one row in a file of the test's own.
     fn table(name: &str) -> CsvFile {
         let path = std::env::temp_dir().join(format!("covers-{name}-{}.csv", std::process::id()));
         let _ = fs::remove_file(&path);

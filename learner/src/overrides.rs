@@ -17,7 +17,6 @@ const LEARNER: &str = "learner";
 /// the time of the search.
 const LONGEST: usize = 100;
 
-/// Largest size of a settings file in bytes.
 const LARGEST_FILE: u64 = 64 << 20;
 
 /// Path of a setting and its new value, as given by `--set PATH=VALUE`.

@@ -13,7 +13,6 @@ fn settings() -> CoversSettings {
     CoversSettings { first_frames: 2, ..covers_settings() }
 }
 
-/// Settings with one thing changed.
 fn with(mut settings: CoversSettings, change: impl FnOnce(&mut CoversSettings)) -> CoversSettings {
     change(&mut settings);
     settings

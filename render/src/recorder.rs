@@ -219,7 +219,6 @@ impl VectorEnv for EpisodeRecorder {
     }
 }
 
-/// Creates the simulated table of a variant's task group under a camera, with its scene.
 fn table(
     settings: &VecEnvSettings,
     variant: TaskVariant,

@@ -10,7 +10,6 @@ use experiments::{RolloutRow, RunData, ScoreRow};
 
 /// Label of the x axis, which counts training decisions.
 const DECISIONS: &str = "decisions";
-/// Ticks of the success axis.
 const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
 /// Ticks of the reward axis, on the paper's scale of `[0, 500]`.
 const REWARD_TICKS: [f64; 3] = [0.0, 250.0, 500.0];

@@ -8,7 +8,6 @@ use super::method::MethodRuns;
 use super::svg::{DOT_RADIUS, SvgPlot};
 use experiments::evaluation::mean;
 
-/// Ticks of the success axis.
 const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
 /// Height of the panel with the learning curves (pixels).
 const HEIGHT: f64 = 190.0;

@@ -288,7 +288,6 @@ mod tests {
         assert_eq!(RunMetrics::of_run(&run).revisit_accuracy, Ok(0.5));
     }
 
-    /// The learner plays one variant of `a` with the policy of `b`.
     #[test]
     fn the_own_policy_counts_where_another_one_played() {
         let mut run = run(Method::Covers, &[("a", 0), ("b", 1)]);

@@ -132,7 +132,6 @@ mod tests {
         assert_eq!(cells(2), ["20", "- (1)", "- (1)", "- (1)", "- (1)"]);
     }
 
-    /// One policy serves both groups, `a` more often.
     #[test]
     fn a_group_that_shares_its_policy_has_no_right_answers() {
         let answers = [("a", 1, Some(0), 4), ("b", 1, Some(0), 4)];

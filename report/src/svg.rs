@@ -195,7 +195,6 @@ const STYLE: &str = "svg{color:#1b1f24}.paper{fill:#fff}text{fill:currentColor}\
     .band{stroke:none;fill-opacity:0.2}.tick{text-anchor:end}.name,.below{text-anchor:middle}\
     @media(prefers-color-scheme:dark){svg{color:#d6dbe0}.paper{fill:#16191d}}";
 
-/// Returns the SVG attributes of a stroke.
 fn attributes(Stroke { colour, dashes }: &Stroke) -> String {
     let dashes = match dashes.as_str() {
         "" => String::new(),

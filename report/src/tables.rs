@@ -11,7 +11,6 @@ use super::table::Table;
 use super::{efficiency, paper, per_visit, recognition};
 use experiments::RunData;
 
-/// Footnote of table rows with the paper's numbers.
 const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-World's and ours were \
     built for exact symmetry, so success rates do not compare one to one";
 

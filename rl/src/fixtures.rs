@@ -50,7 +50,6 @@ pub fn network(group: Group, encoder: EncoderSettings, context: bool) -> SacNetw
     SacNetwork::new(&settings(group, encoder), context, &spec()).unwrap()
 }
 
-/// Fills the arrays of N observations with random numbers.
 fn fill_random(rng: &mut ChaCha8Rng, out: &mut Observations) {
     out.images.fill_with(|| rng.random());
     out.vectors.fill_with(|| rng.random_range(-1.0..1.0));

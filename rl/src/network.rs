@@ -433,7 +433,6 @@ mod tests {
         ActorCritic::new(&NetworkSettings::default(), &spec).unwrap()
     }
 
-    /// Computes the gradient of three samples in a workspace for four, moved between the passes.
     fn gradient(moved: impl Fn(Workspace<f32>) -> Workspace<f32>) -> Vec<f32> {
         let network = network();
         let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(0));

@@ -115,7 +115,6 @@ fn decisions_and_values_that_are_not_numbers_are_refused() {
     assert_eq!(not_finite(result), "a value");
 }
 
-/// Returns a finished rollout of one step.
 fn one_step() -> RolloutBuffer {
     let mut buffer = RolloutBuffer::new(&spec(), 1).unwrap();
     push(&mut buffer, &step_arrays()).unwrap();

@@ -50,7 +50,6 @@ impl Toy for Bandit {
     }
 }
 
-/// A policy in the bandit, for rollouts of `steps` steps.
 fn run(num_envs: usize, scale: f32, steps: usize) -> OnPolicyRun<Toys<Bandit>, ActorCriticPolicy> {
     let env = Bandit::envs(num_envs, scale);
     let policy = ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), env.spec(), 2);

@@ -135,7 +135,6 @@ impl PlacedShape {
     }
 }
 
-/// Returns the half extent of a box along its longest axis, and the norm of the other two.
 fn along_longest(half: DVec3) -> (DVec3, f64) {
     let axis = DVec3::AXES[half.max_position()];
     let along = half * axis;

@@ -21,7 +21,6 @@ pub(crate) fn bounding_capsule(points: &[DVec3]) -> PlacedShape {
     )
 }
 
-/// Returns the shortest capsule of the smallest radius along `axis`.
 fn capsule_along(points: &[DVec3], axis: DVec3) -> PlacedShape {
     let [low, high] = extent(points);
     let middle = 0.5 * (low + high) * (DVec3::ONE - axis);

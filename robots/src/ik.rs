@@ -108,7 +108,6 @@ impl JointVelocitySolver {
     }
 }
 
-/// Adds `column column^T` to `system`.
 fn add_square(system: &mut [[f64; 6]; 6], column: Twist) {
     let column = column.to_array();
     for (row, left) in system.iter_mut().zip(column) {

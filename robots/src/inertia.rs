@@ -101,12 +101,10 @@ impl RobotDescription {
     }
 }
 
-/// Returns the mass of a link, or zero for a frame.
 fn mass(link: &Link) -> f64 {
     link.inertia.map(|inertia| inertia.mass).filter(|mass| *mass >= LEAST_MASS).unwrap_or(0.0)
 }
 
-/// Estimates the inertia of a link from capsules of water around its shapes.
 fn estimated(link: &Link) -> Inertia {
     let capsules = link.shapes.iter().flat_map(|of| of.enclosing_capsules(&Pose::IDENTITY));
     let masses = capsules.map(|Capsule { ends: [start, end], radius }| {

@@ -410,7 +410,6 @@ fn reversed(joint: &Joint) -> Option<DescriptionError> {
     require(low <= high, place, what, low, expected).err()
 }
 
-/// Writes the start tag of a link's body.
 fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
     let name = match &link.name[..] {
         // MuJoCo's own name of the world's body; reading a URDF allows it for a bare root only
@@ -473,7 +472,6 @@ fn moving(name: &str, motion: &JointMotion) -> String {
     )
 }
 
-/// Returns the name of a link's shape.
 fn geom_name(link: &Link, index: usize) -> String {
     format!("{}_{index}", link.name)
 }
@@ -496,7 +494,6 @@ fn geom(name: &str, placed_shape: &PlacedShape) -> String {
     format!("<geom name=\"{name}\" {shape}{place} mass=\"0\"/>\n")
 }
 
-/// Writes the attributes of a pose.
 fn placed(pose: &Pose) -> String {
     // MuJoCo's quaternions start with the real part
     let DQuat { x, y, z, w } = pose.rotation;

@@ -81,7 +81,6 @@ const TOOL_DOWN: [[f64; 5]; 9] = [
     [0.68, 0.05, 1.166, -0.773, -1.203],
 ];
 
-/// A pose with the tool straight down, the fingers opening sideways.
 fn tool_down(x: f64, y: f64, z: f64) -> Pose {
     Pose {
         position: DVec3::new(x, y, z),
@@ -370,7 +369,6 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
-    /// Limits of speed, acceleration and range hold for any sequence of commands.
     #[test]
     fn limits_hold_whatever_is_commanded(seed in any::<u64>()) {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);

@@ -72,7 +72,6 @@ fn kinova() -> Chain {
     Chain::new(&gen3::description().unwrap(), "tool_link").unwrap()
 }
 
-/// Returns the middle of all ranges.
 fn middle(chain: &Chain) -> Vec<f64> {
     let joints = chain.joints().iter();
     joints.map(|of| of.motion.range.map_or(0.0, |[low, high]| 0.5 * (low + high))).collect()

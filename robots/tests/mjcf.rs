@@ -260,7 +260,6 @@ fn the_simulated_arm_follows_its_control() {
     assert!(furthest < 0.01, "{furthest}");
 }
 
-/// A follower follows in motion, and no servo exceeds its joint's effort.
 #[test]
 fn followers_follow_and_efforts_hold_in_motion() {
     let arm = RobotDescription::from_urdf(SIX_JOINT).unwrap();

@@ -204,7 +204,6 @@ fn reversed_ranges_are_refused_where_they_are_used() {
     assert_eq!(follower.notes().len(), 2, "{:?}", follower.notes());
 }
 
-/// The motion of a joint.
 #[track_caller]
 fn motion_of(arm: &RobotDescription, joint: &str) -> JointMotion {
     let joint = arm.joints().iter().find(|other| other.name == joint).unwrap();

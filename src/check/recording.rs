@@ -260,7 +260,6 @@ mod tests {
         })
     }
 
-    /// Returns the deviation of a recorded step from itself with `change` applied.
     fn deviation(change: impl Fn(&mut StepReward)) -> f64 {
         let [recording, _] = recordings(&scene(TaskGroup::PLATE_SLIDE));
         let info = recording.info.row(&[1, 7]);

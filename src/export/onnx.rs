@@ -76,7 +76,6 @@ fn chain(
     })
 }
 
-/// Adds the ONNX operator of one network layer, and returns the name of its output.
 fn add_layer(
     graph: &mut Graph,
     name: &str,

@@ -125,7 +125,6 @@ fn is_overflow(error: &ParseIntError) -> bool {
     *error.kind() == IntErrorKind::PosOverflow
 }
 
-/// Parses the name of an irrep of `group`, or `reg` for the regular representation.
 fn parse_representation(group: Group, name: &str) -> Result<FieldType, ParseFieldTypeError> {
     if name == "reg" {
         return Ok(group.regular_type(1));

@@ -155,7 +155,6 @@ mod tests {
     use super::*;
     use experiments::presets::{Budget, Method};
 
-    /// Run of one group with a number of rollouts.
     fn run(rollouts: usize) -> RunData {
         let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
         run.experiment.schedule.groups.truncate(1);

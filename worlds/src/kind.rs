@@ -229,7 +229,6 @@ impl Property {
 /// Largest amplitude of a colour's drift, in 0..=255: about a tenth of the range.
 const MAX_COLOUR_DRIFT: f32 = 25.0;
 
-/// Colours of objects.
 const COLOURS: [[f32; 3]; 8] = [
     [210.0, 50.0, 45.0],
     [50.0, 165.0, 65.0],

@@ -56,7 +56,6 @@ fn equal_seeds_draw_equal_worlds_and_groups_differ_where_their_kind_says() {
     }
 }
 
-/// The mean reward of an expert for group `as_group` in group `of_group`.
 fn mean_reward(world: &World, of_group: usize, as_group: usize) -> f32 {
     let mut stream = TaskStream::new(world.clone(), visits(&[of_group], 9), 4).unwrap();
     let mut transition = Transition::new(stream.spec());

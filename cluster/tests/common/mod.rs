@@ -13,7 +13,6 @@ pub fn normal(rng: &mut ChaCha8Rng) -> f32 {
     radius * (std::f32::consts::TAU * rng.random::<f32>()).cos()
 }
 
-/// Draws `len` standard normal numbers.
 pub fn normals(rng: &mut ChaCha8Rng, len: usize) -> Vec<f32> {
     (0..len).map(|_| normal(rng)).collect()
 }
@@ -24,7 +23,6 @@ pub fn random_costs(seed: u64, len: usize) -> Vec<f64> {
     (0..len).map(|_| rng.random_range(-1.0..1.0)).collect()
 }
 
-/// Draws `len` weights of sum one.
 pub fn random_weights(seed: u64, len: usize) -> Vec<f64> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let weights: Vec<f64> = (0..len).map(|_| rng.random_range(0.0..1.0)).collect();

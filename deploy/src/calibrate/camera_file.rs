@@ -37,7 +37,6 @@ pub(super) fn read_camera_intrinsics(path: &Path) -> Result<(Intrinsics, Distort
     parse(&text).map_err(|problem| RunError::damaged_file(path, problem))
 }
 
-/// Parses a camera's intrinsics and distortion from YAML, or returns what is wrong with the text.
 fn parse(text: &str) -> Result<(Intrinsics, Distortion), String> {
     // `%YAML:1.0`, which OpenCV writes, is no directive of YAML
     let lines = text.trim_start_matches('\u{feff}').lines();

@@ -96,7 +96,6 @@ fn prepare(folder: &Path) -> Result<(), DeployError> {
     Ok(check_writable(&LocalDisk, &picture(folder, 1))?)
 }
 
-/// Returns the path of the picture with mask and arm in the pose with number `pose`.
 fn picture(folder: &Path, pose: usize) -> PathBuf {
     folder.join(format!("pose-{pose:02}.png"))
 }

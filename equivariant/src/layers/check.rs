@@ -146,7 +146,6 @@ fn run_and_sum<T: Scalar>(
     })
 }
 
-/// Runs one layer on the samples `x` and returns its output.
 fn run_layer<T: Scalar>(layer: &dyn Layer<T>, params: &[T], x: &[T]) -> Vec<T> {
     let samples = x.len() / layer.in_shape().len();
     let mut y = vec![T::ZERO; samples * layer.out_shape().len()];

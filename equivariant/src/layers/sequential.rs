@@ -324,7 +324,6 @@ struct ScratchSizes {
     shared: usize,
 }
 
-/// Parts of a chain's scratch memory.
 struct ScratchParts<'a, T> {
     activations: &'a mut [T],
     kept: &'a mut [T],

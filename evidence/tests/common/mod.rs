@@ -71,7 +71,6 @@ pub fn summaries_of(trajectories: &[Trajectory]) -> Vec<EpisodeSummary> {
     summariser.summarise(trajectories, &mut ImageFeatureCache::default()).unwrap()
 }
 
-/// Sets the returns of all episodes.
 pub fn set_returns(summaries: &mut [EpisodeSummary], change: impl Fn(f32) -> f32) {
     let returns = summaries.iter_mut().filter_map(|summary| summary.episode_return.as_mut());
     returns.for_each(|value| *value = change(*value));

@@ -22,7 +22,6 @@ fn every_preset_is_a_run_that_can_be_finished() {
     }
 }
 
-/// The published runs of the table had no close-ups.
 #[test]
 fn all_budgets_but_that_of_the_table_show_close_ups() {
     for budget in Budget::value_variants() {

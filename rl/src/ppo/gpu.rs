@@ -311,7 +311,6 @@ impl UpdateBuffers {
     }
 }
 
-/// Creates the GPU kernel for the PPO loss and its gradient with respect to the network's outputs.
 fn loss(
     plan: &Plan,
     network: &ActorCritic<f32>,

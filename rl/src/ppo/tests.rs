@@ -19,7 +19,6 @@ const B: usize = 5;
 const WEIGHTS: LossWeights =
     LossWeights { clip_coef: 0.2, vf_coef: 0.5, ent_coef: 0.01, symmetry: 0.0 };
 
-/// Returns the minimised sum of loss terms.
 fn total(sums: &LossSums, weights: &LossWeights) -> f64 {
     sums.policy_loss + weights.vf_coef * sums.value_loss - weights.ent_coef * sums.entropy
         + weights.symmetry * sums.symmetry_loss
@@ -141,7 +140,6 @@ fn actions(buffer: &RolloutBuffer) -> Vec<f64> {
     actions.map(|&action| f64::from(action)).collect()
 }
 
-/// Returns loss sums and gradient of the whole buffer in two chunks of one workspace.
 fn loss(
     network: &ActorCritic<f64>,
     params: &[f64],

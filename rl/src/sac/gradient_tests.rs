@@ -184,7 +184,6 @@ fn only_a_termination_ends_what_is_to_come() {
     }
 }
 
-/// Returns the observations of both environments at a step of the replay buffer.
 fn seen(replay: &ReplayBuffer, step: usize) -> Observations {
     let spec = spec();
     let both = [0, 1].map(|env| replay.get(2 * step + env));

@@ -138,7 +138,6 @@ fn an_update_with_a_context_is_that_of_pytorch() {
 
 const SAMPLES: usize = 4000;
 
-/// Returns settings for minibatches of six steps in windows of `window` steps.
 fn drawn_settings(window: usize) -> SacSettings {
     SacSettings { batch: 6, window, augmentation: Group::D2, ..SacSettings::default() }
 }

@@ -64,7 +64,6 @@ pub struct OnPolicyRun<E, P: OnPolicyActor> {
 }
 
 impl<E: VectorEnv, P: OnPolicyActor> OnPolicyRun<E, P> {
-    /// Resets the environments, for rollouts of `steps` steps.
     pub fn new(mut env: E, policy: P, steps: usize) -> Self {
         Self {
             buffer: RolloutBuffer::new(env.spec(), steps).unwrap(),
@@ -163,7 +162,6 @@ pub fn transformed(spec: &EnvSpec, from: &Observations, pixels: D2, vectors: D2)
     }
 }
 
-/// Random observations of the environments of `spec`.
 pub fn random_observations(spec: &EnvSpec, rng: &mut ChaCha8Rng) -> Observations {
     let mut out = Observations::new(spec);
     out.images.fill_with(|| rng.random());

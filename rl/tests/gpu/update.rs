@@ -29,7 +29,6 @@ fn settings() -> PpoSettings {
     PpoSettings { minibatch: 12, epochs: 1, ..PpoSettings::default() }
 }
 
-/// A policy, one rollout of it, and the generator.
 fn rollout(network: &NetworkSettings) -> (ActorCriticPolicy, RolloutBuffer, ChaCha8Rng) {
     let env = PointReach::new(ENVS, 1);
     let policy = ActorCriticPolicy::new(network, env.spec(), 2).unwrap();

@@ -211,7 +211,6 @@ fn input<'a>(of: Node<'a, 'a>, semantic: &str) -> Result<Node<'a, 'a>, String> {
     found.ok_or_else(|| format!("`<{}>` has no input {semantic}", of.tag_name().name()))
 }
 
-/// Returns a whole number in an attribute.
 fn index(node: Node, attribute: &str, default: &str) -> Result<usize, String> {
     let (name, stated) = (node.tag_name().name(), node.attribute(attribute).unwrap_or(default));
     let expected = "expected a whole number";

@@ -68,7 +68,6 @@ pub(super) fn joints(
     (joints, num_dofs)
 }
 
-/// Fixes a joint at a position.
 fn lock(joint: &mut Joint, position: f64, reason: &str, line: usize, report: &mut Report) {
     if let Some(motion) = joint.motion.take() {
         joint.origin = joint.origin * motion.pose(position);

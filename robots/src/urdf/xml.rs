@@ -367,7 +367,6 @@ fn write(text: &mut String, name: &str, node: Option<Node>, report: &mut Report)
     }
 }
 
-/// Reports a missing or impossible range of a joint.
 fn check_limit(joint: Node, report: &mut Report) {
     if !matches!(joint.attribute("type"), Some("revolute" | "prismatic")) {
         return;
@@ -392,7 +391,6 @@ fn unexpected(value: &str, expected: &str) -> String {
     format!("is {:?}, expected {expected}", quoted(value))
 }
 
-/// Reports a problem of an element or, with a name, of its attribute.
 fn reject(report: &mut Report, node: Node, attribute: &str, problem: String) {
     let place = place(node, attribute);
     report.reject(line(node), DescriptionError::InvalidElement { place, problem });
@@ -448,7 +446,6 @@ mod tests {
         }
     }
 
-    /// Returns the names of the links.
     fn links(text: &str) -> Vec<String> {
         let cleaned = clean(text, &mut Report::default()).unwrap().text;
         let links = urdf_rs::read_from_string(&cleaned).unwrap().links;

@@ -75,7 +75,6 @@ exit $code
     }
 }
 
-/// Quotes a path for a shell.
 fn quoted(path: &Path) -> String {
     format!("'{}'", path.display().to_string().replace('\'', r"'\''"))
 }

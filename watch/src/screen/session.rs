@@ -188,7 +188,6 @@ fn current_group(snapshot: &RunSnapshot, sheet: Option<&Picture>) -> Option<(Str
     Some((format!("how {group} begins"), picture))
 }
 
-/// Listener for requests to quit, by a key or a signal.
 struct QuitListener {
     /// Number of the last signal from the operating system; 0 without one since the last call.
     signal: Arc<AtomicUsize>,

@@ -92,7 +92,6 @@ fn keep(messages: PanicMessages) {
     }));
 }
 
-/// Returns the collected messages of panics and stops collecting.
 fn release(messages: &PanicMessages) -> Vec<String> {
     messages.lock().ok().and_then(|mut messages| messages.take()).unwrap_or_default()
 }

@@ -49,7 +49,6 @@ impl FrameSizes {
     }
 }
 
-/// Replaces a picture by its difference (xor) from `other`, or the difference by the picture.
 fn xor_with(picture: &mut [u8], other: &[u8]) {
     picture.iter_mut().zip(other).for_each(|(own, byte)| *own ^= byte);
 }

@@ -16,7 +16,6 @@ pub struct StagedRollout {
     actions: Vec<f32>,
 }
 
-/// One step of all environments.
 struct Step {
     observations: Observations,
     actions: Vec<f32>,
