@@ -9,7 +9,8 @@ cd "$folder"
 # threads of Mesa compete with ranks; MPI's own threads keep the program from setting it
 export LP_NUM_THREADS=0
 ranks() { mpirun --oversubscribe --allow-run-as-root -n "$@"; }
-settings=(--budget smoke --seed 1000 --threads 1 --embodiment hand --set checkpoints.every=1)
+settings=(--budget smoke --seed 1000 --threads 1 --embodiment hand --set checkpoints.every=1
+  --set schedule.cycles=3)
 same() {
   for file in metrics.csv evaluation.csv units.csv recognition.csv experiment.json \
     contact_sheet.png "checkpoints/$(ls "$1/checkpoints" | tail -n 1)"; do
@@ -50,6 +51,7 @@ signal stopped TERM 0
 echo "a rank was told to stop: exit code $code"
 test "$code" = 3 && grep -q 'stopped after' stopped.out
 for run in killed stopped; do
-  ranks 2 "$covers" resume "$run" --threads 1 | head -n 1
+  ranks 2 "$covers" resume "$run" --threads 1 > resumed.out
+  head -n 1 resumed.out
   same covers "$run"
 done
