@@ -13,8 +13,8 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 PYTHON := python3
 
-.PHONY: stream test table1 efficiency gpu rerun web web-test python wheel faults slurm hyperqueue \
-  fuzz sanitise book deps
+.PHONY: stream test table1 efficiency gpu rerun web web-test python wheel faults slurm mpi \
+  hyperqueue fuzz sanitise book deps
 
 stream: deps
 	cargo run --release --locked --example continual_stream -- --budget short
@@ -215,6 +215,13 @@ slurm: DEBIAN_PACKAGES += slurmctld slurmd slurm-client munge
 slurm: deps
 	cargo build --release --locked --bin covers
 	$(SUDO) tests/slurm.sh $(TARGET)/release/covers
+
+# Runs on ranks of MPI beside runs of one process: minutes. It takes Debian's Open MPI:
+# apt-get install libopenmpi-dev openmpi-bin
+mpi: deps
+	cargo clippy -p covers-rs --all-targets --features mpi --locked -- -D warnings
+	cargo build --release --features mpi --locked --bin covers
+	tests/mpi.sh $(TARGET)/release/covers
 
 # The printed program of a sweep on HyperQueue's local cluster: a minute.
 HYPERQUEUE := $(abspath $(TARGET))/hyperqueue

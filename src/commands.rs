@@ -1,6 +1,6 @@
 //! Subcommands of `covers` that train, resume, evaluate and pack learners.
 
-use std::io::{Write, stderr};
+use std::io::{Write, sink, stderr};
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
@@ -9,6 +9,7 @@ use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 use crate::CoversError;
 pub use crate::cli::CommandOutcome;
 use crate::cli::{ThreadAndJsonOptions, TrainOptions, device_parser};
+use crate::ranks::on_ranks;
 use crate::sweep_command::SweepOptions;
 use experiments::cli::print_escaped;
 use experiments::evaluation::Evaluator;
@@ -16,6 +17,7 @@ use experiments::text::{event_text, score_table, summary_table};
 use experiments::{Event, Run, RunError, RunFolder, StopSignal, Stream, memory, thread_pool};
 use learner::{CheckpointExtent, DeviceChoice, Labels};
 use report::ReportOptions;
+use rl::Ranks;
 
 /// Subcommands that work on learners.
 #[derive(Clone, Debug, Subcommand)]
@@ -99,14 +101,8 @@ impl Command {
     /// Errors of the command, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
         match self {
-            Self::Train(options) => train(options, out),
-            Self::Resume(options) => {
-                let threads = Some(options.threads_and_json.threads.count());
-                let (folder, tasks) =
-                    (RunFolder::from_path(&options.run_folder), TaskRegistry::all());
-                let mut run = Run::resume_with_tasks(folder, threads, options.device, tasks)?;
-                finish(&mut run, options.threads_and_json.json, out)
-            }
+            Self::Train(options) => on_ranks(|ranks| train(options, ranks, out)),
+            Self::Resume(options) => on_ranks(|ranks| resume(options, ranks, out)),
             Self::Sweep(options) => options.run(out),
             Self::Eval(options) => Ok(evaluate(options, out).map(|()| CommandOutcome::Done)?),
             Self::Report(options) => Ok(options.run(out).map(|()| CommandOutcome::Done)?),
@@ -115,21 +111,42 @@ impl Command {
     }
 }
 
-fn train(options: &TrainOptions, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
+fn resume(
+    options: &ResumeOptions,
+    ranks: Ranks,
+    out: &mut impl Write,
+) -> Result<CommandOutcome, CoversError> {
+    let threads = Some(options.threads_and_json.threads.count());
+    let folder = RunFolder::from_path(&options.run_folder).on_ranks(ranks);
+    let mut run = Run::resume_with_tasks(folder, threads, options.device, TaskRegistry::all())?;
+    finish(&mut run, options.threads_and_json.json, out)
+}
+
+fn train(
+    options: &TrainOptions,
+    ranks: Ranks,
+    out: &mut impl Write,
+) -> Result<CommandOutcome, CoversError> {
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::all())?;
     // before the run's folder is created, so that a refused run leaves nothing
     memory::check_run(&experiment)?;
     experiment.envs.embodiment.spec().parts().map_err(RunError::from)?;
     #[cfg(feature = "tui")]
-    if options.tui && !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
+    let tui = options.tui && ranks.is_first();
+    #[cfg(feature = "tui")]
+    if tui && !std::io::IsTerminal::is_terminal(&std::io::stdout()) {
         return Err(CoversError::NoTerminal);
     }
-    let folder =
-        options.run_options.run_folder.create_run_folder(&options.run_name(&experiment))?;
-    let mut run = Run::start(experiment, folder)?;
+    let folder_options = &options.run_options.run_folder;
+    let folder = if ranks.is_first() {
+        folder_options.create_run_folder(&options.run_name(&experiment))?
+    } else {
+        RunFolder::from_path(&folder_options.runs)
+    };
+    let mut run = Run::start(experiment, folder.on_ranks(ranks))?;
     #[cfg(feature = "tui")]
-    if options.tui {
+    if tui {
         watch::screen::train_with_screen(&mut run)?;
         run.set_stop_signal(StopSignal::from_os_signals()?);
         return print_summary_or_save(&mut run, options.run_options.run_folder.json, out);
@@ -138,8 +155,11 @@ fn train(options: &TrainOptions, out: &mut impl Write) -> Result<CommandOutcome,
 }
 
 /// Runs to the end or until a signal, and prints every event. A closed output stops the run as a
-/// signal does.
+/// signal does. Ranks but the first print nothing.
 fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
+    let is_first = run.folder().ranks().is_first();
+    let mut first_out: &mut dyn Write = if is_first { out } else { &mut sink() };
+    let out = &mut first_out;
     let stop = StopSignal::from_os_signals()?;
     run.set_stop_signal(stop.clone());
     let folder = run.folder().path().display();
@@ -147,6 +167,7 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutc
     while let Some(event) = run.advance()? {
         if let Event::Rollout(progress) = &event
             && let Some(warning) = progress.warning
+            && is_first
         {
             // the run's log.txt holds the warning, too
             warn(&format!("warning: {warning}"));

@@ -35,6 +35,7 @@ mod manual;
 pub mod model;
 pub mod preset_list;
 pub mod program;
+mod ranks;
 pub mod robot;
 pub mod sweep;
 pub mod sweep_command;

@@ -19,6 +19,7 @@ mod pages;
 mod parity;
 mod ppo_table;
 mod pretrained;
+mod ranks;
 mod render;
 mod report;
 mod runs;

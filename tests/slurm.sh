@@ -81,7 +81,7 @@ await idle
 # Four runs in arrays of at most three, under a time limit that ends each of them before its end.
 cat > plan.json <<JSON
 {"methods": ["covers", "equi"], "seeds": [1000, 1001], "budget": "smoke", "set":
-  ["envs.embodiment=hand", "schedule.cycles=${CYCLES:-4}", "checkpoints.every=1"]}
+  ["envs.embodiment=hand", "schedule.cycles=${CYCLES:-40}", "checkpoints.every=1"]}
 JSON
 "$covers" sweep plan.json --runs runs --slurm --time 1 > job.sh
 bash job.sh | tee submitted

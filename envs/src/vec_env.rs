@@ -2,6 +2,7 @@
 //! renderer.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::Arc;
 
 use symmetry::D2;
@@ -55,6 +56,21 @@ impl VecEnv {
         group: TaskGroup,
         elements: &[D2],
     ) -> Result<Self, EnvError> {
+        Self::new_share(settings, group, elements, 0..settings.num_envs)
+    }
+
+    /// Starts only the environments with indices in `share`, for processes that share them. They
+    /// are those of [`VecEnv::new`], and arrays have rows for all N; the other rows are neither
+    /// read nor written.
+    ///
+    /// # Errors
+    /// As [`VecEnv::new`].
+    pub fn new_share(
+        settings: VecEnvSettings,
+        group: TaskGroup,
+        elements: &[D2],
+        share: Range<usize>,
+    ) -> Result<Self, EnvError> {
         settings.check()?;
         let mut vec_env = Self {
             settings,
@@ -68,7 +84,7 @@ impl VecEnv {
         // before any thread starts, because the first model of a process configures software
         // rendering (see `mujoco`)
         vec_env.scene(group)?;
-        vec_env.workers = spawn(settings)?;
+        vec_env.workers = spawn(settings, share)?;
         vec_env.set_task_group(group, elements)?;
         Ok(vec_env)
     }
@@ -354,17 +370,17 @@ impl Drop for VecEnv {
     }
 }
 
-fn action_range(worker: &Worker) -> std::ops::Range<usize> {
+fn action_range(worker: &Worker) -> Range<usize> {
     worker.envs.start * ACTION_DIM..worker.envs.end * ACTION_DIM
 }
 
-/// Starts the worker threads, each with a contiguous part of the environments.
-fn spawn(settings: VecEnvSettings) -> Result<Vec<Worker>, EnvError> {
-    let part = settings.num_envs.div_ceil(settings.threads);
-    let firsts = (0..settings.num_envs).step_by(part).enumerate();
+/// Starts the worker threads, each with a contiguous part of the environments in `share`.
+fn spawn(settings: VecEnvSettings, share: Range<usize>) -> Result<Vec<Worker>, EnvError> {
+    let (part, end) = (share.len().div_ceil(settings.threads).max(1), share.end);
+    let firsts = share.step_by(part).enumerate();
     firsts
         .map(|(index, first)| {
-            let envs = first..(first + part).min(settings.num_envs);
+            let envs = first..(first + part).min(end);
             Worker::spawn(index, envs, settings)
         })
         .collect()

@@ -59,7 +59,8 @@ pub struct ParallelChunks<T, W> {
     chunk_size: usize,
     new_workspace: Box<dyn Fn() -> W + Send + Sync>,
     workspaces: Mutex<Vec<W>>,
-    gradients: Vec<Vec<T>>,
+    /// Gradients of up to [`MAX_CHUNK_GRADIENTS`] chunks, one after another.
+    gradients: Vec<T>,
 }
 
 impl<T: Real, W: Send> ParallelChunks<T, W> {
@@ -100,23 +101,45 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
         gradient: &mut [T],
         f: impl Fn(Range<usize>, &mut W, &mut [T]) -> S + Sync,
     ) -> Vec<S> {
+        let all = |chunks| 0..chunks;
+        self.accumulate_shared_gradients(num_samples, gradient, all, |_, results| results, f)
+    }
+
+    /// Adds the gradients of all chunks like [`ParallelChunks::accumulate_gradients`], but computes
+    /// only some of them; others come from elsewhere, such as another process.
+    ///
+    /// A call processes up to 64 chunks at a time. Of C chunks, it computes those that `share(C)`
+    /// returns. `complete(gradients, results)` gets the results of the share and the gradients
+    /// `[C, num_params]`, writes those outside the share, and returns the results of all C chunks.
+    ///
+    /// # Panics
+    /// As [`ParallelChunks::accumulate_gradients`], and for a share outside of `0..C`.
+    pub fn accumulate_shared_gradients<S: Send>(
+        &mut self,
+        num_samples: usize,
+        gradient: &mut [T],
+        share: impl Fn(usize) -> Range<usize>,
+        complete: impl Fn(&mut [T], Vec<S>) -> Vec<S>,
+        f: impl Fn(Range<usize>, &mut W, &mut [T]) -> S + Sync,
+    ) -> Vec<S> {
         assert_eq!(gradient.len(), self.num_params, "wrong number of parameters");
-        let count = self.prepare(num_samples);
+        let (count, width) = (self.prepare(num_samples), self.num_params);
         let mut buffers = std::mem::take(&mut self.gradients);
-        buffers.resize_with(buffers.len().max(count.min(MAX_CHUNK_GRADIENTS)), || {
-            vec![T::ZERO; self.num_params]
-        });
+        buffers.resize(buffers.len().max(count.min(MAX_CHUNK_GRADIENTS) * width), T::ZERO);
         let mut results = Vec::with_capacity(count);
         // waves bound the memory of gradients, and adding one after another keeps the chunks' order
         for first in (0..count).step_by(MAX_CHUNK_GRADIENTS) {
-            let wave = first..count.min(first + MAX_CHUNK_GRADIENTS);
-            let buffers = &mut buffers[..wave.len()];
-            let run_chunk = |(chunk, buffer): (usize, &mut Vec<T>)| {
+            let wave = count.min(first + MAX_CHUNK_GRADIENTS) - first;
+            let (own, buffers) = (share(wave), &mut buffers[..wave * width]);
+            let run_chunk = |(chunk, buffer): (usize, &mut [T])| {
                 buffer.fill(T::ZERO);
-                let range = self.range(chunk, num_samples);
+                let range = self.range(first + chunk, num_samples);
                 self.run(count, |workspace| f(range, workspace, buffer))
             };
-            results.par_extend(wave.into_par_iter().zip(&mut *buffers).map(run_chunk));
+            let own_buffers = &mut buffers[own.start * width..own.end * width];
+            let chunks = own.into_par_iter().zip(own_buffers.par_chunks_mut(width.max(1)));
+            let own_results = chunks.map(run_chunk).collect();
+            results.extend(complete(buffers, own_results));
             add_gradients_in_order(gradient, buffers);
         }
         self.gradients = buffers;
@@ -185,12 +208,14 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
     }
 }
 
-/// Adds the chunk gradients `buffers` to `sum`, entry by entry and in their order.
-fn add_gradients_in_order<T: Real>(sum: &mut [T], buffers: &[Vec<T>]) {
+/// Adds the chunk gradients `buffers`, one after another, to `sum`, entry by entry and in their
+/// order.
+fn add_gradients_in_order<T: Real>(sum: &mut [T], buffers: &[T]) {
+    let width = sum.len().max(1);
     // Parallel over parameters, sequential over buffers: every sum has the order of the chunks.
     let pieces = sum.par_chunks_mut(PARAMS_PER_TASK).enumerate();
     pieces.for_each(|(i, piece)| {
-        for buffer in buffers {
+        for buffer in buffers.chunks_exact(width) {
             for (total, &value) in piece.iter_mut().zip(&buffer[i * PARAMS_PER_TASK..]) {
                 *total += value;
             }

@@ -61,7 +61,8 @@ impl ClockedStream {
         decisions: usize,
     ) -> Result<Self, RunError> {
         let groups = experiment.schedule.resolve_groups(tasks)?;
-        let stream = Stream::new(experiment.envs, &groups)?;
+        let ranks = experiment.learner.ranks().clone();
+        let stream = Stream::on_ranks(experiment.envs, &groups, ranks)?;
         Ok(Self {
             begun: Observations::new(stream.spec()),
             is_begun: false,

@@ -117,6 +117,17 @@ pub enum RunError {
         /// Description of the problem that prevents a report.
         problem: String,
     },
+    /// Ranks that are not in the same state.
+    #[error(
+        "the ranks {what} {values:?}, expected equal numbers: all must read the same folder, and \
+         have the same program and processors with the same vector instructions"
+    )]
+    RanksDiffer {
+        /// Description of the numbers.
+        what: &'static str,
+        /// Number of each rank.
+        values: Vec<u64>,
+    },
     /// Panic in a thread that worked for the run.
     #[error(
         "a worker thread panicked: {message}. Nothing up to the last checkpoint is lost: continue \

@@ -9,7 +9,7 @@ mod score;
 use envs::{TaskGroup, TaskRegistry, TaskVariant, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::RolloutStats;
+use rl::{Ranks, RolloutStats};
 use symmetry::D2;
 
 use crate::error::RunError;
@@ -75,9 +75,20 @@ impl Evaluator {
         seed: u64,
         labels: Labels,
     ) -> Result<Self, RunError> {
+        Self::on_ranks(settings, tasks, schedule, seed, labels, Ranks::default())
+    }
+
+    fn on_ranks(
+        settings: VecEnvSettings,
+        tasks: &TaskRegistry,
+        schedule: Schedule,
+        seed: u64,
+        labels: Labels,
+        ranks: Ranks,
+    ) -> Result<Self, RunError> {
         let groups = schedule.resolve_groups(tasks)?;
         Ok(Self {
-            stream: Stream::new(settings, &groups)?,
+            stream: Stream::on_ranks(settings, &groups, ranks)?,
             groups,
             schedule,
             seed,
@@ -97,7 +108,8 @@ impl Evaluator {
         labels: Labels,
     ) -> Result<Self, RunError> {
         let (schedule, seed) = (run.schedule.clone(), run.evaluation_seed());
-        Self::new(run.envs.without_randomisation(), tasks, schedule, seed, labels)
+        let (envs, ranks) = (run.envs.without_randomisation(), run.learner.ranks().clone());
+        Self::on_ranks(envs, tasks, schedule, seed, labels, ranks)
     }
 
     /// Returns all variants of the scheduled task groups, in the order in which they are scored.

@@ -7,14 +7,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use rl::EnvSpec;
+use rl::{EnvSpec, Ranks};
 use serde::Deserialize;
 
 use crate::error::RunError;
 use crate::evaluation::OwnPolicies;
 use crate::experiment::Experiment;
 use crate::sheet::Picture;
-use learner::disk::{Disk, LocalDisk, PARTIAL_EXTENSION, parent_folder, write_atomically};
+use learner::disk::{Disk, LocalDisk, NoDisk, PARTIAL_EXTENSION, parent_folder, write_atomically};
 use learner::{CheckpointExtent, Labels, Learner, LearnerSettings};
 
 use super::checkpoints;
@@ -75,6 +75,7 @@ pub struct RunFolder {
     /// [`FencedDisk`](crate::lock::FencedDisk); equal to `disk` without lock.
     unfenced: Arc<dyn Disk>,
     overwrite: bool,
+    ranks: Ranks,
 }
 
 impl RunFolder {
@@ -105,7 +106,8 @@ impl RunFolder {
     /// Returns a handle to a run's folder without accessing it.
     pub fn from_path(path: &Path) -> Self {
         let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
-        Self { path: path.to_owned(), unfenced: Arc::clone(&disk), disk, overwrite: false }
+        let (path, unfenced, ranks) = (path.to_owned(), Arc::clone(&disk), Ranks::default());
+        Self { path, unfenced, disk, overwrite: false, ranks }
     }
 
     /// Sets the file system that changes of the folder go through.
@@ -115,15 +117,29 @@ impl RunFolder {
         self
     }
 
-    /// Locks the folder for writing. Returns the lock and a handle whose changes all fail once
-    /// another process has taken the run over.
+    /// Sets the processes that compute the run together, of which the first alone changes files.
+    pub fn on_ranks(self, ranks: Ranks) -> Self {
+        let folder = Self { ranks, ..self };
+        if folder.ranks.is_first() { folder } else { folder.with_disk(Arc::new(NoDisk)) }
+    }
+
+    /// Returns the processes that compute the run together.
+    pub fn ranks(&self) -> &Ranks {
+        &self.ranks
+    }
+
+    /// Locks the folder for writing, on the first rank. Returns the lock and a handle whose changes
+    /// all fail once another process has taken the run over.
     ///
     /// # Errors
     /// [`RunError::Locked`], [`RunError::Write`].
-    pub(crate) fn lock(mut self) -> Result<(Self, FolderLock), RunError> {
+    pub(crate) fn lock(mut self) -> Result<(Self, Option<FolderLock>), RunError> {
+        if !self.ranks.is_first() {
+            return Ok((self, None));
+        }
         let lock = FolderLock::acquire(&self.path)?;
         self.disk = Arc::new(lock.fenced_disk(Arc::clone(&self.unfenced)));
-        Ok((self, lock))
+        Ok((self, Some(lock)))
     }
 
     /// Returns the state of the folder's files, which changes as long as a process works on the run.
@@ -170,7 +186,9 @@ impl RunFolder {
     /// Returns `true` if a new run may start in the folder.
     pub(crate) fn accepts_new_run(&self) -> Result<bool, RunError> {
         let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
-        Ok(self.overwrite || !self.holds_settings() && checkpoints.is_empty())
+        let is_free = self.overwrite || !self.holds_settings() && checkpoints.is_empty();
+        // the first rank may have begun to write
+        Ok(is_free || !self.ranks.is_first())
     }
 
     /// Removes the files of the run in the folder, so that another can start; other files stay.
@@ -397,6 +415,9 @@ impl RunFolder {
 
     /// Creates the folder of checkpoints and removes partial files of interrupted writes.
     pub(crate) fn prepare_for_run(&self) -> Result<(), RunError> {
+        if !self.ranks.is_first() {
+            return Ok(());
+        }
         let (path, parent) = (self.checkpoint_folder(), parent_folder(&self.path));
         let write = |error| RunError::cannot_write(&path, error);
         match self.disk.create_folder(&path) {

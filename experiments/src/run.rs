@@ -37,7 +37,7 @@ const LOG: &str = "log.txt";
 pub struct Run {
     experiment: Experiment,
     folder: RunFolder,
-    _lock: FolderLock,
+    _lock: Option<FolderLock>,
     tables: RunTables,
     pool: ThreadPool,
     tasks: TaskRegistry,
@@ -125,6 +125,7 @@ impl Run {
         checkpoints::rename_damaged(folder.disk(), &prepared.unreadable_checkpoints)?;
         let tables = RunTables::open(&folder, stats.rollouts, tables)?;
         stats.seconds = tables.timing_sums().seconds;
+        check_equal_on_ranks(&folder, "start after", stats.rollouts as u64)?;
         let run = Self {
             saved: (stats.rollouts > 0).then_some((stats.rollouts, due)),
             experiment,
@@ -167,7 +168,7 @@ impl Run {
 
     /// Sets the signal that stops the run between rollouts and between evaluated variants.
     pub fn set_stop_signal(&mut self, stop: StopSignal) {
-        self.stop = stop;
+        self.stop = stop.on_ranks(self.folder.ranks().clone());
     }
 
     /// Publishes the image of the first training environment to `latest_frame` after every training
@@ -374,20 +375,23 @@ impl Run {
         };
         let note = state.into_note(&self.experiment).map_err(RunError::writing(&path))?;
         let bytes = self.learner.to_checkpoint_bytes(&path, CheckpointExtent::Everything, &note)?;
+        let checksum = crc32fast::hash(&bytes).into();
+        check_equal_on_ranks(&self.folder, "have checkpoints with checksums", checksum)?;
+        if self.folder.ranks().is_first() {
+            self.write_checkpoint(&bytes)?;
+        }
+        self.saved = Some((rollouts, due));
+        Ok(())
+    }
+
+    fn write_checkpoint(&self, bytes: &[u8]) -> Result<(), RunError> {
         // tables and logs are synced first, so that a checkpoint is never ahead of them on the disk
         self.tables.sync()?;
         self.folder.replace_file(SAVED_TIMINGS_FILE, self.tables.timings())?;
         self.folder.sync_files(&[Provenance::FILE_NAME, LOG])?;
         let (disk, keep) = (self.folder.disk(), self.experiment.checkpoints.keep);
-        checkpoints::write_checkpoint(
-            disk,
-            &self.folder.checkpoint_folder(),
-            rollouts,
-            &bytes,
-            keep,
-        )?;
-        self.saved = Some((rollouts, due));
-        Ok(())
+        let (folder, rollouts) = (self.folder.checkpoint_folder(), self.stats.rollouts);
+        checkpoints::write_checkpoint(disk, &folder, rollouts, bytes, keep)
     }
 
     /// Returns the summary of the run with the scores of the last evaluation, and writes that of a
@@ -426,4 +430,13 @@ impl Run {
         }
         Ok(Some(summary))
     }
+}
+
+/// Checks that `own` is the same number on all ranks.
+fn check_equal_on_ranks(folder: &RunFolder, what: &'static str, own: u64) -> Result<(), RunError> {
+    let values = folder.ranks().gather_numbers(own);
+    if values.iter().all(|&value| value == own) {
+        return Ok(());
+    }
+    Err(RunError::RanksDiffer { what, values })
 }

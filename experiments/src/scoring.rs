@@ -80,7 +80,7 @@ impl<'a> StoppableEvaluation<'a> {
                 Err(error @ RunError::Panicked { .. }) => return Err(error),
                 // The stream refuses to go on. Any other error comes again when the evaluation is
                 // repeated after the resumption.
-                Err(_) if self.stop.is_requested() => return Ok(false),
+                Err(_) if self.stop.was_seen() => return Ok(false),
                 visited => visited?,
             }
         }

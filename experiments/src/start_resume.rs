@@ -22,7 +22,8 @@ pub(crate) struct LockedRun {
     pub experiment: Experiment,
     pub tasks: TaskRegistry,
     pub folder: RunFolder,
-    pub lock: FolderLock,
+    /// Lock of the folder, on the first rank.
+    pub lock: Option<FolderLock>,
 }
 
 /// Run that is ready to train.
@@ -39,10 +40,11 @@ pub(crate) struct PreparedRun {
 
 /// Starts a run in a folder without one.
 pub(crate) fn start(
-    experiment: Experiment,
+    mut experiment: Experiment,
     tasks: TaskRegistry,
     folder: RunFolder,
 ) -> Result<PreparedRun, RunError> {
+    experiment.learner.set_ranks(folder.ranks().clone())?;
     experiment.check(&tasks)?;
     memory::check_run(&experiment)?;
     let (folder, lock) = folder.lock()?;
@@ -98,6 +100,7 @@ pub(crate) fn resume(
     }
     let (folder, lock) = folder.lock()?;
     let mut experiment = folder.read_experiment()?.with_device(device)?;
+    experiment.learner.set_ranks(folder.ranks().clone())?;
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;
     memory::check_run(&experiment)?;

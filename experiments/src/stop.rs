@@ -7,11 +7,18 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
 
+use rl::Ranks;
+
 use crate::error::RunError;
 
 /// Request that a run stops at the next moment at which nothing is lost. Clones share one request.
 #[derive(Clone, Debug, Default)]
-pub struct StopSignal(Arc<AtomicBool>);
+pub struct StopSignal {
+    requested: Arc<AtomicBool>,
+    /// `true` once a call of [`StopSignal::is_requested`] has returned `true`.
+    seen: Arc<AtomicBool>,
+    ranks: Ranks,
+}
 
 impl StopSignal {
     /// Returns a stop signal that SIGINT (Ctrl-C), SIGTERM and SIGHUP set. The second SIGINT or
@@ -32,23 +39,39 @@ impl StopSignal {
             // actions run in the order of registration, so the check comes before the flag is set
             flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&signalled))
                 .and_then(|_| flag::register(signal, Arc::clone(&signalled)))
-                .and_then(|_| flag::register(signal, Arc::clone(&stop.0)))
+                .and_then(|_| flag::register(signal, Arc::clone(&stop.requested)))
                 .map_err(failed)?;
         }
         if !hangup_is_ignored() {
-            flag::register(SIGHUP, Arc::clone(&stop.0)).map_err(failed)?;
+            flag::register(SIGHUP, Arc::clone(&stop.requested)).map_err(failed)?;
         }
         Ok(stop)
     }
 
     /// Requests that runs with this signal stop.
     pub fn request(&self) {
-        self.0.store(true, Ordering::SeqCst);
+        self.requested.store(true, Ordering::SeqCst);
+    }
+
+    /// Returns a signal that a request on any of `ranks` sets on all of them. They must call
+    /// [`StopSignal::is_requested`] equally often.
+    pub(crate) fn on_ranks(self, ranks: Ranks) -> Self {
+        Self { ranks, ..self }
     }
 
     /// Returns `true` once a stop of the run was requested.
     pub fn is_requested(&self) -> bool {
-        self.0.load(Ordering::SeqCst)
+        if !self.was_seen() {
+            let own = self.requested.load(Ordering::SeqCst);
+            let requests = self.ranks.gather_numbers(own.into());
+            self.seen.store(requests.contains(&1), Ordering::SeqCst);
+        }
+        self.was_seen()
+    }
+
+    /// Returns `true` once [`StopSignal::is_requested`] has returned `true`.
+    pub(crate) fn was_seen(&self) -> bool {
+        self.seen.load(Ordering::SeqCst)
     }
 }
 

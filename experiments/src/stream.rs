@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use envs::{Control, EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings};
-use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
+use rl::{BoxedEnvError, EnvSpec, Observations, Ranks, StepOutcome, Transition, VectorEnv};
 use symmetry::D2;
 
 use crate::error::RunError;
@@ -55,6 +55,7 @@ pub struct Stream {
     failures: usize,
     seconds: f64,
     stop: StopSignal,
+    ranks: Ranks,
 }
 
 impl Stream {
@@ -64,12 +65,25 @@ impl Stream {
     /// # Errors
     /// [`RunError::InvalidSetting`] if `groups` is empty; errors of the environments.
     pub fn new(settings: VecEnvSettings, groups: &[TaskGroup]) -> Result<Self, RunError> {
+        Self::on_ranks(settings, groups, Ranks::default())
+    }
+
+    /// Creates environments as [`Stream::new`] does, of which each of `ranks` steps a share.
+    ///
+    /// # Errors
+    /// As [`Stream::new`].
+    pub fn on_ranks(
+        settings: VecEnvSettings,
+        groups: &[TaskGroup],
+        ranks: Ranks,
+    ) -> Result<Self, RunError> {
         let first = *groups.first().ok_or_else(|| RunError::InvalidSetting {
             name: "groups",
             value: "empty".to_owned(),
             expected: "at least one task group",
         })?;
-        let mut env = VecEnv::new(settings, first, &D2::ALL)?;
+        let share = ranks.share(settings.num_envs);
+        let mut env = VecEnv::new_share(settings, first, &D2::ALL, share)?;
         env.prepare_task_groups(groups)?;
         Ok(Self {
             env,
@@ -78,6 +92,7 @@ impl Stream {
             failures: 0,
             seconds: 0.0,
             stop: StopSignal::default(),
+            ranks,
         })
     }
 
@@ -132,6 +147,35 @@ impl Stream {
     pub fn reward_scale(&self) -> f64 {
         reward_scale(&self.env.settings().control)
     }
+
+    /// Counts `failures` in the environments of this rank together with those of others.
+    fn count_failures(&mut self, failures: usize) {
+        let counts = self.ranks.gather_numbers(failures as u64);
+        self.failures += counts.iter().sum::<u64>() as usize;
+    }
+
+    fn gather_observations(&self, out: &mut Observations) {
+        let n = self.spec.num_envs;
+        self.ranks.gather_rows(n, &mut out.images);
+        self.ranks.gather_rows(n, &mut out.vectors);
+    }
+
+    /// Writes the rows of environments that other ranks stepped.
+    fn gather_step(&mut self, out: &mut Transition) {
+        let n = self.spec.num_envs;
+        self.gather_observations(&mut out.observations);
+        self.ranks.gather_rows(n, &mut out.rewards);
+        let flags = [&mut out.success, &mut out.success_at_end, &mut self.truncated];
+        for row in flags {
+            let mut bytes: Vec<u8> = row.iter().copied().map(u8::from).collect();
+            self.ranks.gather_rows(n, &mut bytes);
+            row.iter_mut().zip(bytes).for_each(|(flag, byte)| *flag = byte != 0);
+        }
+        // those of running episodes have no meaning
+        if self.truncated.contains(&true) {
+            self.gather_observations(&mut out.final_observations);
+        }
+    }
 }
 
 /// Returns the factor from a return to the paper's scale, for episodes under `control`.
@@ -150,7 +194,9 @@ impl VectorEnv for Stream {
 
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         let clock = Instant::now();
-        self.failures += self.env.reset(borrow(out))?.len();
+        let failures = self.env.reset(borrow(out))?.len();
+        self.count_failures(failures);
+        self.gather_observations(out);
         self.seconds += clock.elapsed().as_secs_f64();
         scale_vectors(&mut out.vectors);
         Ok(())
@@ -161,7 +207,7 @@ impl VectorEnv for Stream {
             return Err("a stop was requested".into());
         }
         let clock = Instant::now();
-        let failures = self.env.step(
+        let step = self.env.step(
             actions,
             StepMut {
                 observations: borrow(&mut out.observations),
@@ -171,8 +217,10 @@ impl VectorEnv for Stream {
                 success_at_end: &mut out.success_at_end,
                 truncated: &mut self.truncated,
             },
-        )?;
-        self.failures += failures.len();
+        );
+        let failures = step?.len();
+        self.count_failures(failures);
+        self.gather_step(out);
         self.seconds += clock.elapsed().as_secs_f64();
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
             *outcome = if truncated { StepOutcome::Truncated } else { StepOutcome::Running };

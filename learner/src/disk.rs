@@ -74,6 +74,40 @@ impl Disk for LocalDisk {
     }
 }
 
+/// Disk that changes nothing, for processes that repeat the work of the one that writes.
+#[derive(Clone, Copy, Debug)]
+pub struct NoDisk;
+
+impl Disk for NoDisk {
+    fn write(&self, _: &Path, _: &[u8]) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn append(&self, _: &Path, _: &[u8]) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn sync(&self, _: &Path) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn rename(&self, _: &Path, _: &Path) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn remove(&self, _: &Path) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn create_folder(&self, _: &Path) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn sync_folder(&self, _: &Path) -> io::Result<()> {
+        Ok(())
+    }
+}
+
 /// Extension of the names of temporary files, which are renamed once they are written in full.
 pub const PARTIAL_EXTENSION: &str = "partial";
 

@@ -126,7 +126,7 @@ pub(crate) fn check_not_negative(state: &AlgorithmState, names: &[&str]) -> Resu
 }
 
 /// Declares a struct of `f64` sums with a method `add` that adds another such struct field by
-/// field.
+/// field, and methods that convert it to an array and back.
 macro_rules! sums {
     ($(#[$doc:meta])* $name:ident: $($sum:ident),+) => {
         $(#[$doc])*
@@ -139,6 +139,18 @@ macro_rules! sums {
             /// Adds `other`, the same sums over other samples, field by field.
             pub fn add(&mut self, other: &Self) {
                 $(self.$sum += other.$sum;)+
+            }
+
+            const COUNT: usize = [$(stringify!($sum)),+].len();
+
+            /// Returns the sums in the order of the fields.
+            pub fn to_array(self) -> [f64; Self::COUNT] {
+                [$(self.$sum),+]
+            }
+
+            /// Returns the sums from an array in the order of the fields.
+            pub fn from_array([$($sum),+]: [f64; Self::COUNT]) -> Self {
+                Self { $($sum),+ }
             }
         }
     };

@@ -51,6 +51,7 @@ mod network_policy;
 mod network_settings;
 mod policy;
 mod ppo;
+mod ranks;
 mod replay;
 mod rollout;
 mod sac;
@@ -81,6 +82,7 @@ pub use ppo::Ppo;
 pub use ppo::settings::PpoSettings;
 pub use ppo::stats::PpoStats;
 pub use ppo::symmetry_loss::SymmetryLoss;
+pub use ranks::{Communicator, Ranks};
 pub use replay::state::{EpisodeState, ReplayState};
 pub use replay::{ReplayBuffer, ReplaySettings, ReplayStep};
 pub use rollout::{

@@ -29,6 +29,7 @@ use crate::ppo::minibatch::{
 };
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, PpoStats, PpoTotals};
+use crate::ranks::Ranks;
 
 /// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser
 /// state of one policy.
@@ -46,7 +47,20 @@ impl Ppo {
     /// [`RlError::InvalidSetting`] if a setting is out of range, [`RlError::LogStdBelowMinimum`] if
     /// a log_std of `policy` is already below [`PpoSettings::min_log_std`].
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
-        Self::on(settings, policy, Box::new(CpuBackend::new(policy)))
+        Self::on_ranks(settings, policy, Ranks::default())
+    }
+
+    /// Creates PPO as [`Ppo::new`] does, whose minibatches are shared by `ranks`, each of which
+    /// makes the same updates.
+    ///
+    /// # Errors
+    /// Errors of [`Ppo::new`].
+    pub fn on_ranks(
+        settings: PpoSettings,
+        policy: &ActorCriticPolicy,
+        ranks: Ranks,
+    ) -> Result<Self, RlError> {
+        Self::on(settings, policy, Box::new(CpuBackend::new(policy, ranks)))
     }
 
     /// Creates PPO with fresh optimiser state, which trains `policy` or its clones on a GPU:

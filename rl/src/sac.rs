@@ -24,6 +24,7 @@ use crate::adam::{Adam, ParamGroup, SECOND_MOMENT_NAME, clip_values, norm};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::env::StepOutcome;
 use crate::error::{RlError, check_all_finite, check_finite, check_params_fit_network};
+use crate::ranks::Ranks;
 use crate::replay::ReplayBuffer;
 use crate::sac::losses::Losses;
 use crate::sac::minibatch::{SacWorkspace, SampledMinibatch, training_chunk};
@@ -61,6 +62,7 @@ pub struct Sac {
     chunks: ParallelChunks<f32, SacWorkspace<f32>>,
     gradient: Vec<f32>,
     minibatch: SampledMinibatch,
+    ranks: Ranks,
 }
 
 impl Sac {
@@ -70,6 +72,19 @@ impl Sac {
     /// # Errors
     /// [`RlError::InvalidSetting`] if a setting is out of range.
     pub fn new(settings: SacSettings, policy: &SacPolicy) -> Result<Self, RlError> {
+        Self::on_ranks(settings, policy, Ranks::default())
+    }
+
+    /// Creates soft actor-critic as [`Sac::new`] does, whose minibatches are shared by `ranks`,
+    /// each of which makes the same updates.
+    ///
+    /// # Errors
+    /// Errors of [`Sac::new`].
+    pub fn on_ranks(
+        settings: SacSettings,
+        policy: &SacPolicy,
+        ranks: Ranks,
+    ) -> Result<Self, RlError> {
         settings.check()?;
         let chunk = training_chunk(settings.window);
         let network = policy.network().clone();
@@ -82,6 +97,7 @@ impl Sac {
             chunks: ParallelChunks::new(num_params, chunk, move || network.workspace(chunk)),
             gradient: vec![0.0; num_params],
             minibatch: SampledMinibatch::default(),
+            ranks,
             settings,
         })
     }
@@ -141,12 +157,13 @@ impl Sac {
         };
         self.gradient.fill(0.0);
         let mut sums = SacSums::default();
-        let chunk_losses = self.chunks.accumulate_gradients(
+        let chunk_losses = self.ranks.accumulate_gradients(
+            &mut self.chunks,
             self.settings.batch,
             &mut self.gradient,
-            |range, workspace, gradient| losses.run_chunk(range, workspace, gradient),
+            |range, workspace, gradient| losses.run_chunk(range, workspace, gradient).to_array(),
         );
-        chunk_losses.iter().for_each(|chunk| sums.add(chunk));
+        chunk_losses.into_iter().for_each(|chunk| sums.add(&SacSums::from_array(chunk)));
         let loss = sums.critic_loss + sums.actor_loss + sums.cloning_loss;
         check_finite("the loss of a minibatch", loss)?;
         Ok(sums)

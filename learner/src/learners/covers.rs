@@ -6,7 +6,7 @@
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, AlgorithmState, EnvSpec, Metrics, NetworkSettings, Ppo,
-    PpoSettings, RlError, RolloutBuffer,
+    PpoSettings, Ranks, RlError, RolloutBuffer,
 };
 use serde::{Deserialize, Serialize};
 
@@ -55,6 +55,9 @@ pub struct CoversSettings {
     /// Device that policies train on; settings files do not store it.
     #[serde(skip)]
     pub device: LearningDevice,
+    /// Processes that share the updates; settings files do not store them.
+    #[serde(skip)]
+    pub ranks: Ranks,
 }
 
 impl Default for CoversSettings {
@@ -71,6 +74,7 @@ impl Default for CoversSettings {
             new_policy: NewPolicyInit::default(),
             seed: 0,
             device: LearningDevice::default(),
+            ranks: Ranks::default(),
         }
     }
 }
@@ -96,7 +100,7 @@ impl CoversSettings {
     /// Creates the PPO algorithm that trains `policy` on the chosen device.
     fn ppo(&self, policy: &ActorCriticPolicy) -> Result<Ppo, RlError> {
         match &self.device {
-            LearningDevice::Cpu => Ppo::new(self.ppo.clone(), policy),
+            LearningDevice::Cpu => Ppo::on_ranks(self.ppo.clone(), policy, self.ranks.clone()),
             #[cfg(feature = "wgpu")]
             LearningDevice::Gpu(device) => Ppo::on_device(self.ppo.clone(), policy, device),
         }

@@ -10,7 +10,7 @@ mod staged_rollout;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Algorithm, AlgorithmState, ContextSettings, EnvSpec, Metrics, NetworkSettings, PpoSettings,
-    ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
+    Ranks, ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
 };
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
@@ -66,6 +66,9 @@ pub struct OffPolicySettings {
     pub new_policy: NewPolicyInit,
     /// Seed of all random numbers of the learner.
     pub seed: u64,
+    /// Processes that share the updates; settings files do not store them.
+    #[serde(skip)]
+    pub ranks: Ranks,
 }
 
 impl OffPolicySettings {
@@ -92,6 +95,7 @@ impl OffPolicySettings {
             buffer_episodes: Some(100),
             new_policy: NewPolicyInit::default(),
             seed: 0,
+            ranks: Ranks::default(),
         }
     }
 
@@ -187,7 +191,7 @@ impl PolicyCollectionSettings for OffPolicySettings {
 
     fn new_training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTraining, RlError> {
         Ok(SacTraining {
-            sac: Sac::new(self.sac.clone(), policy)?,
+            sac: Sac::on_ranks(self.sac.clone(), policy, self.ranks.clone())?,
             replay: ReplayBuffer::new(self.replay(spec), spec)?,
             warm_up: self.warm_up,
             newest_steps: self.newest_steps,

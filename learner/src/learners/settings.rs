@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use rl::EnvSpec;
+use rl::{EnvSpec, Ranks};
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
@@ -139,6 +139,24 @@ impl LearnerSettings {
             Self::Covers(settings) => settings.device.gpu_name(),
             Self::OffPolicy(_) => None,
         }
+    }
+
+    /// Sets the processes that share the updates of policies on the CPU.
+    ///
+    /// # Errors
+    /// [`LearnerError::InvalidSetting`] if policies train on a GPU.
+    pub fn set_ranks(&mut self, ranks: Ranks) -> Result<(), LearnerError> {
+        if self.gpu_name().is_some() {
+            let expected = "`cpu`: processes that train together share updates on the CPU";
+            return Err(LearnerError::invalid("device", DeviceChoice::Gpu, expected));
+        }
+        each!(self, settings => settings.ranks = ranks);
+        Ok(())
+    }
+
+    /// Returns the processes that share the updates of policies.
+    pub fn ranks(&self) -> &Ranks {
+        each!(self, settings => &settings.ranks)
     }
 
     /// Takes over the removed grouping `calibrated` from the settings of a run of an earlier

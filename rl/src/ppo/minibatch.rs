@@ -13,6 +13,7 @@ use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, PpoTotals};
 use crate::ppo::symmetry_loss::{AugmentedSamples, symmetry_loss};
+use crate::ranks::Ranks;
 
 /// Number of decisions that one thread processes at a time (a chunk) in training. A minibatch of 64
 /// then has 8 chunks to keep the cores busy; smaller chunks take a quarter more time.
@@ -211,10 +212,11 @@ impl Minibatch<'_> {
 pub(super) struct CpuBackend {
     chunks: ParallelChunks<f32, Workspace<f32>>,
     gradient: Vec<f32>,
+    ranks: Ranks,
 }
 
 impl CpuBackend {
-    pub fn new(policy: &ActorCriticPolicy) -> Self {
+    pub fn new(policy: &ActorCriticPolicy, ranks: Ranks) -> Self {
         let network = policy.network().clone();
         let num_params = network.num_params();
         Self {
@@ -222,6 +224,7 @@ impl CpuBackend {
                 network.workspace(TRAINING_CHUNK)
             }),
             gradient: vec![0.0; num_params],
+            ranks,
         }
     }
 }
@@ -235,14 +238,15 @@ impl Backend for CpuBackend {
         let (network, params) = (update.policy.network(), update.policy.params());
         let (samples, mut losses) = (minibatch.indices.len(), LossSums::default());
         self.gradient.fill(0.0);
-        let chunk_losses = self.chunks.accumulate_gradients(
+        let chunk_losses = self.ranks.accumulate_gradients(
+            &mut self.chunks,
             samples,
             &mut self.gradient,
             |range, workspace, gradient| {
-                minibatch.run_chunk(network, params, range, workspace, gradient)
+                minibatch.run_chunk(network, params, range, workspace, gradient).to_array()
             },
         );
-        chunk_losses.iter().for_each(|chunk| losses.add(chunk));
+        chunk_losses.into_iter().for_each(|chunk| losses.add(&LossSums::from_array(chunk)));
         let sum = losses.policy_loss + losses.value_loss + losses.approx_kl + losses.symmetry_loss;
         check_finite("the loss of a minibatch", sum)?;
         Ok(Some((losses, &mut self.gradient)))

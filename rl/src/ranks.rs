@@ -1,0 +1,111 @@
+//! Ranks: processes that compute one run together, each a share of the work.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+use bytemuck::{Pod, cast_slice, cast_slice_mut};
+use equivariant::ParallelChunks;
+
+/// Exchange of bytes between the processes that compute one run, such as MPI's world.
+pub trait Communicator: Send + Sync {
+    /// Returns the index of this process among all, from 0.
+    fn rank(&self) -> usize;
+
+    /// Returns the number of processes.
+    fn size(&self) -> usize;
+
+    /// Sends `own` to all processes; returns what each of them sent, in the order of ranks. The
+    /// call returns once every process has made it.
+    fn all_gather(&self, own: &[u8]) -> Vec<u8>;
+}
+
+/// Processes (ranks) that compute one run together; one process alone by default.
+///
+/// Every rank executes the whole program from the same seeds, so all have the same state. They
+/// share only what takes long, steps of environments and gradients: each computes a contiguous
+/// share and receives the rest. So results have the bits of one process. Ranks are no part of
+/// settings: all compare as equal.
+#[derive(Clone, Default)]
+pub struct Ranks(Option<Arc<dyn Communicator>>);
+
+impl Ranks {
+    /// Returns the ranks that `communicator` connects.
+    pub fn new(communicator: Arc<dyn Communicator>) -> Self {
+        Self(Some(communicator))
+    }
+
+    /// Returns the index of this process, and the number of processes.
+    fn rank_and_size(&self) -> (usize, usize) {
+        self.0.as_ref().map_or((0, 1), |all| (all.rank(), all.size()))
+    }
+
+    /// Returns `true` on rank 0, which alone writes files and prints.
+    pub fn is_first(&self) -> bool {
+        self.rank_and_size().0 == 0
+    }
+
+    /// Returns this rank's share of `count` items; sizes of shares differ by at most one.
+    pub fn share(&self, count: usize) -> Range<usize> {
+        let (rank, size) = self.rank_and_size();
+        rank * count / size..(rank + 1) * count / size
+    }
+
+    /// Writes the rows that other ranks computed to an array of `count` rows, of which this rank
+    /// computed those of its share.
+    ///
+    /// # Panics
+    /// If `rows` cannot be divided into `count` rows, or ranks call it with different arrays.
+    pub fn gather_rows<T: Pod>(&self, count: usize, rows: &mut [T]) {
+        let Some(all) = &self.0 else { return };
+        assert!(rows.len().is_multiple_of(count.max(1)), "{} values, {count} rows", rows.len());
+        let (width, own) = (rows.len() / count.max(1), self.share(count));
+        let gathered = all.all_gather(cast_slice(&rows[own.start * width..own.end * width]));
+        cast_slice_mut(rows).copy_from_slice(&gathered);
+    }
+
+    /// Returns the numbers of all ranks, in their order.
+    pub fn gather_numbers(&self, own: u64) -> Vec<u64> {
+        let (rank, size) = self.rank_and_size();
+        let mut numbers = vec![0; size];
+        numbers[rank] = own;
+        self.gather_rows(size, &mut numbers);
+        numbers
+    }
+
+    /// Adds the gradients of all chunks to `gradient`, of which this rank computes its share, and
+    /// returns what `f` returned, in chunk order
+    /// ([`ParallelChunks::accumulate_gradients`]).
+    pub(crate) fn accumulate_gradients<W: Send, const K: usize>(
+        &self,
+        chunks: &mut ParallelChunks<f32, W>,
+        num_samples: usize,
+        gradient: &mut [f32],
+        f: impl Fn(Range<usize>, &mut W, &mut [f32]) -> [f64; K] + Sync,
+    ) -> Vec<[f64; K]> {
+        let num_params = gradient.len().max(1);
+        let complete = |gradients: &mut [f32], own: Vec<[f64; K]>| {
+            let count = gradients.len() / num_params;
+            self.gather_rows(count, gradients);
+            let mut results = vec![[0.0; K]; count];
+            results[self.share(count)].copy_from_slice(&own);
+            self.gather_rows(count, results.as_flattened_mut());
+            results
+        };
+        let share = |count| self.share(count);
+        chunks.accumulate_shared_gradients(num_samples, gradient, share, complete, f)
+    }
+}
+
+impl PartialEq for Ranks {
+    fn eq(&self, _: &Self) -> bool {
+        true
+    }
+}
+
+impl fmt::Debug for Ranks {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (rank, size) = self.rank_and_size();
+        write!(f, "rank {rank} of {size}")
+    }
+}

@@ -1,0 +1,91 @@
+//! Processes that compute one run together: `mpirun -n R covers train ...`.
+
+use rl::Ranks;
+
+use crate::CoversError;
+
+/// Calls `work` with the processes that `mpirun` started, or with this process alone. If `work`
+/// fails, prints the error and ends all processes, since the others would wait for this one.
+///
+/// # Errors
+/// Errors of `work` in a process that is alone.
+#[cfg(feature = "mpi")]
+pub(crate) fn on_ranks<T>(
+    work: impl FnOnce(Ranks) -> Result<T, CoversError>,
+) -> Result<T, CoversError> {
+    world::on_ranks(work)
+}
+
+/// Calls `work` with this process alone: the program was built without the feature `mpi`.
+#[cfg(not(feature = "mpi"))]
+pub(crate) fn on_ranks<T>(
+    work: impl FnOnce(Ranks) -> Result<T, CoversError>,
+) -> Result<T, CoversError> {
+    work(Ranks::default())
+}
+
+#[cfg(feature = "mpi")]
+mod world {
+    use std::env;
+    use std::io::{Write, stderr};
+    use std::sync::Arc;
+
+    use mpi::Threading;
+    use mpi::datatype::PartitionMut;
+    use mpi::topology::SimpleCommunicator;
+    use mpi::traits::{Communicator as _, CommunicatorCollectives};
+    use rl::{Communicator, Ranks};
+
+    use crate::CoversError;
+    use crate::program::format_error;
+
+    /// Variables that launchers set: Open MPI's `mpirun`, those with PMIx such as `srun`, MPICH's.
+    const LAUNCHED: [&str; 3] = ["OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"];
+
+    /// All processes that the launcher started. The handle of MPI is asked for in every call, since
+    /// it may not be sent to another thread.
+    struct World;
+
+    impl Communicator for World {
+        fn rank(&self) -> usize {
+            SimpleCommunicator::world().rank().cast_unsigned() as usize
+        }
+
+        fn size(&self) -> usize {
+            SimpleCommunicator::world().size().cast_unsigned() as usize
+        }
+
+        fn all_gather(&self, own: &[u8]) -> Vec<u8> {
+            let world = SimpleCommunicator::world();
+            let (mut lengths, mut starts) = (vec![0_i32; self.size()], Vec::new());
+            world.all_gather_into(&(own.len() as i32), &mut lengths[..]);
+            let mut total = 0_usize;
+            for &length in &lengths {
+                starts.push(total as i32);
+                total += length.cast_unsigned() as usize;
+            }
+            assert!(i32::try_from(total).is_ok(), "got {total} bytes, expected less than 2 GiB");
+            let mut all = vec![0; total];
+            let mut parts = PartitionMut::new(&mut all[..], lengths, starts);
+            world.all_gather_varcount_into(own, &mut parts);
+            all
+        }
+    }
+
+    pub fn on_ranks<T>(
+        work: impl FnOnce(Ranks) -> Result<T, CoversError>,
+    ) -> Result<T, CoversError> {
+        let launched = LAUNCHED.iter().any(|name| env::var_os(name).is_some());
+        // collective calls come from whichever thread runs the learner, one at a time
+        let universe =
+            if launched { mpi::initialize_with_threading(Threading::Serialized) } else { None };
+        let Some((universe, _)) = universe else {
+            return work(Ranks::default());
+        };
+        let world = universe.world();
+        work(Ranks::new(Arc::new(World))).inspect_err(|error| {
+            let _ = writeln!(stderr(), "rank {}: {}", world.rank(), format_error(error));
+            world.abort(1)
+        })
+    }
+}

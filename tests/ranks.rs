@@ -1,0 +1,124 @@
+//! Runs that several ranks compute together, which are threads here, write the bytes of one
+//! process. `tests/mpi.sh` does the same with processes that `mpirun` starts.
+
+use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::process;
+use std::sync::{Arc, Barrier, Mutex};
+use std::thread;
+
+use covers::presets::{Budget, Method};
+use covers::{DeviceChoice, Experiment, Run, RunFolder};
+use envs::{Embodiment, TaskRegistry};
+use rl::{Communicator, Ranks};
+
+use crate::common::scratch::Scratch;
+
+/// A thread as one of several ranks.
+struct ThreadRank {
+    rank: usize,
+    shared: Arc<(Barrier, Mutex<Vec<Vec<u8>>>)>,
+}
+
+impl Communicator for ThreadRank {
+    fn rank(&self) -> usize {
+        self.rank
+    }
+
+    fn size(&self) -> usize {
+        self.shared.1.lock().unwrap().len()
+    }
+
+    fn all_gather(&self, own: &[u8]) -> Vec<u8> {
+        let (barrier, messages) = &*self.shared;
+        messages.lock().unwrap()[self.rank] = own.to_vec();
+        barrier.wait();
+        let all = messages.lock().unwrap().concat();
+        // the next message must not replace one that others have not read
+        barrier.wait();
+        all
+    }
+}
+
+/// Prepares a run on each of `size` ranks, and advances it `events` times or to its end.
+fn advance(folder: &Path, size: usize, events: usize, prepare: impl Fn(RunFolder) -> Run + Sync) {
+    let shared = Arc::new((Barrier::new(size), Mutex::new(vec![Vec::new(); size])));
+    let work = |rank| {
+        let ranks = Ranks::new(Arc::new(ThreadRank { rank, shared: Arc::clone(&shared) }));
+        let mut run = prepare(RunFolder::from_path(folder).on_ranks(ranks));
+        for _ in 0..events {
+            run.advance().unwrap();
+        }
+        run.save().unwrap();
+    };
+    let work = &work;
+    thread::scope(|scope| {
+        for rank in 0..size {
+            // the other ranks would wait for one that has panicked
+            scope.spawn(move || {
+                catch_unwind(AssertUnwindSafe(|| work(rank))).unwrap_or_else(|_| process::exit(101))
+            });
+        }
+    });
+}
+
+/// Two groups and four environments; minibatches have 4 or 8 chunks.
+fn experiment(method: Method) -> Experiment {
+    let mut experiment = Budget::Smoke.experiment(method).with_threads(1);
+    experiment.schedule.groups.truncate(2);
+    experiment.schedule.groups.iter_mut().for_each(|plan| plan.decisions = 2 * 80);
+    experiment.envs.num_envs = 4;
+    experiment.envs.embodiment = Embodiment::HAND;
+    experiment.evaluation.recognition_repeats = 1;
+    experiment
+}
+
+/// The tables and the newest checkpoint.
+fn files(folder: &Path) -> [Vec<u8>; 5] {
+    let checkpoints = fs::read_dir(folder.join("checkpoints")).unwrap();
+    let newest = checkpoints.map(|file| file.unwrap().path()).max().unwrap();
+    let tables = ["metrics.csv", "evaluation.csv", "units.csv", "recognition.csv"];
+    let [metrics, scores, units, recognition] = tables.map(|name| folder.join(name));
+    [metrics, scores, units, recognition, newest].map(|path| fs::read(path).unwrap())
+}
+
+/// More events than a run of [`experiment`] has.
+const ALL: usize = 100;
+
+#[test]
+fn several_ranks_write_the_bytes_of_one_process() {
+    for (method, sizes) in
+        [(Method::Covers, &[2, 5][..]), (Method::EquiSac, &[3]), (Method::Cnn, &[4])]
+    {
+        let scratch = Scratch::new("ranks");
+        let start = |folder| Run::start(experiment(method), folder).unwrap();
+        let run = |size: usize| {
+            let folder = RunFolder::create(&scratch.0, "run").unwrap();
+            advance(folder.path(), size, ALL, start);
+            files(folder.path())
+        };
+        let expected = run(1);
+        assert!([0, 1, 4].iter().all(|&file| expected[file].len() > 100));
+        for &size in sizes {
+            let found = run(size);
+            for (file, bytes) in expected.iter().enumerate() {
+                assert!(found[file] == *bytes, "{method:?} on {size} ranks: file {file} differs");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_run_goes_on_with_another_number_of_ranks() {
+    let scratch = Scratch::new("ranks");
+    let [whole, parts] = [0, 1].map(|_| RunFolder::create(&scratch.0, "run").unwrap());
+    let start = |folder| Run::start(experiment(Method::Covers), folder).unwrap();
+    advance(whole.path(), 1, ALL, start);
+    advance(parts.path(), 3, 2, start);
+    assert!(files(parts.path()) != files(whole.path()));
+    advance(parts.path(), 2, ALL, |folder| {
+        Run::resume_with_tasks(folder, Some(1), DeviceChoice::Cpu, TaskRegistry::all()).unwrap()
+    });
+    assert!(files(parts.path()) == files(whole.path()));
+}
