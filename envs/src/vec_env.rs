@@ -60,8 +60,8 @@ impl VecEnv {
     }
 
     /// Starts only the environments with indices in `share`, for processes that share them. They
-    /// are those of [`VecEnv::new`], and arrays have rows for all N; the other rows are neither
-    /// read nor written.
+    /// are those of [`VecEnv::new`]. Arrays have rows for all N, of which calls write only those of
+    /// the share.
     ///
     /// # Errors
     /// As [`VecEnv::new`].
