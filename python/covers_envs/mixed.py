@@ -62,9 +62,7 @@ class MixedVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         observations, infos = zip(*shown, strict=True)
         return self._joined(observations), self._joined(infos)
 
-    def step(
-        self, actions: NDArray[np.float32]
-    ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
+    def step(self, actions: NDArray[np.float32]) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
         """Takes one decision in every environment, see `CoversVectorEnv.step`."""
         actions = np.asarray(actions)
         if actions.shape != self.action_space.shape:

@@ -1,5 +1,6 @@
 """Check of the symmetries of environments, for any environment of Gymnasium."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -42,8 +43,8 @@ class SymmetryReport:
 
     #: Violations, the most significant first.
     violations: tuple[Violation, ...]
-    #: Largest differences between identical rollouts (equal seeds and actions) of `vector`, `image` and `reward`;
-    #: all are 0 where an environment can be replayed.
+    #: Largest differences between identical rollouts (equal seeds and actions) of `vector`, of moments of the `image`
+    #: and of `reward`; all are 0 where an environment can be replayed.
     noise: dict[str, float]
 
     @property
@@ -78,7 +79,8 @@ def check_symmetry(
     changes its sign under the flip is zero. An environment without faults is reported in at most 1 of 1000 checks.
     First states must be distributed symmetrically.
 
-        report = covers_envs.check_symmetry(gymnasium.make("Pendulum-v1"), vector=["1", "x", "x"], action=["x"], group="D1x")
+        pendulum = gymnasium.make("Pendulum-v1")
+        report = covers_envs.check_symmetry(pendulum, vector=["1", "x", "x"], action=["x"], group="D1x")
         assert report.ok, report
 
     Args:
@@ -108,9 +110,9 @@ def check_symmetry(
     noise = {"vector": 0.0, "image": 0.0, "reward": 0.0}
     for each, first in zip(seeds[:_REPEATED], rollouts, strict=False):
         second = replayed.rollout(each)
-        for name in noise:
+        for name, largest in noise.items():
             pairs = zip(getattr(first, name), getattr(second, name), strict=False)
-            noise[name] = max([noise[name], *(float(np.abs(a - b).max(initial=0)) for a, b in pairs)])
+            noise[name] = max([largest, *(float(np.abs(a - b).max(initial=0)) for a, b in pairs)])
     return SymmetryReport(tuple(_violations(replayed, rollouts, group, rng)), noise)
 
 
@@ -128,9 +130,7 @@ class _Rollout:
     reward: NDArray[np.float64]
 
 
-def _violations(
-    env: "_Replayed", rollouts: list[_Rollout], group: str, rng: np.random.Generator
-) -> list[Violation]:
+def _violations(env: "_Replayed", rollouts: list[_Rollout], group: str, rng: np.random.Generator) -> list[Violation]:
     """Compares the mean of each quantity that changes its sign with those of the same episodes, each transformed by a
     random element of the group: the randomisation test of `rl::check_symmetry`."""
     if len(rollouts) < _MIN_EPISODES:
@@ -262,7 +262,7 @@ class _Replayed:
         ones = np.concatenate([np.eye(n)[k] for n, k in zip(self._choices, chosen, strict=True)])
         # choices that the group exchanges begin with the trivial irrep
         starts = [*np.flatnonzero(self._actions == 0), len(ones)]
-        for start, end in zip(starts, starts[1:], strict=False):
+        for start, end in itertools.pairwise(starts):
             orbit = ones[start:end]
             orbit[:] = _HADAMARD[: len(orbit), : len(orbit)] @ orbit
         return space.start + chosen[0] if isinstance(space, Discrete) else np.array(chosen), ones

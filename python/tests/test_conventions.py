@@ -41,7 +41,10 @@ def test_specifications_and_keywords_tell_the_number_of_steps():
     assert gymnasium.make("covers/GoalReach-v0", layout="metaworld").spec.max_episode_steps == 500
     assert gymnasium.make(one.spec).spec.max_episode_steps == 50
     env = gymnasium.make_vec("covers/GoalReach-v0", num_envs=2, max_episode_steps=5, image_size=16)
-    assert env.spec.max_episode_steps == 5 and gymnasium.make("covers/GoalReach-v0", horizon=60).spec.max_episode_steps == 6
+    assert (
+        env.spec.max_episode_steps == 5
+        and gymnasium.make("covers/GoalReach-v0", horizon=60).spec.max_episode_steps == 6
+    )
     env.reset(seed=0)
     assert [env.step(zeros(env))[3].all() for _ in range(5)] == [False] * 4 + [True]
     single = gymnasium.make("covers/GoalReach-v0", max_episode_steps=5, image_size=16)

@@ -131,7 +131,9 @@ def test_the_checker_of_sb3_passes_and_experts_are_asked():
 
 
 @needs_sb3
-@pytest.mark.parametrize(("only", "policy"), [(None, "MultiInputPolicy"), ("vector", "MlpPolicy"), ("state", "MlpPolicy")])
+@pytest.mark.parametrize(
+    ("only", "policy"), [(None, "MultiInputPolicy"), ("vector", "MlpPolicy"), ("state", "MlpPolicy")]
+)
 def test_ppo_takes_steps(only, policy):
     from stable_baselines3 import PPO
 

@@ -118,7 +118,10 @@ def test_environments_without_faults_are_not_reported():
     ("fault", "named"),
     [
         (lambda env: TransformObservation(env, lambda o: o + np.float32([0, 0.2, 0]), None), "vector component 1 "),
-        (lambda env: TransformAction(env, lambda a: np.where(a > 0, a, a / 2).astype(np.float32), None), "vector component"),
+        (
+            lambda env: TransformAction(env, lambda a: np.where(a > 0, a, a / 2).astype(np.float32), None),
+            "vector component",
+        ),
         (lambda env: TransformReward(env, lambda r: 0.5 * r), None),
     ],
     ids=["centre", "action scale", "none"],
