@@ -14,6 +14,7 @@ pub fn spec() -> EnvSpec {
         image_shape: [48, 48, envs::ExtraView::First.num_channels()],
         vector_irreps: envs::VECTOR_IRREPS.to_vec(),
         action_irreps: envs::ACTION_IRREPS.to_vec(),
+        choices: vec![],
     }
 }
 

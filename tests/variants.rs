@@ -65,6 +65,7 @@ fn deviations(map: impl Fn(D2) -> D2) -> Vec<f32> {
         image_shape: [size, size, ExtraView::First.num_channels()],
         vector_irreps: VECTOR_IRREPS.to_vec(),
         action_irreps: ACTION_IRREPS.to_vec(),
+        choices: vec![],
     };
     // a large gain, so that actions are of order one and a relative error means something
     let network = NetworkSettings { action_gain: 1.0, ..NetworkSettings::default() };

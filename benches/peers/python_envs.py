@@ -16,7 +16,7 @@ from envs import ENVS, SIZE, TASKS, EnvPool, MetaWorld, Ours, image, medians, ra
 
 class Python:
     def __init__(self, task, embodiment, copy=True):
-        control = {"action_repeat": 1, "displacement": 0.01, "horizon": 500}
+        control = {"action_repeat": 1, "displacement": 0.01, "horizon": 500, "autoreset_mode": "SameStep"}
         self.env = covers_envs.make_vec(
             task, ENVS, image_size=SIZE, embodiment=embodiment, threads=1, seed=0, copy=copy, **control
         )

@@ -130,7 +130,8 @@ impl Camera {
         self.mark.check()
     }
 
-    /// Returns the camera, its light and the floor's material as the last part of a scene.
+    /// Returns the camera, its light, the floor's material and the camera `corner` of
+    /// [`SceneView`](crate::SceneView) as the last part of a scene.
     pub(crate) fn to_mjcf(self, name: &str) -> String {
         let fovy = 2.0 * (self.half_extent / self.height).atan().to_degrees();
         let height = self.height;
@@ -143,6 +144,7 @@ impl Camera {
               <light name="overhead" directional="true" castshadow="false" pos="0 0 3" dir="0 0 -1"
                      diffuse="{overhead} {overhead} {overhead}" specular="0 0 0"/>
               <camera name="{name}" pos="0 0 {height}" quat="1 0 0 0" fovy="{fovy}"/>
+              <camera name="corner" pos="0.8 0.8 0.8" xyaxes="-1 1 0 -1 -1 2"/>
             </worldbody>"#
         )
     }

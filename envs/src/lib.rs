@@ -72,17 +72,17 @@ pub use embodiment::Embodiment;
 pub use embodiment_spec::{EmbodimentParts, EmbodimentSpec};
 pub use error::{EnvError, ReachShortfall};
 pub use layout::{HAND_TARGET_START, Layout};
-pub use messages::{EnvCommand, EnvFailure};
+pub use messages::{EnvCommand, EnvFailure, EnvSnapshot};
 pub use mujoco::{self, Backdrop};
 pub use randomisation::Randomisation;
 pub use registry::TaskRegistry;
-pub use renderer::SceneRenderer;
+pub use renderer::{SceneRenderer, SceneView, View};
 pub use robots;
 pub use scene::{ARM_GEOM_GROUP, Scene};
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, SimulatedArm, Snapshot, Solid, StepResult, TableTop, VECTOR_DIM,
-    VECTOR_IRREPS,
+    ACTION_DIM, ACTION_IRREPS, DETAILS_DIM, SimulatedArm, Snapshot, Solid, StepResult, TableTop,
+    VECTOR_DIM, VECTOR_IRREPS,
 };
 pub use task::{
     EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task,

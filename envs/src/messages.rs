@@ -2,13 +2,16 @@
 
 use std::sync::Arc;
 
+use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::batch::StepBuffers;
+use crate::domain_randomiser::CameraState;
 use crate::error::EnvError;
+use crate::renderer::View;
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, StepResult, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, DETAILS_DIM, Snapshot, StepResult, VECTOR_DIM};
 
 /// Failure of one environment, which does not affect the others.
 #[derive(Debug)]
@@ -41,12 +44,21 @@ pub(crate) enum WorkerCommand {
     /// Command to use a prepared scene from the next reset on, with variants drawn from the given
     /// elements of D2.
     SetTasks(Arc<Scene>, Vec<D2>),
-    /// Command to restart the random streams from a seed.
-    Reseed(u64),
+    /// Command to restart the random streams, with seed and stream of every environment of the
+    /// vector.
+    Reseed(Arc<[(u64, usize)]>),
     /// Command to execute the [`EnvCommand`] of every environment of the worker.
     Advance(WorkerBatch),
     /// Command to write the scripted experts' actions for the present states.
     Experts(WorkerBatch),
+    /// Command to write the details of the present states.
+    Details(WorkerBatch),
+    /// Command to render the present states in the batch's view.
+    Render(WorkerBatch),
+    /// Command to write snapshots of the running episodes.
+    Save(WorkerBatch),
+    /// Command to restore the episodes of the snapshots.
+    Restore(WorkerBatch),
     /// Command to apply a fault to one environment before its next decision.
     #[cfg(test)]
     Inject(usize, Fault),
@@ -62,12 +74,30 @@ pub(crate) struct WorkerReply {
     pub result: Result<(), EnvError>,
 }
 
+/// State of one environment of a [`VecEnv`](crate::VecEnv) in the middle of an episode, with its
+/// random streams and last observation.
+#[derive(Clone, Debug)]
+pub struct EnvSnapshot {
+    pub(crate) table: Snapshot,
+    pub(crate) rng: ChaCha8Rng,
+    pub(crate) camera_state: CameraState,
+    pub(crate) first: Vec<u8>,
+    pub(crate) image: Vec<u8>,
+    pub(crate) vector: Vec<f32>,
+}
+
 /// Buffers of the environments of one worker thread, one row each; sent back and forth, so that a
 /// step allocates nothing.
 pub(crate) struct WorkerBatch {
     pub commands: Vec<EnvCommand>,
     pub actions: Vec<f32>,
     pub batch: StepBuffers,
+    /// Details of the states, `[N, 16]`.
+    pub details: Vec<f32>,
+    /// View to render, and its pictures `[N, size, size, 3]`; `None` but for a render command.
+    pub view: Option<(View, Vec<u8>)>,
+    /// Snapshots on their way to or from [`VecEnv`](crate::VecEnv); empty otherwise.
+    pub snapshots: Vec<EnvSnapshot>,
     pub failures: Vec<EnvFailure>,
 }
 
@@ -78,6 +108,9 @@ impl WorkerBatch {
             commands: vec![EnvCommand::Idle; settings.num_envs],
             actions: vec![0.0; settings.num_envs * ACTION_DIM],
             batch: StepBuffers::new(settings),
+            details: vec![0.0; settings.num_envs * DETAILS_DIM],
+            view: None,
+            snapshots: Vec::new(),
             failures: Vec::new(),
         }
     }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use mujoco::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
+use mujoco::{Backdrop, CameraId, CameraView, Mirror, RenderOptions, Renderer};
 
 use crate::camera::{Mark, ObservationPictures, RGB_CHANNELS};
 use crate::error::EnvError;
@@ -141,5 +141,47 @@ impl SceneRenderer {
             // not on `rendered`, since close-ups are cut from it and have no mark
             self.scene.camera.draw_mark(mark, table.hand_position(), rgb);
         }
+    }
+}
+
+/// View of a scene for people, as [`VecEnv::render`](crate::VecEnv::render) draws it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct View {
+    /// `true` for the view from a corner of the table, which faces the robot; `false` for the view
+    /// from above.
+    pub from_corner: bool,
+    /// `true` to show the arm.
+    pub shows_arm: bool,
+    /// Number of pixels along either side of the picture, 1 to 4096.
+    pub size: usize,
+}
+
+/// Renderer of one scene in one [`View`]; stays on the thread that made it.
+pub struct SceneView {
+    renderer: Renderer,
+    camera: CameraId,
+}
+
+impl SceneView {
+    /// Creates a renderer of `view`.
+    ///
+    /// # Errors
+    /// [`EnvError::Render`] for a size out of range, or if no off-screen OpenGL is available.
+    pub fn new(scene: &Scene, view: View) -> Result<Self, EnvError> {
+        let model = Arc::clone(&scene.model);
+        let camera = if view.from_corner { model.camera("corner")? } else { scene.camera_id };
+        let mut options = RenderOptions::default();
+        options.visible_geom_groups[ARM_GEOM_GROUP] = view.shows_arm;
+        let renderer = Renderer::new(model, view.size, view.size, options)?;
+        Ok(Self { renderer, camera })
+    }
+
+    /// Renders the present state of `table` into `rgb` `[size, size, 3]`.
+    ///
+    /// # Errors
+    /// [`EnvError::NotReset`] if no episode is running, [`EnvError::Render`].
+    pub fn render(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
+        table.variant().ok_or(EnvError::NotReset)?;
+        Ok(self.renderer.render(table.simulation_mut(), self.camera, rgb)?)
     }
 }

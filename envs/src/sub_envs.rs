@@ -17,11 +17,13 @@ use crate::domain_randomiser::{CameraState, DomainRandomiser};
 use crate::error::EnvError;
 #[cfg(test)]
 use crate::messages::Fault;
-use crate::messages::{EnvCommand, EnvFailure, WorkerBatch, WorkerCommand, WorkerReply, row_mut};
-use crate::renderer::SceneRenderer;
+use crate::messages::{
+    EnvCommand, EnvFailure, EnvSnapshot, WorkerBatch, WorkerCommand, WorkerReply, row_mut,
+};
+use crate::renderer::{SceneRenderer, SceneView, View};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, TableTop, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, DETAILS_DIM, TableTop, VECTOR_DIM};
 use crate::task::TaskGroup;
 
 /// State of one environment besides its simulation: random stream, camera errors, first picture and
@@ -42,6 +44,8 @@ pub(crate) struct SubEnvs {
     slots: Vec<Slot>,
     /// Renderer of each prepared task group. A renderer that failed is dropped and made again.
     renderers: BTreeMap<TaskGroup, SceneRenderer>,
+    /// Renderers for people, made at first use.
+    views: BTreeMap<(TaskGroup, View), SceneView>,
     /// Simulations of the current task group, one per environment.
     tables: Vec<TableTop>,
     /// Simulations of earlier task groups, kept for their return. Freeing blocks of several
@@ -70,6 +74,7 @@ impl SubEnvs {
             settings,
             slots: slots.collect(),
             renderers: BTreeMap::new(),
+            views: BTreeMap::new(),
             tables: Vec::new(),
             parked: BTreeMap::new(),
             elements: Vec::new(),
@@ -85,9 +90,13 @@ impl SubEnvs {
             WorkerCommand::SetTasks(scene, elements) => {
                 without_rows(self.set_task_group(&scene, elements))
             }
-            WorkerCommand::Reseed(seed) => without_rows(self.reseed(seed)),
+            WorkerCommand::Reseed(seeds) => without_rows(self.reseed(&seeds)),
             WorkerCommand::Advance(rows) => self.with_rows(rows, Self::advance),
             WorkerCommand::Experts(rows) => self.with_rows(rows, Self::experts),
+            WorkerCommand::Details(rows) => self.with_rows(rows, Self::details),
+            WorkerCommand::Render(rows) => self.with_rows(rows, Self::render),
+            WorkerCommand::Save(rows) => self.with_rows(rows, Self::save),
+            WorkerCommand::Restore(rows) => self.with_rows(rows, Self::restore),
             #[cfg(test)]
             WorkerCommand::Inject(row, fault) => {
                 self.slots[row].fault = Some(fault);
@@ -105,10 +114,11 @@ impl SubEnvs {
         WorkerReply { rows: Some(rows), result }
     }
 
-    fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
+    fn reseed(&mut self, seeds: &[(u64, usize)]) -> Result<(), EnvError> {
         for slot in &mut self.slots {
-            slot.rng = slot_rng(seed, slot.index);
-            slot.camera_state = CameraState::new(seed, slot.index);
+            let (seed, stream) = seeds[slot.index];
+            slot.rng = slot_rng(seed, stream);
+            slot.camera_state = CameraState::new(seed, stream);
         }
         Ok(())
     }
@@ -176,6 +186,66 @@ impl SubEnvs {
         for ((table, slot), action) in self.tables.iter().zip(&self.slots).zip(actions) {
             let expert = table.expert_action();
             action.copy_from_slice(&expert.map_err(|error| error.in_env(slot.index))?);
+        }
+        Ok(())
+    }
+
+    fn details(&mut self, rows: &mut WorkerBatch) -> Result<(), EnvError> {
+        let actions = rows.actions.chunks_exact(ACTION_DIM);
+        let details = rows.details.chunks_exact_mut(DETAILS_DIM);
+        for ((table, action), out) in self.tables.iter().zip(actions).zip(details) {
+            out.fill(f32::NAN);
+            // an environment that failed has no episode
+            if let Ok(own) = table.details(action[ACTION_DIM - 1]) {
+                out.copy_from_slice(&own);
+            }
+        }
+        Ok(())
+    }
+
+    fn render(&mut self, rows: &mut WorkerBatch) -> Result<(), EnvError> {
+        let Some((view, pictures)) = &mut rows.view else { return Ok(()) };
+        let picture = view.size * view.size * RGB_CHANNELS;
+        for (row, (table, slot)) in self.tables.iter_mut().zip(&self.slots).enumerate() {
+            let renderer = match self.views.entry((table.scene().group, *view)) {
+                Entry::Occupied(entry) => entry.into_mut(),
+                Entry::Vacant(entry) => entry.insert(SceneView::new(table.scene(), *view)?),
+            };
+            let rendered = renderer.render(table, row_mut(pictures, row, picture));
+            rendered.map_err(|error| error.in_env(slot.index))?;
+        }
+        Ok(())
+    }
+
+    fn save(&mut self, rows: &mut WorkerBatch) -> Result<(), EnvError> {
+        let image = self.settings.image_len();
+        let tables = self.tables.iter().zip(&self.slots).enumerate();
+        let snapshots = tables.map(|(row, (table, slot))| {
+            Ok::<_, EnvError>(EnvSnapshot {
+                table: table.save().map_err(|error| error.in_env(slot.index))?,
+                rng: slot.rng.clone(),
+                camera_state: slot.camera_state.clone(),
+                first: slot.first.clone(),
+                image: row_mut(&mut rows.batch.images, row, image).to_vec(),
+                vector: row_mut(&mut rows.batch.vectors, row, VECTOR_DIM).to_vec(),
+            })
+        });
+        rows.snapshots = snapshots.collect::<Result<_, _>>()?;
+        Ok(())
+    }
+
+    fn restore(&mut self, rows: &mut WorkerBatch) -> Result<(), EnvError> {
+        let image = self.settings.image_len();
+        for (row, snapshot) in std::mem::take(&mut rows.snapshots).into_iter().enumerate() {
+            self.prepare(Arc::clone(self.tables[row].scene()))?;
+            let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
+            table.restore(&snapshot.table).map_err(|error| error.in_env(slot.index))?;
+            let renderer = renderer_of(&mut self.renderers, table)?;
+            renderer.render_backdrop(table, &mut slot.backdrop)?;
+            row_mut(&mut rows.batch.images, row, image).copy_from_slice(&snapshot.image);
+            row_mut(&mut rows.batch.vectors, row, VECTOR_DIM).copy_from_slice(&snapshot.vector);
+            (slot.rng, slot.camera_state) = (snapshot.rng, snapshot.camera_state);
+            slot.first = snapshot.first;
         }
         Ok(())
     }

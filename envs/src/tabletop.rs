@@ -31,6 +31,12 @@ pub const VECTOR_DIM: usize = 7;
 pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] =
     [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial, Irrep::X, Irrep::Y, Irrep::Trivial];
 
+/// Number of a state's details: hand x, y, z, aperture, object x, y, z, its second point x, y, z
+/// (see [`TaskParts::tip_body`](crate::TaskParts::tip_body)) and the goal x, y, z (metres from the
+/// centre), then the reward terms of [`StepReward`]: approach, in place and distance of the goal
+/// (metres).
+pub const DETAILS_DIM: usize = 16;
+
 /// Factor from Meta-World's rewards of control steps, in `[0, 10]`, to rewards of decisions, in
 /// `[0, 1]`.
 const REWARD_SCALE: f64 = 0.1;
@@ -339,6 +345,28 @@ impl TableTop {
         let (hand, goal) = (self.hand_position(), self.observable_goal().unwrap_or(DVec3::ZERO));
         let aperture = self.aperture();
         Ok([hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z].map(|value| value as f32))
+    }
+
+    /// Returns the details of the present state, see [`DETAILS_DIM`], with the reward terms after a
+    /// control step with the finger action `finger`.
+    ///
+    /// # Errors
+    /// [`EnvError::NotReset`].
+    pub fn details(&self, finger: f32) -> Result<[f32; DETAILS_DIM], EnvError> {
+        let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
+        let (now, placement) = (self.measurement()?, episode.start.placement);
+        let terms = self.reward(f64::from(finger).clamp(-1.0, 1.0))?;
+        let [x, y, z, aperture, ..] = self.observe()?;
+        let mut details = [0.0; DETAILS_DIM];
+        details[..4].copy_from_slice(&[x, y, z, aperture]);
+        let points = [now.object, now.tip, placement.goal];
+        for (out, point) in details[4..13].chunks_exact_mut(3).zip(points) {
+            let [px, py, pz] = map_point(episode.element, point).to_array();
+            out.copy_from_slice(&[px as f32, py as f32, pz as f32]);
+        }
+        let terms = [terms.approach_reward, terms.in_place_reward, terms.goal_distance];
+        details[13..].copy_from_slice(&terms.map(|term| term as f32));
+        Ok(details)
     }
 
     /// Returns the scripted expert's action for the present state (world frame).

@@ -8,12 +8,14 @@ use std::sync::Arc;
 use symmetry::D2;
 
 use crate::batch::{ObservationsMut, StepMut};
+use crate::camera::RGB_CHANNELS;
 use crate::control::check_action;
 use crate::error::EnvError;
-use crate::messages::{EnvCommand, EnvFailure, WorkerBatch, WorkerCommand, copy_row};
+use crate::messages::{EnvCommand, EnvFailure, EnvSnapshot, WorkerBatch, WorkerCommand, copy_row};
+use crate::renderer::View;
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, DETAILS_DIM, VECTOR_DIM};
 use crate::task::TaskGroup;
 use crate::worker::Worker;
 
@@ -135,9 +137,24 @@ impl VecEnv {
     /// # Errors
     /// [`EnvError::WorkerLost`].
     pub fn reseed(&mut self, seed: u64) -> Result<(), EnvError> {
-        self.broadcast(|| WorkerCommand::Reseed(seed))?;
+        let streams = (0..self.settings.num_envs).map(|env| (seed, env)).collect();
+        self.restart_streams(streams)?;
         self.settings.seed = seed;
         Ok(())
+    }
+
+    /// Restarts the random streams of each environment from its own of the `seeds` `[N]`: its
+    /// episodes are then those of a single environment with this seed.
+    ///
+    /// # Errors
+    /// [`EnvError::LengthMismatch`], [`EnvError::WorkerLost`].
+    pub fn reseed_each(&mut self, seeds: &[u64]) -> Result<(), EnvError> {
+        check_len("seeds", seeds.len(), self.settings.num_envs)?;
+        self.restart_streams(seeds.iter().map(|&seed| (seed, 0)).collect())
+    }
+
+    fn restart_streams(&mut self, streams: Arc<[(u64, usize)]>) -> Result<(), EnvError> {
+        self.broadcast(|| WorkerCommand::Reseed(Arc::clone(&streams)))
     }
 
     /// Returns the scene of `group`, compiled on this thread at its first use and shared by all
@@ -223,6 +240,78 @@ impl VecEnv {
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             actions[action_range(worker)].copy_from_slice(&rows.actions);
         }
+        Ok(())
+    }
+
+    /// Writes the details of the present states to `out` `[N, 16]`, see
+    /// [`DETAILS_DIM`](crate::DETAILS_DIM), with the reward terms of the last actions; NaN where no
+    /// episode runs.
+    ///
+    /// # Errors
+    /// [`EnvError::LengthMismatch`], [`EnvError::NotReset`]; episodes go on.
+    pub fn details(&mut self, out: &mut [f32]) -> Result<(), EnvError> {
+        check_len("details", out.len(), self.settings.num_envs * DETAILS_DIM)?;
+        self.require_running()?;
+        self.send_rows(WorkerCommand::Details)?;
+        for (rows, worker) in self.rows.iter().zip(&self.workers) {
+            let Range { start, end } = worker.envs;
+            out[start * DETAILS_DIM..end * DETAILS_DIM].copy_from_slice(&rows.details);
+        }
+        Ok(())
+    }
+
+    /// Renders the present states in `view` into `out` `[N, size, size, 3]`, for people: pictures of
+    /// observations are in [`ObservationsMut`].
+    ///
+    /// # Errors
+    /// [`EnvError::LengthMismatch`], [`EnvError::NotReset`], [`EnvError::Render`]; episodes go on.
+    pub fn render(&mut self, view: View, out: &mut [u8]) -> Result<(), EnvError> {
+        let picture = view.size * view.size * RGB_CHANNELS;
+        check_len("pictures", out.len(), self.settings.num_envs * picture)?;
+        self.require_running()?;
+        for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
+            rows.view = Some((view, vec![0; worker.envs.len() * picture]));
+        }
+        self.send_rows(WorkerCommand::Render)?;
+        for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
+            if let Some((_, pictures)) = rows.view.take() {
+                let Range { start, end } = worker.envs;
+                out[start * picture..end * picture].copy_from_slice(&pictures);
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns snapshots of the running episodes, `[N]`.
+    ///
+    /// # Errors
+    /// [`EnvError::NotReset`], also of a single environment whose simulation failed; episodes go
+    /// on.
+    pub fn save(&mut self) -> Result<Vec<EnvSnapshot>, EnvError> {
+        self.require_running()?;
+        self.send_rows(WorkerCommand::Save)?;
+        Ok(self.rows.iter_mut().flat_map(|rows| std::mem::take(&mut rows.snapshots)).collect())
+    }
+
+    /// Restores the episodes of `snapshots` `[N]`, which then continue to the same bits, and writes
+    /// their last observations to `out`.
+    ///
+    /// # Errors
+    /// [`EnvError::LengthMismatch`]; [`EnvError::SceneMismatch`] for snapshots of another task or
+    /// other settings, or an error of MuJoCo or OpenGL, and [`VecEnv::reset`] must come next.
+    pub fn restore(
+        &mut self,
+        snapshots: &[EnvSnapshot],
+        out: ObservationsMut<'_>,
+    ) -> Result<(), EnvError> {
+        check_len("snapshots", snapshots.len(), self.settings.num_envs)?;
+        self.check_observations(&out)?;
+        self.prepare_rows();
+        for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
+            rows.snapshots = snapshots[worker.envs.clone()].to_vec();
+        }
+        self.run(WorkerCommand::Restore)?;
+        self.copy_observations(out);
         Ok(())
     }
 

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Camera, Control, Embodiment, EnvError, ExtraView, ObservationsMut, RGB_CHANNELS,
-    Randomisation, Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, VECTOR_DIM, VecEnv,
-    VecEnvSettings,
+    ACTION_DIM, Camera, Control, DETAILS_DIM, Embodiment, EnvError, ExtraView, ObservationsMut,
+    RGB_CHANNELS, Randomisation, Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup,
+    VECTOR_DIM, VecEnv, VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -377,5 +377,73 @@ fn settings_out_of_range_are_refused() {
     ] {
         let error = VecEnv::new(broken, TaskGroup::GOAL_REACH, &D2::ALL).err().unwrap();
         assert!(matches!(error, EnvError::InvalidSetting { .. }), "{error}");
+    }
+}
+
+#[test]
+fn restored_episodes_continue_to_the_same_bits_in_any_vector_of_the_task() {
+    let randomisation = Some(Randomisation::default());
+    let settings = VecEnvSettings { randomisation, ..settings(2) };
+    let make = |group| VecEnv::new(settings, group, &D2::ALL).unwrap();
+    let mut env = make(TaskGroup::DRAWER_CLOSE);
+    let mut buffers = StepBuffers::new(&settings);
+    assert!(matches!(env.save(), Err(EnvError::NotReset)));
+    env.reset(buffers.observations_mut()).unwrap();
+    env.step(&action(0), buffers.step_mut()).unwrap();
+    let (saved, last) = (env.save().unwrap(), buffers.vectors.clone());
+    // over the end of an episode, so that random streams count, too
+    let run = |env: &mut VecEnv| {
+        let mut out = StepBuffers::new(&settings);
+        let steps = (1..8).map(|step| {
+            env.step(&action(step), out.step_mut()).unwrap();
+            (out.images.clone(), out.vectors.clone(), out.rewards.clone())
+        });
+        steps.collect::<Vec<_>>()
+    };
+    let expected = run(&mut env);
+    for other in [&mut env, &mut make(TaskGroup::DRAWER_CLOSE)] {
+        other.restore(&saved, buffers.observations_mut()).unwrap();
+        assert_eq!(buffers.vectors, last);
+        assert!(run(other) == expected);
+    }
+    let mut wrong = make(TaskGroup::GOAL_REACH);
+    let error = wrong.restore(&saved, buffers.observations_mut()).unwrap_err().to_string();
+    assert!(error.contains("drawer-close"), "{error}");
+    assert!(env.restore(&saved[1..], buffers.observations_mut()).is_err());
+}
+
+#[test]
+fn seeds_of_their_own_give_the_episodes_of_single_environments() {
+    let settings = settings(2);
+    let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
+    env.reseed_each(&[5, 6, 5]).unwrap();
+    let mut buffers = StepBuffers::new(&settings);
+    env.reset(buffers.observations_mut()).unwrap();
+    let image = settings.image_len();
+    assert!(buffers.images[..image] == buffers.images[2 * image..]);
+    let single = VecEnvSettings { num_envs: 1, seed: 6, ..settings };
+    let mut alone = StepBuffers::new(&single);
+    let mut env_alone = VecEnv::new(single, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
+    env_alone.reset(alone.observations_mut()).unwrap();
+    assert!(buffers.images[image..2 * image] == alone.images);
+    assert!(env.reseed_each(&[1]).is_err());
+}
+
+#[test]
+fn details_tell_where_the_object_is_and_how_far_from_its_goal() {
+    let settings = settings(2);
+    let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
+    let mut buffers = StepBuffers::new(&settings);
+    let mut details = [0.0; N * DETAILS_DIM];
+    assert!(matches!(env.details(&mut details), Err(EnvError::NotReset)));
+    env.reset(buffers.observations_mut()).unwrap();
+    env.step(&action(0), buffers.step_mut()).unwrap();
+    env.details(&mut details).unwrap();
+    let vectors = buffers.vectors.chunks(VECTOR_DIM);
+    for (row, vector) in details.chunks(DETAILS_DIM).zip(vectors) {
+        assert_eq!(row[..4], vector[..4]);
+        let distance = (0..3).map(|i| (row[4 + i] - row[10 + i]).powi(2)).sum::<f32>().sqrt();
+        assert!((row[15] - distance).abs() < 1e-5 && distance > 0.05, "{row:?}");
+        assert!(row[13..15].iter().all(|term| (0.0..=1.0).contains(term)));
     }
 }

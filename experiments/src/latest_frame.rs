@@ -43,6 +43,7 @@ mod tests {
             image_shape: [1, 2, 6],
             vector_irreps: Vec::new(),
             action_irreps: Vec::new(),
+            choices: vec![],
         };
         let mut observations = Observations::new(&spec);
         observations.images = (0..24).collect();

@@ -110,6 +110,7 @@ impl Stream {
             image_shape: [size, size, settings.camera.extra_views.num_channels()],
             vector_irreps: envs::VECTOR_IRREPS.to_vec(),
             action_irreps: envs::ACTION_IRREPS.to_vec(),
+            choices: vec![],
         }
     }
 

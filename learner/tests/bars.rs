@@ -36,6 +36,7 @@ impl Bars {
                 image_shape: [SIZE, SIZE, 1],
                 vector_irreps: vec![Irrep::X, Irrep::Y],
                 action_irreps: vec![Irrep::Trivial],
+                choices: vec![],
             },
             group: 0,
             time: 0,

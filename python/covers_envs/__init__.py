@@ -12,8 +12,10 @@ import gymnasium
 
 from covers_envs._core import task_names, task_sets
 from covers_envs.benchmarks import FixedGoalsEnv, make_mt1, make_mt10
+from covers_envs.mixed import MixedVectorEnv
 from covers_envs.policy import OnnxPolicy, policy_settings
 from covers_envs.single import CoversEnv
+from covers_envs.symmetry import SymmetryReport, Violation, check_symmetry
 from covers_envs.vector import CoversVectorEnv
 
 __all__ = [
@@ -22,7 +24,11 @@ __all__ = [
     "CoversEnv",
     "CoversVectorEnv",
     "FixedGoalsEnv",
+    "MixedVectorEnv",
     "OnnxPolicy",
+    "SymmetryReport",
+    "Violation",
+    "check_symmetry",
     "make",
     "make_mt1",
     "make_mt10",
@@ -37,9 +43,20 @@ TASKS: tuple[str, ...] = tuple(task_names())
 TASK_SETS: dict[str, tuple[str, ...]] = {name: tuple(groups) for name, groups in task_sets()}
 
 
-def make_vec(task: str | list[str] = "goal-reach", num_envs: int = 1, **settings: Any) -> CoversVectorEnv:
-    """Creates environments that are stepped together. `CoversVectorEnv` documents the settings."""
+def make_vec(
+    task: str | list[str] = "goal-reach", num_envs: int = 1, **settings: Any
+) -> CoversVectorEnv | MixedVectorEnv:
+    """Creates environments that are stepped together. `CoversVectorEnv` documents the settings. With tasks of several
+    groups, the environments have the tasks in turn (`MixedVectorEnv`)."""
+    if not isinstance(task, str) and len(set(map(_group, task))) > 1:
+        return MixedVectorEnv(task, num_envs, **settings)
     return CoversVectorEnv(task, num_envs, **settings)
+
+
+def _group(task: str) -> int:
+    """Returns the index of a task's group; names of groups come first in `TASKS`, then four variants of each."""
+    groups, index = len(TASK_SETS["all"]), TASKS.index(task) if task in TASKS else -1
+    return index if index < groups else (index - groups) // 4
 
 
 def make(task: str | list[str] = "goal-reach", **settings: Any) -> CoversEnv:

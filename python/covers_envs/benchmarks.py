@@ -8,7 +8,7 @@ from gymnasium.vector import SyncVectorEnv
 
 from covers_envs._core import task_sets
 from covers_envs.single import CoversEnv, first
-from covers_envs.vector import Info, Observation
+from covers_envs.vector import Info, Observation, check_options
 
 #: Number of goals in a list, as in Meta-World.
 NUM_GOALS = 50
@@ -42,6 +42,7 @@ class FixedGoalsEnv(CoversEnv):
         """Begins an episode with the goal `options["goal"]`, or with one that is drawn at random, and returns its
         first observation. `info["goal"]` is the goal's index in the list, 0 to 49."""
         # not that of `CoversEnv`, which would draw the next goal from the seed of this one
+        check_options(options, "goal")
         gymnasium.Env.reset(self, seed=seed)
         goal = (options or {}).get("goal")
         if goal is None:

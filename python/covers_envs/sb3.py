@@ -18,9 +18,9 @@ class SB3VecEnv(VecEnv):
     Stable-Baselines3 logs the success rate.
 
     Args:
-        env: Environments with the autoreset mode `SAME_STEP`, and not with `copy=False`, because
+        env: Environments made with `autoreset_mode="SameStep"`, and not with `copy=False`, because
             Stable-Baselines3 stores an observation after the step that follows it.
-        only: Part of the observation to return, `image` or `vector`; None returns both.
+        only: Part of the observation to return, `image`, `vector` or `state`; None returns both.
     """
 
     def __init__(self, env: CoversVectorEnv, only: str | None = None) -> None:
@@ -80,7 +80,10 @@ class SB3VecEnv(VecEnv):
         raise NotImplementedError(f"`{attr_name}` cannot be set: the environments live in one native vector")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Raises NotImplementedError: environments have no methods of their own."""
+        """Calls `expert_actions`; raises NotImplementedError for others: environments have no methods of their own."""
+        if method_name == "expert_actions":
+            actions = self.env.expert_actions()
+            return [actions[index] for index in self._get_indices(indices)]
         raise NotImplementedError(f"`{method_name}` cannot be called: the environments live in one native vector")
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:

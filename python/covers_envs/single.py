@@ -7,7 +7,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from covers_envs.vector import CoversVectorEnv, Info, Observation
+from covers_envs.vector import CoversVectorEnv, Info, Observation, check_options, with_limit
 
 
 class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
@@ -15,6 +15,7 @@ class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     observation is a new one."""
 
     metadata: dict[str, Any] = CoversVectorEnv.metadata
+    _spec: Any = None
 
     def __init__(self, task: str | list[str] = "goal-reach", **settings: Any) -> None:
         if not settings.get("copy", True):
@@ -22,10 +23,21 @@ class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
                 "setting `copy` is False, expected True: a single environment's observations are kept over "
                 "its next `step` or `reset`, for instance by Gymnasium's vectors; `make_vec` takes False"
             )
+        for name in {"num_envs", "autoreset_mode"} & set(settings):
+            raise ValueError(f"`{name}` is a setting of `make_vec`: `make` creates one environment, without autoreset")
         self._vector = CoversVectorEnv(task, 1, autoreset_mode=AutoresetMode.DISABLED, **settings)
         self.observation_space = self._vector.single_observation_space
         self.action_space = self._vector.single_action_space
         self.render_mode = self._vector.render_mode
+
+    @property
+    def spec(self) -> Any:
+        """Gymnasium's specification, with the number of decisions in an episode."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: Any) -> None:
+        self._spec = with_limit(spec, self._vector.decisions)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -34,6 +46,7 @@ class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begins an episode, and returns its first observation."""
+        check_options(options)
         super().reset(seed=seed)
         observation, _ = self._vector.reset(seed=seed)
         return first(observation), {}
@@ -47,6 +60,14 @@ class CoversEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def expert_action(self) -> NDArray[np.float32]:
         """Returns the scripted expert's action in the current state, `[4]`."""
         return self._vector.expert_actions()[0]
+
+    def save_state(self) -> Any:
+        """Returns the state of the running episode, see `CoversVectorEnv.save_state`."""
+        return self._vector.save_state()
+
+    def restore_state(self, state: Any) -> Observation:
+        """Restores a state of `save_state`, and returns its observation."""
+        return first(self._vector.restore_state(state))
 
     def render(self) -> NDArray[np.uint8] | None:
         """Returns the current image, enlarged; None without a render mode."""

@@ -17,7 +17,7 @@ PART = None if sys.argv[2:] == ["all"] else "vector"
 
 
 def make(num_envs, seed):
-    env = covers_envs.make_vec("goal-reach", num_envs, embodiment="hand", seed=seed)
+    env = covers_envs.make_vec("goal-reach", num_envs, embodiment="hand", seed=seed, autoreset_mode="SameStep")
     return SB3VecEnv(env, only=PART)
 
 

@@ -8,7 +8,8 @@ mod task;
 use std::sync::{Mutex, PoisonError};
 
 use envs::{
-    Camera, Embodiment, EnvCommand, EnvError, EnvFailure, Layout, ObservationsMut, StepMut,
+    Camera, Embodiment, EnvCommand, EnvError, EnvFailure, EnvSnapshot, Layout, ObservationsMut,
+    Randomisation, StepMut, View,
 };
 use envs::{VecEnv, VecEnvSettings};
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2};
@@ -46,11 +47,16 @@ struct Core {
     process: u32,
 }
 
+/// Saved episodes of all environments.
+#[pyclass(frozen, module = "covers_envs._core")]
+struct Episodes(Vec<EnvSnapshot>);
+
 #[pymethods]
 impl Core {
     #[new]
-    #[pyo3(signature = (tasks, num_envs, threads, camera, layout, embodiment, seed, *,
-                        action_repeat = None, displacement = None, horizon = None))]
+    #[pyo3(signature = (tasks, num_envs, threads, camera, layout, embodiment, randomisation, *,
+                        action_repeat = None, displacement = None, horizon = None,
+                        decisions = None))]
     #[expect(clippy::too_many_arguments, reason = "keywords of one Python call")]
     fn new(
         py: Python<'_>,
@@ -60,10 +66,11 @@ impl Core {
         camera: &str,
         layout: &str,
         embodiment: &str,
-        seed: u64,
+        randomisation: Option<&str>,
         action_repeat: Option<usize>,
         displacement: Option<f64>,
         horizon: Option<usize>,
+        decisions: Option<usize>,
     ) -> PyResult<Self> {
         let layout = find_layout(layout)?;
         let mut settings = VecEnvSettings {
@@ -74,13 +81,21 @@ impl Core {
             camera: find_camera(camera)?,
             // each layout has its own control; keywords override its parts below
             control: layout.control(),
-            seed,
+            randomisation: find_randomisation(randomisation)?,
             ..VecEnvSettings::default()
         };
         let control = &mut settings.control;
         control.action_repeat = action_repeat.unwrap_or(control.action_repeat);
         control.displacement = displacement.unwrap_or(control.displacement);
-        control.horizon = horizon.unwrap_or(control.horizon);
+        control.horizon = match (horizon, decisions) {
+            (Some(_), Some(_)) => {
+                let message = "settings `horizon` and `max_episode_steps` both say how long episodes \
+                               last: give one of them";
+                return Err(value_error(message));
+            }
+            (None, Some(decisions)) => decisions.saturating_mul(control.action_repeat),
+            (horizon, None) => horizon.unwrap_or(control.horizon),
+        };
         let (group, elements) = task::parse(&tasks, layout)?;
         let env = py.detach(|| VecEnv::new(settings, group, &elements));
         Ok(Self { env: Mutex::new(Some(env.map_err(error)?)), process: std::process::id() })
@@ -105,6 +120,7 @@ impl Core {
                 "layout": settings.layout,
                 "embodiment": settings.embodiment,
                 "camera": settings.camera,
+                "randomisation": settings.randomisation,
                 "action_repeat": settings.control.action_repeat,
                 "displacement": settings.control.displacement,
                 "horizon": settings.control.horizon,
@@ -115,6 +131,10 @@ impl Core {
 
     fn reseed(&self, py: Python<'_>, seed: u64) -> PyResult<()> {
         self.with(py, |env| env.reseed(seed))
+    }
+
+    fn reseed_each(&self, py: Python<'_>, seeds: Vec<u64>) -> PyResult<()> {
+        self.with(py, |env| env.reseed_each(&seeds))
     }
 
     fn set_tasks(&self, py: Python<'_>, tasks: Vec<String>) -> PyResult<()> {
@@ -162,6 +182,42 @@ impl Core {
     ) -> PyResult<()> {
         let actions = slice(&mut actions)?;
         self.with(py, |env| env.expert_actions(actions))
+    }
+
+    /// Writes the details of the present states, `[N, DETAILS_DIM]`.
+    fn details(&self, py: Python<'_>, mut details: PyReadwriteArray2<'_, f32>) -> PyResult<()> {
+        let details = slice(&mut details)?;
+        self.with(py, |env| env.details(details))
+    }
+
+    /// Renders the present states in a view, `[N, size, size, 3]`.
+    fn render(
+        &self,
+        py: Python<'_>,
+        camera: &str,
+        arm: bool,
+        mut pictures: PyReadwriteArray4<'_, u8>,
+    ) -> PyResult<()> {
+        let size = pictures.as_array().shape()[1];
+        let view = View { from_corner: camera == "corner", shows_arm: arm, size };
+        let pictures = slice(&mut pictures)?;
+        self.with(py, |env| env.render(view, pictures))
+    }
+
+    fn save(&self, py: Python<'_>) -> PyResult<Episodes> {
+        self.with(py, VecEnv::save).map(Episodes)
+    }
+
+    /// Restores episodes, and writes their last observations.
+    fn restore(
+        &self,
+        py: Python<'_>,
+        episodes: &Episodes,
+        mut images: PyReadwriteArray4<'_, u8>,
+        mut vectors: PyReadwriteArray2<'_, f32>,
+    ) -> PyResult<()> {
+        let out = ObservationsMut { images: slice(&mut images)?, vectors: slice(&mut vectors)? };
+        self.with(py, |env| env.restore(&episodes.0, out))
     }
 
     /// Ends the worker threads. A forked child has none, and nothing happens there.
@@ -241,6 +297,12 @@ fn find_camera(fields: &str) -> PyResult<Camera> {
     serde_json::from_value(camera).map_err(refused)
 }
 
+/// Returns the randomisation of a JSON object, with defaults for fields that it lacks.
+fn find_randomisation(fields: Option<&str>) -> PyResult<Option<Randomisation>> {
+    let refused = |error| value_error(format!("setting `randomisation`: {error}"));
+    fields.map(|fields| serde_json::from_str(fields).map_err(refused)).transpose()
+}
+
 fn texts(failures: &[EnvFailure]) -> Failures {
     let text = |failure: &EnvFailure| (failure.env, failure.error.to_string());
     failures.iter().map(text).collect()
@@ -271,6 +333,7 @@ fn error(error: EnvError) -> PyErr {
         | EnvError::InvalidSetting { .. }
         | EnvError::NonFiniteAction { .. }
         | EnvError::LengthMismatch { .. }
+        | EnvError::SceneMismatch { .. }
         | EnvError::NoSuchVariant { .. }
         | EnvError::NoSuchLayout { .. }
         | EnvError::NoVariants { .. } => PyValueError::new_err(message),
@@ -284,6 +347,8 @@ mod _core {
     use super::Core;
     #[pymodule_export]
     const ACTION_DIM: usize = envs::ACTION_DIM;
+    #[pymodule_export]
+    const DETAILS_DIM: usize = envs::DETAILS_DIM;
 
     /// Returns the names of the groups, then those of their variants.
     #[pyo3::pyfunction]

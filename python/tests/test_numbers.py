@@ -8,7 +8,7 @@ import pytest
 
 import covers_envs
 
-SETTINGS = {"image_size": 16, "horizon": 40}
+SETTINGS = {"image_size": 16, "horizon": 40, "autoreset_mode": "SameStep"}
 
 
 def trace(env, steps=6, seed=None):

@@ -15,6 +15,7 @@ import pytest
 import covers_envs
 
 INSTALLED = importlib.util.find_spec("stable_baselines3") is not None
+SAME_STEP = {"autoreset_mode": "SameStep"}
 needs_sb3 = pytest.mark.skipif(not INSTALLED, reason="Stable-Baselines3 is not installed")
 
 
@@ -53,7 +54,7 @@ def adapter(monkeypatch):
 @pytest.mark.parametrize("only", [None, "image", "vector"])
 def test_a_stored_observation_is_not_changed_by_the_next_step(adapter, only):
     """Stable-Baselines3 stores an observation after the step that follows it."""
-    settings = {"image_size": 16, "horizon": 30, "embodiment": "hand", "seed": 0}
+    settings = {"image_size": 16, "horizon": 30, "embodiment": "hand", "seed": 0} | SAME_STEP
     env = adapter(covers_envs.make_vec("goal-reach", 2, **settings), only=only)
     twin = covers_envs.make_vec("goal-reach", 2, **settings)
 
@@ -81,7 +82,7 @@ def test_a_stored_observation_is_not_changed_by_the_next_step(adapter, only):
 
 
 def test_shared_arrays_are_refused(adapter):
-    shared = covers_envs.make_vec("goal-reach", 2, image_size=16, copy=False)
+    shared = covers_envs.make_vec("goal-reach", 2, image_size=16, copy=False, **SAME_STEP)
     with pytest.raises(ValueError, match="`copy=False`, expected `copy=True`: Stable-Baselines3 stores"):
         adapter(shared)
 
@@ -97,7 +98,7 @@ def test_the_adapter_hands_over_ends_and_success():
 
     from covers_envs.sb3 import SB3VecEnv
 
-    settings = {"image_size": 16, "embodiment": "hand", "seed": 0}
+    settings = {"image_size": 16, "embodiment": "hand", "seed": 0} | SAME_STEP
     inner = covers_envs.make_vec("goal-reach", 2, **settings)
     env, twin = VecMonitor(SB3VecEnv(inner)), covers_envs.make_vec("goal-reach", 2, **settings)
     env.seed(4)
@@ -117,13 +118,29 @@ def test_the_adapter_hands_over_ends_and_success():
 
 
 @needs_sb3
-@pytest.mark.parametrize(("only", "policy"), [(None, "MultiInputPolicy"), ("vector", "MlpPolicy")])
+def test_the_checker_of_sb3_passes_and_experts_are_asked():
+    from stable_baselines3.common.env_checker import check_env
+
+    from covers_envs.sb3 import SB3VecEnv
+
+    check_env(covers_envs.make("goal-reach", image_size=36, state=True, render_mode="rgb_array"))
+    env = SB3VecEnv(covers_envs.make_vec(["goal-reach", "drawer-close"], 4, image_size=16, seed=0, **SAME_STEP))
+    env.reset()
+    actions = env.env_method("expert_actions", indices=[0, 3])
+    assert len(actions) == 2 and (actions[1] == env.env.expert_actions()[3]).all()
+
+
+@needs_sb3
+@pytest.mark.parametrize(
+    ("only", "policy"), [(None, "MultiInputPolicy"), ("vector", "MlpPolicy"), ("state", "MlpPolicy")]
+)
 def test_ppo_takes_steps(only, policy):
     from stable_baselines3 import PPO
 
     from covers_envs.sb3 import SB3VecEnv
 
-    env = covers_envs.make_vec("goal-reach", 2, image_size=36, horizon=50, embodiment="hand", seed=0)
+    settings = {"image_size": 36, "max_episode_steps": 5, "embodiment": "hand", "seed": 0} | SAME_STEP
+    env = covers_envs.make_vec("goal-reach", 2, state=True, **settings)
     model = PPO(policy, SB3VecEnv(env, only=only), n_steps=8, batch_size=8, n_epochs=1, seed=0)
     model.learn(16)
     assert model.num_timesteps == 16

@@ -264,6 +264,7 @@ impl DevicePolicy {
             for (&i, &component) in network.action_order.iter().zip(mean_row) {
                 row[i] = component.into();
             }
+            network.spec().change_action_basis(&mut row[..width]);
             row[width] = state_value.into();
         }
         Ok(())

@@ -1,4 +1,5 @@
-//! Action distributions: the diagonal Gaussian, the tanh-Gaussian, and noise correlated in time.
+//! Action distributions: the diagonal Gaussian, the categorical, the tanh-Gaussian, and noise
+//! correlated in time.
 //!
 //! Everything is summed in f64, since log-probabilities are subtracted from one another and
 //! exponentiated.
@@ -8,6 +9,7 @@ use std::f64::consts::{LN_2, PI, TAU};
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
 
+use crate::env::choice_ranges;
 use crate::error::{RlError, require};
 
 /// Fills `out` with independent standard normal numbers: Box and Muller, "A note on the generation
@@ -39,6 +41,121 @@ pub(crate) fn log_prob(mean: &[f64], log_std: &[f64], action: &[f64]) -> f64 {
 /// summed over components.
 pub(crate) fn entropy(log_std: &[f64]) -> f64 {
     log_std.iter().map(|s| s + 0.5 * ((2.0 * PI).ln() + 1.0)).sum()
+}
+
+/// Distribution of an action of A components: a diagonal Gaussian, or a categorical distribution of
+/// each of several discrete actions.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ActionDistribution<'a> {
+    /// Means of the Gaussian, or logits of the choices, `[A]`.
+    pub mean: &'a [f64],
+    /// Logarithms of the Gaussian's standard deviations, `[A]`; of no meaning for choices.
+    pub log_std: &'a [f64],
+    /// Numbers of choices, see [`EnvSpec::choices`](crate::EnvSpec::choices).
+    pub choices: &'a [usize],
+}
+
+impl ActionDistribution<'_> {
+    /// Turns the standard normal numbers in `noise` `[A]` into the action that they determine.
+    ///
+    /// Choices are those with the largest sum of logit and Gumbel noise, which samples the
+    /// categorical distribution (Gumbel, "Statistical theory of extreme values", 1954).
+    pub fn sample(&self, noise: &mut [f32]) {
+        let scores = noise.iter().zip(self.mean).enumerate();
+        if self.choices.is_empty() {
+            let action =
+                scores.map(|(i, (&e, m))| (m + self.log_std[i].exp() * f64::from(e)) as f32);
+            let action: Vec<f32> = action.collect();
+            return noise.copy_from_slice(&action);
+        }
+        let scores: Vec<f64> = scores.map(|(_, (&e, logit))| logit + gumbel(e.into())).collect();
+        write_choices(&scores, self.choices, noise);
+    }
+
+    /// Writes the most likely action `[A]`.
+    pub fn write_mode(&self, action: &mut [f32]) {
+        if self.choices.is_empty() {
+            action.iter_mut().zip(self.mean).for_each(|(a, &m)| *a = m as f32);
+        } else {
+            write_choices(self.mean, self.choices, action);
+        }
+    }
+
+    /// Returns the logarithm of the density, or of the probability, of `action` `[A]`.
+    pub fn log_prob(&self, action: &[f64]) -> f64 {
+        if self.choices.is_empty() {
+            return log_prob(self.mean, self.log_std, action);
+        }
+        let logs = choice_ranges(self.choices).flat_map(|part| log_softmax(&self.mean[part]));
+        logs.zip(action).map(|(log, a)| a * log).sum()
+    }
+
+    /// Returns the entropy of the distribution in nats.
+    pub fn entropy(&self) -> f64 {
+        if self.choices.is_empty() {
+            return entropy(self.log_std);
+        }
+        choice_ranges(self.choices).map(|part| choice_entropy(&log_softmax(&self.mean[part]))).sum()
+    }
+
+    /// Writes the gradient with respect to `mean` to `d_mean`, and adds that with respect to
+    /// `log_std` to `d_log_std`, from the gradients with respect to the log-probability of `action`
+    /// and to the entropy.
+    pub fn backward(
+        &self,
+        action: &[f64],
+        d_log_prob: f64,
+        d_entropy: f64,
+        d_mean: &mut [f64],
+        d_log_std: &mut [f64],
+    ) {
+        if self.choices.is_empty() {
+            for i in 0..d_mean.len() {
+                let inverse = (-self.log_std[i]).exp();
+                let z = (action[i] - self.mean[i]) * inverse;
+                d_mean[i] = d_log_prob * z * inverse;
+                d_log_std[i] += d_log_prob * (z * z - 1.0) + d_entropy;
+            }
+        }
+        for part in choice_ranges(self.choices) {
+            let logs = log_softmax(&self.mean[part.clone()]);
+            let entropy = choice_entropy(&logs);
+            for (i, log) in part.zip(logs) {
+                let p = log.exp();
+                d_mean[i] = d_log_prob * (action[i] - p) - d_entropy * p * (log + entropy);
+            }
+        }
+    }
+}
+
+/// Writes the one-hot vectors of the choices with the largest scores.
+fn write_choices(scores: &[f64], choices: &[usize], action: &mut [f32]) {
+    action.fill(0.0);
+    for part in choice_ranges(choices) {
+        let best = part.max_by(|&i, &j| scores[i].total_cmp(&scores[j]));
+        best.into_iter().for_each(|i| action[i] = 1.0);
+    }
+}
+
+/// Returns the logarithms of the probabilities that the logits of one discrete action give.
+fn log_softmax(logits: &[f64]) -> Vec<f64> {
+    let largest = logits.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let sum = logits.iter().map(|logit| (logit - largest).exp()).sum::<f64>();
+    logits.iter().map(|logit| logit - largest - sum.ln()).collect()
+}
+
+/// Returns the entropy in nats of a choice whose probabilities have the logarithms `logs`.
+fn choice_entropy(logs: &[f64]) -> f64 {
+    -logs.iter().map(|log| log * log.exp()).sum::<f64>()
+}
+
+/// Maps a standard normal number to one of the standard Gumbel distribution, -ln(-ln(u)), with u
+/// the normal cumulative probability.
+fn gumbel(normal: f64) -> f64 {
+    let tail = 0.5 * libm::erfc(normal.abs() / std::f64::consts::SQRT_2);
+    // u is nearer to 1 than f64 can tell for large numbers
+    let log_u = if normal < 0.0 { tail.ln() } else { (-tail).ln_1p() };
+    -(-log_u).ln()
 }
 
 /// Bounds of log_std, the logarithm of the standard deviation of a tanh-Gaussian before the tanh:
@@ -217,6 +334,47 @@ mod tests {
             .map(|lp| -lp * lp.exp() * dx)
             .sum();
         assert!((surprise - entropy(&log_std)).abs() < 1e-6);
+    }
+
+    const CHOICES: ActionDistribution =
+        ActionDistribution { mean: &[0.3, -1.2, 0.5, 2.0, -0.4], log_std: &[], choices: &[3, 2] };
+
+    #[test]
+    fn choices_are_drawn_as_often_as_their_probabilities_say() {
+        let (mut rng, mut counts) = (ChaCha8Rng::seed_from_u64(4), [0.0; 5]);
+        for _ in 0..20_000 {
+            let mut action = [0.0; 5];
+            standard_normals(&mut rng, &mut action);
+            CHOICES.sample(&mut action);
+            counts.iter_mut().zip(action).for_each(|(count, a)| *count += f64::from(a) / 20_000.0);
+        }
+        for (i, found) in counts.into_iter().enumerate() {
+            let part = if i < 3 { 0..3 } else { 3..5 };
+            let total: f64 = CHOICES.mean[part].iter().map(|logit| logit.exp()).sum();
+            let expected = CHOICES.mean[i].exp() / total;
+            // three standard errors
+            assert!((found - expected).abs() < 0.011, "{i}: {found} {expected}");
+        }
+        let mut mode = [0.5; 5];
+        CHOICES.write_mode(&mut mode);
+        assert_eq!(mode, [0.0, 0.0, 1.0, 1.0, 0.0]);
+        assert!([-9.0, 9.0].map(gumbel).iter().all(|noise| noise.is_finite()));
+    }
+
+    /// The loss 0.7 ln p + 0.3 H of an action.
+    #[test]
+    fn the_gradient_of_choices_equals_finite_differences() {
+        let action = [0.0, 1.0, 0.0, 1.0, 0.0];
+        let loss = |mean: &[f64]| {
+            let distribution = ActionDistribution { mean, ..CHOICES };
+            0.7 * distribution.log_prob(&action) + 0.3 * distribution.entropy()
+        };
+        let mut d_mean = [0.0; 5];
+        CHOICES.backward(&action, 0.7, 0.3, &mut d_mean, &mut []);
+        for (i, got) in d_mean.into_iter().enumerate() {
+            let slope = central_difference(&mut CHOICES.mean.to_vec(), i, 1e-6, loss);
+            assert!((got - slope).abs() < 1e-8, "{i}: {got} {slope}");
+        }
     }
 
     const OUTPUT: [f64; 4] = [0.3, -1.2, 0.5, -0.4];

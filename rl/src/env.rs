@@ -1,8 +1,10 @@
 //! The interface of vectorised environments: plain slices in and out, without tensors or tasks.
 
 use std::fmt;
+use std::ops::Range;
 
-use symmetry::{D2, Irrep};
+use equivariant::hadamard_transform;
+use symmetry::{D2, Group, Irrep};
 
 use crate::error::{
     BoxedEnvError, RlError, ValueLocation, check_finite_at, check_len, require, require_memory,
@@ -24,8 +26,16 @@ pub struct EnvSpec {
     /// environment's order; length D, which is 0 for environments with images only.
     pub vector_irreps: Vec<Irrep>,
     /// Irreducible representation of every component of the action, in the environment's order;
-    /// length A.
+    /// length A. For discrete actions, see [`EnvSpec::choices`].
     pub action_irreps: Vec<Irrep>,
+    /// Number of choices of each discrete action, which add up to A; empty for continuous actions.
+    ///
+    /// A discrete action is the one-hot vector of the choice, several of them are concatenated, and
+    /// [`EnvSpec::chosen`] reads them. A group element permutes choices. Those that it exchanges
+    /// (an orbit) stand next to each other: one that stays is declared as `[Trivial]` in
+    /// `action_irreps`; two that an element of sign -1 under irrep a exchanges, as left and right,
+    /// as `[Trivial, a]`; four, in the order of [`D2::ALL`], as `[Trivial, X, Y, XY]`.
+    pub choices: Vec<usize>,
 }
 
 impl EnvSpec {
@@ -37,12 +47,61 @@ impl EnvSpec {
         self.image_shape.iter().product()
     }
 
-    /// Checks that environments, actions and images, if there are any, have no size of zero, and
-    /// that an image, a vector or both are observed.
+    /// Returns the index of the choice that each one-hot vector in the discrete `action` `[A]` makes.
+    pub fn chosen(&self, action: &[f32]) -> Vec<usize> {
+        let first_one = |part: Range<usize>| action[part].iter().position(|&a| a == 1.0);
+        choice_ranges(&self.choices).map(|part| first_one(part).unwrap_or(0)).collect()
+    }
+
+    /// Returns the ranges of the components of a discrete action whose choices the group exchanges.
+    fn orbits(&self) -> impl Iterator<Item = Range<usize>> + '_ {
+        let starts = |i: &usize| self.action_irreps[*i] == Irrep::Trivial;
+        let len = self.action_irreps.len();
+        let starting = (0..len).filter(starts);
+        let ends = (0..len).filter(starts).skip(1).chain([len]);
+        starting.zip(ends).map(|(start, end)| start..end)
+    }
+
+    /// Changes a discrete action `[A]`, or numbers of its choices, between the basis of choices and
+    /// that of `action_irreps`, by an orthonormal transform that is its own inverse. Continuous
+    /// actions stay as they are.
+    pub(crate) fn change_action_basis(&self, action: &mut [f64]) {
+        if self.choices.is_empty() {
+            return;
+        }
+        for orbit in self.orbits() {
+            let group = [Group::C1, Group::D1x, Group::D2][orbit.len() / 2];
+            hadamard_transform(group, &mut action[orbit]);
+        }
+    }
+
+    /// Rejects discrete actions, which the algorithm named by `what` cannot take.
+    pub(crate) fn require_continuous(&self, what: &'static str) -> Result<(), RlError> {
+        if self.choices.is_empty() { Ok(()) } else { Err(RlError::DiscreteActions { what }) }
+    }
+
+    /// Checks that the orbits of discrete actions are well-formed and do not span two of them.
+    fn check_choices(&self) -> Result<(), RlError> {
+        if self.choices.is_empty() {
+            return Ok(());
+        }
+        let irreps = &self.action_irreps;
+        let sum = self.choices.iter().sum::<usize>();
+        let starts = |part: Range<usize>| part.is_empty() || irreps[part.start] == Irrep::Trivial;
+        let fits = |orbit: Range<usize>| orbit.len() <= 2 || irreps[orbit] == Irrep::ALL;
+        let right = sum == irreps.len()
+            && self.choices.iter().all(|&choices| choices > 0)
+            && choice_ranges(&self.choices).all(starts)
+            && self.orbits().all(fits);
+        if right { Ok(()) } else { Err(RlError::InvalidChoices { sum, components: irreps.len() }) }
+    }
+
+    /// Checks that environments, actions and images, if there are any, have no size of zero, that
+    /// an image, a vector or both are observed, and that choices fit the irreps of actions.
     ///
     /// # Errors
     /// [`RlError::EmptySpec`] names the field, [`RlError::NoObservationInput`] means that there are
-    /// neither images nor vectors.
+    /// neither images nor vectors, [`RlError::InvalidChoices`] that choices do not fit.
     pub fn check(&self) -> Result<(), RlError> {
         let no_image = self.image_shape == Self::NO_IMAGE;
         // an image with some empty dimension is an error, but none at all is allowed
@@ -54,7 +113,7 @@ impl EnvSpec {
         match sizes.iter().find(|(_, size)| *size == 0) {
             Some(&(field, _)) => Err(RlError::EmptySpec { field }),
             None if no_image && self.vector_irreps.is_empty() => Err(RlError::NoObservationInput),
-            None => Ok(()),
+            None => self.check_choices(),
         }
     }
 
@@ -81,12 +140,21 @@ impl EnvSpec {
             ("image_shape", self.image_shape == other.image_shape),
             ("vector_irreps", self.vector_irreps == other.vector_irreps),
             ("action_irreps", self.action_irreps == other.action_irreps),
+            ("choices", self.choices == other.choices),
         ];
         match equal.iter().find(|(_, equal)| !equal) {
             Some(&(field, _)) => Err(RlError::SpecMismatch { field }),
             None => Ok(()),
         }
     }
+}
+
+/// Returns the ranges of the one-hot vectors of `choices` in an action.
+pub(crate) fn choice_ranges(choices: &[usize]) -> impl Iterator<Item = Range<usize>> + '_ {
+    choices.iter().scan(0, |end, &len| {
+        *end += len;
+        Some(*end - len..*end)
+    })
 }
 
 /// One observation of each of N environments. `Debug` prints only the length of the images.
@@ -335,9 +403,9 @@ pub trait VectorEnv {
     /// since those of a Gaussian policy are not clipped: an environment with bounds clips them
     /// itself.
     ///
-    /// Scale rewards so that an episode returns a number of order 1, between 1e-2 and 1e3. Nothing
-    /// normalises them, and PPO with its default settings does not improve with rewards of 1e-6 and
-    /// keeps exploring with rewards of 1e6.
+    /// Scale rewards so that an episode returns a number of order 1, between 1e-2 and 1e3, or wrap
+    /// the environments in a [`NormalisedEnv`](crate::NormalisedEnv): PPO with its default settings
+    /// does not improve with rewards of 1e-6 and keeps exploring with rewards of 1e6.
     /// [`RolloutStats::reward_warning`](crate::RolloutStats::reward_warning) warns of other
     /// returns.
     ///
@@ -356,6 +424,7 @@ mod tests {
             image_shape: [4, 4, 2],
             vector_irreps: vec![Irrep::X, Irrep::Y],
             action_irreps: vec![Irrep::X],
+            choices: vec![],
         }
     }
 

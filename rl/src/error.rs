@@ -5,8 +5,9 @@ use std::hint::black_box;
 use std::ops::RangeInclusive;
 
 use equivariant::LayerError;
-use symmetry::Irrep;
 use thiserror::Error;
+
+use crate::symmetry_check::SymmetryViolation;
 
 /// Error of an environment; `?` converts any `Send` and `Sync` error.
 pub type BoxedEnvError = Box<dyn std::error::Error + Send + Sync + 'static>;
@@ -59,6 +60,27 @@ pub enum RlError {
     EmptySpec {
         /// Name of the specification's field with a size of zero.
         field: &'static str,
+    },
+    /// An [`EnvSpec`](crate::EnvSpec) whose choices do not fit the irreps of its actions.
+    #[error(
+        "EnvSpec::choices add up to {sum} for {components} action_irreps; expected equal numbers, \
+         at least one choice of each action, and the irreps [Trivial], [Trivial, a] or [Trivial, \
+         X, Y, XY] for choices that flips exchange"
+    )]
+    InvalidChoices {
+        /// Sum of the numbers of choices.
+        sum: usize,
+        /// Number of components of an action.
+        components: usize,
+    },
+    /// Discrete actions where only continuous ones are possible.
+    #[error(
+        "{what} takes continuous actions alone, but EnvSpec::choices declares discrete ones; use \
+         Ppo on the CPU without a symmetry loss"
+    )]
+    DiscreteActions {
+        /// Name of the part that takes continuous actions alone.
+        what: &'static str,
     },
     /// A network with neither an image nor a vector as input.
     #[error(
@@ -236,17 +258,14 @@ pub enum RlError {
     },
     /// An environment whose data contradict the irreps that it declares.
     #[error(
-        "the mean of {what} would be 0 by the irreps of the EnvSpec, since it changes its sign as \
-         {irrep} does, but is {deviation:.1} standard errors away; correct the irreps, or check \
-         environments whose first states are distributed symmetrically"
+        "the mean of {} would be 0 by the irreps of the EnvSpec, since it changes its sign as {} \
+         does, but is {:.1} standard errors away, and those of {} other quantities, too; correct \
+         the irreps, or check environments whose first states are distributed symmetrically",
+        violations[0].what, violations[0].irrep, violations[0].deviation, violations.len() - 1
     )]
     SymmetryViolated {
-        /// Name of the quantity that contradicts its irrep.
-        what: String,
-        /// Irrep by which the quantity would change its sign, if the declared irreps were right.
-        irrep: Irrep,
-        /// Distance from zero of the quantity's mean over episodes, in standard errors.
-        deviation: f64,
+        /// Quantities that contradict their irreps, at least one, the most significant first.
+        violations: Vec<SymmetryViolation>,
     },
     /// An infinite or NaN quantity.
     #[error(

@@ -24,6 +24,7 @@ pub fn spec() -> EnvSpec {
         image_shape: [8, 8, 2],
         vector_irreps: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
         action_irreps: vec![Irrep::X, Irrep::Trivial, Irrep::Y],
+        choices: vec![],
     }
 }
 

@@ -49,6 +49,7 @@ mod gae;
 mod network;
 mod network_policy;
 mod network_settings;
+mod normalisation;
 mod policy;
 mod ppo;
 mod ranks;
@@ -75,11 +76,12 @@ pub use gae::{GaeInputs, gae};
 pub use network::{ActorCritic, Workspace};
 pub use network_policy::{ActorCriticPolicy, NetworkPolicy};
 pub use network_settings::{CriticSettings, NetworkSettings};
+pub use normalisation::{NormalisationSettings, NormalisationState, NormalisedEnv};
 pub use policy::{
     Actor, ActorMemory, Decisions, EvaluateActions, FeatureExtractor, OnPolicyActor, ValueFunction,
 };
 pub use ppo::Ppo;
-pub use ppo::settings::PpoSettings;
+pub use ppo::settings::{LearningRateSchedule, PpoSettings};
 pub use ppo::stats::PpoStats;
 pub use ppo::symmetry_loss::SymmetryLoss;
 pub use ranks::{Communicator, Ranks};
@@ -94,4 +96,4 @@ pub use sac::network::SacNetwork;
 pub use sac::policy::{History, SacPolicy};
 pub use sac::settings::{ContextSettings, SacSettings, Temperature};
 pub use sac::stats::SacStats;
-pub use symmetry_check::check_symmetry;
+pub use symmetry_check::{SymmetryViolation, check_symmetry};

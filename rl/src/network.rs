@@ -26,6 +26,9 @@ use crate::trunk::{
 /// log_std [A]: separate parameters, the same for every state
 /// ```
 ///
+/// For discrete actions, the mean's place is taken by the logits of the choices, and log_std has no
+/// effect.
+///
 /// Pooling acts on the image's and on the vector's fields separately, as in the paper, so the
 /// features are invariant under transformations of either input alone: the position of the vector
 /// relative to the image reaches only the actor and a [`CriticSettings::Joint`].
@@ -158,13 +161,14 @@ fn critic<T: Scalar>(
 /// earlier passes.
 #[derive(Clone, Debug)]
 pub struct Workspace<T> {
-    /// Mean actions `[K, A]` of the last forward pass.
+    /// Mean actions, or logits of the choices, `[K, A]` of the last forward pass.
     pub mean: Vec<f64>,
     /// State values V(s) `[K]` of the last forward pass.
     pub value: Vec<f64>,
     /// Logarithms of the action's standard deviations `[A]` of the last forward pass.
     pub log_std: Vec<f64>,
-    /// Gradient of the loss with respect to `mean`, `[K, A]`; set before the backward pass.
+    /// Gradient of the loss with respect to `mean`, `[K, A]`; set before the backward pass, which
+    /// may overwrite it.
     pub d_mean: Vec<f64>,
     /// Gradient of the loss with respect to `value`, `[K]`; set before the backward pass.
     pub d_value: Vec<f64>,
@@ -238,6 +242,7 @@ impl<T: Scalar> ActorCritic<T> {
             for (&i, component) in self.action_order.iter().zip(y) {
                 mean[i] = component.to_f64();
             }
+            self.spec().change_action_basis(mean);
         }
         to_f64(&w.critic.y[..n], &mut w.value);
         to_f64(&params[ranges.log_std], &mut w.log_std);
@@ -309,8 +314,10 @@ impl<T: Scalar> ActorCritic<T> {
 
     fn load_output_gradients(&self, n: usize, w: &mut Workspace<T>) {
         let width = self.action_order.len();
-        for (dy, d) in w.actor.dy.chunks_exact_mut(width).zip(w.d_mean.chunks_exact(width)).take(n)
-        {
+        let gradients = w.d_mean.chunks_exact_mut(width);
+        for (dy, d) in w.actor.dy.chunks_exact_mut(width).zip(gradients).take(n) {
+            // the transform is symmetric, so its transpose is the transform itself
+            self.spec().change_action_basis(d);
             for (component, &i) in dy.iter_mut().zip(&self.action_order) {
                 *component = T::from_f64(d[i]);
             }
@@ -350,6 +357,7 @@ mod tests {
             num_envs: 1,
             image_shape: image,
             action_irreps: vector.clone(),
+            choices: vec![],
             vector_irreps: vector,
         }
     }
@@ -428,6 +436,7 @@ mod tests {
             num_envs: 1,
             image_shape: [16, 16, 6],
             action_irreps: vector.clone(),
+            choices: vec![],
             vector_irreps: vector,
         };
         ActorCritic::new(&NetworkSettings::default(), &spec).unwrap()

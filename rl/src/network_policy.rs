@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::Group;
 
 use crate::activity::{MeasureActivity, UnitActivity};
-use crate::distributions::{log_prob, standard_normals};
+use crate::distributions::{ActionDistribution, standard_normals};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_all_finite, check_len, check_params_fit_network};
 use crate::export::{
@@ -206,16 +206,20 @@ impl ActorCriticPolicy {
     }
 
     /// Returns the logarithms of the action's standard deviations `[A]`, in the environment's
-    /// order, the same for every state.
+    /// order, the same for every state; empty for discrete actions.
     pub fn log_std(&self) -> &[f32] {
-        let params = self.params();
-        &params[params.len() - self.action_dim()..]
+        &self.params()[self.log_std_start()..]
+    }
+
+    fn log_std_start(&self) -> usize {
+        let is_discrete = !self.network().spec().choices.is_empty();
+        self.params().len() - if is_discrete { 0 } else { self.action_dim() }
     }
 
     /// Raises every log_std of the policy that is below `floor` to `floor`. NaN stays, so that a
     /// check for it can fail.
     pub(crate) fn clamp_log_std(&mut self, floor: f32) {
-        let start = self.params().len() - self.action_dim();
+        let start = self.log_std_start();
         for log_std in &mut self.params_mut()[start..] {
             if *log_std < floor {
                 *log_std = floor;
@@ -244,6 +248,18 @@ impl ActorCriticPolicy {
 
     fn log_std_f64(&self) -> Vec<f64> {
         self.log_std().iter().map(|&s| f64::from(s)).collect()
+    }
+
+    /// Returns the action distribution of each observation of the last forward pass, with its state
+    /// value; `log_std` is that of the policy.
+    fn distributions<'a>(
+        &'a self,
+        log_std: &'a [f64],
+    ) -> impl Iterator<Item = (ActionDistribution<'a>, f64)> {
+        let (width, choices) = (self.action_dim(), &self.network().spec().choices[..]);
+        self.outputs.chunks_exact(width + 1).map(move |output| {
+            (ActionDistribution { mean: &output[..width], log_std, choices }, output[width])
+        })
     }
 
     /// Samples actions `[N, A]` around the means in `outputs`.
@@ -275,14 +291,12 @@ impl ActorCriticPolicy {
         Ok(())
     }
 
-    /// Copies the mean actions `[N, A]` of the last forward pass from `outputs` to `out`.
+    /// Writes the most likely actions `[N, A]` of the last forward pass to `out`.
     pub(crate) fn write_means(&self, samples: usize, out: &mut [f32]) -> Result<(), RlError> {
         let width = self.action_dim();
         check_len("mean actions", "[N, A]", out.len(), samples * width)?;
         let rows = out.chunks_exact_mut(width);
-        for (mean, output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
-            mean.iter_mut().zip(output).for_each(|(m, &o)| *m = o as f32);
-        }
+        rows.zip(self.distributions(&[])).for_each(|(row, (each, _))| each.write_mode(row));
         Ok(())
     }
 
@@ -296,32 +310,27 @@ impl ActorCriticPolicy {
         Ok(())
     }
 
-    /// Turns standard normal `numbers` `[N, A]` into actions around the means of the last forward
+    /// Turns standard normal `numbers` `[N, A]` into actions for the outputs of the last forward
     /// pass.
     fn sample(&self, numbers: &mut [f32]) {
-        let width = self.action_dim();
-        let std: Vec<f64> = self.log_std_f64().iter().map(|s| s.exp()).collect();
-        let rows = numbers.chunks_exact_mut(width);
-        for (row, output) in rows.zip(self.outputs.chunks_exact(width + 1)) {
-            for j in 0..width {
-                row[j] = (output[j] + std[j] * f64::from(row[j])) as f32;
-            }
-        }
+        let log_std = self.log_std_f64();
+        let rows = numbers.chunks_exact_mut(self.action_dim());
+        rows.zip(self.distributions(&log_std)).for_each(|(row, (each, _))| each.sample(row));
     }
 
     /// Writes log-probabilities of the actions in `decisions`, and state values, from the outputs
     /// of the last forward pass.
     fn write_log_probs(&self, decisions: &mut Decisions) {
         let log_std = self.log_std_f64();
-        let width = log_std.len();
+        let width = self.action_dim();
         let mut taken = vec![0.0; width];
-        for (i, output) in self.outputs.chunks_exact(width + 1).enumerate() {
+        for (i, (distribution, value)) in self.distributions(&log_std).enumerate() {
             for (component, &action) in taken.iter_mut().zip(&decisions.actions[i * width..]) {
                 // the executed action, rounded to f32: its density is the one that PPO compares
                 *component = f64::from(action);
             }
-            decisions.log_probs[i] = log_prob(&output[..width], &log_std, &taken) as f32;
-            decisions.values[i] = output[width] as f32;
+            decisions.log_probs[i] = distribution.log_prob(&taken) as f32;
+            decisions.values[i] = value as f32;
         }
     }
 }
@@ -403,6 +412,9 @@ impl EvaluateActions for ActorCriticPolicy {
 impl ExportPolicy for ActorCriticPolicy {
     fn export(&self) -> Result<ExportedPolicy, RlError> {
         let (network, params) = (self.network(), self.params());
+        if !network.spec().choices.is_empty() {
+            return Err(RlError::NotExportable { part: "a discrete action" });
+        }
         let (ranges, trunk) = (network.param_ranges(), export_trunk(&network.trunk, params)?);
         let settings = network.settings();
         let (group, critic) = (settings.group, &params[ranges.critic]);

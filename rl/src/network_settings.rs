@@ -31,6 +31,7 @@ pub struct NetworkSettings {
     ///     image_shape: [48, 48, 6],
     ///     vector_irreps: xy.clone(),
     ///     action_irreps: xy,
+    ///     choices: vec![],
     /// };
     /// let parameters = |group| {
     ///     let settings = NetworkSettings { group, ..NetworkSettings::default() };

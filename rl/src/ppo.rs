@@ -21,7 +21,6 @@ use rand_chacha::ChaCha8Rng;
 use crate::adam::{Adam, SECOND_MOMENT_NAME, clip_global_norm};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::buffer::RolloutBuffer;
-use crate::distributions::{entropy, log_prob};
 use crate::error::{RlError, check_all_finite, check_finite, check_params_fit_network};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::minibatch::{
@@ -80,6 +79,7 @@ impl Ppo {
         if settings.symmetry.is_some() {
             return Err(RlError::UnsupportedOnGpu);
         }
+        policy.network().spec().require_continuous("an update on a GPU")?;
         Self::on(settings, policy, Box::new(gpu::GpuBackend::new(device)))
     }
 
@@ -89,6 +89,9 @@ impl Ppo {
         backend: Box<dyn Backend>,
     ) -> Result<Self, RlError> {
         settings.check()?;
+        if settings.symmetry.is_some() {
+            policy.network().spec().require_continuous("a symmetry loss")?;
+        }
         settings.check_min_log_std(policy.log_std())?;
         Ok(Self {
             optimiser: Adam::new(policy.network().num_params(), settings.adam_epsilon),
@@ -130,6 +133,7 @@ impl Algorithm for Ppo {
         self.batch.fill(&self.settings, buffer, rng)?;
         let mut update = Update {
             settings: &self.settings,
+            rate_factor: self.settings.schedule.factor(self.optimiser.steps),
             optimiser: &mut self.optimiser,
             batch: &self.batch,
             policy,
@@ -257,7 +261,7 @@ impl LossWeights {
         d_mean: &mut [f64],
         d_log_std: &mut [f64],
     ) -> (LossSums, f64) {
-        let logratio = log_prob(new.mean, new.log_std, old.action) - old.log_prob;
+        let logratio = new.distribution.log_prob(old.action) - old.log_prob;
         // a cap instead of an infinity, so that sums over the minibatch stay finite
         let capped = logratio > MAX_LOG_RATIO;
         let ratio = if capped { MAX_LOG_RATIO } else { logratio }.exp();
@@ -267,19 +271,15 @@ impl LossWeights {
         // where the maximum takes the clipped branch, the loss does not depend on the policy
         let unclipped = pg_loss1 >= pg_loss2;
         let d_log_prob = if unclipped { pg_loss1 * scale } else { 0.0 };
-        for i in 0..d_mean.len() {
-            let inverse = (-new.log_std[i]).exp();
-            let z = (old.action[i] - new.mean[i]) * inverse;
-            d_mean[i] = d_log_prob * z * inverse;
-            d_log_std[i] += d_log_prob * (z * z - 1.0) - self.ent_coef * scale;
-        }
+        let d_entropy = -self.ent_coef * scale;
+        new.distribution.backward(old.action, d_log_prob, d_entropy, d_mean, d_log_std);
         // squared without the factor 1/2, so the gradient below has a factor 2 (equation 9)
         let error = new.value - old.ret;
         let terms = LossSums {
             samples: 1.0,
             policy_loss: pg_loss1.max(pg_loss2),
             value_loss: error * error,
-            entropy: entropy(new.log_std),
+            entropy: new.distribution.entropy(),
             approx_kl: (ratio - 1.0) - logratio,
             clip_fraction: f64::from(u8::from((ratio - 1.0).abs() > clip_coef)),
             symmetry_loss: 0.0,

@@ -331,7 +331,7 @@ pub const MAX_ABS_RETURN: f64 = 1e3;
 pub const MIN_ABS_RETURN: f64 = 1e-2;
 
 /// Warning about returns outside the range in which PPO with default settings was measured to
-/// train. Nothing in this crate normalises rewards.
+/// train without a [`NormalisedEnv`](crate::NormalisedEnv).
 ///
 /// Measured in a task of one step (`tests/reward_scale.rs`), where rewards reach `scale`, after 30
 /// rollouts of 512 decisions, as the success of mean actions and of drawn ones:

@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Group, Irrep};
 
-use crate::distributions::standard_normals;
+use crate::distributions::{ActionDistribution, standard_normals};
 use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
 use crate::error::{RlError, require};
 use crate::rollout::{EpisodeStats, step};
@@ -23,16 +23,18 @@ const MIN_EPISODES: usize = 48;
 /// because of rounding errors.
 const ROUNDING_TOLERANCE: f64 = 1e-9;
 
-/// Runs `env` for `steps` steps with standard normal actions, and rejects the environment if the
-/// data contradict the irreps in its [`EnvSpec`], as far as `group` acts on them.
+/// Runs `env` for `steps` steps with random actions, and rejects the environment if the data
+/// contradict the irreps in its [`EnvSpec`], as far as `group` acts on them.
 ///
 /// If observations, actions and rewards transform under the group as declared, an episode and its
 /// transformed episode are equally likely. So the mean of every quantity that changes its sign is
-/// zero: of components of the vector and moments of the images, of products of two of these, and of
-/// their products and those of the action with rewards and with changes in a step. The mean that
-/// deviates most, in standard errors, is compared with those of the same episodes, each transformed
-/// by a random element (a randomisation test). An environment that declares its irreps correctly is
-/// rejected in at most 1 of 1000 checks, whatever the distributions.
+/// zero: of components of the vector and moments of the images and of their changes in a step, of
+/// products of two of these, and of their products and those of the action with rewards and with
+/// changes, also times the feature that changes. Quantities that no element changes enter with
+/// their mean subtracted. Deviations, in standard errors, are compared with
+/// the largest one of the same episodes, each transformed by a random element (a randomisation
+/// test). An environment that declares its irreps correctly is rejected in at most 1 of 1000
+/// checks, whatever the distributions.
 ///
 /// The check assumes that the *distribution* of first states is symmetric (an environment that
 /// always begins on one side is rejected), and that episodes, also of different environments, are
@@ -41,7 +43,7 @@ const ROUNDING_TOLERANCE: f64 = 1e-9;
 /// y in a task without images.
 ///
 /// # Errors
-/// [`RlError::SymmetryViolated`] names the mean that is not zero. [`RlError::InvalidSetting`] for
+/// [`RlError::SymmetryViolated`] lists the means that are not zero. [`RlError::InvalidSetting`] for
 /// fewer than 48 episodes, unfinished ones included. [`RlError::Environment`] if a step fails, and
 /// [`RlError::NotFinite`] for infinite or NaN numbers.
 pub fn check_symmetry(
@@ -53,29 +55,58 @@ pub fn check_symmetry(
     let spec = env.spec().clone();
     spec.check()?;
     let quantities = TestedQuantities::new(&spec, group);
-    let episodes = quantities.episode_sums(env, steps, rng)?;
+    let mut episodes = quantities.run_episodes(env, steps, rng)?;
+    quantities.centre(&mut episodes, group);
+    let sums = |episode: &Vec<StepFeatures>| quantities.sums(episode);
+    let episodes: Vec<Vec<f64>> = episodes.iter().map(sums).collect();
     let enough = episodes.len() >= MIN_EPISODES;
     let expected = "steps in which 48 episodes begin, in all environments together";
     require("steps", steps as f32, expected, enough)?;
-    let mut elements = vec![D2::Identity; episodes.len()];
     let norms = quantities.norms(&episodes);
-    let Some((worst, observed)) = quantities.largest_ratio(&episodes, &norms, &elements) else {
-        return Ok(());
-    };
+    let ratios = |elements: &[D2]| quantities.ratios(&episodes, &norms, elements);
+    let mut elements = vec![D2::Identity; episodes.len()];
+    let observed = ratios(&elements);
+    let largest = |ratios: &[f64]| ratios.iter().fold(0.0, |a: f64, &b| a.max(b.abs()));
+    let worst = largest(&observed);
+    let mut random = 0.0;
     for _ in 0..NUM_RANDOMISATIONS {
         elements.fill_with(|| group.elements()[rng.random_range(0..group.order())]);
-        let moved = quantities.largest_ratio(&episodes, &norms, &elements);
+        random = largest(&ratios(&elements)).max(random);
         // one random deviation as large is enough to accept
-        if moved.is_some_and(|(_, moved)| moved > observed - ROUNDING_TOLERANCE) {
+        if random > worst - ROUNDING_TOLERANCE {
             return Ok(());
         }
     }
-    let term = &quantities.terms[worst];
-    Err(RlError::SymmetryViolated {
-        what: quantities.name(term),
-        irrep: quantities.irrep(term),
-        deviation: observed,
-    })
+    let violated = observed.iter().enumerate().filter(|(_, ratio)| ratio.abs() > random);
+    let mut violations: Vec<SymmetryViolation> = violated
+        .map(|(k, &deviation)| SymmetryViolation {
+            what: quantities.name(&quantities.terms[k]),
+            irrep: quantities.irrep(&quantities.terms[k]),
+            mean: deviation * norms[k] / episodes.len() as f64,
+            deviation: deviation.abs(),
+        })
+        .collect();
+    violations.sort_by(|a, b| b.deviation.total_cmp(&a.deviation));
+    if violations.is_empty() { Ok(()) } else { Err(RlError::SymmetryViolated { violations }) }
+}
+
+/// Quantity whose mean contradicts the declared irreps, as [`check_symmetry`] finds it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SymmetryViolation {
+    /// Name of the quantity: a product of components of vector and action, moments of the image,
+    /// changes of these in a step, and the reward.
+    pub what: String,
+    /// Irrep by which the quantity would change its sign, if the declared irreps were right.
+    pub irrep: Irrep,
+    /// Mean over episodes of the quantity's sum over an episode, which would be 0.
+    pub mean: f64,
+    /// Magnitude of the mean in standard errors: its noise between episodes.
+    pub deviation: f64,
+}
+
+/// Returns `true` if an element of the group changes the sign of quantities of type `irrep`.
+fn acts(group: Group, irrep: Irrep) -> bool {
+    group.elements().iter().any(|&g| irrep.sign(g) < 0)
 }
 
 /// Factor of a quantity of one step whose mean over episodes is tested against zero. Indices are
@@ -116,6 +147,7 @@ impl TestedQuantities {
         let mut quantities = Self { spec: spec.clone(), terms: Vec::new(), feature_irreps };
         let (features, actions) = (0..quantities.feature_irreps.len(), 0..spec.action_irreps.len());
         let mut terms: Vec<_> = features.clone().map(|i| vec![Factor::Feature(i)]).collect();
+        terms.extend(features.clone().map(|i| vec![Factor::Change(i)]));
         terms.extend(features.clone().map(|i| vec![Factor::Feature(i), Factor::Reward]));
         terms.extend(actions.clone().map(|a| vec![Factor::Action(a), Factor::Reward]));
         for i in features.clone() {
@@ -125,11 +157,13 @@ impl TestedQuantities {
         }
         for a in actions.map(Factor::Action) {
             terms.extend(features.clone().map(|i| vec![a, Factor::Change(i)]));
+            // a response that differs between the two sides
+            let on_sides = |i| vec![a, Factor::Change(i), Factor::Feature(i)];
+            terms.extend(features.clone().map(on_sides));
             terms.extend(features.clone().map(|i| vec![a, Factor::Feature(i), Factor::Reward]));
         }
         // only for quantities that change their sign does symmetry imply a mean of zero
-        let acts = |irrep: Irrep| group.elements().iter().any(|&g| irrep.sign(g) < 0);
-        terms.retain(|term| acts(quantities.irrep(term)));
+        terms.retain(|term| acts(group, quantities.irrep(term)));
         quantities.terms = terms;
         quantities
     }
@@ -162,14 +196,14 @@ impl TestedQuantities {
         names.collect::<Vec<_>>().join(" times ")
     }
 
-    /// Runs the environments with random actions and returns the sums of all tested quantities over
-    /// each episode, unfinished episodes included.
-    fn episode_sums(
+    /// Runs the environments with random actions and returns the steps of each episode, unfinished
+    /// episodes included.
+    fn run_episodes(
         &self,
         env: &mut dyn VectorEnv,
         steps: usize,
         rng: &mut ChaCha8Rng,
-    ) -> Result<Vec<Vec<f64>>, RlError> {
+    ) -> Result<Vec<Vec<StepFeatures>>, RlError> {
         let (spec, n) = (&self.spec, self.spec.num_envs);
         let mut observations = Observations::new(spec);
         env.reset(&mut observations).map_err(RlError::Environment)?;
@@ -177,14 +211,23 @@ impl TestedQuantities {
         observations.check_finite(spec).map_err(|e| e.with_step(|_| Some(0)))?;
         let mut features: Vec<_> = (0..n).map(|i| self.features_of(&observations, i)).collect();
         let mut running = vec![EpisodeStats::default(); n];
-        let mut sums = vec![vec![0.0; self.terms.len()]; n];
-        let mut episodes = Vec::new();
+        let (mut open, mut episodes) = (vec![Vec::new(); n], Vec::new());
         let mut transition = Transition::new(spec);
-        let mut actions = vec![0.0; n * spec.action_irreps.len()];
+        let width = spec.action_irreps.len();
+        let (mut actions, zeros) = (vec![0.0; n * width], vec![0.0; width]);
         for _ in 0..steps {
             standard_normals(rng, &mut actions);
+            let mut components: Vec<f64> = actions.iter().map(|&a| a.into()).collect();
+            for (row, action) in actions.chunks_mut(width).zip(components.chunks_mut(width)) {
+                if !spec.choices.is_empty() {
+                    ActionDistribution { mean: &zeros, log_std: &[], choices: &spec.choices }
+                        .sample(row);
+                    action.iter_mut().zip(row).for_each(|(a, &mut one)| *a = one.into());
+                    spec.change_action_basis(action);
+                }
+            }
             step(env, &running, &actions, &mut transition)?;
-            for (i, action) in actions.chunks(spec.action_irreps.len()).enumerate() {
+            for (i, action) in components.chunks(width).enumerate() {
                 let ended = transition.outcomes[i].is_ended();
                 let next = self.features_of(&transition.observations, i);
                 // not the next observation, which belongs to another episode
@@ -193,26 +236,45 @@ impl TestedQuantities {
                 } else {
                     next.clone()
                 };
-                let step_features = StepFeatures {
-                    before: &features[i],
-                    after: &after,
-                    action,
+                open[i].push(StepFeatures {
+                    change: after.iter().zip(&features[i]).map(|(a, b)| a - b).collect(),
+                    before: std::mem::replace(&mut features[i], next),
+                    action: action.to_vec(),
                     reward: f64::from(transition.rewards[i]),
-                };
-                let terms = sums[i].iter_mut().zip(&self.terms);
-                terms.for_each(|(sum, term)| *sum += step_features.value(term));
-                features[i] = next;
+                });
                 running[i].length += 1;
                 if ended {
-                    let fresh = vec![0.0; self.terms.len()];
-                    episodes.push(std::mem::replace(&mut sums[i], fresh));
+                    episodes.push(std::mem::take(&mut open[i]));
                     running[i].length = 0;
                 }
             }
         }
-        let open = sums.into_iter().zip(&running);
-        episodes.extend(open.filter(|(_, e)| e.length > 0).map(|(episode, _)| episode));
+        episodes.extend(open.into_iter().filter(|episode| !episode.is_empty()));
         Ok(episodes)
+    }
+
+    /// Subtracts their means over all steps from the reward and from the features that no element
+    /// of the group changes. These means are the same for transformed episodes, and without them
+    /// products have less noise.
+    fn centre(&self, episodes: &mut [Vec<StepFeatures>], group: Group) {
+        let count = episodes.iter().map(Vec::len).sum::<usize>() as f64;
+        let mut subtract = |number: fn(&mut StepFeatures, usize) -> &mut f64, i: usize| {
+            let mut total = 0.0;
+            episodes.iter_mut().flatten().for_each(|step| total += *number(step, i));
+            episodes.iter_mut().flatten().for_each(|step| *number(step, i) -= total / count);
+        };
+        subtract(|step, _| &mut step.reward, 0);
+        for (i, &irrep) in self.feature_irreps.iter().enumerate() {
+            if !acts(group, irrep) {
+                subtract(|step, i| &mut step.before[i], i);
+            }
+        }
+    }
+
+    /// Returns the sums of all tested quantities over the steps of an episode.
+    fn sums(&self, episode: &[StepFeatures]) -> Vec<f64> {
+        let sum = |term: &Vec<Factor>| episode.iter().map(|step| step.value(term)).sum();
+        self.terms.iter().map(sum).collect()
     }
 
     /// Returns the features of the observation of environment `i`: the components of its vector,
@@ -220,19 +282,20 @@ impl TestedQuantities {
     fn features_of(&self, observations: &Observations, i: usize) -> Vec<f64> {
         let (image, vector) = observations.sample(&self.spec, i);
         let [height, width, channels] = self.spec.image_shape;
+        let (h, w) = (height as f64, width as f64);
         let mut moments = vec![0.0; 4 * channels];
-        let full = 255.0 * (height * width) as f64;
         for (k, &byte) in image.iter().enumerate() {
             let (row, column) = (k / channels / width, k / channels % width);
-            // pixel centres in [-1, 1], x to the right and y up
-            let x = (2 * column + 1) as f64 / width as f64 - 1.0;
-            let y = 1.0 - (2 * row + 1) as f64 / height as f64;
-            let level = f64::from(byte) / full;
+            // x to the right and y up, in half pixels: whole numbers, so that sums are exact and a
+            // moment that does not change has no change by rounding, either
+            let (x, y) = ((2 * column + 1) as f64 - w, h - (2 * row + 1) as f64);
             let own = &mut moments[4 * (k % channels)..][..4];
             for (moment, factor) in own.iter_mut().zip([1.0, x, y, x * y]) {
-                *moment += factor * level;
+                *moment += factor * f64::from(byte);
             }
         }
+        let units = [1.0, w, h, w * h].map(|unit| 255.0 * w * h * unit);
+        moments.iter_mut().zip(units.iter().cycle()).for_each(|(moment, unit)| *moment /= unit);
         vector.iter().map(|&v| f64::from(v)).chain(moments).collect()
     }
 
@@ -243,41 +306,35 @@ impl TestedQuantities {
         (0..self.terms.len()).map(|k| squares(k).sqrt()).collect()
     }
 
-    /// Returns the index of the tested quantity whose sum over the episodes, each transformed by
-    /// its group element, is largest relative to the quantity's norm, and that ratio; `None` if all
-    /// quantities are zero.
-    fn largest_ratio(
-        &self,
-        episodes: &[Vec<f64>],
-        norms: &[f64],
-        elements: &[D2],
-    ) -> Option<(usize, f64)> {
+    /// Returns the sum of each tested quantity over the episodes, each transformed by its group
+    /// element, relative to the quantity's norm; 0 for a quantity that is zero throughout.
+    fn ratios(&self, episodes: &[Vec<f64>], norms: &[f64], elements: &[D2]) -> Vec<f64> {
         let ratio = |(k, term): (usize, &Vec<Factor>)| {
             let irrep = self.irrep(term);
             let signed = |(sums, &g): (&Vec<f64>, &D2)| f64::from(irrep.sign(g)) * sums[k];
             let sum = episodes.iter().zip(elements).map(signed).sum::<f64>();
-            (norms[k] > 0.0).then(|| (k, sum.abs() / norms[k]))
+            if norms[k] > 0.0 { sum / norms[k] } else { 0.0 }
         };
-        let ratios = self.terms.iter().enumerate().filter_map(ratio);
-        ratios.max_by(|a, b| a.1.total_cmp(&b.1))
+        self.terms.iter().enumerate().map(ratio).collect()
     }
 }
 
-/// One step of one environment: the action, the reward, and the features of the observations before
-/// and after it.
-struct StepFeatures<'a> {
-    before: &'a [f64],
-    after: &'a [f64],
-    action: &'a [f32],
+/// One step of one environment: the action, the reward, the features of the observation before it,
+/// and their changes.
+#[derive(Clone)]
+struct StepFeatures {
+    before: Vec<f64>,
+    change: Vec<f64>,
+    action: Vec<f64>,
     reward: f64,
 }
 
-impl StepFeatures<'_> {
+impl StepFeatures {
     fn value(&self, term: &[Factor]) -> f64 {
         let values = term.iter().map(|&factor| match factor {
             Factor::Feature(i) => self.before[i],
-            Factor::Change(i) => self.after[i] - self.before[i],
-            Factor::Action(a) => f64::from(self.action[a]),
+            Factor::Change(i) => self.change[i],
+            Factor::Action(a) => self.action[a],
             Factor::Reward => self.reward,
         });
         values.product()

@@ -9,6 +9,7 @@ fn spec() -> EnvSpec {
         image_shape: [2, 2, 1],
         vector_irreps: vec![Irrep::X],
         action_irreps: vec![Irrep::X],
+        choices: vec![],
     }
 }
 

@@ -26,6 +26,7 @@ impl Scripted {
             image_shape: [4, 4, 1],
             vector_irreps: vec![Irrep::X],
             action_irreps: vec![Irrep::X],
+            choices: vec![],
         };
         Self { spec, time: 0, fails: false }
     }

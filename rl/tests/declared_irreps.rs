@@ -99,6 +99,7 @@ fn false_alarms_are_rare_whatever_the_distribution() {
         image_shape: [1, 1, 1],
         vector_irreps: vec![X, Y, XY],
         action_irreps: vec![X],
+        choices: vec![],
     };
     let alarms = (0..300).filter(|&seed| {
         let noise = Noise(ChaCha8Rng::seed_from_u64(seed));
@@ -134,6 +135,7 @@ fn first_states_on_one_side_and_too_few_episodes_are_refused() {
         image_shape: [PIXELS, PIXELS, 1],
         vector_irreps: vec![X],
         action_irreps: vec![X],
+        choices: vec![],
     };
     let mut env = Toys::of(OneSided, spec);
     let mut check = |steps| {

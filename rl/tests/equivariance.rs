@@ -24,6 +24,7 @@ fn spec() -> EnvSpec {
         num_envs: SAMPLES,
         image_shape: [32, 32, 6],
         action_irreps: vector[..5].to_vec(),
+        choices: vec![],
         vector_irreps: vector,
     }
 }

@@ -3,12 +3,13 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, EncoderSettings, EnvSpec, MAX_ABS_RETURN, MIN_ABS_RETURN,
-    Observations, Ppo, PpoSettings, RewardWarning, RolloutBuffer, RolloutStats, VectorEnv,
-    evaluate,
+    ActorCriticPolicy, Algorithm, BoxedEnvError, EncoderSettings, EnvSpec, MAX_ABS_RETURN,
+    MIN_ABS_RETURN, NormalisationSettings, NormalisedEnv, Observations, Ppo, PpoSettings,
+    RewardWarning, RolloutBuffer, RolloutState, RolloutStats, Transition, VectorEnv, evaluate,
 };
 use symmetry::Irrep;
 
+use crate::common::PointReach;
 use crate::common::steps::{OnPolicyRun, Spoiling, joint, policy};
 use crate::common::toy::{Toy, Toys};
 
@@ -28,6 +29,7 @@ impl Bandit {
             image_shape: EnvSpec::NO_IMAGE,
             vector_irreps: vec![Irrep::X],
             action_irreps: vec![Irrep::X],
+            choices: vec![],
         };
         Toys::of(bandit, spec)
     }
@@ -91,6 +93,87 @@ fn ppo_learns_within_the_bounds_and_is_warned_of_outside() {
             1e6 => assert!(matches!(warning, Some(RewardWarning::TooLarge { .. }))),
             _ => assert_eq!(warning, None),
         }
+    }
+}
+
+/// Success of mean actions and of drawn ones after 30 rollouts in a [`NormalisedEnv`].
+fn ppo_on_normalised(scale: f32) -> (f64, f64) {
+    let env = NormalisedEnv::new(Bandit::envs(32, scale), NormalisationSettings::default());
+    let env = env.unwrap();
+    let policy = ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), env.spec(), 2);
+    let mut run = OnPolicyRun::new(env, policy.unwrap(), 16);
+    let mut ppo = Ppo::new(PpoSettings::default(), &run.policy).unwrap();
+    let mut drawn = 0.0;
+    for _ in 0..30 {
+        let rollout = run.collect();
+        assert_eq!(rollout.reward_warning(), None);
+        drawn = rollout.success_rate().unwrap();
+        ppo.update(&mut run.policy, &run.buffer, &mut run.rng).unwrap();
+    }
+    // statistics are saved with the policy, and evaluations change none
+    let saved = serde_json::to_string(run.env.state()).unwrap();
+    let state = serde_json::from_str(&saved).unwrap();
+    let mut env = NormalisedEnv::new(Bandit::envs(32, scale), NormalisationSettings::default());
+    let env = env.as_mut().unwrap();
+    env.restore(state).unwrap();
+    env.set_training(false);
+    let played = evaluate(env, &mut run.policy, 16).unwrap();
+    assert_eq!(env.state(), run.env.state());
+    assert!(played.max_abs_return <= 1.1 * f64::from(scale), "rewards as they are");
+    (played.success_rate().unwrap(), drawn)
+}
+
+#[test]
+fn normalised_rewards_are_learnt_alike_whatever_their_scale() {
+    for scale in [1.0, 1e6, 1e-6] {
+        let (mean, drawn) = ppo_on_normalised(scale);
+        assert!(mean > 0.9 && drawn > 0.75, "{scale:e}: {mean} {drawn}");
+    }
+}
+
+#[test]
+fn normalised_vectors_have_unit_variance_and_stay_symmetric_and_bad_numbers_are_seen() {
+    // a trivial component that is centred, and one of X that is not
+    for (irrep, mean) in [(Irrep::Trivial, 0.0), (Irrep::X, 1.0)] {
+        let bandit = Bandit::envs(200, 1.0).declaring(&[irrep], &[Irrep::X]);
+        let env = Spread { env: bandit, factor: 1e3, offset: 1e5 };
+        let mut env = NormalisedEnv::new(env, NormalisationSettings::default()).unwrap();
+        let mut first = Observations::new(env.spec());
+        env.reset(&mut first).unwrap();
+        let found = first.vectors.iter().sum::<f32>() / 200.0;
+        let square = first.vectors.iter().map(|v| v * v).sum::<f32>() / 200.0;
+        assert!((found - mean).abs() < 0.01 && (square - 1.0).abs() < 0.01, "{found} {square}");
+        let other = NormalisedEnv::new(PointReach::new(1, 0), NormalisationSettings::default());
+        assert!(other.unwrap().restore(env.state().clone()).is_err());
+        let infinite = Spread { env: Bandit::envs(2, 1.0), factor: f32::INFINITY, offset: 0.0 };
+        let env = NormalisedEnv::new(infinite, NormalisationSettings::default()).unwrap();
+        let mut run_env = env;
+        let policy = ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), run_env.spec(), 2);
+        let error = RolloutState::reset(&mut run_env, &policy.unwrap()).unwrap_err();
+        assert!(error.to_string().contains("environment 0, component 0, step 0"), "{error}");
+    }
+}
+
+/// Environments whose vectors are scaled and moved.
+struct Spread<E> {
+    env: E,
+    factor: f32,
+    offset: f32,
+}
+
+impl<E: VectorEnv> VectorEnv for Spread<E> {
+    fn spec(&self) -> &EnvSpec {
+        self.env.spec()
+    }
+
+    fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
+        self.env.reset(out)?;
+        out.vectors.iter_mut().for_each(|v| *v = self.factor * *v + self.offset);
+        Ok(())
+    }
+
+    fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
+        self.env.step(actions, out)
     }
 }
 

@@ -100,6 +100,7 @@ impl TaskStream {
             image_shape: [PICTURE_SIZE, PICTURE_SIZE, 6],
             vector_irreps: vec![Irrep::X, Irrep::Y],
             action_irreps: vec![Irrep::X, Irrep::Y],
+            choices: vec![],
         };
         Ok(Self {
             world,

@@ -104,6 +104,7 @@ pub fn clock() -> Clock {
         image_shape: [8, 8, 2],
         vector_irreps: vec![Irrep::X],
         action_irreps: vec![Irrep::X],
+        choices: vec![],
     };
     Clock { spec, now: 0 }
 }

@@ -425,6 +425,7 @@ mod tests {
             image_shape: [48, 48, 6],
             vector_irreps: action.clone(),
             action_irreps: action,
+            choices: vec![],
         };
         let network = ActorCritic::new(&NetworkSettings::default(), &spec).unwrap();
         let size = UpdateSize { rollout: 500, samples: 6000, minibatches: 96 };

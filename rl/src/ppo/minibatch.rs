@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::adam::{Adam, ParamGroup};
 use crate::buffer::RolloutBuffer;
+use crate::distributions::ActionDistribution;
 use crate::error::{RlError, check_finite};
 use crate::network::{ActorCritic, Workspace};
 use crate::network_policy::ActorCriticPolicy;
@@ -49,6 +50,8 @@ pub(super) trait Backend: Send + Sync {
 /// Inputs and state of a PPO update in progress.
 pub(super) struct Update<'a> {
     pub settings: &'a PpoSettings,
+    /// Factor of the learning rates in this update, see [`PpoSettings::schedule`].
+    pub rate_factor: f32,
     pub optimiser: &'a mut Adam,
     pub batch: &'a TrainingBatch,
     pub policy: &'a mut ActorCriticPolicy,
@@ -73,7 +76,7 @@ impl<'a> Update<'a> {
     /// learning rates. The encoder has its own rate, since its changes under the critic's loss move
     /// the actor, too.
     pub fn groups(&self) -> [ParamGroup; 2] {
-        let group = |range, learning_rate| ParamGroup { range, learning_rate };
+        let group = |range, rate: f32| ParamGroup { range, learning_rate: rate * self.rate_factor };
         let (network, settings) = (self.policy.network(), self.settings);
         [
             group(network.encoder_params(), settings.encoder_learning_rate),
@@ -122,10 +125,8 @@ pub(super) struct Decision<'a> {
 /// Output of the current network for the observation of a decision.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NetworkOutput<'a> {
-    /// Mean action of the policy in training, `[A]`.
-    pub mean: &'a [f64],
-    /// Logarithms of the policy's standard deviations, `[A]`.
-    pub log_std: &'a [f64],
+    /// Action distribution of the policy in training.
+    pub distribution: ActionDistribution<'a>,
     /// State value V(s) by the critic in training.
     pub value: f64,
 }
@@ -194,8 +195,11 @@ impl Minibatch<'_> {
                 ret: f64::from(self.returns[i]),
             };
             let new = NetworkOutput {
-                mean: &w.mean[own.clone()],
-                log_std: &w.log_std,
+                distribution: ActionDistribution {
+                    mean: &w.mean[own.clone()],
+                    log_std: &w.log_std,
+                    choices: &self.buffer.spec().choices,
+                },
                 value: w.value[slot],
             };
             let (d_mean, d_log_std) = (&mut w.d_mean[own], &mut w.d_log_std);

@@ -38,6 +38,8 @@ pub struct PpoSettings {
     pub head_learning_rate: f32,
     /// Adam's step size for the parameters of the image encoder, above 0.
     pub encoder_learning_rate: f32,
+    /// Decrease of both learning rates during training; none by default.
+    pub schedule: LearningRateSchedule,
     /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
     /// Minimum log_std, the logarithm of an action component's standard deviation, in [-10, 2]:
@@ -51,6 +53,40 @@ pub struct PpoSettings {
     /// Additional loss for outputs of the policy that break a symmetry; none by default. Needs the
     /// CPU, and a second forward and backward pass for every decision.
     pub symmetry: Option<SymmetryLoss>,
+}
+
+/// Factor of the learning rates as a function of the gradient steps that the optimiser has taken.
+/// An update keeps the factor that it begins with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum LearningRateSchedule {
+    /// Factor of 1.
+    #[default]
+    Constant,
+    /// Factor that falls linearly from 1 to 0.
+    Linear {
+        /// Number of gradient steps until the factor is 0, at least 1.
+        steps: u64,
+    },
+    /// Factor that falls from 1 to 0 like half a period of a cosine (Loshchilov and Hutter, "SGDR",
+    /// ICLR 2017, equation 5, without restarts).
+    Cosine {
+        /// Number of gradient steps until the factor is 0, at least 1.
+        steps: u64,
+    },
+}
+
+impl LearningRateSchedule {
+    /// Returns the factor in [0, 1] of the learning rates after `step` gradient steps.
+    pub fn factor(self, step: u64) -> f32 {
+        let left = |steps: u64| 1.0 - (step as f64 / steps.max(1) as f64).min(1.0);
+        let factor = match self {
+            Self::Constant => 1.0,
+            Self::Linear { steps } => left(steps),
+            Self::Cosine { steps } => 0.5 - 0.5 * (std::f64::consts::PI * left(steps)).cos(),
+        };
+        factor as f32
+    }
 }
 
 impl PpoSettings {
@@ -70,6 +106,7 @@ impl PpoSettings {
             max_kl: 0.05,
             head_learning_rate: 3e-4,
             encoder_learning_rate: 3e-4,
+            schedule: LearningRateSchedule::Constant,
             adam_epsilon: 1e-5,
             min_log_std: -5.0,
             symmetry: None,
@@ -138,5 +175,24 @@ impl PpoSettings {
 impl Default for PpoSettings {
     fn default() -> Self {
         Self::tuned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn schedules_fall_from_one_to_zero() {
+        use LearningRateSchedule::{Constant, Cosine, Linear};
+        let factors = |schedule: LearningRateSchedule| {
+            [0, 25, 50, 100, 900].map(|step| schedule.factor(step))
+        };
+        assert_eq!(factors(Constant), [1.0; 5]);
+        assert_eq!(factors(Linear { steps: 100 }), [1.0, 0.75, 0.5, 0.0, 0.0]);
+        let cosine = factors(Cosine { steps: 100 });
+        // half a period: cos(pi / 4) is the root of 1/2
+        let expected = [1.0, 0.5 + 0.5 * 0.5f32.sqrt(), 0.5, 0.0, 0.0];
+        assert!(cosine.iter().zip(expected).all(|(c, e)| (c - e).abs() < 1e-6), "{cosine:?}");
     }
 }

@@ -7,6 +7,7 @@ use symmetry::Group;
 use super::minibatch::Minibatch;
 use super::symmetry_loss::SymmetryLoss;
 use super::*;
+use crate::distributions::{ActionDistribution, log_prob};
 use crate::encoder::EncoderSettings;
 use crate::env::{EnvSpec, Observations, Transition};
 use crate::fixtures;
@@ -24,9 +25,13 @@ fn total(sums: &LossSums, weights: &LossWeights) -> f64 {
         + weights.symmetry * sums.symmetry_loss
 }
 
+fn gaussian<'a>(mean: &'a [f64], log_std: &'a [f64], value: f64) -> NetworkOutput<'a> {
+    NetworkOutput { distribution: ActionDistribution { mean, log_std, choices: &[] }, value }
+}
+
 /// Returns the loss of one decision and its gradient; parameters are mean (2), log_std (2), value.
 fn decision_loss(p: &[f64], sample: &Decision) -> (f64, [f64; 5]) {
-    let output = NetworkOutput { mean: &p[..2], log_std: &p[2..4], value: p[4] };
+    let output = gaussian(&p[..2], &p[2..4], p[4]);
     let (mut mean, mut log_std) = ([0.0; 2], [0.0; 2]);
     let (sums, value) = WEIGHTS.loss(sample, &output, 1.0, &mut mean, &mut log_std);
     let gradient = [mean[0], mean[1], log_std[0], log_std[1], value];
@@ -68,7 +73,7 @@ fn an_improvement_beyond_the_clip_has_no_gradient() {
 fn a_ratio_beyond_all_numbers_ends_an_update_and_one_that_is_none_is_an_error() {
     let losses = |log_prob: f64| {
         let sample = Decision { action: &[0.0; 2], log_prob, advantage: -3.0, ret: 0.0 };
-        let output = NetworkOutput { mean: &[0.0; 2], log_std: &[0.0; 2], value: 0.0 };
+        let output = gaussian(&[0.0; 2], &[0.0; 2], 0.0);
         let (mut d_mean, mut d_log_std) = ([0.0; 2], [0.0; 2]);
         WEIGHTS.loss(&sample, &output, 1.0, &mut d_mean, &mut d_log_std).0
     };
@@ -84,7 +89,7 @@ fn diagnostics_by_hand() {
     let (p, action) = ([0.0; 2], [0.0; 2]);
     let now = log_prob(&p, &p, &action);
     let sample = Decision { action: &action, log_prob: now - 0.5, advantage: 2.0, ret: 1.0 };
-    let output = NetworkOutput { mean: &p, log_std: &p, value: 3.0 };
+    let output = gaussian(&p, &p, 3.0);
     let (sums, d_value) = WEIGHTS.loss(&sample, &output, 0.25, &mut [0.0; 2], &mut [0.0; 2]);
     assert!((sums.approx_kl - (0.5f64.exp() - 1.5)).abs() < 1e-12);
     assert!((sums.policy_loss + 2.0 * 1.2).abs() < 1e-12);

@@ -85,6 +85,7 @@ impl<T: Scalar> SacNetwork<T> {
         spec: &EnvSpec,
     ) -> Result<Self, RlError> {
         let trunk = Trunk::new(settings, spec)?;
+        spec.require_continuous("soft actor-critic")?;
         let fields = joint_fields(settings)?;
         let raw = unsquash_log_std(settings.log_std.into());
         let expected = "a number in (-5, 2) for soft actor-critic";

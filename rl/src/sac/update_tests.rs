@@ -32,6 +32,7 @@ fn spec() -> EnvSpec {
         image_shape: [1, 1, 1],
         vector_irreps: vec![Irrep::X, Irrep::Y, Irrep::Trivial],
         action_irreps: vec![Irrep::X, Irrep::Trivial],
+        choices: vec![],
     }
 }
 

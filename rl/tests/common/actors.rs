@@ -92,6 +92,7 @@ impl Ages {
                 image_shape: [2, 3, 1],
                 vector_irreps: vec![Irrep::Trivial],
                 action_irreps: vec![Irrep::Trivial],
+                choices: vec![],
             },
             lengths: lengths.to_vec(),
             ages: vec![0; lengths.len()],

@@ -13,6 +13,7 @@ pub fn spec(envs: usize) -> EnvSpec {
         image_shape: [2, 3, 3],
         vector_irreps: vec![Irrep::X, Irrep::Trivial],
         action_irreps: vec![Irrep::X, Irrep::Y],
+        choices: vec![],
     }
 }
 

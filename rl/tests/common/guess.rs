@@ -32,6 +32,7 @@ impl Guess {
             image_shape: [1, 1, 1],
             vector_irreps: vec![Irrep::X],
             action_irreps: vec![Irrep::X],
+            choices: vec![],
         };
         Self::of(goals, spec)
     }

@@ -58,6 +58,7 @@ impl PointReach {
             image_shape: image,
             vector_irreps: xy.repeat(components / 2),
             action_irreps: xy,
+            choices: vec![],
         };
         Self::of(points, spec)
     }

@@ -27,6 +27,7 @@ fn spec(num_envs: usize) -> EnvSpec {
         num_envs,
         image_shape: [6, 6, 3],
         action_irreps: vector[..3].to_vec(),
+        choices: vec![],
         vector_irreps: vector,
     }
 }

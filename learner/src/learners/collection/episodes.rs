@@ -221,6 +221,7 @@ mod tests {
             image_shape: [1, 1, 1],
             vector_irreps: vec![Irrep::X],
             action_irreps: vec![Irrep::X],
+            choices: vec![],
         };
         let mut buffer = RolloutBuffer::new(&spec, 5).unwrap();
         for step in 0..5 {
