@@ -28,6 +28,7 @@ use crate::ranks::Ranks;
 use crate::replay::ReplayBuffer;
 use crate::sac::losses::Losses;
 use crate::sac::minibatch::{SacWorkspace, SampledMinibatch, training_chunk};
+use crate::sac::network::SacNetwork;
 use crate::sac::policy::SacPolicy;
 use crate::sac::settings::{SacSettings, Temperature};
 use crate::sac::stats::{SacStats, SacSums, SacTotals};
@@ -179,10 +180,20 @@ impl Sac {
         check_finite("the norm of the gradient", grad_norm)?;
         let clipped = clip_values(&mut self.gradient, self.settings.max_gradient);
         totals.clipped += clipped as f64 / self.gradient.len() as f64;
-        let group = ParamGroup::of_all_params(self.gradient.len(), self.settings.learning_rate);
-        let params = policy.params_mut();
-        self.optimiser.step(&[group], params, &self.gradient);
+        let groups = self.groups(policy.network());
+        self.optimiser.step(&groups, policy.params_mut(), &self.gradient);
         Ok(grad_norm)
+    }
+
+    /// Returns the two parameter groups of the optimiser, image encoder and all others, with their
+    /// learning rates.
+    fn groups(&self, network: &SacNetwork<f32>) -> [ParamGroup; 2] {
+        let encoder = network.trunk.encoder_params();
+        let heads = encoder.end..network.num_params();
+        let SacSettings { learning_rate, encoder_learning_rate, .. } = self.settings;
+        let encoder_rate = encoder_learning_rate.unwrap_or(learning_rate);
+        [(encoder, encoder_rate), (heads, learning_rate)]
+            .map(|(range, learning_rate)| ParamGroup { range, learning_rate })
     }
 
     /// Takes a gradient step on the temperature's loss J(alpha) = E[-alpha ln pi - alpha H], where

@@ -60,6 +60,7 @@ fn settings_of_learners_out_of_range_are_refused_by_name() {
             ("updates_per_step =", |s| s.updates_per_step = -1.0),
             ("updates_per_step =", |s| s.updates_per_step = 1e30),
             ("learning_rate =", |s| s.learning_rate = 0.0),
+            ("encoder_learning_rate =", |s| s.encoder_learning_rate = Some(0.0)),
             ("adam_epsilon =", |s| s.adam_epsilon = 0.0),
             ("max_gradient =", |s| s.max_gradient = f32::NAN),
             ("tau =", |s| s.tau = 0.0),

@@ -39,8 +39,12 @@ pub struct SacSettings {
     pub updates_per_step: f32,
     /// Number of recorded steps before the first gradient step.
     pub burn_in: u64,
-    /// Adam's step size for all parameters, above 0.
+    /// Adam's step size for all parameters, or for all but those of the image encoder if it has a
+    /// step size of its own; above 0.
     pub learning_rate: f32,
+    /// Adam's step size for the parameters of the image encoder, above 0; that of all others if
+    /// null.
+    pub encoder_learning_rate: Option<f32>,
     /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
     /// Maximum magnitude of each component of the gradient, above 0; larger components are clipped
@@ -95,6 +99,7 @@ impl SacSettings {
             updates_per_step: 0.0,
             burn_in: 20_000,
             learning_rate: 3e-4,
+            encoder_learning_rate: None,
             adam_epsilon: 1e-8,
             max_gradient: 1.0,
             // SAC's (arXiv 1801.01290, table 1)
@@ -130,6 +135,9 @@ impl SacSettings {
         let expected = "a number in [0, 1000]";
         require("updates_per_step", self.updates_per_step, expected, updates_fit)?;
         require_positive("learning_rate", self.learning_rate)?;
+        if let Some(rate) = self.encoder_learning_rate {
+            require_positive("encoder_learning_rate", rate)?;
+        }
         require_positive("adam_epsilon", self.adam_epsilon)?;
         require_positive("max_gradient", self.max_gradient)?;
         let tau_fits = self.tau > 0.0 && self.tau <= 1.0;

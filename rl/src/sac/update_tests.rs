@@ -137,6 +137,35 @@ fn an_update_with_a_context_is_that_of_pytorch() {
     check("context", Some(ContextSettings { size: 4, length: 3 }));
 }
 
+/// Adam's first step moves every parameter that has a gradient by its learning rate.
+#[test]
+fn the_image_encoder_learns_at_its_own_rate() {
+    let moved = |encoder_learning_rate| {
+        let settings = SacSettings {
+            learning_rate: 1e-2,
+            encoder_learning_rate,
+            adam_epsilon: 1e-12,
+            ..drawn_settings(2)
+        };
+        let network = fixtures::settings(Group::D2, fixtures::strided());
+        let mut policy = SacPolicy::new(&network, None, &fixtures::spec(), 3).unwrap();
+        let mut sac = Sac::new(settings, &policy).unwrap();
+        let (before, replay) = (policy.params().to_vec(), fixtures::replay());
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        sac.step(&mut policy, &replay, &mut rng, &mut SacTotals::default()).unwrap();
+        let encoder = policy.network().trunk.encoder_params();
+        let steps = policy.params().iter().zip(&before).map(|(after, before)| after - before);
+        let steps: Vec<f32> = steps.map(f32::abs).collect();
+        let largest = |steps: &[f32]| steps.iter().copied().fold(0.0, f32::max);
+        [largest(&steps[encoder.clone()]), largest(&steps[encoder.end..])]
+    };
+    for (rate, expected) in [(None, 1e-2), (Some(1e-3), 1e-3)] {
+        let [encoder, heads] = moved(rate);
+        assert!((encoder / expected - 1.0).abs() < 1e-3, "{encoder} {expected}");
+        assert!((heads / 1e-2 - 1.0).abs() < 1e-3, "{heads}");
+    }
+}
+
 const SAMPLES: usize = 4000;
 
 fn drawn_settings(window: usize) -> SacSettings {
