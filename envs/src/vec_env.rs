@@ -245,7 +245,7 @@ impl VecEnv {
         Ok(())
     }
 
-    /// Renders the present states in `view` into `out` `[N, size, size, 3]`, for people: pictures of
+    /// Renders the present states in `view` into `out` `[N, size, size, 3]`, for people. Pictures of
     /// observations are in [`ObservationsMut`].
     ///
     /// # Errors
