@@ -88,7 +88,7 @@ fn every_value_is_that_of_the_presets() {
             seen += 1;
         }
     }
-    assert_eq!(seen, 22);
+    assert_eq!(seen, 23);
     assert!(!states("0.3", &setting(&CoversSettings::default(), "clip")));
     assert!(!states("reuse", &setting(&CoversSettings::default(), "handover")));
 }

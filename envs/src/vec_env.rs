@@ -260,8 +260,8 @@ impl VecEnv {
         Ok(())
     }
 
-    /// Renders the present states in `view` into `out` `[N, size, size, 3]`, for people: pictures of
-    /// observations are in [`ObservationsMut`].
+    /// Renders the present states in `view` into `out` `[N, size, size, 3]`, for people. Pictures
+    /// that a policy observes are in [`ObservationsMut`].
     ///
     /// # Errors
     /// [`EnvError::LengthMismatch`], [`EnvError::NotReset`], [`EnvError::Render`]; episodes go on.

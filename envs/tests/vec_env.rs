@@ -392,10 +392,10 @@ fn restored_episodes_continue_to_the_same_bits_in_any_vector_of_the_task() {
     env.step(&action(0), buffers.step_mut()).unwrap();
     let (saved, last) = (env.save().unwrap(), buffers.vectors.clone());
     // over the end of an episode, so that random streams count, too
-    let run = |env: &mut VecEnv| {
+    let run = |vector: &mut VecEnv| {
         let mut out = StepBuffers::new(&settings);
         let steps = (1..8).map(|step| {
-            env.step(&action(step), out.step_mut()).unwrap();
+            vector.step(&action(step), out.step_mut()).unwrap();
             (out.images.clone(), out.vectors.clone(), out.rewards.clone())
         });
         steps.collect::<Vec<_>>()

@@ -89,8 +89,8 @@ impl Core {
         control.displacement = displacement.unwrap_or(control.displacement);
         control.horizon = match (horizon, decisions) {
             (Some(_), Some(_)) => {
-                let message = "settings `horizon` and `max_episode_steps` both say how long episodes \
-                               last: give one of them";
+                let message = "settings `horizon` and `max_episode_steps` both say how many steps \
+                               an episode has: give one of them";
                 return Err(value_error(message));
             }
             (None, Some(decisions)) => decisions.saturating_mul(control.action_repeat),

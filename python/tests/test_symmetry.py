@@ -154,7 +154,7 @@ def test_what_cannot_be_checked_is_refused():
         covers_envs.check_symmetry(pendulum())
     with pytest.raises(ValueError, match="irrep 'z', expected 1, x, y or xy"):
         covers_envs.check_symmetry(pendulum(), **PENDULUM | {"action": ["z"]})
-    with pytest.raises(ValueError, match="48 episodes"):
+    with pytest.raises(ValueError, match="`episodes` is 2, expected at least 48"):
         covers_envs.check_symmetry(pendulum(), episodes=2, max_steps=10, **PENDULUM)
     with pytest.raises(ValueError, match="expected a Box of uint8"):
         covers_envs.check_symmetry(pendulum(), image="", **PENDULUM)

@@ -47,7 +47,7 @@ impl EnvSpec {
         self.image_shape.iter().product()
     }
 
-    /// Returns the index of the choice that each one-hot vector in the discrete `action` `[A]` makes.
+    /// Returns the index of the choice of each one-hot vector in the discrete `action` `[A]`.
     pub fn chosen(&self, action: &[f32]) -> Vec<usize> {
         let first_one = |part: Range<usize>| action[part].iter().position(|&a| a == 1.0);
         choice_ranges(&self.choices).map(|part| first_one(part).unwrap_or(0)).collect()

@@ -66,7 +66,7 @@ pub fn check_symmetry(
     let ratios = |elements: &[D2]| quantities.ratios(&episodes, &norms, elements);
     let mut elements = vec![D2::Identity; episodes.len()];
     let observed = ratios(&elements);
-    let largest = |ratios: &[f64]| ratios.iter().fold(0.0, |a: f64, &b| a.max(b.abs()));
+    let largest = |all: &[f64]| all.iter().fold(0.0, |a: f64, &b| a.max(b.abs()));
     let worst = largest(&observed);
     let mut random = 0.0;
     for _ in 0..NUM_RANDOMISATIONS {
@@ -266,7 +266,7 @@ impl TestedQuantities {
         subtract(|step, _| &mut step.reward, 0);
         for (i, &irrep) in self.feature_irreps.iter().enumerate() {
             if !acts(group, irrep) {
-                subtract(|step, i| &mut step.before[i], i);
+                subtract(|step, k| &mut step.before[k], i);
             }
         }
     }

@@ -113,12 +113,12 @@ fn ppo_on_normalised(scale: f32) -> (f64, f64) {
     // statistics are saved with the policy, and evaluations change none
     let saved = serde_json::to_string(run.env.state()).unwrap();
     let state = serde_json::from_str(&saved).unwrap();
-    let mut env = NormalisedEnv::new(Bandit::envs(32, scale), NormalisationSettings::default());
-    let env = env.as_mut().unwrap();
-    env.restore(state).unwrap();
-    env.set_training(false);
-    let played = evaluate(env, &mut run.policy, 16).unwrap();
-    assert_eq!(env.state(), run.env.state());
+    let restored = NormalisedEnv::new(Bandit::envs(32, scale), NormalisationSettings::default());
+    let mut restored = restored.unwrap();
+    restored.restore(state).unwrap();
+    restored.set_training(false);
+    let played = evaluate(&mut restored, &mut run.policy, 16).unwrap();
+    assert_eq!(restored.state(), run.env.state());
     assert!(played.max_abs_return <= 1.1 * f64::from(scale), "rewards as they are");
     (played.success_rate().unwrap(), drawn)
 }
@@ -146,10 +146,9 @@ fn normalised_vectors_have_unit_variance_and_stay_symmetric_and_bad_numbers_are_
         let other = NormalisedEnv::new(PointReach::new(1, 0), NormalisationSettings::default());
         assert!(other.unwrap().restore(env.state().clone()).is_err());
         let infinite = Spread { env: Bandit::envs(2, 1.0), factor: f32::INFINITY, offset: 0.0 };
-        let env = NormalisedEnv::new(infinite, NormalisationSettings::default()).unwrap();
-        let mut run_env = env;
-        let policy = ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), run_env.spec(), 2);
-        let error = RolloutState::reset(&mut run_env, &policy.unwrap()).unwrap_err();
+        let mut wrong = NormalisedEnv::new(infinite, NormalisationSettings::default()).unwrap();
+        let policy = ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), wrong.spec(), 2);
+        let error = RolloutState::reset(&mut wrong, &policy.unwrap()).unwrap_err();
         assert!(error.to_string().contains("environment 0, component 0, step 0"), "{error}");
     }
 }

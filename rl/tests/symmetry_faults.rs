@@ -123,8 +123,8 @@ impl Toy for Points {
     fn act(&mut self, n: usize, action: &[f32]) -> (f32, bool) {
         let (point, velocity, goal, age) = &mut self.states[n];
         *age += 1.0;
-        for axis in 0..2 {
-            let mut push = 0.2 * action[axis].clamp(-1.0, 1.0);
+        for (axis, component) in action.iter().enumerate() {
+            let mut push = 0.2 * component.clamp(-1.0, 1.0);
             let mut range = [-1.0, 1.0];
             if axis == self.axis {
                 push *= match self.fault {
