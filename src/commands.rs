@@ -159,11 +159,10 @@ fn train(
 fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
     let is_first = run.folder().ranks().is_first();
     let mut first_out: &mut dyn Write = if is_first { out } else { &mut sink() };
-    let out = &mut first_out;
     let stop = StopSignal::from_os_signals()?;
     run.set_stop_signal(stop.clone());
     let folder = run.folder().path().display();
-    say_or_stop(out, &format!("{folder}: {}", run.start_message_with_memory()), &stop);
+    say_or_stop(&mut first_out, &format!("{folder}: {}", run.start_message_with_memory()), &stop);
     while let Some(event) = run.advance()? {
         if let Event::Rollout(progress) = &event
             && let Some(warning) = progress.warning
@@ -174,10 +173,10 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutc
         }
         // the final scores are part of the summary
         if !run.is_finished() {
-            say_or_stop(out, &event_text(&event), &stop);
+            say_or_stop(&mut first_out, &event_text(&event), &stop);
         }
     }
-    print_summary_or_save(run, json, out)
+    print_summary_or_save(run, json, &mut first_out)
 }
 
 /// Prints a line, and requests a stop if standard output is closed.

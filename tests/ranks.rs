@@ -93,9 +93,8 @@ fn several_ranks_write_the_bytes_of_one_process() {
         let scratch = Scratch::new("ranks");
         let run = |size| {
             let folder = RunFolder::create(&scratch.0, "run").unwrap();
-            advance(folder.path(), size, ALL, |folder| {
-                Run::start(experiment(method), folder).unwrap()
-            });
+            let start = |own| Run::start(experiment(method), own).unwrap();
+            advance(folder.path(), size, ALL, start);
             files(folder.path())
         };
         let (expected, found) = (run(1), run(size));
