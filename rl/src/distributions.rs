@@ -61,14 +61,14 @@ impl ActionDistribution<'_> {
     /// Choices are those with the largest sum of logit and Gumbel noise, which samples the
     /// categorical distribution (Gumbel, "Statistical theory of extreme values", 1954).
     pub fn sample(&self, noise: &mut [f32]) {
-        let scores = noise.iter().zip(self.mean).enumerate();
         if self.choices.is_empty() {
-            let action =
-                scores.map(|(i, (&e, m))| (m + self.log_std[i].exp() * f64::from(e)) as f32);
-            let action: Vec<f32> = action.collect();
-            return noise.copy_from_slice(&action);
+            for (i, number) in noise.iter_mut().enumerate() {
+                *number = (self.mean[i] + self.log_std[i].exp() * f64::from(*number)) as f32;
+            }
+            return;
         }
-        let scores: Vec<f64> = scores.map(|(_, (&e, logit))| logit + gumbel(e.into())).collect();
+        let scores = noise.iter().zip(self.mean).map(|(&e, logit)| logit + gumbel(e.into()));
+        let scores: Vec<f64> = scores.collect();
         write_choices(&scores, self.choices, noise);
     }
 
