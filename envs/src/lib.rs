@@ -76,7 +76,7 @@ pub use messages::{EnvCommand, EnvFailure};
 pub use mujoco::{self, Backdrop};
 pub use randomisation::Randomisation;
 pub use registry::TaskRegistry;
-pub use renderer::SceneRenderer;
+pub use renderer::{PerspectiveRenderer, SceneRenderer};
 pub use robots;
 pub use scene::{ARM_GEOM_GROUP, Scene};
 pub use settings::{MAX_THREADS, VecEnvSettings};
