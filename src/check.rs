@@ -21,6 +21,7 @@ use symmetry::D2;
 use crate::CoversError;
 use deploy::CheckMaskOptions;
 use experiments::RunError;
+use experiments::cli::progress_bar;
 
 pub use parity::{ParityRow, compare_recordings};
 
@@ -159,7 +160,9 @@ fn of_variants<R: Send>(
         let elements = scene.layout.elements().iter().filter(|element| chosen(**element));
         jobs.extend(elements.map(|&element| (scene, element)));
     }
-    jobs.par_iter().map(|(scene, element)| check(scene, *element)).collect()
+    let bar = progress_bar(jobs.len());
+    let job = jobs.par_iter().map(|(scene, element)| check(scene, *element));
+    job.inspect(|_| bar.inc(1)).collect()
 }
 
 fn expert_line(row: &ExpertRow) -> String {

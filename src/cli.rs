@@ -12,6 +12,8 @@ use learner::DeviceChoice;
 use learner::overrides::{self, Override};
 use symmetry::Group;
 
+use crate::setting_list::OverrideParser;
+
 /// Outcome of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CommandOutcome {
@@ -62,7 +64,12 @@ pub struct SettingsOptions {
     pub group: Option<Group>,
     /// Set any field of the settings, such as `covers.ppo.gamma=0.97`; may be repeated, and the
     /// last value of a field wins.
-    #[arg(long = "set", value_name = "PATH=VALUE")]
+    #[arg(
+        long = "set",
+        value_name = "PATH=VALUE",
+        value_parser = OverrideParser,
+        hide_possible_values = true
+    )]
     pub overrides: Vec<Override>,
 }
 

@@ -4,6 +4,7 @@ use std::io::{Write, sink, stderr};
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use console::{Term, truncate_str};
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
 use crate::CoversError;
@@ -11,9 +12,9 @@ pub use crate::cli::CommandOutcome;
 use crate::cli::{ThreadAndJsonOptions, TrainOptions, device_parser};
 use crate::ranks::on_ranks;
 use crate::sweep_command::SweepOptions;
-use experiments::cli::print_escaped;
-use experiments::evaluation::Evaluator;
-use experiments::text::{event_text, score_table, summary_table};
+use experiments::cli::{print_escaped, progress_bar};
+use experiments::evaluation::{EvaluationResults, Evaluator};
+use experiments::text::{ROLLOUT_HEADER, event_text, score_table, summary_table};
 use experiments::{Event, Run, RunError, RunFolder, StopSignal, Stream, memory, thread_pool};
 use learner::{CheckpointExtent, DeviceChoice, Labels};
 use report::ReportOptions;
@@ -154,8 +155,8 @@ fn train(
     finish(&mut run, options.run_options.run_folder.json, out)
 }
 
-/// Runs to the end or until a signal, and prints every event. A closed output stops the run as a
-/// signal does. Ranks but the first print nothing.
+/// Runs to the end or until a signal, and prints every event above a progress bar. A closed output
+/// stops the run as a signal does. Ranks but the first print nothing.
 fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
     let is_first = run.folder().ranks().is_first();
     let mut first_out: &mut dyn Write = if is_first { out } else { &mut sink() };
@@ -163,20 +164,38 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutc
     run.set_stop_signal(stop.clone());
     let folder = run.folder().path().display();
     say_or_stop(&mut first_out, &format!("{folder}: {}", run.start_message_with_memory()), &stop);
+    say_or_stop(&mut first_out, ROLLOUT_HEADER, &stop);
+    let bar = progress_bar(run.experiment().schedule.total_decisions());
+    bar.set_position(run.stats().decisions as u64);
+    bar.reset_eta();
     while let Some(event) = run.advance()? {
-        if let Event::Rollout(progress) = &event
-            && let Some(warning) = progress.warning
-            && is_first
-        {
+        if is_first {
+            bar.suspend(|| print_event(&event, run.is_finished(), &mut first_out, &stop));
+            bar.set_position(run.stats().decisions as u64);
+        }
+    }
+    bar.finish_and_clear();
+    print_summary_or_save(run, json, &mut first_out)
+}
+
+/// Prints an event, and its warning to standard error; not the last scores, which are part of the
+/// summary.
+fn print_event(event: &Event, is_last: bool, out: &mut impl Write, stop: &StopSignal) {
+    let mut line = event_text(event);
+    if let Event::Rollout(progress) = event {
+        if let Some(warning) = progress.warning {
             // the run's log.txt holds the warning, too
             warn(&format!("warning: {warning}"));
         }
-        // the final scores are part of the summary
-        if !run.is_finished() {
-            say_or_stop(&mut first_out, &event_text(&event), &stop);
+        let terminal = Term::stdout();
+        if terminal.is_term() {
+            let columns = usize::from(terminal.size().1);
+            line = truncate_str(&line, columns, "…").into_owned();
         }
     }
-    print_summary_or_save(run, json, &mut first_out)
+    if !is_last {
+        say_or_stop(out, &line, stop);
+    }
 }
 
 /// Prints a line, and requests a stop if standard output is closed.
@@ -209,6 +228,14 @@ pub fn print_summary_or_save(
     {
         print_escaped(out, &summary_table(&summary))?;
         print_escaped(out, &format!("files: {folder}"))?;
+        let program = std::env::args().next().unwrap_or_else(|| "covers".to_owned());
+        print_escaped(
+            out,
+            &format!(
+                "next:  {program} report {folder} --out report --films\n       \
+                 {program} render {folder} --out policies.gif"
+            ),
+        )?;
         if json {
             print_escaped(out, &serde_json::json!(summary).to_string())?;
         }
@@ -250,7 +277,16 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     // a round of one group is an episode of each environment in each of four variants
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
-    let scores = pool.install(|| evaluator.score_all_variants(&mut *learner, &own, rounds))?.scores;
+    let (variants, mut results) = (evaluator.variants(), EvaluationResults::default());
+    let bar = progress_bar(variants.len());
+    for variant in variants {
+        pool.install(|| {
+            evaluator.score_variant(&mut *learner, variant, &own, rounds, &mut results)
+        })?;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let scores = results.scores;
     if options.threads_and_json.json {
         print_escaped(out, &serde_json::json!(scores).to_string())
     } else {

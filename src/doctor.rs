@@ -267,7 +267,15 @@ fn the_learning(threads: usize) -> Finding {
     let experiment = Budget::Full.experiment(Method::Covers);
     match time_learning(experiment.with_threads(threads)) {
         Ok(rate) => {
-            let found = format!("{rate:.0} decisions of COVERS per second on {threads} threads");
+            let minutes = |budget: Budget| {
+                let stream = budget.experiment(Method::Covers).schedule;
+                stream.total_decisions() as f64 / rate / 60.0
+            };
+            let (short, full) = (minutes(Budget::Short), minutes(Budget::Full));
+            let found = format!(
+                "{rate:.0} decisions of COVERS per second on {threads} threads: `make stream` trains \
+                 for about {short:.0} minutes, `covers train` for {full:.0}"
+            );
             Finding::good("learning", found)
         }
         Err(error) => {

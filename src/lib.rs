@@ -31,12 +31,14 @@ mod completions;
 pub mod doctor;
 mod error;
 pub mod export;
+pub mod list;
 mod manual;
 pub mod model;
 pub mod preset_list;
 pub mod program;
 mod ranks;
 pub mod robot;
+pub mod setting_list;
 pub mod sweep;
 pub mod sweep_command;
 

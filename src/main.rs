@@ -4,7 +4,8 @@ use std::io::{Write, stderr, stdout};
 use std::process::ExitCode;
 
 use clap::Parser;
-use covers::program::{Program, format_error};
+use console::style;
+use covers::program::Program;
 use experiments::printable::printable_message;
 
 /// Largest number of bytes of a message about wrong options that is printed as it is.
@@ -22,8 +23,10 @@ fn main() -> ExitCode {
     match program.run(&mut stdout()) {
         Ok(code) => ExitCode::from(code),
         Err(error) => {
-            // `eprintln!` would panic if the terminal was closed
-            let _ = writeln!(stderr(), "{}", format_error(&error));
+            // control characters of file names are escaped; `eprintln!` would panic if the terminal
+            // was closed
+            let label = style("error:").red().bold().for_stderr();
+            let _ = writeln!(stderr(), "{label} {}", printable_message(&error));
             ExitCode::FAILURE
         }
     }

@@ -5,12 +5,14 @@ use std::path::Path;
 
 use clap::{Args, ValueEnum};
 
+use crate::setting_list;
 use experiments::RunError;
 use experiments::presets::{Budget, Method};
 
 /// Options of `covers presets`.
 #[derive(Clone, Copy, Debug, Args)]
 #[command(after_help = "Examples:\n  covers presets\n  \
+    covers presets covers --explain\n  \
     covers presets covers --budget short > experiment.json")]
 pub struct PresetsOptions {
     /// Print the settings of this preset as JSON instead, as a file for `covers train --config`.
@@ -19,6 +21,12 @@ pub struct PresetsOptions {
     /// Length of the run.
     #[arg(long, value_enum, default_value = "full")]
     pub budget: Budget,
+    /// Print the meaning of each setting below its value.
+    #[arg(long, requires = "preset")]
+    pub explain: bool,
+    /// Print a JSON schema of files of settings.
+    #[arg(long, conflicts_with_all = ["preset", "explain"])]
+    pub schema: bool,
 }
 
 impl PresetsOptions {
@@ -29,9 +37,16 @@ impl PresetsOptions {
     pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
         let stdout = Path::new("standard output");
         let text = match self.preset {
+            None if self.schema => format!("{:#}", setting_list::schema()),
             // not through a `Value`, which would print 0.95 of an f32 as 0.949999988079071
-            Some(preset) => serde_json::to_string_pretty(&self.budget.experiment(preset))
-                .map_err(RunError::writing(stdout))?,
+            Some(preset) => {
+                let text = serde_json::to_string_pretty(&self.budget.experiment(preset))
+                    .map_err(RunError::writing(stdout))?;
+                match serde_json::from_str(&text) {
+                    Ok(settings) if self.explain => setting_list::explanation(&settings),
+                    _ => text,
+                }
+            }
             None => format!("presets:\n{}\n\nbudgets:\n{}", lines::<Method>(), lines::<Budget>()),
         };
         writeln!(out, "{text}").map_err(RunError::writing(stdout))
@@ -56,7 +71,7 @@ mod tests {
 
     fn printed(preset: Option<Method>, budget: Budget) -> String {
         let mut out = Vec::new();
-        PresetsOptions { preset, budget }.run(&mut out).unwrap();
+        PresetsOptions { preset, budget, explain: false, schema: false }.run(&mut out).unwrap();
         String::from_utf8(out).unwrap()
     }
 

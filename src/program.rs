@@ -10,12 +10,12 @@ use crate::commands::Command;
 use crate::completions::CompletionsOptions;
 use crate::doctor::DoctorOptions;
 use crate::export::ExportOptions;
+use crate::list::ListOptions;
 use crate::manual::ManualOptions;
 use crate::model::ModelCommand;
 use crate::preset_list::PresetsOptions;
 use crate::robot::RobotCommand;
 use deploy::{CalibrateOptions, DeployOptions};
-use experiments::printable::printable_message;
 use experiments::{memory, survive_file_size_limit};
 use render::RenderOptions;
 use watch::WatchOptions;
@@ -49,6 +49,8 @@ enum Subcommands {
     Deploy(DeployOptions),
     /// Calibrates a robot's camera with a ball that the arm carries.
     Calibrate(CalibrateOptions),
+    /// Lists the runs of a folder with their state, success and size.
+    List(ListOptions),
     /// Shows a run in progress: learning curves, groups and policies, distances.
     Watch(WatchOptions),
     /// Renders policies in action, as a GIF or an mp4.
@@ -91,6 +93,7 @@ impl Program {
             Subcommands::Learner(command) => command.run(out)?.exit_code(),
             Subcommands::Deploy(deploy) => deploy.run(out).map(done)?,
             Subcommands::Calibrate(calibrate) => calibrate.run(out).map(done)?,
+            Subcommands::List(list) => list.run(out).map(done)?,
             Subcommands::Watch(watch) => watch.run(out)?,
             Subcommands::Render(render) => render.run(out).map(done)?,
             Subcommands::Export(export) => export.run(out).map(done)?,
@@ -118,18 +121,13 @@ impl Program {
             | Subcommands::Doctor(_)
             | Subcommands::Robot(_)
             | Subcommands::Model(_)
+            | Subcommands::List(_)
             | Subcommands::Watch(_)
             | Subcommands::Presets(_)
             | Subcommands::Completions(_)
             | Subcommands::Man(_) => false,
         }
     }
-}
-
-/// Formats an error for standard error: control characters of file names are escaped, and the
-/// middle of a very long message is left out.
-pub fn format_error(error: &CoversError) -> String {
-    format!("error: {}", printable_message(error))
 }
 
 #[cfg(test)]
@@ -187,6 +185,7 @@ mod tests {
             }
         }
         let script = printed(&["completions", "bash"]).unwrap();
+        assert!(script.contains(" covers.ppo.gamma "), "paths of settings");
         for words in commands(&Program::command(), &[]) {
             let case = format!("covers__subcmd__{}", words.join("__subcmd__"));
             assert!(script.contains(&case), "{case}: {script}");

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use spdx::{AdditionItem, Expression, LicenseReq, ParseMode};
 
 /// Licences that let a program under "MIT OR Apache-2.0" include a crate.
-const LICENCES: [&str; 11] = [
+const LICENCES: [&str; 13] = [
     "0BSD",
     "Apache-2.0",
     "BSD-2-Clause",
@@ -17,6 +17,9 @@ const LICENCES: [&str; 11] = [
     "CC0-1.0",
     "ISC",
     "MIT",
+    // of fonts alone
+    "OFL-1.1",
+    "Ubuntu-font-1.0",
     "Unicode-3.0",
     "Unlicense",
     "Zlib",

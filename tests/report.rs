@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
+use covers::experiments::printable::printable_message;
 use covers::presets::{Budget, Method};
-use covers::program::format_error;
 use covers::watch::WatchOptions;
 use covers::{CoversError, Experiment, Run, RunFolder, Summary};
 use envs::Embodiment;
@@ -130,7 +130,9 @@ fn a_report_says_what_the_runs_files_say() {
     }
     assert!(text.contains("covers in the paper (1)") && text.contains("one to one"));
     let files = |name: &str| fs::read_to_string(out.join(name)).unwrap();
-    assert_eq!(files("report.md").trim_end(), text.trim_end());
+    let (tables, address) = text.split_once("\n\npage: ").unwrap();
+    assert_eq!(files("report.md").trim_end(), tables);
+    assert_eq!(address.trim_end(), out.join("report.html").to_str().unwrap());
     assert!(files("results.csv").contains("\"covers\"") && files("seeds.tex").contains("toprule"));
     let page = files("report.html");
     for part in [
@@ -148,19 +150,14 @@ fn a_report_says_what_the_runs_files_say() {
 }
 
 #[test]
-fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
+fn files_that_cannot_be_are_refused() {
     let scratch = Scratch::new("files");
     scratch.run_without_checksums("covers-seed0", alone(Method::Covers, 0));
     let file = |name: &str| scratch.0.join("covers-seed0").join(name);
-    let without = |name: &str| {
-        let bytes = fs::read(file(name)).unwrap();
-        fs::remove_file(file(name)).unwrap();
-        let refusal = scratch.refusal(&["covers-seed0"]);
-        fs::write(file(name), bytes).unwrap();
-        refusal
-    };
-    assert!(without("summary.json").contains("not finished"));
-    assert!(without("evaluation.csv").contains("evaluation.csv"));
+    let scores = fs::read(file("evaluation.csv")).unwrap();
+    fs::remove_file(file("evaluation.csv")).unwrap();
+    assert!(scratch.refusal(&["covers-seed0"]).contains("evaluation.csv"));
+    fs::write(file("evaluation.csv"), scores).unwrap();
     scratch.report(&["covers-seed0"], &[]).unwrap();
     let last = "the last rows of";
     for (name, column, wrong, problem) in [
@@ -191,6 +188,25 @@ fn runs_that_are_not_at_their_end_and_files_that_cannot_be_are_refused() {
     fs::write(file("evaluation.csv"), table.replacen("\n0,0,", "\n0,1,", 1)).unwrap();
     let refusal = scratch.refusal(&["covers-seed0"]);
     assert!(refusal.contains("about decisions"), "{refusal}");
+}
+
+#[test]
+fn a_run_in_progress_is_reported_as_far_as_it_was_evaluated() {
+    let scratch = Scratch::new("progress");
+    scratch.run("covers-seed0", alone(Method::Covers, 0));
+    let file = |name: &str| scratch.0.join("covers-seed0").join(name);
+    fs::remove_file(file("summary.json")).unwrap();
+    let text = scratch.report(&["covers-seed0"], &[]).unwrap();
+    assert!(text.contains("covers-seed0 is not finished: it took "), "{text}");
+    // the last evaluation is being written
+    let scores = fs::read_to_string(file("evaluation.csv")).unwrap();
+    let last = scores.lines().last().unwrap();
+    let whole = &scores[..scores.len() - last.len() - 1];
+    fs::write(file("evaluation.csv"), whole).unwrap();
+    scratch.report(&["covers-seed0"], &[]).unwrap();
+    let header = scores.lines().next().unwrap();
+    fs::write(file("evaluation.csv"), format!("{header}\n")).unwrap();
+    assert!(scratch.refusal(&["covers-seed0"]).contains("not evaluated yet"));
 }
 
 /// A last cell that is cut short would pass for another number.
@@ -269,7 +285,7 @@ fn names_do_not_steer_the_terminal() {
     WatchOptions { run_folder: run, json: false }.print_events(&mut watched).unwrap();
     let watched = String::from_utf8(watched).unwrap();
     assert!(watched.contains("goal\\u001b[2J"), "{watched}");
-    let refused = format_error(&scratch.report(&["no\u{1b}run"], &[]).unwrap_err());
+    let refused = printable_message(&scratch.report(&["no\u{1b}run"], &[]).unwrap_err());
     for shown in files.chain([text, watched, refused]) {
         assert_eq!(steering(&shown), None, "{shown}");
     }
@@ -339,7 +355,8 @@ fn films_are_inside_of_the_page_where_they_are_asked_for() {
     assert_eq!(page.matches("<details open>").count(), 1);
     assert!(!page.contains("<h2>Each seed</h2>"), "there is no curve");
     let (with_films, film_page) = html(&["--films"]);
-    assert_eq!((gifs(&film_page), film_page.matches("src=").count()), (2, 2));
+    // the first one is on the first screen, too
+    assert_eq!((gifs(&film_page), film_page.matches("src=").count()), (3, 3));
     assert!(with_films.contains("\nequi-seed0: 2 films, "), "{with_films}");
     fs::remove_dir_all(scratch.0.join("equi-seed0/checkpoints")).unwrap();
     let (without, bare_page) = html(&["--films"]);

@@ -1,4 +1,4 @@
-//! `docs/settings.md` is what the code says: fields of settings, first sentences of their
+//! `docs/settings.md`, and the list of the program, are what the code says: fields of settings, first sentences of their
 //! documentation, and values of presets.
 
 use std::collections::HashMap;
@@ -227,6 +227,16 @@ fn shown(value: &Value) -> String {
     }
 }
 
+/// The rows of the page for the program: path, type and meaning.
+fn tab_separated(page: &str) -> String {
+    let rows = page.lines().filter_map(|line| line.strip_prefix("| `")?.strip_suffix(" |"));
+    rows.map(|row| {
+        let cells: Vec<&str> = row.split(" | ").collect();
+        format!("{}\t{}\t{}\n", cells[0].trim_end_matches('`'), cells[1], cells[3])
+    })
+    .collect()
+}
+
 #[test]
 fn the_page_lists_every_setting() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
@@ -241,12 +251,12 @@ fn the_page_lists_every_setting() {
     });
     let mut page = HEAD.to_owned();
     types.write(&mut page, "", &types.0["Experiment"], &presets);
-    let file = root.join("docs/settings.md");
-    if std::env::var_os("COVERS_WRITE").is_some() {
-        fs::write(&file, &page).unwrap();
+    for (name, text) in [("docs/settings.md", &page), ("src/settings.tsv", &tab_separated(&page))] {
+        let file = root.join(name);
+        if std::env::var_os("COVERS_WRITE").is_some() {
+            fs::write(&file, text).unwrap();
+        }
+        let is_same = fs::read_to_string(file).unwrap() == *text;
+        assert!(is_same, "{name}: write it with COVERS_WRITE=1");
     }
-    assert!(
-        fs::read_to_string(file).unwrap() == page,
-        "docs/settings.md: write it with COVERS_WRITE=1"
-    );
 }

@@ -9,7 +9,7 @@ use envs::embodiments::Arm;
 use envs::{TaskGroup, TaskRegistry};
 
 use crate::DeployError;
-use experiments::cli::print_escaped;
+use experiments::cli::{print_escaped, progress_bar};
 use experiments::{RunError, RunFolder};
 use learner::disk::{LocalDisk, write_atomically};
 use render::encode_gif;
@@ -251,7 +251,9 @@ impl DeployOptions {
     ) -> Result<Vec<TrialScore>, DeployError> {
         let Batch { groups, trials, video } = batch;
         let mut scores = Vec::new();
-        for variant in groups.iter().flat_map(|group| group.variants()) {
+        let variants: Vec<_> = groups.iter().flat_map(|group| group.variants()).collect();
+        let bar = progress_bar(variants.len() * trials);
+        for variant in variants {
             let of_variant = scores.len();
             for number in 0..trials {
                 let trial = Trial { variant, index: number, seed: self.run_and_rig.rig.seed };
@@ -262,10 +264,13 @@ impl DeployOptions {
                     self.keep(folder, &trial, &score, &strip)?;
                 }
                 scores.push(score);
+                bar.inc(1);
             }
             let solved = scores[of_variant..].iter().filter(|score| score.success);
-            print_escaped(out, &format!("{variant}: {} of {trials}", solved.count()))?;
+            let line = format!("{variant}: {} of {trials}", solved.count());
+            bar.suspend(|| print_escaped(out, &line))?;
         }
+        bar.finish_and_clear();
         print_escaped(out, &deployment_table(&scores))?;
         Ok(scores)
     }

@@ -141,10 +141,11 @@ impl Camera {
             r#"<asset><material name="floor" rgba="{r} {g} {b} 1"/></asset>
             <visual><headlight ambient="{ambient} {ambient} {ambient}" diffuse="{camera} {camera} {camera}" specular="0 0 0"/></visual>
             <worldbody>
-              <light name="overhead" directional="true" castshadow="false" pos="0 0 3" dir="0 0 -1"
+              <light name="overhead" directional="true" castshadow="true" pos="0 0 3" dir="0 0 -1"
                      diffuse="{overhead} {overhead} {overhead}" specular="0 0 0"/>
               <camera name="{name}" pos="0 0 {height}" quat="1 0 0 0" fovy="{fovy}"/>
-              <camera name="corner" pos="0.8 0.8 0.8" xyaxes="-1 1 0 -1 -1 2"/>
+              <camera name="perspective" pos="0.95 0.75 0.85" fovy="40"
+                      xyaxes="-0.6441 0.7649 0 -0.4142 -0.3488 0.8407"/>
             </worldbody>"#
         )
     }

@@ -76,7 +76,7 @@ pub use messages::{EnvCommand, EnvFailure, EnvSnapshot};
 pub use mujoco::{self, Backdrop};
 pub use randomisation::Randomisation;
 pub use registry::TaskRegistry;
-pub use renderer::{SceneRenderer, SceneView, View};
+pub use renderer::{PerspectiveRenderer, SceneRenderer, SceneView, View};
 pub use robots;
 pub use scene::{ARM_GEOM_GROUP, Scene};
 pub use settings::{MAX_THREADS, VecEnvSettings};

@@ -1,5 +1,5 @@
-//! Renderer of the pictures that a learner observes: the table without the arm, and a disc at the
-//! gripper.
+//! Renderers of the pictures that a learner observes (the table without the arm, and a disc at the
+//! gripper), and of pictures for viewers.
 
 use std::sync::Arc;
 
@@ -169,7 +169,7 @@ impl SceneView {
     /// [`EnvError::Render`] for a size out of range, or if no off-screen OpenGL is available.
     pub fn new(scene: &Scene, view: View) -> Result<Self, EnvError> {
         let model = Arc::clone(&scene.model);
-        let camera = if view.from_corner { model.camera("corner")? } else { scene.camera_id };
+        let camera = if view.from_corner { scene.perspective_id } else { scene.camera_id };
         let mut options = RenderOptions::default();
         options.visible_geom_groups[ARM_GEOM_GROUP] = view.shows_arm;
         let renderer = Renderer::new(model, view.size, view.size, options)?;
@@ -183,5 +183,53 @@ impl SceneView {
     pub fn render(&mut self, table: &mut TableTop, rgb: &mut [u8]) -> Result<(), EnvError> {
         table.variant().ok_or(EnvError::NotReset)?;
         Ok(self.renderer.render(table.simulation_mut(), self.camera, rgb)?)
+    }
+}
+
+/// Renderer of a scene with its arm from a corner of the table, with shadows and smooth edges, for
+/// viewers; stays on the thread that made it.
+pub struct PerspectiveRenderer {
+    camera: CameraId,
+    renderer: Renderer,
+    /// Last picture of twice the width and height, RGB.
+    rendered: Vec<u8>,
+}
+
+impl PerspectiveRenderer {
+    /// Creates a renderer of pictures of `width` x `height` pixels.
+    ///
+    /// # Errors
+    /// [`EnvError::Render`] for a width or height out of `1..=2048`, or if no off-screen OpenGL is
+    /// available.
+    pub fn new(scene: &Scene, width: usize, height: usize) -> Result<Self, EnvError> {
+        let mut options = RenderOptions { shadows: true, ..RenderOptions::default() };
+        options.visible_geom_groups[ARM_GEOM_GROUP] = true;
+        let model = Arc::clone(&scene.model);
+        let renderer = Renderer::new(model, 2 * width, 2 * height, options)?;
+        let rendered = vec![0; renderer.image_len()];
+        Ok(Self { camera: scene.perspective_id, renderer, rendered })
+    }
+
+    /// Renders the view of `table` `[height, width, 3]`: each pixel is the mean of four.
+    ///
+    /// # Errors
+    /// [`EnvError::Render`].
+    pub fn render(&mut self, table: &mut TableTop) -> Result<Vec<u8>, EnvError> {
+        self.renderer.render(table.simulation_mut(), self.camera, &mut self.rendered)?;
+        let row = self.renderer.width() * RGB_CHANNELS;
+        let pairs = self.rendered.chunks_exact(2 * row);
+        let picture = pairs.flat_map(|pair| {
+            let (upper, lower) = pair.split_at(row);
+            let mean = |x: usize, channel: usize| {
+                let at = [x, x + RGB_CHANNELS].map(|x| x + channel);
+                let sum: u16 =
+                    at.map(|at| u16::from(upper[at]) + u16::from(lower[at])).iter().sum();
+                (sum / 4) as u8
+            };
+            let lefts = (0..row).step_by(2 * RGB_CHANNELS);
+            let pixels = lefts.flat_map(|x| (0..RGB_CHANNELS).map(move |channel| mean(x, channel)));
+            pixels.collect::<Vec<u8>>()
+        });
+        Ok(picture.collect())
     }
 }

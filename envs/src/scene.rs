@@ -48,6 +48,8 @@ pub struct Scene {
     /// Camera above the centre of the table.
     pub camera: Camera,
     pub(crate) camera_id: CameraId,
+    /// Camera beside the table, for viewers.
+    pub(crate) perspective_id: CameraId,
     /// Position of the hand's target when an episode starts (metres).
     pub(crate) hand_target_start: DVec3,
     /// Lowest and highest corner of the box that holds the hand's target (metres).
@@ -132,6 +134,7 @@ impl Scene {
             decoy_qpos_address: meta_world.and_then(|spec| decoy(&model, &spec)),
             camera,
             camera_id: model.camera("top")?,
+            perspective_id: model.camera("perspective")?,
             hand: model.body("hand")?,
             claw_bodies: [model.body("right_claw")?, model.body("left_claw")?],
             tip_sites: [model.site("right_tip")?, model.site("left_tip")?],

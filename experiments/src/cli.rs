@@ -6,6 +6,8 @@ use std::path::Path;
 use clap::Args;
 use clap::builder::RangedI64ValueParser;
 use envs::MAX_THREADS;
+pub use indicatif::ProgressBar;
+use indicatif::{ProgressDrawTarget, ProgressFinish, ProgressStyle};
 
 use crate::error::RunError;
 use crate::printable::escape_unprintable_lines;
@@ -29,6 +31,15 @@ impl Threads {
         let available = || std::thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(available, usize::from)
     }
+}
+
+/// Returns a progress bar of `length` steps on standard error, with the time left. It is hidden if
+/// standard error is no terminal, and disappears at the end.
+pub fn progress_bar(length: usize) -> ProgressBar {
+    let bar = ProgressBar::with_draw_target(Some(length as u64), ProgressDrawTarget::stderr());
+    let style = ProgressStyle::with_template("{percent:>3} % {wide_bar} {eta} left");
+    bar.with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
+        .with_finish(ProgressFinish::AndClear)
 }
 
 /// Prints a line with control characters escaped, since names of files and cells of tables may

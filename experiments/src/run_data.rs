@@ -31,6 +31,8 @@ const TOO_MANY: usize = 1 << 32;
 pub struct RunData {
     /// Name of the run's folder.
     pub name: String,
+    /// `true` if the run reached the end of its stream.
+    pub is_finished: bool,
     /// Records of the processes that worked on the run, oldest first; empty if unknown.
     pub provenance: Vec<Provenance>,
     /// Settings of the run.
@@ -63,6 +65,7 @@ impl RunData {
     pub fn empty(name: &str, experiment: Experiment) -> Self {
         Self {
             name: name.to_owned(),
+            is_finished: true,
             provenance: Vec::new(),
             experiment,
             rollouts: Vec::new(),
@@ -109,6 +112,7 @@ impl RunData {
         let provenance = if has_provenance { Provenance::read(path)? } else { Vec::new() };
         Ok(Self {
             name: name_of(path)?,
+            is_finished: true,
             provenance,
             experiment,
             rollouts,
@@ -127,8 +131,8 @@ impl RunData {
     /// index that is impossible after so many rollouts.
     pub fn read_partial(path: &Path) -> Result<Self, RunError> {
         let folder = RunFolder::from_path(path);
-        let name = name_of(path)?;
         let experiment = folder.read_experiment()?;
+        let name = name_of(path)?;
         let rollouts: Vec<RolloutRow> = whole_rows(&folder.file_path("metrics.csv"))?;
         let mut rows = rollouts.iter().enumerate();
         if rows.any(|(rollout, row)| row.policy > rollout) {
@@ -136,6 +140,7 @@ impl RunData {
             return Err(unfit(path, problem));
         }
         Ok(Self {
+            is_finished: folder.is_finished(),
             rollouts,
             timings: whole_rows(&folder.file_path("timings.csv"))?,
             scores: whole_rows(&folder.file_path("evaluation.csv"))?,

@@ -5,6 +5,10 @@ use std::fmt::{self, Write};
 use crate::evaluation::{Score, average_by_group};
 use crate::{Event, RolloutReport, Summary};
 
+/// Names of the columns of [`rollout_line`].
+pub const ROLLOUT_HEADER: &str =
+    "decisions  group         policy      reward  success  distance to each policy (z)";
+
 /// Formats an event of a run for the terminal: a line for a rollout, a table for an evaluation.
 pub fn event_text(event: &Event) -> String {
     match event {
@@ -57,7 +61,7 @@ pub struct RolloutLine<'a> {
 impl fmt::Display for RolloutLine<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let evidence = self.distances_and_z_scores.iter().map(|&(distance, score)| match score {
-            Some(score) => format!("{} (z {score:.1})", format_number(distance, 2)),
+            Some(score) => format!("{} ({score:.1})", format_number(distance, 2)),
             None => format_number(distance, 2),
         });
         // four columns wide, so that the columns behind it stay aligned
@@ -66,16 +70,16 @@ impl fmt::Display for RolloutLine<'_> {
             (false, true) => " 2nd",
             (false, false) => "    ",
         };
-        write!(
-            f,
-            "{:>7}  {:<12}  policy {}{remark}  reward {:>5}  success {:>4}  W1 [{}]",
+        let line = format!(
+            "{:>9}  {:<12}  {:>6}{remark}  {:>6}  {:>7}  {}",
             self.decisions,
             self.group,
             self.policy,
             format_number(self.reward, 1),
             format_number(self.success, 2),
             evidence.collect::<Vec<_>>().join(", "),
-        )
+        );
+        f.write_str(line.trim_end())
     }
 }
 

@@ -8,18 +8,22 @@ use clap::builder::RangedU64ValueParser;
 use envs::TaskRegistry;
 use symmetry::D2;
 
-use experiments::cli::{Threads, print_escaped};
-use experiments::{RunFolder, thread_pool};
+use experiments::cli::{Threads, print_escaped, progress_bar};
+use experiments::{RunData, RunFolder, thread_pool};
 
 use super::error::RenderError;
+use super::gif::Film;
 use super::grid::compose_grid;
 use super::output::OutputFile;
 use super::player::{FilmSettings, FilmedEpisode, PolicyPlayer};
 use super::recorder::View;
+use super::stream_film::film_stream;
 
 /// Options of `covers render`: the groups, the views and the file of a film.
 #[derive(Clone, Debug, Args)]
-#[command(after_help = "Example: covers render runs/covers-seed0 --views raw --out policies.gif")]
+#[command(after_help = "Examples:\n  \
+    covers render runs/covers-seed0 --view perspective --group drawer-close --out policies.gif\n  \
+    covers render runs/covers-seed0 --stream --out stream.gif")]
 pub struct RenderOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
@@ -30,7 +34,7 @@ pub struct RenderOptions {
     #[arg(long, visible_alias = "task")]
     pub group: Option<String>,
     /// Views of each variant, one row each; several are separated by commas.
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "seen")]
+    #[arg(long, visible_alias = "view", value_enum, value_delimiter = ',', default_value = "seen")]
     pub views: Vec<View>,
     /// Below each row, show its pictures mirrored back: four times the same picture.
     #[arg(long = "twins")]
@@ -39,6 +43,10 @@ pub struct RenderOptions {
     /// is that of the whole episode.
     #[arg(long, value_parser = RangedU64ValueParser::<usize>::new().range(1..))]
     pub decisions: Option<usize>,
+    /// Film the whole stream instead, in 12 seconds: the groups that came, the policies that served
+    /// them, and success in training.
+    #[arg(long, conflicts_with_all = ["group", "views", "with_mirrored_twins", "decisions", "seed"])]
+    pub stream: bool,
     /// Seed of the placements, which the variants of a group share.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
@@ -61,6 +69,12 @@ impl RenderOptions {
         let threads = self.threads.count();
         let mut player = PolicyPlayer::load(&folder, threads)?;
         target.prepare()?;
+        if self.stream {
+            let (run, bar) = (RunData::read_partial(&self.run)?, progress_bar(0));
+            let film = thread_pool(threads)?.install(|| film_stream(&mut player, &run, &bar))?;
+            target.write(&film)?;
+            return print_size(&film, &target, out);
+        }
         let settings = FilmSettings {
             groups: &groups,
             views: &self.views,
@@ -68,7 +82,9 @@ impl RenderOptions {
             decisions: self.decisions,
             seed: self.seed,
         };
-        let episodes = thread_pool(threads)?.install(|| player.play(&settings))?;
+        let bar = progress_bar(D2::ALL.len() * groups.len());
+        let episodes = thread_pool(threads)?.install(|| player.play(&settings, &bar))?;
+        bar.finish_and_clear();
         let names = D2::ALL.map(|element| element.to_string());
         let columns = names.each_ref().map(String::as_str);
         let film = compose_grid(&columns, &player.rows(&settings, &episodes));
@@ -77,11 +93,15 @@ impl RenderOptions {
         for episode in &episodes {
             print_escaped(out, &line(episode))?;
         }
-        let (frames, path) = (film.frames.len(), target.path().display());
-        let (width, height) = (film.width, film.height);
-        let size = format!("{path}: {frames} pictures of {width} x {height} pixels");
-        Ok(print_escaped(out, &size)?)
+        print_size(&film, &target, out)
     }
+}
+
+fn print_size(film: &Film, target: &OutputFile, out: &mut impl Write) -> Result<(), RenderError> {
+    let (frames, path) = (film.frames.len(), target.path().display());
+    let (width, height) = (film.width, film.height);
+    let size = format!("{path}: {frames} pictures of {width} x {height} pixels");
+    Ok(print_escaped(out, &size)?)
 }
 
 fn line(episode: &FilmedEpisode) -> String {

@@ -1,102 +1,60 @@
-//! Bitmap font of 5 x 7 pixels for the captions of films.
+//! Text of films.
 
-/// Width and height (pixels) of a character with the gap after it, before enlargement.
-pub(super) const LETTER_SIZE: [usize; 2] = [6, 8];
+use std::sync::LazyLock;
 
-/// Returns the columns of a character's glyph from left to right, one bit for each pixel; bit 0 is
-/// the top row. A character without a glyph is drawn as a box.
-fn columns(letter: char) -> [u8; 5] {
-    match letter {
-        ' ' => [0, 0, 0, 0, 0],
-        '-' => [8, 8, 8, 8, 8],
-        ',' => [0, 0x40, 0x30, 0, 0],
-        ':' => [0, 0x36, 0x36, 0, 0],
-        '0'..='9' => GLYPHS[letter as usize - '0' as usize],
-        'a'..='z' => GLYPHS[10 + letter as usize - 'a' as usize],
-        _ => [0x7f, 0x41, 0x41, 0x41, 0x7f],
+use ab_glyph::{Font, FontRef, PxScale, ScaleFont, point};
+use epaint_default_fonts::UBUNTU_LIGHT;
+
+/// Height of a line of text (pixels).
+pub(super) const LINE_HEIGHT: usize = 18;
+
+static FONT: LazyLock<Option<FontRef<'static>>> =
+    LazyLock::new(|| FontRef::try_from_slice(UBUNTU_LIGHT).ok());
+
+/// Calls `draw` with the `[x, y]` of each pixel of `text` from its top left corner, and the share of
+/// the pixel that the text covers, in `(0, 1]`.
+pub(super) fn for_each_pixel(text: &str, mut draw: impl FnMut([usize; 2], f32)) {
+    let Some(font) = &*FONT else { return };
+    let font = font.as_scaled(PxScale::from(LINE_HEIGHT as f32 - 1.0));
+    let (mut x, mut before) = (0.0, None);
+    for letter in text.chars() {
+        let mut glyph = font.scaled_glyph(letter);
+        x += before.map_or(0.0, |before| font.kern(before, glyph.id));
+        glyph.position = point(x, font.ascent());
+        (x, before) = (x + font.h_advance(glyph.id), Some(glyph.id));
+        let Some(outline) = font.outline_glyph(glyph) else { continue };
+        let corner = outline.px_bounds().min;
+        outline.draw(|right, down, cover| {
+            // a letter may begin a little left of its place or above the line
+            let at = [corner.x + right as f32, corner.y + down as f32];
+            if cover > 0.0 && at.iter().all(|&at| at >= 0.0) {
+                draw(at.map(|at| at as usize), cover.min(1.0));
+            }
+        });
     }
-}
-
-/// Glyphs of the ten digits, then of the letters.
-const GLYPHS: [[u8; 5]; 36] = [
-    [0x3e, 0x41, 0x41, 0x41, 0x3e],
-    [0x00, 0x42, 0x7f, 0x40, 0x00],
-    [0x62, 0x51, 0x49, 0x49, 0x46],
-    [0x22, 0x41, 0x49, 0x49, 0x36],
-    [0x1c, 0x12, 0x11, 0x7f, 0x10],
-    [0x2f, 0x49, 0x49, 0x49, 0x31],
-    [0x3e, 0x49, 0x49, 0x49, 0x32],
-    [0x01, 0x71, 0x09, 0x05, 0x03],
-    [0x36, 0x49, 0x49, 0x49, 0x36],
-    [0x26, 0x49, 0x49, 0x49, 0x3e],
-    [0x20, 0x54, 0x54, 0x54, 0x78],
-    [0x7f, 0x44, 0x44, 0x44, 0x38],
-    [0x38, 0x44, 0x44, 0x44, 0x28],
-    [0x38, 0x44, 0x44, 0x44, 0x7f],
-    [0x38, 0x54, 0x54, 0x54, 0x18],
-    [0x04, 0x7e, 0x05, 0x05, 0x00],
-    [0x18, 0xa4, 0xa4, 0xa4, 0x7c],
-    [0x7f, 0x04, 0x04, 0x04, 0x78],
-    [0x00, 0x44, 0x7d, 0x40, 0x00],
-    [0x40, 0x80, 0x84, 0x7d, 0x00],
-    [0x7f, 0x10, 0x10, 0x28, 0x44],
-    [0x00, 0x41, 0x7f, 0x40, 0x00],
-    [0x7c, 0x04, 0x78, 0x04, 0x78],
-    [0x7c, 0x04, 0x04, 0x04, 0x78],
-    [0x38, 0x44, 0x44, 0x44, 0x38],
-    [0xfc, 0x24, 0x24, 0x24, 0x18],
-    [0x18, 0x24, 0x24, 0x24, 0xfc],
-    [0x7c, 0x08, 0x04, 0x04, 0x08],
-    [0x48, 0x54, 0x54, 0x54, 0x24],
-    [0x04, 0x3f, 0x44, 0x44, 0x00],
-    [0x3c, 0x40, 0x40, 0x40, 0x7c],
-    [0x1c, 0x20, 0x40, 0x20, 0x1c],
-    [0x3c, 0x40, 0x38, 0x40, 0x3c],
-    [0x44, 0x28, 0x10, 0x28, 0x44],
-    [0x1c, 0xa0, 0xa0, 0xa0, 0x7c],
-    [0x44, 0x64, 0x54, 0x4c, 0x44],
-];
-
-/// Returns the `[x, y]` of all pixels of `text` at twice the font's size, from its top left corner.
-pub(super) fn pixels(text: &str) -> impl Iterator<Item = [usize; 2]> {
-    const TWICE: usize = 2;
-    let letters = text.chars().enumerate();
-    let columns = letters.flat_map(|(number, letter)| {
-        let columns = columns(letter.to_ascii_lowercase()).into_iter().enumerate();
-        columns.map(move |(column, bits)| (number * LETTER_SIZE[0] + column, bits))
-    });
-    let small = columns.flat_map(|(x, bits)| {
-        let rows = (0..LETTER_SIZE[1]).filter(move |row| bits >> row & 1 == 1);
-        rows.map(move |y| [x, y])
-    });
-    small.flat_map(|[x, y]| {
-        let corners = [[0, 0], [1, 0], [0, 1], [1, 1]];
-        corners.map(|[right, down]| [TWICE * x + right, TWICE * y + down])
-    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_letter_is_drawn_upright_and_twice_its_size() {
-        let mut drawn = [[' '; 24]; 16];
-        pixels("L-").for_each(|[x, y]| drawn[y][x] = '#');
-        let rows: Vec<String> = drawn.iter().map(|row| row.iter().collect()).collect();
-        assert_eq!(&rows[0][..12], "  ####      ");
-        assert_eq!(&rows[12][..12], "  ######    ");
-        assert_eq!(&rows[6][12..], "##########  ");
-        assert_eq!(rows[14].trim(), "");
+    /// Returns the ink in each column of a text.
+    fn columns(text: &str) -> Vec<f32> {
+        let mut ink = vec![0.0; 400];
+        for_each_pixel(text, |[x, y], cover| {
+            assert!(y < LINE_HEIGHT, "{text}");
+            ink[x] += cover;
+        });
+        ink
     }
 
     #[test]
-    fn letters_and_digits_differ() {
-        let all = ('a'..='z').chain('0'..='9').chain([' ', '-', ',', ':', '?']);
-        let mut drawn: Vec<[u8; 5]> = all.map(columns).collect();
-        let count = drawn.len();
-        drawn.sort_unstable();
-        drawn.dedup();
-        assert_eq!(drawn.len(), count);
+    fn letters_follow_one_another() {
+        let last = |text: &str| columns(text).iter().rposition(|&ink| ink > 0.0);
+        assert!(last("goal") < last("goal-reach") && last("i") < last("m"));
+        assert_eq!(last(" "), None);
+        // the stem of an l is its only ink
+        assert!(columns("l").iter().filter(|&&ink| ink > 0.0).count() <= 3);
+        assert_ne!(columns("policy 1"), columns("policy 2"));
     }
 }

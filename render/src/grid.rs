@@ -1,6 +1,7 @@
 //! Grid of films that play side by side as one film.
 
-use super::font::{LETTER_SIZE, pixels};
+use super::canvas::Canvas;
+use super::font::LINE_HEIGHT;
 use super::gif::Film;
 
 /// Approximate height of a cell of the grid (pixels); pictures are enlarged by a whole number.
@@ -10,11 +11,9 @@ const BORDER: usize = 3;
 /// Distance between cells of the grid, and from the edge of the film (pixels).
 const GAP: usize = 6;
 /// Height of a line of text with the gap below it (pixels).
-const LINE: usize = 2 * LETTER_SIZE[1] + 4;
-/// Level (0 to 255) of all channels of the film's background.
-const WHITE: u8 = 255;
+const LINE: usize = LINE_HEIGHT + 2;
 /// Colour of the names above the grid's columns (RGB).
-const INK: [u8; 3] = [0x1b, 0x1f, 0x24];
+pub(super) const INK: [u8; 3] = [0x1b, 0x1f, 0x24];
 
 /// Film in a cell of a grid. Its last picture stays until the longest film ends.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -58,7 +57,10 @@ pub fn compose_grid(columns: &[&str], rows: &[GridRow]) -> Film {
     let frame = |time| {
         let mut canvas = empty.clone();
         for (cell, [left, top]) in layout.cells(rows) {
-            canvas.paste(cell, time, [left + BORDER, top + BORDER]);
+            // a film that has ended keeps its last picture
+            if let Some(picture) = cell.frames.get(time).or(cell.frames.last()) {
+                canvas.paste(picture, cell.width, cell.enlarge(), [left + BORDER, top + BORDER]);
+            }
         }
         canvas.rgb
     };
@@ -93,7 +95,7 @@ impl GridLayout {
     /// Draws names, titles and borders of the grid, which are the same in all pictures of the film.
     fn canvas(&self, columns: &[&str], rows: &[GridRow]) -> Canvas {
         let (across, down) = (self.across, self.down);
-        let mut canvas = Canvas::of(GAP + columns.len() * across, GAP + LINE + rows.len() * down);
+        let mut canvas = Canvas::new(GAP + columns.len() * across, GAP + LINE + rows.len() * down);
         for (column, name) in columns.iter().enumerate() {
             canvas.write(name, [GAP + column * across, GAP], INK);
         }
@@ -106,48 +108,6 @@ impl GridLayout {
             }
         }
         canvas
-    }
-}
-
-/// Picture of a film on which names, titles and cells are drawn.
-#[derive(Clone)]
-struct Canvas {
-    width: usize,
-    height: usize,
-    rgb: Vec<u8>,
-}
-
-impl Canvas {
-    fn of(width: usize, height: usize) -> Self {
-        Self { width, height, rgb: vec![WHITE; width * height * 3] }
-    }
-
-    fn dot(&mut self, [x, y]: [usize; 2], rgb: [u8; 3]) {
-        if x < self.width && y < self.height {
-            self.rgb[(y * self.width + x) * 3..][..3].copy_from_slice(&rgb);
-        }
-    }
-
-    fn fill(&mut self, [left, top]: [usize; 2], [width, height]: [usize; 2], rgb: [u8; 3]) {
-        for y in top..top + height {
-            (left..left + width).for_each(|x| self.dot([x, y], rgb));
-        }
-    }
-
-    fn write(&mut self, text: &str, [left, top]: [usize; 2], rgb: [u8; 3]) {
-        pixels(text).for_each(|[x, y]| self.dot([left + x, top + y], rgb));
-    }
-
-    fn paste(&mut self, cell: &GridCell, time: usize, [left, top]: [usize; 2]) {
-        let enlarge = cell.enlarge();
-        // a film that has ended keeps its last picture
-        let Some(picture) = cell.frames.get(time).or(cell.frames.last()) else {
-            return;
-        };
-        for (pixel, rgb) in picture.as_chunks().0.iter().enumerate() {
-            let [x, y] = [pixel % cell.width, pixel / cell.width].map(|at| at * enlarge);
-            self.fill([left + x, top + y], [enlarge; 2], *rgb);
-        }
     }
 }
 
@@ -184,7 +144,9 @@ mod tests {
         let row =
             GridRow { title: "a long title ".repeat(9), colour: [1, 2, 3], cells: vec![cell(1)] };
         let film = compose_grid(&["seen"], &[row]);
-        assert!(count(&film, 0, INK) > 50);
+        let names = &film.frames[0][..3 * film.width * (GAP + LINE)];
+        let dark = names.chunks_exact(3).filter(|pixel| pixel.iter().all(|&level| level < 128));
+        assert!(dark.count() > 20);
         assert!(count(&film, 0, [1, 2, 3]) > 222 * 150 - 216 * 144);
     }
 }

@@ -1,5 +1,6 @@
 //! Films of trained policies: GIF, and mp4 where `ffmpeg` is on the path.
 
+mod canvas;
 mod command;
 mod error;
 mod font;
@@ -10,6 +11,7 @@ mod output;
 mod palette;
 mod player;
 mod recorder;
+mod stream_film;
 mod subprocess;
 
 pub use command::RenderOptions;

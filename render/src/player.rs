@@ -4,6 +4,7 @@ use envs::{RGB_CHANNELS, TaskGroup, TaskRegistry, TaskVariant};
 use rl::VectorEnv;
 use symmetry::D2;
 
+use experiments::cli::{ProgressBar, progress_bar};
 use experiments::colours::line_rgb;
 use experiments::evaluation::Evaluator;
 use experiments::{Experiment, RunError, RunFolder, Stream, thread_pool};
@@ -34,7 +35,7 @@ pub(super) struct FilmedEpisode {
     pub policy: usize,
     pub success: bool,
     /// Films of the episode, one for each view.
-    cells: Vec<GridCell>,
+    pub cells: Vec<GridCell>,
 }
 
 /// Policies of a run, with the environments in which they are evaluated and filmed.
@@ -58,19 +59,25 @@ impl PolicyPlayer {
         Ok(Self { experiment, learner, evaluator })
     }
 
-    /// Films one episode of each variant of the groups.
+    /// Films one episode of each variant of the groups, each a step of `bar`.
     ///
     /// # Errors
     /// Errors of the environments and the learner.
     pub(super) fn play(
         &mut self,
         settings: &FilmSettings<'_>,
+        bar: &ProgressBar,
     ) -> Result<Vec<FilmedEpisode>, RunError> {
         let variants = settings.groups.iter().flat_map(|group| group.variants());
-        variants.map(|variant| self.film(variant, settings)).collect()
+        let films = variants.map(|variant| self.film(variant, settings));
+        films.inspect(|_| bar.inc(1)).collect()
     }
 
-    fn film(
+    /// Films one episode of a variant.
+    ///
+    /// # Errors
+    /// Errors of the environments and the learner.
+    pub(super) fn film(
         &mut self,
         variant: TaskVariant,
         settings: &FilmSettings<'_>,
@@ -144,6 +151,7 @@ pub fn film_groups(folder: &RunFolder, threads: usize) -> Result<Vec<(String, Ve
     let mut player = PolicyPlayer::load(folder, threads)?;
     let pool = thread_pool(threads)?;
     let names = D2::ALL.map(|element| element.to_string());
+    let bar = progress_bar(D2::ALL.len() * groups.len());
     let films = groups.into_iter().map(|group| {
         let settings = FilmSettings {
             groups: &[group],
@@ -152,7 +160,7 @@ pub fn film_groups(folder: &RunFolder, threads: usize) -> Result<Vec<(String, Ve
             decisions: Some(DECISIONS),
             seed: 0,
         };
-        let episodes = pool.install(|| player.play(&settings))?;
+        let episodes = pool.install(|| player.play(&settings, &bar))?;
         let columns = names.each_ref().map(String::as_str);
         let film = compose_grid(&columns, &player.rows(&settings, &episodes));
         let gif = encode_gif(&film).map_err(RunError::writing(folder.path()))?;
@@ -166,6 +174,7 @@ fn title(group: TaskGroup, views: &[View], view: usize, mirrored_back: bool) -> 
         (1, _) => "",
         (_, View::Raw) => ": what a camera sees",
         (_, View::Mask) => ": where the arm is",
+        (_, View::Perspective) => ": from a corner",
         (_, View::PolicyInput) => ": what the policy sees",
     };
     let back = if mirrored_back { ", mirrored back" } else { "" };

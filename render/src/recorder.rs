@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use clap::ValueEnum;
 use envs::{
-    ACTION_DIM, Camera, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskVariant, VecEnvSettings,
+    ACTION_DIM, Camera, PerspectiveRenderer, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
+    TaskVariant, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -23,6 +24,8 @@ pub enum View {
     Raw,
     /// Mask of the arm: white where it hides the table.
     Mask,
+    /// Lit view of the table and the arm from a corner of the table.
+    Perspective,
     /// Picture of the policy: the table without the arm, and a mark at the gripper.
     #[value(name = "seen")]
     PolicyInput,
@@ -30,6 +33,9 @@ pub enum View {
 
 /// Minimum width and height of a camera's pictures in a film (pixels).
 const SIDE: usize = 144;
+
+/// Width and height of pictures of [`View::Perspective`] (pixels).
+pub(super) const PERSPECTIVE_SIZE: [usize; 2] = [360, 270];
 
 /// Vectorised environment of one task variant that films its only episode. Observations are those
 /// of training.
@@ -39,8 +45,12 @@ pub struct EpisodeRecorder {
     seed: u64,
     table: TableTop,
     renderer: SceneRenderer,
-    /// Second simulation for the views other than [`View::PolicyInput`]; `None` if there are none.
+    /// Second simulation for [`View::Raw`] and [`View::Mask`]; `None` without these views.
     large: Option<LargeView>,
+    /// Renderer of [`View::Perspective`]; `None` without this view.
+    corner: Option<PerspectiveRenderer>,
+    /// Pictures of [`View::Perspective`].
+    perspective: Vec<Vec<u8>>,
     /// First picture of the episode `[size, size, 3]`; empty before the reset.
     first: Vec<u8>,
     /// Pictures that the policy saw, with a mark at a goal that no picture shows.
@@ -71,7 +81,10 @@ impl EpisodeRecorder {
     ) -> Result<Self, RunError> {
         let alone = VecEnvSettings { num_envs: 1, ..*settings };
         let (table, scene) = table(settings, variant, settings.camera)?;
-        let needs_large = views.iter().any(|view| *view != View::PolicyInput);
+        let needs_large = views.iter().any(|view| matches!(view, View::Raw | View::Mask));
+        let [width, height] = PERSPECTIVE_SIZE;
+        let corner = || PerspectiveRenderer::new(&scene, width, height);
+        let corner = views.contains(&View::Perspective).then(corner).transpose()?;
         Ok(Self {
             spec: Stream::env_spec(&alone),
             variant,
@@ -79,6 +92,8 @@ impl EpisodeRecorder {
             table,
             renderer: SceneRenderer::new(scene)?,
             large: needs_large.then(|| LargeView::new(settings, variant)).transpose()?,
+            corner,
+            perspective: Vec::new(),
             first: Vec::new(),
             seen: Vec::new(),
         })
@@ -87,15 +102,10 @@ impl EpisodeRecorder {
     /// Returns the film of each view, up to a number of decisions of the episode.
     pub fn film_cells(&self, views: &[View], decisions: Option<usize>) -> Vec<GridCell> {
         let cell = |&view| {
-            let (table, frames) = self.filmed(view);
-            let size = table.scene().camera.size;
+            let ([width, height], frames) = self.filmed(view);
             // the first picture comes before any decision
             let length = decisions.map_or(usize::MAX, |decisions| decisions.saturating_add(1));
-            GridCell {
-                width: size,
-                height: size,
-                frames: frames.iter().take(length).cloned().collect(),
-            }
+            GridCell { width, height, frames: frames.iter().take(length).cloned().collect() }
         };
         views.iter().map(cell).collect()
     }
@@ -105,24 +115,30 @@ impl EpisodeRecorder {
         &self.table
     }
 
-    /// Returns the camera of a view that was requested from [`EpisodeRecorder::new`].
+    /// Returns the top-down camera of a view that was requested from [`EpisodeRecorder::new`].
     pub fn camera(&self, view: View) -> Camera {
-        self.filmed(view).0.scene().camera
+        let table = match (view, &self.large) {
+            (View::Raw | View::Mask, Some(large)) => &large.table,
+            _ => &self.table,
+        };
+        table.scene().camera
     }
 
     /// Returns the latest picture of a requested view, or `None` before the episode.
     pub fn newest_picture(&self, view: View) -> Option<Picture> {
-        let (table, frames) = self.filmed(view);
-        let size = table.scene().camera.size;
-        Some(Picture { width: size, height: size, rgb: frames.last()?.clone() })
+        let ([width, height], frames) = self.filmed(view);
+        Some(Picture { width, height, rgb: frames.last()?.clone() })
     }
 
-    fn filmed(&self, view: View) -> (&TableTop, &[Vec<u8>]) {
-        match (view, &self.large) {
-            (View::Raw, Some(large)) => (&large.table, &large.raw),
-            (View::Mask, Some(large)) => (&large.table, &large.mask),
-            _ => (&self.table, &self.seen),
-        }
+    /// Returns width and height (pixels) of a view, and its pictures.
+    fn filmed(&self, view: View) -> ([usize; 2], &[Vec<u8>]) {
+        let frames = match (view, &self.large) {
+            (View::Perspective, _) => return (PERSPECTIVE_SIZE, &self.perspective),
+            (View::Raw, Some(large)) => &large.raw,
+            (View::Mask, Some(large)) => &large.mask,
+            _ => &self.seen,
+        };
+        ([self.camera(view).size; 2], frames)
     }
 
     fn observe(&mut self, out: &mut Observations) -> Result<(), RunError> {
@@ -134,6 +150,9 @@ impl EpisodeRecorder {
         self.renderer.compose_observation(&self.table, &picture, &self.first, &mut out.images);
         out.vectors.copy_from_slice(&self.table.observe()?);
         scale_vectors(&mut out.vectors);
+        if let Some(corner) = &mut self.corner {
+            self.perspective.push(corner.render(&mut self.table)?);
+        }
         // for viewers only: the policy's observation is complete, and it gets the goal as numbers
         mark_goal(&self.table, &mut picture);
         self.seen.push(picture);

@@ -9,6 +9,7 @@ use crate::events::write_tensorboard_events;
 use experiments::cli::{Threads, print_escaped};
 use experiments::{GroupFilm, RunData, RunError, RunFolder};
 use render::film_groups;
+use symmetry::D2;
 
 use super::error::ReportError;
 use super::report::Report;
@@ -21,8 +22,8 @@ use super::report::Report;
     covers report runs/covers-seed0 --tensorboard boards"
 )]
 pub struct ReportOptions {
-    /// The folders of runs, named METHOD-seedN as `covers sweep` names them; the first method is
-    /// compared with the others.
+    /// The folders of runs, finished or not, named METHOD-seedN as `covers sweep` names them; the
+    /// first method is compared with the others.
     #[arg(required = true)]
     pub runs: Vec<PathBuf>,
     /// Folder for the tables (Markdown, CSV, LaTeX) and the curves (SVG); the tables are printed
@@ -50,7 +51,7 @@ impl ReportOptions {
             let mut paths = written.iter().map(|path| path.display().to_string());
             return Ok(paths.try_for_each(|path| print_escaped(out, &path))?);
         }
-        let runs = self.runs.iter().map(|run| RunData::read(run));
+        let runs = self.runs.iter().map(|run| read_run(run));
         let mut runs = runs.collect::<Result<Vec<_>, _>>()?;
         let mut film_lines = Vec::new();
         if self.films {
@@ -64,8 +65,32 @@ impl ReportOptions {
             report.write(folder)?;
         }
         print_escaped(out, report.markdown().trim_end())?;
-        Ok(film_lines.iter().try_for_each(|line| print_escaped(out, line))?)
+        film_lines.iter().try_for_each(|line| print_escaped(out, line))?;
+        if let Some(folder) = &self.out {
+            print_escaped(out, &format!("\npage: {}", folder.join("report.html").display()))?;
+        }
+        Ok(())
     }
+}
+
+/// Reads a run's folder. Of a run in progress, evaluations that lack variants are left out.
+fn read_run(path: &Path) -> Result<RunData, RunError> {
+    let folder = RunFolder::from_path(path);
+    let experiment = folder.read_experiment()?;
+    if folder.is_finished() {
+        return RunData::read(path);
+    }
+    let mut run = RunData::read_partial(path)?;
+    let variants = D2::ALL.len() * experiment.schedule.groups.len();
+    if run.last_scores().count() < variants {
+        let last = run.scores.last().map(|row| row.rollouts);
+        run.scores.retain(|row| Some(row.rollouts) != last);
+    }
+    if run.scores.is_empty() {
+        let problem = "it was not evaluated yet; `covers watch` shows its rollouts".to_owned();
+        return Err(RunError::UnreportableRun { folder: path.to_owned(), problem });
+    }
+    Ok(run)
 }
 
 /// Renders the policies of a run into `run.films`. Returns a line on their size, or the reason why

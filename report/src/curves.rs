@@ -120,14 +120,14 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
         // more room than above, since this panel is lower and its dots are as large
         drawing.begin_panel(name, LOW_PANEL, [-0.05, 1.05], &SUCCESS_TICKS);
         visits(&mut drawing, run);
-        drawing.add_line(&averages(run), &Stroke::solid(TEXT_COLOUR));
+        drawing.add_line(&success_over_stream(run), &Stroke::solid(TEXT_COLOUR));
         evaluations(&mut drawing, run, |row| row.success);
     }
     drawing.into_svg(&format!("Success of all methods, seed {seed}"))
 }
 
 /// Returns decisions and mean success over all task variants, for each evaluation of a run.
-fn averages(run: &RunData) -> Vec<(f64, f64)> {
+pub fn success_over_stream(run: &RunData) -> Vec<(f64, f64)> {
     run.evaluation_rollouts()
         .map(|rollouts| {
             let rows: Vec<&ScoreRow> = run.scores_after(Some(rollouts)).collect();

@@ -2,7 +2,7 @@
 //! solved.
 
 use super::comparison::Comparison;
-use super::format::{bracketed_interval, method_cell};
+use super::format::{bracketed_interval, empty_cell, method_cell};
 use super::method::MethodRuns;
 use super::statistics::{Scores, median, quantile};
 use super::table::Table;
@@ -91,10 +91,10 @@ pub fn efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Tab
     for group in groups {
         let mut rows: Vec<(f64, Vec<String>)> = Vec::new();
         let first = scores(&methods[0], group);
-        for method in methods {
+        for (number, method) in methods.iter().enumerate() {
             let [area, decisions, lasting] = scores(method, group);
             if area.min_seed_count() > 0 {
-                let compared = Comparison::new(&area, &first[0]);
+                let compared = (number > 0).then(|| Comparison::new(&area, &first[0]));
                 let mut row = vec![group.clone(), method_cell(&mut table, method)];
                 row.extend(shares(&area, compared));
                 row.extend(reached(&decisions));
@@ -123,15 +123,17 @@ fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
 }
 
 /// Returns the table cells of areas under learning curves: the mean, its difference from the first
-/// method's, and the outcome of the comparison.
-fn shares(area: &Scores, compared: Comparison) -> [String; 3] {
+/// method's, and the outcome of the comparison; dashes for the first method itself.
+fn shares(area: &Scores, compared: Option<Comparison>) -> [String; 3] {
     let (mean, interval) = (area.pooled(mean), area.bootstrap_interval(mean));
-    let (difference, difference_interval) =
-        (compared.mean_difference, compared.difference_interval);
+    let difference = |compared: Comparison| {
+        let interval = bracketed_interval(compared.difference_interval, 3);
+        format!("{:+.3}{interval}", compared.mean_difference)
+    };
     [
         format!("{mean:.3}{}", bracketed_interval(interval, 3)),
-        format!("{difference:+.3}{}", bracketed_interval(difference_interval, 3)),
-        compared.outcome().label().to_owned(),
+        compared.map_or_else(empty_cell, difference),
+        compared.map_or_else(empty_cell, |compared| compared.outcome().label().to_owned()),
     ]
 }
 
@@ -142,11 +144,19 @@ fn reached(decisions: &Scores) -> [String; 3] {
     let all = decisions.0.concat();
     let reached = all.iter().filter(|one| one.is_finite()).count();
     let (middle, interval) = (decisions.pooled(median), decisions.bootstrap_interval(median));
+    let interval = interval.filter(|_| middle.is_finite());
+    // an interval of decisions may reach to infinity
+    let interval = bracketed_interval(interval, 0).replace("inf", "never");
     [
-        format!("{middle:.0}{}", bracketed_interval(interval, 0)),
-        format!("{:.0}", quantile(all.clone(), 0.9)),
+        format!("{}{interval}", decisions_cell(middle)),
+        decisions_cell(quantile(all.clone(), 0.9)),
         format!("{reached} of {}", all.len()),
     ]
+}
+
+/// Formats a number of decisions until an event; `never` if it is infinite.
+fn decisions_cell(decisions: f64) -> String {
+    if decisions.is_finite() { format!("{decisions:.0}") } else { "never".to_owned() }
 }
 
 #[cfg(test)]
@@ -213,7 +223,7 @@ mod tests {
         assert_eq!(column(1), ["quick", "slow"]);
         assert_eq!(table.header[3], "less that of slow");
         assert_eq!(column(2), ["0.700", "0.350"]);
-        assert_eq!(column(3), ["+0.350", "+0.000"]);
+        assert_eq!(column(3), ["+0.350", "-"]);
         assert_eq!(column(5), ["100", "200"]);
         assert_eq!(column(8), ["100", "200"]);
     }

@@ -4,20 +4,38 @@ use super::method::MethodRuns;
 use super::metrics::UndefinedReason;
 use super::statistics::BootstrapInterval;
 use super::table::Table;
+use experiments::RunData;
 use experiments::evaluation::mean;
 
 /// Returns the name of a method, with a footnote if its settings are not those of the preset of
-/// this name.
+/// this name, and one for each run that is not finished.
 pub(super) fn method_cell(table: &mut Table, method: &MethodRuns) -> String {
-    with_preset_footnote(table, method, &method.name)
+    let unfinished = method.runs.iter().filter_map(unfinished_remark);
+    let remarks = method.preset_match.warning.clone().into_iter().chain(unfinished);
+    with_footnotes(table, &method.name, remarks)
 }
 
-/// Returns the name of a method or of one of its runs, with a footnote if the method's settings are
-/// not those of the preset of this name.
-pub(super) fn with_preset_footnote(table: &mut Table, method: &MethodRuns, name: &str) -> String {
-    let remark = method.preset_match.warning.as_ref();
-    remark
-        .map_or_else(|| name.to_owned(), |remark| format!("{name} {}", table.add_footnote(remark)))
+/// Returns a name with the marks of footnotes.
+pub(super) fn with_footnotes(
+    table: &mut Table,
+    name: &str,
+    remarks: impl Iterator<Item = String>,
+) -> String {
+    let marks = remarks.map(|remark| table.add_footnote(&remark));
+    std::iter::once(name.to_owned()).chain(marks).collect::<Vec<_>>().join(" ")
+}
+
+/// Returns the progress of a run that is not finished; `None` for a finished one.
+pub(super) fn unfinished_remark(run: &RunData) -> Option<String> {
+    let decisions = run.rollouts.last().map_or(0, |row| row.decisions);
+    let all = run.experiment.schedule.total_decisions();
+    (!run.is_finished).then(|| {
+        format!(
+            "{} is not finished: it took {decisions} of {all} decisions, and its scores are those \
+             of its last evaluation",
+            run.name
+        )
+    })
 }
 
 /// Returns the mean over the seeds that have a metric; a footnote with the reason if none has it.

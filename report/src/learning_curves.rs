@@ -1,16 +1,20 @@
-//! Learning curves of methods in one group: mean over seeds, and a band from the lowest seed to the
-//! highest.
+//! Learning curves of methods, in one group or over the stream: mean over seeds, and a band from
+//! the lowest seed to the highest.
 
 use experiments::colours::{Stroke, line_stroke};
 
+use super::curves::success_over_stream;
 use super::efficiency::success_curve;
 use super::method::MethodRuns;
 use super::svg::{DOT_RADIUS, SvgPlot};
+use experiments::RunData;
 use experiments::evaluation::mean;
 
 const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
 /// Height of the panel with the learning curves (pixels).
 const HEIGHT: f64 = 190.0;
+/// Margins left and right of the panel (pixels), with the names of the curves on the right.
+const SIDES: [f64; 2] = [64.0, 160.0];
 /// Radius of the dots on the first method's line (pixels): dots of other methods, which are drawn
 /// with [`DOT_RADIUS`], show around them.
 const FIRST_DOT: f64 = 2.2;
@@ -18,7 +22,7 @@ const FIRST_DOT: f64 = 2.2;
 /// Point of a learning curve: success over the seeds of one method after a number of decisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct CurvePoint {
-    /// Number of training decisions spent in the task group.
+    /// Number of training decisions, in the task group or in all.
     spent: f64,
     mean: f64,
     low: f64,
@@ -28,21 +32,37 @@ struct CurvePoint {
 /// Draws the mean-action success of every method over the decisions spent in a group as SVG; `None`
 /// if no method has scores at two numbers of decisions. The first of several evaluations with
 /// equally many decisions counts.
-///
-/// The first method is the subject of a report. Its line is wide and the others are drawn upon it,
-/// so curves that coincide show both.
 pub fn group_curves_svg(methods: &[MethodRuns], group: &str) -> Option<String> {
-    let seed_curve = |run| {
+    let curve = |run: &RunData| {
         let mut curve = success_curve(run, group);
         // evaluations while other groups run add no decisions in this one
         curve.dedup_by_key(|(spent, _)| *spent);
         curve
     };
+    curves_svg(methods, group, "decisions spent in the group", curve)
+}
+
+/// Draws the mean-action success of every method, averaged over all groups, over the decisions of
+/// the stream as SVG; `None` if no method was scored twice.
+pub fn stream_curves_svg(methods: &[MethodRuns]) -> Option<String> {
+    curves_svg(methods, "all groups", "decisions", success_over_stream)
+}
+
+/// Draws one curve for each method: `curve` of its runs, averaged.
+///
+/// The first method is the subject of a report. Its line is wide and the others are drawn upon it,
+/// so curves that coincide show both.
+fn curves_svg(
+    methods: &[MethodRuns],
+    name: &str,
+    axis: &'static str,
+    curve: impl Fn(&RunData) -> Vec<(f64, f64)>,
+) -> Option<String> {
     let lines = methods.iter().enumerate().map(|(number, method)| Line {
         method,
         is_first: number == 0,
         stroke: line_stroke(number),
-        points: mean_curve(&method.runs.iter().map(seed_curve).collect::<Vec<_>>()),
+        points: mean_curve(&method.runs.iter().map(&curve).collect::<Vec<_>>()),
     });
     let lines: Vec<Line<'_>> = lines.collect();
     if !lines.iter().any(|line| line.points.len() > 1) {
@@ -50,12 +70,12 @@ pub fn group_curves_svg(methods: &[MethodRuns], group: &str) -> Option<String> {
     }
     let ends = lines.iter().filter_map(|line| line.points.last());
     let end = ends.map(|point| point.spent).fold(0.0, f64::max);
-    let mut drawing = SvgPlot::new_half_width(end, "decisions spent in the group");
+    let mut drawing = SvgPlot::new_half_width(end, axis).with_sides(SIDES);
     for line in &lines {
         drawing.add_legend_entry(&line.method.name, &line.stroke);
     }
     // 3 % of room on either side keeps dots at 0 and 1 inside the frame
-    drawing.begin_panel(group, HEIGHT, [-0.03, 1.03], &SUCCESS_TICKS);
+    drawing.begin_panel(name, HEIGHT, [-0.03, 1.03], &SUCCESS_TICKS);
     // the order matters: no band covers a line, and the wide line lies below the narrow ones
     for line in &lines {
         line.draw_band(&mut drawing);
@@ -63,10 +83,15 @@ pub fn group_curves_svg(methods: &[MethodRuns], group: &str) -> Option<String> {
     for line in &lines {
         line.draw(&mut drawing);
     }
-    Some(drawing.into_svg(&format!("Success in {group}")))
+    let ends = lines.iter().filter_map(|line| {
+        let last = line.points.last()?;
+        Some((line.method.name.as_str(), (last.spent, last.mean), &line.stroke))
+    });
+    drawing.add_names_at_ends(&ends.collect::<Vec<_>>());
+    Some(drawing.into_svg(&format!("Success in {name}")))
 }
 
-/// Learning curve of one method in one task group.
+/// Learning curve of one method.
 struct Line<'a> {
     method: &'a MethodRuns,
     is_first: bool,
@@ -146,7 +171,6 @@ mod tests {
     use super::*;
     use crate::fixtures::{run, score};
     use crate::svg::read::{attribute, check_texts, of_class, tags};
-    use experiments::RunData;
     use experiments::presets::Method;
     use itertools::Itertools;
 

@@ -1,8 +1,9 @@
-//! Reports of finished runs: tables of methods with intervals over seeds, curves, one HTML page and
+//! Reports of runs: tables of methods with intervals over seeds, curves, one HTML page and
 //! TensorBoard events.
 //!
 //! Everything is computed from the files of the runs' folders; nothing is edited by hand.
 
+mod charts;
 mod command;
 mod comparison;
 mod curves;

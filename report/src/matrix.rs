@@ -65,19 +65,22 @@ impl PolicyCountMatrix {
 
     /// Returns an HTML table whose cells are shaded by their share of the row.
     pub fn html(&self) -> String {
-        let names = self.columns.iter().map(|name| format!("<th>{name}</th>"));
+        let names =
+            self.columns.iter().map(|name| format!("<th scope=\"col\">{}</th>", escape_xml(name)));
         let row = |(name, counts): &(String, Vec<usize>)| {
             let all = counts.iter().sum::<usize>().max(1);
             let cell = |count: &usize| {
                 let share = 100.0 * *count as f64 / all as f64;
-                format!("<td style=\"--share:{share:.0}%\" title=\"{share:.1} %\">{count}</td>")
+                let tenths = (share / 10.0).round();
+                format!("<td class=\"share-{tenths}\" title=\"{share:.1} %\">{count}</td>")
             };
             let cells: String = counts.iter().map(cell).collect();
             format!("<tr><th scope=\"row\">{}</th>{cells}</tr>\n", escape_xml(name))
         };
         format!(
-            "<div class=\"wide\"><p class=\"caption\">{}</p>\n<table class=\"matrix\">\n\
-             <tr><th></th>{}</tr>\n{}</table></div>\n",
+            "<figure class=\"scroll\" tabindex=\"0\">\n<figcaption>{}</figcaption>\n\
+             <table class=\"matrix\">\n<thead>\n<tr><td></td>{}</tr>\n</thead>\n<tbody>\n{}</tbody>\n\
+             </table>\n</figure>\n",
             escape_xml(&self.caption),
             names.collect::<String>(),
             self.rows.iter().map(row).collect::<String>()
@@ -107,7 +110,7 @@ mod tests {
         let rows = [("a".to_owned(), vec![2, 1]), ("b".to_owned(), vec![0, 1])];
         assert_eq!(matrix.rows, rows);
         let text = matrix.html();
-        assert!(text.contains("--share:67%") && text.contains(">2</td>"), "{text}");
+        assert!(text.contains("share-7") && text.contains(">2</td>"), "{text}");
     }
 
     #[test]

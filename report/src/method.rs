@@ -8,7 +8,7 @@ use learner::LearnerSettings;
 use learner::overrides::differences;
 
 use super::metrics::{GroupMetrics, RunMetrics};
-use super::preset_match::PresetMatch;
+use super::preset_match::{PresetMatch, describe_settings};
 use super::statistics::Scores;
 
 /// Text between the method and the seed in a folder's name, as `covers sweep` names folders.
@@ -21,6 +21,8 @@ pub struct MethodRuns {
     pub name: String,
     /// Preset that the settings agree with; all runs share it.
     pub preset_match: PresetMatch,
+    /// Description of each run's settings, in the order of `runs`.
+    pub settings: Vec<String>,
     /// Data of each run: its settings and tables.
     pub runs: Vec<RunData>,
     /// Metrics of each run, in the order of `runs`.
@@ -44,12 +46,16 @@ impl MethodRuns {
             let name = run.name.split(SEED).next().unwrap_or(&run.name).to_owned();
             match methods.iter_mut().find(|method| method.name == name) {
                 Some(method) => method.add(run)?,
-                None => methods.push(Self {
-                    preset_match: PresetMatch::compare(&name, &run.experiment)?,
-                    name,
-                    metrics: vec![RunMetrics::of_run(&run)],
-                    runs: vec![run],
-                }),
+                None => {
+                    let preset_match = PresetMatch::compare(&name, &run.experiment)?;
+                    methods.push(Self {
+                        settings: vec![describe_settings(preset_match.method, &run.experiment)?],
+                        preset_match,
+                        name,
+                        metrics: vec![RunMetrics::of_run(&run)],
+                        runs: vec![run],
+                    });
+                }
             }
         }
         Ok(methods)
@@ -63,6 +69,7 @@ impl MethodRuns {
             None => differences(&unseeded(&self.runs[0]), &unseeded(&run))?,
         };
         refuse(&run, problem)?;
+        self.settings.push(describe_settings(self.preset_match.method, &run.experiment)?);
         self.metrics.push(RunMetrics::of_run(&run));
         self.runs.push(run);
         Ok(())

@@ -51,20 +51,46 @@ fn named(name: &str) -> Option<Method> {
 /// Describes the differences of a run from the preset that it is named after, or from the nearest
 /// one.
 fn difference_warning(named: Option<Method>, run: &Experiment) -> Result<String, RunError> {
-    let candidates = Method::ALL.into_iter().filter(|&m| named.is_none_or(|named| named == m));
-    let mut nearest: Option<(Method, String)> = None;
-    for method in candidates {
-        for budget in Budget::value_variants() {
-            let found = differences(&budget.preset_with_run_settings(method, run), run)?;
+    let preset = |budget: Budget, method| budget.preset_with_run_settings(method, run);
+    let (method, _, found) = nearest_preset(named, run, preset)?;
+    let method = method.name();
+    Ok(format!("the settings are not those of the preset `{method}`, which differs in {found}"))
+}
+
+/// Describes the settings of a run: the nearest preset and budget, the seed, and the settings that
+/// differ from these. `method` is the run's, if it is known.
+pub fn describe_settings(method: Option<Method>, run: &Experiment) -> Result<String, RunError> {
+    let seed = run.learner.seed();
+    let preset = |budget: Budget, method| {
+        budget.experiment(method).with_seed(seed).with_threads(run.envs.threads)
+    };
+    let (method, budget, found) = nearest_preset(method, run, preset)?;
+    let (method, budget) = (method.name(), budget.name());
+    let differing = match found.as_str() {
+        "" => String::new(),
+        found => format!(". Different from these, the run's value last: {found}"),
+    };
+    Ok(format!("`--preset {method} --budget {budget} --seed {seed}`{differing}"))
+}
+
+/// Returns the preset and budget whose settings differ least from a run's, and the differences;
+/// of one method if it is given.
+fn nearest_preset(
+    method: Option<Method>,
+    run: &Experiment,
+    preset: impl Fn(Budget, Method) -> Experiment,
+) -> Result<(Method, Budget, String), RunError> {
+    let mut nearest: Option<(Method, Budget, String)> = None;
+    for candidate in Method::ALL.into_iter().filter(|&one| method.is_none_or(|own| own == one)) {
+        for &budget in Budget::value_variants() {
+            let found = differences(&preset(budget, candidate), run)?;
             // the nearest preset is the one whose list of differences is the shortest text
-            if nearest.as_ref().is_none_or(|(_, least)| found.len() < least.len()) {
-                nearest = Some((method, found));
+            if nearest.as_ref().is_none_or(|(_, _, least)| found.len() < least.len()) {
+                nearest = Some((candidate, budget, found));
             }
         }
     }
-    let (method, found) = nearest.unwrap_or((Method::Covers, String::new()));
-    let method = method.name();
-    Ok(format!("the settings are not those of the preset `{method}`, which differs in {found}"))
+    Ok(nearest.unwrap_or((Method::Covers, Budget::Full, String::new())))
 }
 
 #[cfg(test)]
@@ -103,6 +129,10 @@ mod tests {
             assert!(warning.contains(expected), "{warning}");
             assert!(warning.ends_with("and 0.5"), "{warning}");
         }
+        let described = describe_settings(None, &run).unwrap();
+        let start = "`--preset equi --budget smoke --seed 0`. Different from these, the run's value \
+            last: `learner.covers.ppo.gamma` 0.9";
+        assert!(described.starts_with(start), "{described}");
         let other = preset_match("cnn", &run).warning.unwrap();
         assert!(other.contains("`cnn`") && other.contains("network.group"), "{other}");
     }

@@ -9,7 +9,7 @@ use super::error::ReportError;
 use super::method::MethodRuns;
 use super::page::html_page;
 use super::table::Table;
-use super::{curves, learning_curves, tables};
+use super::{charts, curves, learning_curves, tables};
 
 /// Report on some runs: tables that compare their methods, and curves.
 #[derive(Clone, Debug)]
@@ -42,7 +42,7 @@ impl Report {
     }
 
     /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each run,
-    /// each seed and each group as SVG, to a folder, which is created.
+    /// each seed and each group and the chart of success as SVG, to a folder, which is created.
     ///
     /// # Errors
     /// [`RunError::Write`] for a file that cannot be written or removed.
@@ -70,7 +70,8 @@ impl Report {
         Ok(())
     }
 
-    /// Returns the curves of each run, each seed and each group as SVG, with their names.
+    /// Returns the curves of each run, each seed and each group, and the chart of success, as SVG
+    /// with their names.
     fn drawings(&self) -> Vec<(String, String)> {
         let runs = self.methods.iter().flat_map(|method| {
             method.runs.iter().map(|run| {
@@ -81,11 +82,13 @@ impl Report {
         let seeds = curves::seed_svgs(&self.methods)
             .into_iter()
             .map(|(seed, drawing)| (format!("seed{seed}"), drawing));
-        let groups = tables::common_groups(&self.methods).into_iter().filter_map(|group| {
+        let groups = tables::common_groups(&self.methods);
+        let success = ("success".to_owned(), charts::success_svg(&self.methods, &groups));
+        let groups = groups.into_iter().filter_map(|group| {
             let drawing = learning_curves::group_curves_svg(&self.methods, &group)?;
             Some((format!("learning-{group}"), drawing))
         });
-        runs.chain(seeds).chain(groups).collect()
+        runs.chain(seeds).chain(groups).chain([success]).collect()
     }
 }
 

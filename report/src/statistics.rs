@@ -7,6 +7,8 @@ use rand_chacha::ChaCha8Rng;
 
 /// Number of bootstrap samples for a confidence interval; rliable's default.
 const DRAWS: usize = 50_000;
+/// Number of bootstrap samples for each point of a performance profile; rliable's default.
+const PROFILE_DRAWS: usize = 2000;
 /// Quantiles of the bootstrap samples that bound a 95 % confidence interval.
 const BOUNDS: [f64; 2] = [0.025, 0.975];
 
@@ -88,6 +90,24 @@ impl Scores {
     pub fn probability_of_improvement(&self, other: &Self) -> (f64, Option<BootstrapInterval>) {
         let interval = pair_interval(self, other, probability);
         (probability(self, other), interval)
+    }
+
+    /// Returns the performance profile: for each threshold the share of scores above it, with its
+    /// pointwise 95 % interval by the stratified bootstrap; no interval for fewer than two seeds.
+    pub fn performance_profile(&self, thresholds: &[f64]) -> Vec<(f64, Option<BootstrapInterval>)> {
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let draws = if self.min_seed_count() > 1 { PROFILE_DRAWS } else { 0 };
+        let draws: Vec<Vec<f64>> = (0..draws).map(|_| self.draw(rng).0.concat()).collect();
+        let share = |scores: &[f64], threshold: f64| {
+            scores.iter().filter(|score| **score > threshold).count() as f64 / scores.len() as f64
+        };
+        let own = self.0.concat();
+        let point = |&threshold: &f64| {
+            let shares = draws.iter().map(|draw| share(draw, threshold));
+            let interval = (!draws.is_empty()).then(|| percentiles(shares.collect()));
+            (share(&own, threshold), interval)
+        };
+        thresholds.iter().map(point).collect()
     }
 
     fn resampled(&self, statistic: impl Fn(&Self) -> f64) -> Option<BootstrapInterval> {
@@ -186,6 +206,18 @@ mod tests {
         assert!((interval.low - (centre - expected)).abs() < 0.01, "{interval:?}");
         assert!((interval.high - (centre + expected)).abs() < 0.01, "{interval:?}");
         assert_eq!(scores.bootstrap_interval(mean), scores.bootstrap_interval(mean));
+    }
+
+    #[test]
+    fn a_performance_profile_falls_from_all_scores_to_none() {
+        let scores = Scores(vec![vec![0.2, 0.6], vec![1.0, 1.0]]);
+        let profile = scores.performance_profile(&[0.0, 0.2, 0.6, 1.0]);
+        let shares: Vec<f64> = profile.iter().map(|point| point.0).collect();
+        assert_eq!(shares, [1.0, 0.75, 0.5, 0.0]);
+        // with seeds drawn within groups, one half to all of the scores are above 0.2
+        let interval = profile[1].1.unwrap();
+        assert_eq!((interval.low, interval.high), (0.5, 1.0));
+        assert_eq!(Scores(vec![vec![0.5]]).performance_profile(&[0.0]), [(1.0, None)]);
     }
 
     #[test]

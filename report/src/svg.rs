@@ -10,10 +10,8 @@ pub const TEXT_COLOUR: &str = "currentColor";
 
 // All lengths are pixels of the view box.
 
-/// Margin left of the panels (pixels), with the names and ticks of the y axes.
-const LEFT: f64 = 64.0;
-/// Margin right of the panels (pixels).
-const RIGHT: f64 = 26.0;
+/// Margins left of the panels, for names and ticks of the y axes, and right of them (pixels).
+const SIDES: [f64; 2] = [64.0, 26.0];
 /// Margins above the panels, for the legend, and below them, for the x axis (pixels).
 const OUTSIDE: [f64; 2] = [34.0, 40.0];
 /// Gap between two panels (pixels).
@@ -24,6 +22,10 @@ const LINE: f64 = 18.0;
 const KEY: f64 = 28.0;
 /// Space between a sample line of the legend and its name, and after the name (pixels).
 const SPACE: f64 = 6.0;
+/// Length of the line from the end of a curve to its name (pixels).
+const LEADER: f64 = 16.0;
+/// Least distance between two names at the ends of curves (pixels).
+const NAME_HEIGHT: f64 = 13.0;
 /// Radius of a dot (pixels).
 pub const DOT_RADIUS: f64 = 3.5;
 /// Radius of a dot where a panel has many (pixels).
@@ -39,6 +41,8 @@ pub struct SvgPlot {
     axis: &'static str,
     /// Length of the x axis (pixels).
     length: f64,
+    /// Margins left and right of the panels (pixels).
+    sides: [f64; 2],
     /// Top and height of the current panel (pixels).
     panel: [f64; 2],
     /// Values at the bottom and at the top of the current panel.
@@ -55,10 +59,19 @@ impl SvgPlot {
             end: end.max(f64::MIN_POSITIVE),
             axis,
             length: 880.0,
+            sides: SIDES,
             panel: [OUTSIDE[0] - GAP, 0.0],
             bounds: [0.0, 1.0],
-            legend: [LEFT, OUTSIDE[0] - 14.0],
+            legend: [SIDES[0], OUTSIDE[0] - 14.0],
         }
+    }
+
+    /// Sets the margins left and right of the panels (pixels), for texts of such a width. Call it
+    /// first.
+    pub fn with_sides(mut self, sides: [f64; 2]) -> Self {
+        self.sides = sides;
+        self.legend[0] = sides[0];
+        self
     }
 
     /// Creates a drawing of half a page's width, for two side by side.
@@ -72,17 +85,62 @@ impl SvgPlot {
         self.panel = [self.panel[0] + self.panel[1] + GAP, height];
         self.bounds = bounds;
         let top = self.panel[0];
-        let (width, middle) = (self.length, top + height / 2.0);
+        let ([left, _], width, middle) = (self.sides, self.length, top + height / 2.0);
         self.add(format_args!(
-            "<rect x=\"{LEFT}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" class=\"frame\"/>\
+            "<rect x=\"{left}\" y=\"{top}\" width=\"{width}\" height=\"{height}\" class=\"frame\"/>\
              <text x=\"14\" y=\"{middle}\" transform=\"rotate(-90 14 {middle})\" class=\"name\">{}</text>",
             fitted(name, height + 2.0 * GAP)
         ));
         for &tick in ticks {
-            let (x, y) = (LEFT - 6.0, self.y(tick));
+            self.add_row_name(tick, &tick.to_string());
+        }
+    }
+
+    /// Writes a text left of the panel, at a value of its y axis.
+    pub fn add_row_name(&mut self, y: f64, text: &str) {
+        let (x, y) = (self.sides[0] - SPACE, self.y(y) + 4.0);
+        let text = fitted(text, x);
+        self.add(format_args!("<text x=\"{x}\" y=\"{y:.1}\" class=\"tick\">{text}</text>"));
+    }
+
+    /// Writes a text right of the panel, at a value of its y axis.
+    pub fn add_row_figure(&mut self, y: f64, text: &str) {
+        let (x, y) = (self.sides[0] + self.length + SPACE, self.y(y) + 4.0);
+        let text = fitted(text, self.sides[1] - SPACE);
+        self.add(format_args!("<text x=\"{x}\" y=\"{y:.1}\" class=\"figure\">{text}</text>"));
+    }
+
+    /// Writes names of curves right of the panel, each with a line to the last point of its curve.
+    /// Does nothing if the panel is too low for so many names.
+    pub fn add_names_at_ends(&mut self, curves: &[(&str, (f64, f64), &Stroke)]) {
+        let [top, height] = self.panel;
+        if NAME_HEIGHT * curves.len() as f64 > height + NAME_HEIGHT {
+            return;
+        }
+        let mut ends: Vec<_> = curves.iter().map(|curve| (self.y(curve.1.1), curve)).collect();
+        ends.sort_by(|one, other| one.0.total_cmp(&other.0));
+        // from the top: as near to the end as the name above allows; names that would lie below the
+        // panel move up together with those that they meet
+        let mut free = top;
+        for (y, _) in &mut ends {
+            *y = y.max(free);
+            free = *y + NAME_HEIGHT;
+        }
+        let mut free = top + height;
+        for (y, _) in ends.iter_mut().rev() {
+            *y = y.min(free);
+            free = *y - NAME_HEIGHT;
+        }
+        let (edge, room) = (self.sides[0] + self.length, self.sides[1] - LEADER - SPACE);
+        for (y, &(name, end, stroke)) in ends {
+            let (from, to, x) = (self.x(end.0), self.y(end.1), edge + LEADER);
             self.add(format_args!(
-                "<text x=\"{x}\" y=\"{:.1}\" class=\"tick\">{tick}</text>",
-                y + 4.0
+                "<path d=\"M{from:.1} {to:.1}L{x} {y:.1}\" stroke=\"{}\" class=\"leader\"/>\
+                 <text x=\"{}\" y=\"{:.1}\" class=\"figure\">{}</text>",
+                stroke.colour,
+                x + 3.0,
+                y + 4.0,
+                fitted(name, room)
             ));
         }
     }
@@ -138,11 +196,12 @@ impl SvgPlot {
     /// Adds a name and its stroke to the legend, on a new line if the last one is full. Call it
     /// before the first [`Self::begin_panel`], which begins below the legend.
     pub fn add_legend_entry(&mut self, name: &str, stroke: &Stroke) {
-        let end = LEFT + self.length + RIGHT;
-        let room = end - LEFT - KEY - 2.0 * SPACE;
+        let [left, right] = self.sides;
+        let end = left + self.length + right;
+        let room = end - left - KEY - 2.0 * SPACE;
         let width = KEY + 2.0 * SPACE + text_width(name).min(room);
-        if self.legend[0] > LEFT && self.legend[0] + width > end {
-            self.legend = [LEFT, self.legend[1] + LINE];
+        if self.legend[0] > left && self.legend[0] + width > end {
+            self.legend = [left, self.legend[1] + LINE];
             self.panel[0] += LINE;
         }
         let ([x, y], stroke) = (self.legend, attributes(stroke));
@@ -163,9 +222,10 @@ impl SvgPlot {
             let (x, y) = (self.x(tick), bottom + 16.0);
             self.add(format_args!("<text x=\"{x:.1}\" y=\"{y}\" class=\"below\">{tick}</text>"));
         }
-        let (middle, y, axis) = (LEFT + self.length / 2.0, bottom + 33.0, self.axis);
+        let [left, right] = self.sides;
+        let (middle, y, axis) = (left + self.length / 2.0, bottom + 33.0, self.axis);
         self.add(format_args!("<text x=\"{middle}\" y=\"{y}\" class=\"below\">{axis}</text>"));
-        let (width, height) = (LEFT + self.length + RIGHT, bottom + OUTSIDE[1]);
+        let (width, height) = (left + self.length + right, bottom + OUTSIDE[1]);
         format!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" role=\"img\" \
              font-family=\"sans-serif\" font-size=\"12\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
@@ -176,7 +236,7 @@ impl SvgPlot {
     }
 
     fn x(&self, x: f64) -> f64 {
-        LEFT + x / self.end * self.length
+        self.sides[0] + x / self.end * self.length
     }
 
     fn y(&self, y: f64) -> f64 {
@@ -192,7 +252,7 @@ impl SvgPlot {
 /// Style sheet of a drawing, which is light or dark by the reader's setting, alone and in a page.
 const STYLE: &str = "svg{color:#1b1f24}.paper{fill:#fff}text{fill:currentColor}\
     .frame{fill:none;stroke:#888}.line{fill:none;stroke-width:1.6}.wide,.key{stroke-width:3.4}\
-    .band{stroke:none;fill-opacity:0.2}.tick{text-anchor:end}.name,.below{text-anchor:middle}\
+    .band{stroke:none;fill-opacity:0.2}.tick{text-anchor:end}.leader{fill:none}.name,.below{text-anchor:middle}\
     @media(prefers-color-scheme:dark){svg{color:#d6dbe0}.paper{fill:#16191d}}";
 
 fn attributes(Stroke { colour, dashes }: &Stroke) -> String {

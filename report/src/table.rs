@@ -82,20 +82,30 @@ impl Table {
         lines.join("\n")
     }
 
-    /// Returns the table in HTML, in a box that scrolls on narrow screens.
+    /// Returns the table in HTML, in a box that scrolls on narrow screens. Columns of numbers are
+    /// aligned to the right.
     pub fn html(&self) -> String {
+        let numeric: Vec<bool> = (0..self.header.len())
+            .map(|column| self.rows.iter().all(|row| is_figure(&row[column])))
+            .collect();
         let line = |tag: &str, cells: &[String]| {
-            let cells = cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape_xml(cell)));
+            let cells = cells.iter().zip(&numeric).map(|(cell, numeric)| {
+                let class = if *numeric { " class=\"figure\"" } else { "" };
+                let scope = if tag == "th" { " scope=\"col\"" } else { "" };
+                format!("<{tag}{scope}{class}>{}</{tag}>", cell_html(cell))
+            });
             format!("<tr>{}</tr>\n", cells.collect::<String>())
         };
         let rows = self.rows.iter().map(|row| line("td", row));
         let note = |(number, note): (usize, &String)| {
-            format!("<p class=\"note\">({number}) {}.</p>\n", escape_xml(note))
+            format!("<p class=\"note\">({number}) {}.</p>\n", code_html(note))
         };
         let notes = (1..).zip(&self.footnotes).map(note);
         format!(
-            "<p class=\"caption\">{}</p>\n<div class=\"wide\"><table>\n{}{}</table></div>\n{}",
-            escape_xml(&self.caption),
+            "<figure class=\"scroll\" tabindex=\"0\">\n<figcaption>{}</figcaption>\n\
+             <table class=\"sortable\">\n<thead>\n{}</thead>\n<tbody>\n{}</tbody>\n</table>\n\
+             {}</figure>\n",
+            code_html(&self.caption),
             line("th", &self.header),
             rows.collect::<String>(),
             notes.collect::<String>()
@@ -126,6 +136,36 @@ impl Table {
             self.caption
         )
     }
+}
+
+/// Returns `true` for a cell that begins with a number, or stands for one that is missing.
+fn is_figure(cell: &str) -> bool {
+    let digits = cell.trim_start_matches(['(', '+', '-']);
+    digits.starts_with(|first: char| first.is_ascii_digit()) || matches!(cell, "-" | "never")
+}
+
+/// Returns a cell as HTML: an interval in brackets goes to a second line.
+fn cell_html(cell: &str) -> String {
+    let parts =
+        cell.split_once(" [").and_then(|(value, rest)| Some((value, rest.split_once(']')?)));
+    match parts {
+        Some((value, (interval, rest))) => format!(
+            "{}{} <small>[{}]</small>",
+            code_html(value),
+            code_html(rest),
+            escape_xml(interval)
+        ),
+        None => code_html(cell),
+    }
+}
+
+/// Returns text as HTML, with words between backticks as code.
+pub(super) fn code_html(text: &str) -> String {
+    let parts = text.split('`').enumerate().map(|(number, part)| {
+        let part = escape_xml(part);
+        if number % 2 == 1 { format!("<code>{part}</code>") } else { part }
+    });
+    parts.collect()
 }
 
 /// Wraps text at [`COLUMNS`] characters. A longer word gets a line of its own.
@@ -206,8 +246,12 @@ mod tests {
     #[test]
     fn html_has_rows_and_notes() {
         let text = table().html();
-        assert!(text.contains("<tr><td>a_b, &quot;c&quot;</td><td>5 % (1)</td></tr>"), "{text}");
+        let row = "<tr><td>a_b, &quot;c&quot;</td><td class=\"figure\">5 % (1)</td></tr>";
+        assert!(text.contains(row), "{text}");
         assert!(text.contains("(1) one policy.</p>"), "{text}");
+        let interval = "0.50 / 3 <small>[0.1, 1.0]</small>";
+        assert_eq!(cell_html("0.50 [0.1, 1.0] / 3"), interval);
+        assert_eq!(code_html("no `a<b` there"), "no <code>a&lt;b</code> there");
     }
 
     #[test]

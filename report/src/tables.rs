@@ -1,9 +1,13 @@
 //! Tables of a report.
 
+use std::collections::HashSet;
+
 use experiments::evaluation::{DORMANCY_THRESHOLD, mean};
 
 use super::comparison::Comparison;
-use super::format::{bracketed_interval, empty_cell, mean_cell, method_cell, with_preset_footnote};
+use super::format::{
+    bracketed_interval, empty_cell, mean_cell, method_cell, unfinished_remark, with_footnotes,
+};
 use super::method::MethodRuns;
 use super::metrics::{GroupMetrics, RunMetrics, UndefinedReason};
 use super::statistics::interquartile_mean;
@@ -60,9 +64,11 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
     header.extend(groups.iter().map(String::as_str));
     header.extend(["average", "average with own policies", "mismatched variants"]);
     let caption = "Success and reward (of 500) after the stream: means over seeds and variants, with \
-        95 % intervals of success. A variant is played by the policy that the method recognises; it \
+        95 % intervals of success for two seeds or more. A variant is played by the policy that the method recognises; it \
         is mismatched where that is not the group's own, which served the group in most rollouts.";
     let mut table = Table::new(caption, &header);
+    // two methods may stand for one of the paper's
+    let mut printed = HashSet::new();
     for method in methods {
         let of = |chosen: &[String]| {
             let success = method.scores(chosen, |group| group.success);
@@ -75,7 +81,9 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
         row.push(of(groups));
         row.extend(own_policies(&mut table, method, groups));
         table.rows.push(row);
-        if let Some(paper) = method.preset_match.method.and_then(paper::paper_row) {
+        if let Some(paper) = method.preset_match.method.and_then(paper::paper_row)
+            && printed.insert(paper.method.name())
+        {
             let mark = table.add_footnote(NOT_ONE_TO_ONE);
             let cell = |(success, reward): (f64, f64)| format!("{success:.2} / {reward:.0}");
             let paper_cell = |group: &String| {
@@ -262,13 +270,15 @@ fn variant(runs: &[RunData], group: &str, element: &str) -> String {
 /// Returns the table of single runs, with one row for each.
 fn runs(methods: &[MethodRuns]) -> Table {
     let header = ["run", "success", "reward", "policies", "decisions", "seconds", "commit"];
-    let mut table = Table::new("Each run.", &header);
+    let mut table = Table::new("Success and reward after the stream, and what they took.", &header);
     for method in methods {
         for (run, metrics) in method.runs.iter().zip(&method.metrics) {
             let average = |metric: fn(&GroupMetrics) -> f64| {
                 mean(&metrics.groups.iter().map(metric).collect::<Vec<_>>())
             };
-            let name = with_preset_footnote(&mut table, method, &run.name);
+            let remarks = method.preset_match.warning.clone().into_iter();
+            let remarks = remarks.chain(unfinished_remark(run));
+            let name = with_footnotes(&mut table, &run.name, remarks);
             table.rows.push(vec![
                 name,
                 format!("{:.3}", average(|group| group.success)),

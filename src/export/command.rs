@@ -7,9 +7,10 @@ use std::path::PathBuf;
 use clap::Args;
 use envs::{ACTION_DIM, TaskGroup, TaskRegistry, VecEnvSettings};
 use experiments::cli::print_escaped;
+use experiments::evaluation::{Evaluator, OwnPolicies};
 use experiments::{Experiment, RunError, RunFolder, Stream};
-use learner::Labels;
 use learner::disk::{LocalDisk, write_atomically};
+use learner::{Labels, Learner};
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::D2;
 
@@ -19,15 +20,16 @@ use super::weights::{reference_outputs, safetensors_weights};
 
 /// Options of `covers export`.
 #[derive(Clone, Debug, Args)]
-#[command(after_help = "Example: covers export runs/covers-seed0 --policy 2 --out drawer\n\
-    `covers eval` and `covers render` print the policy of each group.")]
+#[command(after_help = "Examples:\n  \
+    covers export runs/covers-seed0 --policy drawer-close --out drawer\n  \
+    covers export runs/covers-seed0 --policy 2 --out drawer")]
 pub struct ExportOptions {
     /// Folder of a run, or a folder that `covers pack` created.
     #[arg(value_name = "RUN")]
     pub run_folder: PathBuf,
-    /// Index of the policy, from 0.
-    #[arg(long)]
-    pub policy: usize,
+    /// Name of a group, for the policy that serves it, or the index of a policy, from 0.
+    #[arg(long, value_name = "GROUP|N")]
+    pub policy: String,
     /// Folder to create, for `policy.onnx`, `policy.safetensors`, `policy.json`, and
     /// `golden.safetensors` with some observations and the policy's outputs for them.
     #[arg(long)]
@@ -48,10 +50,15 @@ impl ExportOptions {
         let folder = RunFolder::from_path(&self.run_folder);
         let run = folder.read_experiment()?;
         let spec = Stream::env_spec(&run.envs);
-        let mut learner = folder.load_learner(&run.learner, &spec, &Labels::default())?;
+        let labels = Labels::default();
+        let (mut learner, own) = folder.load_with_own_policies(&run.learner, &spec, &labels)?;
+        let index = match self.policy.parse() {
+            Ok(index) => index,
+            Err(_) => policy_of_group(&self.policy, &run, &mut *learner, &own, labels)?,
+        };
         let observations = observations(&run)?;
-        let (policy, answers) = learner.export_policy(self.policy, &observations)?;
-        let about = policy_description(&policy, self.policy, &run);
+        let (policy, answers) = learner.export_policy(index, &observations)?;
+        let about = policy_description(&policy, index, &run);
         let path = |name: &str| self.out.join(name);
         let weights = safetensors_weights(&policy, &path("policy.safetensors"))?;
         let golden =
@@ -71,6 +78,26 @@ impl ExportOptions {
             print_escaped(out, &format!("{}: {} bytes", path(name).display(), bytes.len()))?;
         }
         Ok(())
+    }
+}
+
+/// Returns the group's own policy. A packed folder does not know it: there the learner chooses one
+/// from images of the group.
+///
+/// # Errors
+/// A group that the run was not trained on; errors of the environments and the learner.
+fn policy_of_group(
+    group: &str,
+    run: &Experiment,
+    learner: &mut dyn Learner,
+    own: &OwnPolicies,
+    labels: Labels,
+) -> Result<usize, RunError> {
+    let tasks = TaskRegistry::all();
+    let variant = run.schedule.select_groups(Some(group), &tasks)?[0].variants()[0];
+    match own.get(group) {
+        Some(&policy) => Ok(policy),
+        None => Evaluator::of_run(run, &tasks, labels)?.recognise_variant(learner, variant),
     }
 }
 

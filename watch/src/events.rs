@@ -42,7 +42,7 @@ impl RunEvent<'_> {
         match self {
             Self::Rollout { row, .. } => rollout(row).to_string(),
             Self::Evaluation { decisions, scores, .. } => {
-                format!("{decisions:>7}  evaluation    {}", successes(scores))
+                format!("{decisions:>9}  evaluation    {}", successes(scores))
             }
             Self::Finished { summary } => {
                 let figure = |name: &str| format_number(summary[name].as_f64(), 3);
@@ -199,7 +199,7 @@ mod tests {
 
     fn moments(feed: &mut EventFeed, run: &RunData) -> Vec<String> {
         let events = feed.new_events(run);
-        events.iter().map(|event| event.text_line()[..19].trim().to_owned()).collect()
+        events.iter().map(|event| event.text_line()[..21].trim().to_owned()).collect()
     }
 
     #[test]
@@ -251,9 +251,9 @@ mod tests {
         let run = run(2);
         let events = EventFeed::default().new_events(&run);
         let line = events[1].text_line();
-        assert!(line.contains("policy 0 2nd  reward     -"), "{line}");
-        assert!(line.ends_with("W1 [0.50 (z 2.0), -]"), "{line}");
-        assert!(events[0].text_line().contains("policy 0 new"));
+        assert!(line.contains("     0 2nd       -"), "{line}");
+        assert!(line.ends_with("  0.50 (2.0), -"), "{line}");
+        assert!(events[0].text_line().contains("     0 new "));
         let json: Value = serde_json::from_str(&events[1].json_line()).unwrap();
         assert_eq!((&json["event"], &json["rollout"]), (&"rollout".into(), &1.into()));
         assert_eq!(json["reward"], Value::Null);

@@ -11,8 +11,10 @@ use experiments::text::format_number;
 
 use super::panels::{draw_distance_ratios, policy_colour};
 
-/// Length of a bar that shows a distance (terminal cells); the threshold is at the middle.
-const BAR: usize = 20;
+/// Largest length of a bar that shows a distance (terminal cells).
+const BAR: u16 = 20;
+/// Widths of the columns before the bar: policy, distance and threshold (terminal cells).
+const COLUMNS: [u16; 3] = [9, 5, 5];
 
 /// Minimum height (terminal rows) of the panel of distances to show earlier rollouts, too.
 const WITH_RATIOS: u16 = 14;
@@ -29,12 +31,11 @@ pub fn draw_distances(run: &RunData, frame: &mut Frame, area: Rect) {
     let title = match (run.rollouts.len(), distances) {
         (0, _) => "W1: no rollout yet".to_owned(),
         (rollouts, []) => format!("W1: none in rollout {}", rollouts - 1),
-        (rollouts, _) if with_thresholds => {
-            format!("W1 of rollout {} and its threshold", rollouts - 1)
-        }
         (rollouts, _) => format!("W1 of rollout {}", rollouts - 1),
     };
     let thresholds = thresholds.into_iter().chain(std::iter::repeat(None));
+    let room = area.width.saturating_sub(COLUMNS.iter().map(|width| width + 1).sum::<u16>() + 2);
+    let length = room.min(BAR);
     let compared = distances.iter().zip(thresholds).enumerate();
     let rows = compared.map(|(policy, (&distance, threshold))| {
         let colour = Style::new().fg(policy_colour(run, policy));
@@ -44,14 +45,14 @@ pub fn draw_distances(run: &RunData, frame: &mut Frame, area: Rect) {
                 Cell::new(Span::styled(format!("policy {policy}"), colour)),
                 Cell::new(format_number(distance, 2)),
                 Cell::new(format_number(threshold, 2)),
-                Cell::new(Span::styled(bar(ratio), colour)),
+                Cell::new(Span::styled(bar(ratio, length.into()), colour)),
             ]
             .into_iter()
             .take(columns),
         )
     });
-    let widths = [10, 6, 9, BAR as u16].map(Constraint::Length);
-    let header = ["", "W1", "threshold", ""].into_iter().take(columns);
+    let widths = COLUMNS.into_iter().chain([length]).map(Constraint::Length);
+    let header = ["", "W1", "limit", ""].into_iter().take(columns);
     let header = Row::new(header).style(Style::new().bold());
     let table = Table::new(rows, widths).header(header);
     let block = Block::bordered().title(title);
@@ -71,20 +72,20 @@ pub fn draw_distances(run: &RunData, frame: &mut Frame, area: Rect) {
     }
 }
 
-/// Formats a distance over its threshold as a bar that is full at twice the threshold, or as a dash
-/// if the ratio is not a number of 0 or more.
-fn bar(ratio: Option<f64>) -> String {
+/// Formats a distance over its threshold as a bar of `length` cells that is full at twice the
+/// threshold, with a mark at its middle; a dash if the ratio is not a number of 0 or more.
+fn bar(ratio: Option<f64>, length: usize) -> String {
     let Some(ratio) = ratio.filter(|ratio| ratio.is_finite() && *ratio >= 0.0) else {
         return "-".to_owned();
     };
-    let middle = BAR / 2;
-    let full = ((ratio * middle as f64).round() as usize).min(BAR);
+    let middle = length / 2;
+    let full = ((ratio * middle as f64).round() as usize).min(length);
     let cell = |at: usize| match (at == middle, at < full) {
         (true, _) => '│',
         (false, true) => '█',
         (false, false) => ' ',
     };
-    (0..BAR).map(cell).collect()
+    (0..length).map(cell).collect()
 }
 
 #[cfg(test)]
@@ -93,11 +94,11 @@ mod tests {
 
     #[test]
     fn the_threshold_stands_in_the_middle_of_a_bar() {
-        let filled = |ratio| bar(Some(ratio)).matches('█').count();
-        assert_eq!(bar(Some(0.5)), "█████     │         ");
+        let filled = |ratio| bar(Some(ratio), 20).matches('█').count();
+        assert_eq!(bar(Some(0.5), 20), "█████     │         ");
         assert_eq!((filled(0.0), filled(1.0), filled(9.0)), (0, 10, 19));
         for none in [None, Some(f64::NAN), Some(f64::INFINITY), Some(-1.0)] {
-            assert_eq!(bar(none), "-");
+            assert_eq!(bar(none, 20), "-");
         }
     }
 }

@@ -6,23 +6,36 @@ use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::Style;
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Paragraph};
+use ratatui::widgets::{Block, Clear, Paragraph};
 
 use experiments::RunData;
 use experiments::sheet::Picture;
 use experiments::text::format_number;
 
 use super::panels::{
-    draw_groups, draw_picture, draw_rollout_strips, fit_picture, group_colour, policy_colour,
+    draw_groups, draw_picture, draw_rollout_strips, fit_picture, group_colour, groups_width,
+    policy_colour,
 };
 use super::{StreamProgress, curves, distances};
 
-/// Minimum columns and rows of a terminal for every panel. Long names are cut at this width.
+/// Minimum columns and rows of a terminal for every panel.
 const LARGE: [u16; 2] = [100, 30];
 /// Minimum terminal rows between headline and footline for a screen with tables.
 const MEDIUM: u16 = 20;
 /// Minimum terminal columns for two curves side by side.
 const TWO_CURVES: u16 = 70;
+/// Minimum columns of the table of distances beside that of groups.
+const DISTANCES: u16 = 24;
+/// Explanation of the screen.
+const HELP: [&str; 7] = [
+    "lines: rollouts of training, dots: evaluations",
+    "group: first letter of the group that ran",
+    "policy: number of the policy that the rollout went to",
+    "two colours in a column: the policy of another group",
+    "scored: success in the latest evaluation",
+    "W1 / threshold: above 1 a rollout is unlike a policy's",
+    "q quits, ? closes this help",
+];
 /// Height of the tables of groups and distances (terminal rows).
 const TABLES: u16 = 8;
 /// Height of the two strips of rollouts, by group and by policy, with their frame (terminal rows).
@@ -38,6 +51,8 @@ pub struct ScreenContents<'a> {
     pub picture: Option<(String, Picture)>,
     /// Help for the keys, or a message, in the footline.
     pub key_help: &'a str,
+    /// `true` to explain the screen over its body.
+    pub explained: bool,
 }
 
 /// Draws the screen of a run on a terminal frame.
@@ -53,6 +68,13 @@ pub fn draw_run_screen(shown: &ScreenContents<'_>, frame: &mut Frame) {
         medium(shown, frame, body);
     } else {
         small(shown, frame, body);
+    }
+    if shown.explained {
+        let widest = HELP.iter().map(|line| line.len()).max().unwrap_or(0) as u16 + 2;
+        let help = body.centered(widest.into(), (HELP.len() as u16 + 2).into());
+        frame.render_widget(Clear, help);
+        let text: Vec<Line> = HELP.map(Line::from).to_vec();
+        frame.render_widget(Paragraph::new(text).block(Block::bordered().title("help")), help);
     }
     frame.render_widget(Line::from(footline(shown)).style(Style::new().dim()), foot);
 }
@@ -95,7 +117,7 @@ fn footline(shown: &ScreenContents<'_>) -> String {
     let silence = shown.time_since_change.filter(|_| !shown.finished);
     let silence = silence.map(|silence| silence.as_secs_f64()).map(duration);
     let newest = silence.map_or_else(String::new, |age| format!("  newest row {age} old"));
-    format!("{}{newest}", shown.key_help)
+    format!("{}  ? explains{newest}", shown.key_help)
 }
 
 /// Formats a duration (seconds) in hours and minutes, minutes or seconds.
@@ -138,7 +160,7 @@ fn medium(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
         curves::draw_curve(&curves::REWARD, shown.run, frame, top);
     }
     framed_strips(shown.run, frame, middle);
-    if area.width >= LARGE[0] {
+    if area.width >= groups_width(shown.run) + DISTANCES {
         both_tables(shown.run, frame, bottom);
     } else {
         draw_groups(shown.run, frame, bottom);
@@ -164,13 +186,14 @@ fn both_curves(run: &RunData, frame: &mut Frame, area: Rect) {
 }
 
 fn both_tables(run: &RunData, frame: &mut Frame, area: Rect) {
-    let [left, right] = halves(area);
+    let columns = [Constraint::Length(groups_width(run)), Constraint::Fill(1)];
+    let [left, right] = Layout::horizontal(columns).areas(area);
     draw_groups(run, frame, left);
     distances::draw_distances(run, frame, right);
 }
 
 fn framed_strips(run: &RunData, frame: &mut Frame, area: Rect) {
-    let title = "group that ran and policy that was assigned, rollout by rollout";
+    let title = "group that ran and policy that was assigned, whole stream";
     let block = Block::bordered().title(title);
     let inner = block.inner(area);
     frame.render_widget(block, area);

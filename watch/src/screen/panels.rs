@@ -47,13 +47,29 @@ fn text_on(colour: Color) -> Style {
     Style::new().bg(colour).fg(text)
 }
 
+/// Widths of the columns of figures in the table of groups (terminal columns).
+const FIGURES: [u16; 5] = [8, 6, 6, 7, 6];
+
+/// Returns the width of the table of groups with its frame (terminal columns): no name is cut.
+pub fn groups_width(run: &RunData) -> u16 {
+    // a gap before each figure, and the frame
+    names_width(run) + FIGURES.iter().map(|width| width + 1).sum::<u16>() + 2
+}
+
+/// Returns the width of the groups' names with their squares (terminal columns).
+fn names_width(run: &RunData) -> u16 {
+    let names = run.experiment.schedule.groups.iter().map(|plan| plan.group.chars().count());
+    // the bound keeps the width within u16
+    2 + names.max().unwrap_or(0).min(99) as u16
+}
+
 /// Draws a table with a row for each group: policy, reward and success of its latest rollout, and
 /// the mean success of its variants in the latest evaluation.
 pub fn draw_groups(run: &RunData, frame: &mut Frame, area: Rect) {
     let plans = run.experiment.schedule.groups.iter();
     let rows = plans.map(|plan| group_row(run, &plan.group));
-    let widths = [14, 8, 6, 6, 7, 9].map(Constraint::Length);
-    let header = ["group", "rollouts", "policy", "reward", "success", "evaluated"];
+    let widths = std::iter::once(names_width(run)).chain(FIGURES).map(Constraint::Length);
+    let header = ["group", "rollouts", "policy", "reward", "success", "scored"];
     let table = Table::new(rows, widths)
         .header(Row::new(header).style(Style::new().bold()))
         .block(Block::bordered().title("groups, newest figures"));
@@ -78,19 +94,22 @@ fn group_row<'a>(run: &RunData, group: &'a str) -> Row<'a> {
     ])
 }
 
-/// Draws two strips, one below the other, of as many of the latest rollouts as fit: the group's
-/// first letter on its colour, and the policy's number on the colour of the group for which it was
-/// created. A rollout with two colours was assigned to another group's policy.
+/// Draws two strips of all rollouts, one below the other: the group's first letter on its colour,
+/// and the policy's number on the colour of the group for which it was created. A rollout with two
+/// colours was assigned to another group's policy. Where there are more rollouts than columns, a
+/// column shows the first one of several.
 pub fn draw_rollout_strips(run: &RunData, area: Rect, buffer: &mut Buffer) {
     let room = usize::from(area.width.saturating_sub(NAMES));
-    let newest = &run.rollouts[run.rollouts.len().saturating_sub(room)..];
+    let all = run.rollouts.len();
+    let shown: Vec<_> =
+        (0..all.min(room)).map(|column| &run.rollouts[column * all / all.min(room)]).collect();
     let mut lines = area.rows();
-    let groups = newest.iter().map(|row| {
+    let groups = shown.iter().map(|row| {
         let initial = row.group.chars().next().unwrap_or('?');
         (initial, group_colour(run, &row.group))
     });
     draw_strip("group", groups, lines.next(), buffer);
-    let policies = newest.iter().map(|row| {
+    let policies = shown.iter().map(|row| {
         // a cell has room for the last digit only
         let digit = char::from(b'0' + (row.policy % 10) as u8);
         (digit, policy_colour(run, row.policy))

@@ -1,5 +1,6 @@
 //! Interactive session: the screen with keys and signals, for a run of this process or another one.
 
+use std::cell::Cell;
 use std::fs;
 use std::io::{self, IsTerminal, stdin};
 use std::panic::resume_unwind;
@@ -43,7 +44,7 @@ pub(crate) fn watch_run(mut snapshot: RunSnapshot) -> Result<u8, RunError> {
     let mut screen = Screen::open()?;
     loop {
         let picture = current_group(&snapshot, sheet.as_ref());
-        show(&mut screen, &snapshot, picture, "q quits")?;
+        show(&mut screen, &snapshot, picture, "q quits", quit.explained.get())?;
         if let Some(code) = quit.requested()? {
             return Ok(code);
         }
@@ -123,7 +124,8 @@ impl Viewer {
                 (Some(error), false) => error.as_str(),
                 (None, false) => "q stops with a checkpoint",
             };
-            show(&mut self.screen, &self.snapshot, picture, keys)?;
+            let explained = self.quit.explained.get();
+            show(&mut self.screen, &self.snapshot, picture, keys, explained)?;
             let since = first_request.map(|first| first.elapsed());
             match self.quit.requested()?.filter(|&code| counts(code, since)) {
                 None => {}
@@ -160,6 +162,7 @@ fn show(
     snapshot: &RunSnapshot,
     picture: Option<(String, Picture)>,
     keys: &str,
+    explained: bool,
 ) -> Result<(), RunError> {
     let RunSnapshot { run, finished, .. } = snapshot;
     let shown = ScreenContents {
@@ -168,6 +171,7 @@ fn show(
         time_since_change: snapshot.time_since_change(),
         picture,
         key_help: keys,
+        explained,
     };
     screen.draw(|frame| draw_run_screen(&shown, frame))
 }
@@ -188,11 +192,14 @@ fn current_group(snapshot: &RunSnapshot, sheet: Option<&Picture>) -> Option<(Str
     Some((format!("how {group} begins"), picture))
 }
 
+/// Listener for requests to quit, by a key or a signal, and for the help key.
 struct QuitListener {
     /// Number of the last signal from the operating system; 0 without one since the last call.
     signal: Arc<AtomicUsize>,
     /// `true` if keys come from standard input; otherwise they come from the controlling terminal.
     from_stdin: bool,
+    /// `true` while the screen is explained; `?` turns it on and off.
+    explained: Cell<bool>,
 }
 
 impl QuitListener {
@@ -203,7 +210,7 @@ impl QuitListener {
                 .map_err(|source| RunError::SignalHandlers { source })?;
         }
         let from_stdin = stdin().is_terminal();
-        Ok(Self { signal, from_stdin })
+        Ok(Self { signal, from_stdin, explained: Cell::new(false) })
     }
 
     /// Waits for up to [`TICK`]; returns `true` if a key may have been pressed.
@@ -238,6 +245,9 @@ impl QuitListener {
         if waited.map_err(terminal_error)?
             && let Event::Key(key) = event::read().map_err(terminal_error)?
         {
+            if key.is_press() && key.code == KeyCode::Char('?') {
+                self.explained.set(!self.explained.get());
+            }
             return Ok(code_of(key));
         }
         Ok(None)

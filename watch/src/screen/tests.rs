@@ -65,6 +65,7 @@ fn drawn(run: &RunData, size: (u16, u16)) -> Buffer {
         time_since_change: Some(Duration::from_secs(70)),
         picture: Some(("how it begins".to_owned(), red())),
         key_help: "q quits",
+        explained: false,
     };
     let mut terminal = Terminal::new(TestBackend::new(size.0, size.1)).unwrap();
     terminal.draw(|frame| draw_run_screen(&shown, frame)).unwrap();
@@ -115,7 +116,7 @@ fn a_wide_screen_shows_everything() {
         "threshold",
         "W1 / threshold",
         "how it begins",
-        "q quits  newest row 1 min old",
+        "q quits  ? explains  newest row 1 min old",
         &format!("■ {}", plans[0].group),
         &format!("■ {}", plans[1].group),
     ] {
@@ -129,8 +130,57 @@ fn a_wide_screen_shows_everything() {
     // a group that has not come
     assert_eq!(row(&format!("■ {}", plans[2].group))[2..7], ["0", "-", "-", "-", "-"]);
     // the distance, its threshold, and a bar where there is a ratio
-    assert_eq!(words_behind("│policy 0   ", &text)[..2], ["1.50", "1.00"]);
-    assert_eq!(words_behind("│policy 1   ", &text)[..3], ["-", "1.00", "-"]);
+    assert_eq!(words_behind("│policy 0  ", &text)[..2], ["1.50", "1.00"]);
+    assert_eq!(words_behind("│policy 1  ", &text)[..3], ["-", "1.00", "-"]);
+}
+
+#[test]
+fn no_label_is_cut_on_small_terminals() {
+    for size in [(80, 24), (100, 30)] {
+        let text = lines(&drawn(&run(), size)).join("\n");
+        for label in [
+            "│group          rollouts policy reward success scored│",
+            "W1 of rollout 5",
+            "W1    limit",
+            "│policy 1  ",
+            "group that ran and policy that was assigned, whole stream",
+            "■ button-press ",
+            "reward of 500",
+        ] {
+            assert!(text.contains(label), "{label}: {text}");
+        }
+    }
+}
+
+#[test]
+fn strips_hold_the_whole_stream() {
+    let mut long = run();
+    let rows = long.rollouts.clone();
+    long.rollouts = rows.iter().flat_map(|row| vec![row.clone(); 100]).collect();
+    let buffer = drawn(&long, (80, 24));
+    let (left, y) = strip(&buffer, "policy");
+    let right = (left..80).take_while(|&x| buffer[(x, y)].symbol() != "│").last().unwrap();
+    let digit = |x: u16| buffer[(x, y)].symbol();
+    assert_eq!((digit(left), digit(right)), ("0", "1"));
+    let digits: String = (left..=right).map(digit).collect();
+    assert_eq!(digits.trim_matches('0').matches("10").count(), 1, "{digits}");
+}
+
+#[test]
+fn the_help_explains_the_screen() {
+    let run = run();
+    let shown = ScreenContents {
+        run: &run,
+        finished: false,
+        time_since_change: None,
+        picture: None,
+        key_help: "q quits",
+        explained: true,
+    };
+    let mut terminal = Terminal::new(TestBackend::new(80, 24)).unwrap();
+    terminal.draw(|frame| draw_run_screen(&shown, frame)).unwrap();
+    let text = lines(terminal.backend().buffer()).join("\n");
+    assert!(text.contains("│two colours in a column: the policy of another group  │"), "{text}");
 }
 
 #[test]
@@ -139,8 +189,8 @@ fn distances_without_a_threshold_stand_alone() {
     run.experiment = Budget::Smoke.experiment(Method::Covers);
     let text = lines(&drawn(&run, WIDE)).join("\n");
     assert!(text.contains("W1 of rollout 5") && !text.contains("threshold"), "{text}");
-    let policy = text.lines().find(|line| line.contains("│policy 0   ")).unwrap();
-    let (_, after) = policy.split_once("│policy 0   ").unwrap();
+    let policy = text.lines().find(|line| line.contains("│policy 0  ")).unwrap();
+    let (_, after) = policy.split_once("│policy 0  ").unwrap();
     let (panel, _) = after.split_once('│').unwrap();
     assert_eq!(panel.trim_end(), "1.50");
 }

@@ -1,0 +1,247 @@
+//! Film of a whole stream: the group that runs, the policy that serves it, and success so far.
+
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::ops::Range;
+
+use envs::{TaskGroup, TaskRegistry, TaskVariant};
+use symmetry::D2;
+
+use experiments::cli::ProgressBar;
+use experiments::colours::line_rgb;
+use experiments::evaluation::mean;
+use experiments::{RolloutRow, RunData, RunError};
+
+use super::canvas::Canvas;
+use super::font::LINE_HEIGHT;
+use super::gif::Film;
+use super::grid::INK;
+use super::player::{FilmSettings, PolicyPlayer};
+use super::recorder::{PERSPECTIVE_SIZE, View};
+
+/// Approximate number of pictures of the film: 12 seconds.
+const PICTURES: usize = 150;
+/// Decisions of an episode that a visit shows: the policies need about half of it.
+const DECISIONS: usize = 36;
+/// Margin of the film and gap between its parts (pixels).
+const GAP: usize = 12;
+/// Top of the view of the table and of the policies (pixels).
+const TOP: usize = 2 * GAP + LINE_HEIGHT;
+/// Width of the column of policies (pixels).
+const POLICIES: usize = 300;
+/// Largest height of a policy's box (pixels).
+const BOX: usize = 56;
+/// Height of the strip of groups, and of the curves below it (pixels).
+const STRIP: [usize; 2] = [8, 84];
+/// Space for the labels left of the curves (pixels).
+const LABELS: usize = 18;
+/// Rollouts over which the curves of success are averaged.
+const WINDOW: usize = 5;
+/// Share of a policy's colour in its box while another policy acts.
+const RESTING: f32 = 0.12;
+const WHITE: [u8; 3] = [255; 3];
+
+/// Films the stream of a run from its tables. Every visit takes equally long and shows an episode
+/// of the group, with the policy that the learner chooses after the stream; visits take turns in
+/// showing the group's variants.
+///
+/// # Errors
+/// A run without rollouts or with a group that is not registered; errors of the environments and
+/// the learner.
+pub(super) fn film_stream(
+    player: &mut PolicyPlayer,
+    run: &RunData,
+    bar: &ProgressBar,
+) -> Result<Film, RunError> {
+    let visits = visits(&run.rollouts);
+    if visits.is_empty() {
+        let problem = "it has no rollouts yet".to_owned();
+        return Err(RunError::UnreportableRun { folder: run.name.clone().into(), problem });
+    }
+    let groups = player.experiment.schedule.resolve_groups(&TaskRegistry::all())?;
+    let per_visit = (PICTURES / visits.len()).max(1);
+    bar.set_length(visits.len() as u64);
+    let mut clips = HashMap::new();
+    let mut film = Film::default();
+    for (number, visit) in visits.into_iter().enumerate() {
+        let name = &run.rollouts[visit.start].group;
+        let known = groups.iter().find(|group| group.name() == name);
+        let group = *known.ok_or_else(|| RunError::UnreportableRun {
+            folder: run.name.clone().into(),
+            problem: format!("its group {name} is not in its settings"),
+        })?;
+        let element = D2::ALL[number % D2::ALL.len()];
+        let clip = match clips.entry((name, element.to_string())) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(new) => new.insert(clip(player, group, element)?),
+        };
+        for picture in 0..per_visit {
+            let newest = visit.start + (picture + 1) * visit.len() / per_visit;
+            let newest = newest.clamp(visit.start + 1, visit.end) - 1;
+            let view = &clip[picture * (clip.len() - 1) / per_visit];
+            let canvas = draw(run, newest, visit.start, view);
+            (film.width, film.height) = (canvas.width, canvas.height);
+            film.frames.push(canvas.rgb);
+        }
+        bar.inc(1);
+    }
+    Ok(film)
+}
+
+/// Returns the rollouts of each visit of the stream to a group.
+fn visits(rollouts: &[RolloutRow]) -> Vec<Range<usize>> {
+    let mut start = 0;
+    let chunks = rollouts.chunk_by(|one, next| one.group == next.group);
+    chunks
+        .map(|chunk| {
+            start += chunk.len();
+            start - chunk.len()..start
+        })
+        .collect()
+}
+
+/// Returns the pictures of an episode of a variant; at least one.
+fn clip(
+    player: &mut PolicyPlayer,
+    group: TaskGroup,
+    element: D2,
+) -> Result<Vec<Vec<u8>>, RunError> {
+    let settings = FilmSettings {
+        groups: &[group],
+        views: &[View::Perspective],
+        mirrored_back: false,
+        decisions: Some(DECISIONS),
+        seed: 0,
+    };
+    let mut episode = player.film(TaskVariant { group, element }, &settings)?;
+    Ok(episode.cells.remove(0).frames)
+}
+
+/// Draws the film's picture after the rollout with index `newest`, of a visit from rollout `start`
+/// on, with this view of the table.
+fn draw(run: &RunData, newest: usize, start: usize, view: &[u8]) -> Canvas {
+    let [width, height] = PERSPECTIVE_SIZE;
+    let mut canvas =
+        Canvas::new(3 * GAP + width + POLICIES, TOP + height + 3 * GAP + STRIP[0] + STRIP[1]);
+    let row = &run.rollouts[newest];
+    let title = format!("the stream shows {}, without its name", row.group);
+    canvas.write(&title, [GAP, GAP], colour(run, &row.group));
+    canvas.paste(view, width, 1, [GAP, TOP]);
+    let heading = format!("policies after {} decisions", row.decisions);
+    canvas.write(&heading, [2 * GAP + width, GAP], INK);
+    draw_policies(&mut canvas, run, newest, start);
+    draw_curves(&mut canvas, run, newest);
+    canvas
+}
+
+/// Draws a box for each policy that exists; that of the policy that serves the rollout is lit.
+fn draw_policies(canvas: &mut Canvas, run: &RunData, newest: usize, start: usize) {
+    let [width, height] = PERSPECTIVE_SIZE;
+    let most = run.rollouts.iter().map(|row| row.policy + 1).max().unwrap_or(1);
+    let pitch = (height / most).min(BOX + GAP).max(1);
+    let exist = run.rollouts[..=newest].iter().map(|row| row.policy + 1).max().unwrap_or(0);
+    let active = run.rollouts[newest].policy;
+    let is_new = run.rollouts[start..=newest].iter().any(|row| row.created_policy);
+    for policy in 0..exist {
+        let group = run.group_of_policy(policy).unwrap_or("");
+        let corner = [2 * GAP + width, TOP + policy * pitch];
+        let size = [POLICIES, pitch.saturating_sub(GAP / 2)];
+        let is_active = policy == active;
+        canvas.shade(corner, size, colour(run, group), if is_active { 1.0 } else { RESTING });
+        let state = match (is_active, is_new) {
+            (false, _) => "",
+            (true, true) => ", new",
+            (true, false) => ", recalled",
+        };
+        let ink = if is_active { WHITE } else { INK };
+        let text = [corner[0] + GAP, corner[1] + size[1].saturating_sub(LINE_HEIGHT) / 2];
+        canvas.write(&format!("policy {policy}: {group}{state}"), text, ink);
+    }
+}
+
+/// Draws the groups of the stream so far as a strip, and the success of training below it.
+fn draw_curves(canvas: &mut Canvas, run: &RunData, newest: usize) {
+    let [left, top] = [GAP + LABELS, TOP + PERSPECTIVE_SIZE[1] + GAP];
+    let width = canvas.width - left - GAP;
+    let end = run.rollouts.last().map_or(1, |row| row.decisions.max(1));
+    let x = |decisions: usize| left as f64 + width as f64 * decisions as f64 / end as f64;
+    let (bottom, height) = (top + STRIP[0] + GAP + STRIP[1] - 2, STRIP[1] as f64 - 4.0);
+    let y = |success: f64| bottom as f64 - height * success;
+    for (level, name) in [(0.0, "0"), (1.0, "1")] {
+        let at = y(level);
+        canvas.shade([left, at as usize], [width, 1], INK, 0.3);
+        let line = (at as usize).saturating_sub(LINE_HEIGHT / 2);
+        canvas.write(name, [GAP, line.min(canvas.height - LINE_HEIGHT)], INK);
+    }
+    canvas.write("success", [left + 4, bottom - STRIP[1] / 2 - LINE_HEIGHT / 2], INK);
+    for visit in visits(&run.rollouts[..=newest]) {
+        let own = colour(run, &run.rollouts[visit.start].group);
+        let rows = &run.rollouts[visit.clone()];
+        let from = visit.start.checked_sub(1).map_or(0, |before| run.rollouts[before].decisions);
+        let last = rows.last().map_or(from, |row| row.decisions);
+        canvas.fill([x(from) as usize, top], [(x(last) - x(from)).ceil() as usize, STRIP[0]], own);
+        let points: Vec<[f64; 2]> = (0..rows.len())
+            .filter_map(|index| {
+                let window = &rows[index.saturating_sub(WINDOW - 1)..=index];
+                let known: Vec<f64> = window.iter().filter_map(|row| row.success).collect();
+                (!known.is_empty()).then(|| [x(rows[index].decisions), y(mean(&known))])
+            })
+            .collect();
+        for pair in points.windows(2) {
+            canvas.line(pair[0], pair[1], own);
+        }
+    }
+}
+
+fn colour(run: &RunData, group: &str) -> [u8; 3] {
+    run.experiment.schedule.group_index(group).map_or(INK, line_rgb)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use experiments::presets::{Budget, Method};
+
+    fn run() -> RunData {
+        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let names: Vec<String> =
+            run.experiment.schedule.groups.iter().map(|plan| plan.group.clone()).collect();
+        let rows = [(0, 0, true), (0, 0, false), (1, 1, true), (0, 0, false)];
+        for (index, (group, policy, created_policy)) in rows.into_iter().enumerate() {
+            run.rollouts.push(RolloutRow {
+                decisions: 100 * (index + 1),
+                group: names[group].clone(),
+                policy,
+                created_policy,
+                success: Some(index as f64 / 3.0),
+                ..RolloutRow::default()
+            });
+        }
+        run
+    }
+
+    #[test]
+    fn visits_are_runs_of_one_group() {
+        assert_eq!(visits(&run().rollouts), [0..2, 2..3, 3..4]);
+        assert!(visits(&[]).is_empty());
+    }
+
+    #[test]
+    fn the_policy_that_acts_is_lit_and_others_appear_once_they_exist() {
+        let run = run();
+        let view = vec![7; PERSPECTIVE_SIZE[0] * PERSPECTIVE_SIZE[1] * 3];
+        let count = |newest: usize, start: usize, colour: [u8; 3]| {
+            let canvas = draw(&run, newest, start, &view);
+            let pixels = canvas.rgb.chunks_exact(3);
+            pixels.filter(|pixel| **pixel == colour).count()
+        };
+        let (first, second) = (line_rgb(0), line_rgb(1));
+        let resting =
+            first.map(|level| (255.0 * (1.0 - RESTING) + f32::from(level) * RESTING).round() as u8);
+        let (lit, rest) = (count(0, 0, first), count(0, 0, resting));
+        assert!(lit > 10_000 && rest == 0, "{lit} {rest}");
+        assert_eq!(count(1, 0, second), 0, "the second policy does not exist yet");
+        assert!(count(2, 2, second) > 10_000 && count(2, 2, resting) > 10_000);
+        assert!(count(3, 3, first) > 10_000);
+    }
+}

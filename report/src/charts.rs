@@ -1,0 +1,148 @@
+//! Charts of estimates with 95 % intervals, and performance profiles, as rliable draws them.
+
+use experiments::colours::{Stroke, line_colour, line_stroke};
+use experiments::evaluation::mean;
+
+use super::format::bracketed_interval;
+use super::method::MethodRuns;
+use super::statistics::{BootstrapInterval, Scores};
+use super::svg::{SvgPlot, TEXT_COLOUR};
+
+/// Height of one row of an interval chart (pixels).
+const ROW: f64 = 24.0;
+/// Margins of an interval chart (pixels): names on the left, figures on the right.
+const SIDES: [f64; 2] = [140.0, 160.0];
+/// Radius of the dot of an estimate (pixels).
+const DOT: f64 = 5.0;
+/// Number of steps between the thresholds of a performance profile.
+const PROFILE_STEPS: u32 = 50;
+
+/// Estimate in `[0, 1]` with its name and 95 % interval.
+pub struct Estimate<'a> {
+    /// Name of what is estimated, such as a method.
+    pub name: &'a str,
+    /// Estimate, in `[0, 1]`.
+    pub value: f64,
+    /// 95 % interval; `None` for fewer than two seeds.
+    pub interval: Option<BootstrapInterval>,
+}
+
+/// Draws one row for each estimate: a dot, its interval as a line, and the figures. `chance` is a
+/// value to compare with, drawn as a vertical line.
+pub fn interval_svg(
+    title: &str,
+    axis: &'static str,
+    estimates: &[Estimate<'_>],
+    chance: Option<f64>,
+) -> String {
+    let mut drawing = SvgPlot::new_half_width(1.0, axis).with_sides(SIDES);
+    let last = estimates.len().saturating_sub(1) as f64;
+    let bounds = [-0.6, last + 0.6];
+    drawing.begin_panel("", ROW * (last + 1.2), bounds, &[]);
+    if let Some(chance) = chance {
+        let line = bounds.map(|y| (chance, y));
+        drawing.add_line(&line, &Stroke { colour: TEXT_COLOUR, dashes: "3 3".to_owned() });
+    }
+    for (number, Estimate { name, value, interval }) in estimates.iter().enumerate() {
+        let (y, colour) = (last - number as f64, line_colour(number));
+        let figure = format!("{value:.3}{}", bracketed_interval(*interval, 2));
+        if let Some(BootstrapInterval { low, high }) = interval {
+            drawing.add_wide_line(&[(*low, y), (*high, y)], &Stroke::solid(colour));
+        }
+        drawing.add_dot((*value, y), DOT, colour, &format!("{name}: {figure}"));
+        drawing.add_row_name(y, name);
+        drawing.add_row_figure(y, &figure);
+    }
+    drawing.into_svg(title)
+}
+
+/// Draws the success of all methods; of a single method that in each group and in all.
+pub fn success_svg(methods: &[MethodRuns], groups: &[String]) -> String {
+    let [method] = methods else {
+        return methods_svg("Success of all methods", "success", methods, groups, mean);
+    };
+    let alone = groups.iter().map(|group| (group.as_str(), std::slice::from_ref(group)));
+    let rows = alone.chain([("all groups", groups)]);
+    let rows = rows.map(|(name, groups)| estimate(name, method, groups, mean));
+    let title = format!("Success of {}", method.name);
+    interval_svg(&title, "success", &rows.collect::<Vec<_>>(), None)
+}
+
+/// Draws a statistic of the success of each method.
+pub fn methods_svg(
+    title: &str,
+    axis: &'static str,
+    methods: &[MethodRuns],
+    groups: &[String],
+    statistic: fn(&[f64]) -> f64,
+) -> String {
+    let rows = methods.iter().map(|method| estimate(&method.name, method, groups, statistic));
+    interval_svg(title, axis, &rows.collect::<Vec<_>>(), None)
+}
+
+fn estimate<'a>(
+    name: &'a str,
+    method: &MethodRuns,
+    groups: &[String],
+    statistic: fn(&[f64]) -> f64,
+) -> Estimate<'a> {
+    let scores = method.scores(groups, |group| group.success);
+    let interval = scores.bootstrap_interval(statistic);
+    Estimate { name, value: scores.pooled(statistic), interval }
+}
+
+/// Draws performance profiles: for each threshold the share of runs and groups whose success is
+/// above it, with a band of pointwise 95 % intervals (Agarwal et al., NeurIPS 2021).
+pub fn profile_svg(methods: &[MethodRuns], scores: &[Scores]) -> String {
+    let mut drawing = SvgPlot::new_half_width(1.0, "success of a run in a group is above")
+        .with_sides([64.0, 120.0]);
+    for (number, method) in methods.iter().enumerate() {
+        drawing.add_legend_entry(&method.name, &line_stroke(number));
+    }
+    drawing.begin_panel("share of runs and groups", 190.0, [-0.03, 1.03], &[0.0, 0.5, 1.0]);
+    let thresholds = (0..=PROFILE_STEPS).map(|step| f64::from(step) / f64::from(PROFILE_STEPS));
+    let thresholds: Vec<f64> = thresholds.collect();
+    let profiles: Vec<_> =
+        scores.iter().map(|scores| scores.performance_profile(&thresholds)).collect();
+    let line = |values: &mut dyn Iterator<Item = f64>| -> Vec<(f64, f64)> {
+        thresholds.iter().copied().zip(values).collect()
+    };
+    for (number, profile) in profiles.iter().enumerate() {
+        let bounds = |bound: fn(&BootstrapInterval) -> f64| {
+            line(&mut profile.iter().filter_map(|point| point.1.as_ref().map(bound)))
+        };
+        let [low, high] = [bounds(|interval| interval.low), bounds(|interval| interval.high)];
+        drawing.add_band(&low, &high, line_colour(number));
+    }
+    for (number, profile) in profiles.iter().enumerate() {
+        let shares = line(&mut profile.iter().map(|point| point.0));
+        drawing.add_line(&shares, &line_stroke(number));
+    }
+    drawing.into_svg("Performance profiles")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::svg::read::{attribute, number, of_class, tags};
+
+    #[test]
+    fn an_interval_spans_its_bounds_and_holds_its_dot() {
+        let interval = Some(BootstrapInterval { low: 0.25, high: 1.0 });
+        let estimate = |name, value, interval| Estimate { name, value, interval };
+        let rows = [estimate("a", 0.5, interval), estimate("b", 1.0, None)];
+        let svg = interval_svg("title", "success", &rows, Some(0.5));
+        let [(line, _)] = of_class(&svg, "line wide")[..] else { panic!("{svg}") };
+        let dots: Vec<&str> = tags(&svg)
+            .into_iter()
+            .map(|tag| tag.0)
+            .filter(|tag| tag.starts_with("circle"))
+            .collect();
+        let y = number(dots[0], "cy");
+        // the axis has 440 pixels, from 140 on
+        assert_eq!(attribute(line, "points"), Some(&*format!("250.0,{y:.1} 580.0,{y:.1}")));
+        assert_eq!((number(dots[0], "cx"), number(dots[1], "cx")), (360.0, 580.0));
+        assert!(y < number(dots[1], "cy"), "the first estimate is on top");
+        assert!(svg.contains("0.500 [0.25, 1.00]") && svg.contains(">1.000</text>"), "{svg}");
+    }
+}

@@ -1,0 +1,83 @@
+//! `covers list`: the runs of a folder with their state, success and size.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use experiments::cli::print_escaped;
+use experiments::evaluation::mean;
+use experiments::presets::Method;
+use experiments::text::format_number;
+use experiments::{RunData, RunError, RunFolder};
+use report::Table;
+
+/// Options of `covers list`.
+#[derive(Clone, Debug, Args)]
+#[command(after_help = "Examples:\n  covers list\n  covers list /data/runs")]
+pub struct ListOptions {
+    /// Folder of runs, which may lie in folders of their own.
+    #[arg(default_value = "runs")]
+    pub folder: PathBuf,
+}
+
+impl ListOptions {
+    /// Prints a row for each run.
+    ///
+    /// # Errors
+    /// A folder that cannot be read, or an `out` that cannot be written to.
+    pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
+        let header = ["run", "method", "state", "policies", "success", "MB"];
+        let mut table = Table::new("", &header);
+        let mut folders = vec![self.folder.clone()];
+        while let Some(folder) = folders.pop() {
+            if RunFolder::from_path(&folder).holds_run() {
+                table.rows.push(row(&folder));
+                continue;
+            }
+            let entries = fs::read_dir(&folder).map_err(RunError::reading(&folder))?;
+            // a link may lead back to a folder above
+            let inside =
+                entries.flatten().filter(|entry| entry.file_type().is_ok_and(|t| t.is_dir()));
+            folders.extend(inside.map(|entry| entry.path()));
+        }
+        table.rows.sort();
+        print_escaped(out, &table.text())
+    }
+}
+
+/// Returns the cells of a run: of what its files say so far, if it is not finished.
+fn row(folder: &Path) -> Vec<String> {
+    let (name, megabytes) = (folder.display().to_string(), bytes(folder) as f64 / 1e6);
+    let Ok(run) = RunData::read_partial(folder) else {
+        let unreadable = ["?", "unreadable", "-", "-"].map(str::to_owned);
+        return [vec![name], unreadable.to_vec(), vec![format!("{megabytes:.1}")]].concat();
+    };
+    let decisions = run.rollouts.last().map_or(0, |row| row.decisions) as f64;
+    let share = 100.0 * decisions / run.experiment.schedule.total_decisions() as f64;
+    let successes: Vec<f64> = run.last_scores().map(|row| row.success).collect();
+    vec![
+        name,
+        Method::of_run(&run.experiment).map_or("own settings", Method::name).to_owned(),
+        if run.is_finished {
+            "finished".to_owned()
+        } else {
+            format!("at {:.0} %", share.min(100.0))
+        },
+        run.rollouts.iter().map(|row| row.policy + 1).max().unwrap_or(0).to_string(),
+        // the mean of no scores is no number
+        format_number(Some(mean(&successes)), 3),
+        format!("{megabytes:.1}"),
+    ]
+}
+
+/// Returns the size of all files in a folder (bytes); what cannot be read counts as nothing.
+fn bytes(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let size = |entry: fs::DirEntry| match entry.metadata() {
+        Ok(file) if file.is_dir() => bytes(&entry.path()),
+        Ok(file) => file.len(),
+        Err(_) => 0,
+    };
+    entries.map(size).sum()
+}
