@@ -72,7 +72,7 @@ pub(super) fn film_stream(
         })?;
         let element = D2::ALL[number % D2::ALL.len()];
         let clip = match clips.entry((name, element.to_string())) {
-            Entry::Occupied(known) => known.into_mut(),
+            Entry::Occupied(taken) => taken.into_mut(),
             Entry::Vacant(new) => new.insert(clip(player, group, element)?),
         };
         for picture in 0..per_visit {
@@ -138,7 +138,7 @@ fn draw(run: &RunData, newest: usize, start: usize, view: &[u8]) -> Canvas {
 fn draw_policies(canvas: &mut Canvas, run: &RunData, newest: usize, start: usize) {
     let [width, height] = PERSPECTIVE_SIZE;
     let most = run.rollouts.iter().map(|row| row.policy + 1).max().unwrap_or(1);
-    let pitch = (height / most).min(BOX + GAP).max(1);
+    let pitch = (height / most).clamp(1, BOX + GAP);
     let exist = run.rollouts[..=newest].iter().map(|row| row.policy + 1).max().unwrap_or(0);
     let active = run.rollouts[newest].policy;
     let is_new = run.rollouts[start..=newest].iter().any(|row| row.created_policy);
