@@ -91,10 +91,10 @@ fn several_ranks_write_the_bytes_of_one_process() {
     // more ranks than environments, and uneven shares
     for (method, size) in [(Method::Covers, 5), (Method::EquiSac, 3)] {
         let scratch = Scratch::new("ranks");
-        let run = |size| {
+        let run = |ranks| {
             let folder = RunFolder::create(&scratch.0, "run").unwrap();
             let start = |own| Run::start(experiment(method), own).unwrap();
-            advance(folder.path(), size, ALL, start);
+            advance(folder.path(), ranks, ALL, start);
             files(folder.path())
         };
         let (expected, found) = (run(1), run(size));
