@@ -347,13 +347,13 @@ fn films_are_inside_of_the_page_where_they_are_asked_for() {
     stale.iter().for_each(|file| fs::write(file, "stale").unwrap());
     let gifs = |page: &str| page.matches("src=\"data:image/gif;base64,R0lGODlh").count();
     let (text, page) = html(&[]);
-    assert!(gifs(&page) == 0 && !text.contains("films"));
+    assert!(gifs(&page) == 0 && !text.contains(" films, "));
     assert!(!text.contains("after each of its visits"), "{text}");
     assert!(stale.iter().all(|file| !file.exists()) && folder.join("equi-seed0.svg").exists());
     // the one run of a page is not folded away
     assert_eq!(page.matches("<details").count(), 1);
     assert_eq!(page.matches("<details open>").count(), 1);
-    assert!(!page.contains("<h2>Each seed</h2>"), "there is no curve");
+    assert!(!page.contains("Each seed"), "there is no curve");
     let (with_films, film_page) = html(&["--films"]);
     // the first one is on the first screen, too
     assert_eq!((gifs(&film_page), film_page.matches("src=").count()), (3, 3));

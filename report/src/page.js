@@ -25,7 +25,11 @@ const show = (value, x, y) => {
   tip.style.top = `${y + 16}px`;
 };
 for (const event of ["pointerover", "pointermove"]) {
-  document.addEventListener(event, ({ target, clientX, clientY }) => show(valueOf(target), clientX, clientY));
+  document.addEventListener(event, ({ target, clientX, clientY, pointerType, movementX, movementY }) => {
+    // a page that scrolls under a resting mouse must not hide what the keys show
+    if (pointerType === "mouse" && !movementX && !movementY) return;
+    show(valueOf(target), clientX, clientY);
+  });
 }
 
 for (const chart of document.querySelectorAll(".chart")) {
