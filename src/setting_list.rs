@@ -71,7 +71,7 @@ pub fn schema() -> Value {
                     let own = format!("{}={name}", setting.path);
                     settings().any(|other| other.path == own)
                 };
-                if names.iter().all(|name| is_word(name)) && !is_optional {
+                if names.iter().all(is_word) && !is_optional {
                     place["enum"] = json!(names);
                 }
                 continue;

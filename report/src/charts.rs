@@ -63,7 +63,7 @@ pub fn success_svg(methods: &[MethodRuns], groups: &[String]) -> String {
     };
     let alone = groups.iter().map(|group| (group.as_str(), std::slice::from_ref(group)));
     let rows = alone.chain([("all groups", groups)]);
-    let rows = rows.map(|(name, groups)| estimate(name, method, groups, mean));
+    let rows = rows.map(|(name, averaged)| estimate(name, method, averaged, mean));
     let title = format!("Success of {}", method.name);
     interval_svg(&title, "success", &rows.collect::<Vec<_>>(), None)
 }
@@ -128,9 +128,9 @@ mod tests {
 
     #[test]
     fn an_interval_spans_its_bounds_and_holds_its_dot() {
-        let interval = Some(BootstrapInterval { low: 0.25, high: 1.0 });
+        let wide = Some(BootstrapInterval { low: 0.25, high: 1.0 });
         let estimate = |name, value, interval| Estimate { name, value, interval };
-        let rows = [estimate("a", 0.5, interval), estimate("b", 1.0, None)];
+        let rows = [estimate("a", 0.5, wide), estimate("b", 1.0, None)];
         let svg = interval_svg("title", "success", &rows, Some(0.5));
         let [(line, _)] = of_class(&svg, "line wide")[..] else { panic!("{svg}") };
         let dots: Vec<&str> = tags(&svg)

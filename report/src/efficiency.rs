@@ -126,9 +126,9 @@ fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
 /// method's, and the outcome of the comparison; dashes for the first method itself.
 fn shares(area: &Scores, compared: Option<Comparison>) -> [String; 3] {
     let (mean, interval) = (area.pooled(mean), area.bootstrap_interval(mean));
-    let difference = |compared: Comparison| {
-        let interval = bracketed_interval(compared.difference_interval, 3);
-        format!("{:+.3}{interval}", compared.mean_difference)
+    let difference = |comparison: Comparison| {
+        let bounds = bracketed_interval(comparison.difference_interval, 3);
+        format!("{:+.3}{bounds}", comparison.mean_difference)
     };
     [
         format!("{mean:.3}{}", bracketed_interval(interval, 3)),

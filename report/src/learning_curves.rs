@@ -68,8 +68,8 @@ fn curves_svg(
     if !lines.iter().any(|line| line.points.len() > 1) {
         return None;
     }
-    let ends = lines.iter().filter_map(|line| line.points.last());
-    let end = ends.map(|point| point.spent).fold(0.0, f64::max);
+    let last_points = lines.iter().filter_map(|line| line.points.last());
+    let end = last_points.map(|point| point.spent).fold(0.0, f64::max);
     let mut drawing = SvgPlot::new_half_width(end, axis).with_sides(SIDES);
     for line in &lines {
         drawing.add_legend_entry(&line.method.name, &line.stroke);

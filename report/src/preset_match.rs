@@ -61,16 +61,16 @@ fn difference_warning(named: Option<Method>, run: &Experiment) -> Result<String,
 /// differ from these. `method` is the run's, if it is known.
 pub fn describe_settings(method: Option<Method>, run: &Experiment) -> Result<String, RunError> {
     let seed = run.learner.seed();
-    let preset = |budget: Budget, method| {
-        budget.experiment(method).with_seed(seed).with_threads(run.envs.threads)
+    let preset = |budget: Budget, candidate| {
+        budget.experiment(candidate).with_seed(seed).with_threads(run.envs.threads)
     };
-    let (method, budget, found) = nearest_preset(method, run, preset)?;
-    let (method, budget) = (method.name(), budget.name());
+    let (nearest, budget, found) = nearest_preset(method, run, preset)?;
+    let (nearest, budget) = (nearest.name(), budget.name());
     let differing = match found.as_str() {
         "" => String::new(),
         found => format!(". Different from these, the run's value last: {found}"),
     };
-    Ok(format!("`--preset {method} --budget {budget} --seed {seed}`{differing}"))
+    Ok(format!("`--preset {nearest} --budget {budget} --seed {seed}`{differing}"))
 }
 
 /// Returns the preset and budget whose settings differ least from a run's, and the differences;

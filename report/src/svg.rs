@@ -121,15 +121,15 @@ impl SvgPlot {
         ends.sort_by(|one, other| one.0.total_cmp(&other.0));
         // from the top: as near to the end as the name above allows; names that would lie below the
         // panel move up together with those that they meet
-        let mut free = top;
+        let mut highest = top;
         for (y, _) in &mut ends {
-            *y = y.max(free);
-            free = *y + NAME_HEIGHT;
+            *y = y.max(highest);
+            highest = *y + NAME_HEIGHT;
         }
-        let mut free = top + height;
+        let mut lowest = top + height;
         for (y, _) in ends.iter_mut().rev() {
-            *y = y.min(free);
-            free = *y - NAME_HEIGHT;
+            *y = y.min(lowest);
+            lowest = *y - NAME_HEIGHT;
         }
         let (edge, room) = (self.sides[0] + self.length, self.sides[1] - LEADER - SPACE);
         for (y, &(name, end, stroke)) in ends {

@@ -47,6 +47,9 @@ const FAULTS: [Fault; 10] = [
     Fault::ActionScale,
 ];
 
+/// Position, velocity and goal of a point (x, y each), and the age of its episode.
+type PointState = ([f32; 2], [f32; 2], [f32; 2], f32);
+
 /// N points that are pushed towards a goal: position, velocity, goal and age of the episode.
 struct Points {
     fault: Fault,
@@ -55,7 +58,7 @@ struct Points {
     /// Share of its velocity that a point keeps.
     inertia: f32,
     image: [usize; 3],
-    states: Vec<([f32; 2], [f32; 2], [f32; 2], f32)>,
+    states: Vec<PointState>,
     rng: ChaCha8Rng,
 }
 

@@ -154,9 +154,9 @@ fn the_image_encoder_learns_at_its_own_rate() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         sac.step(&mut policy, &replay, &mut rng, &mut SacTotals::default()).unwrap();
         let encoder = policy.network().trunk.encoder_params();
-        let steps = policy.params().iter().zip(&before).map(|(after, before)| after - before);
-        let steps: Vec<f32> = steps.map(f32::abs).collect();
-        let largest = |steps: &[f32]| steps.iter().copied().fold(0.0, f32::max);
+        let pairs = policy.params().iter().zip(&before);
+        let steps: Vec<f32> = pairs.map(|(new, old)| (new - old).abs()).collect();
+        let largest = |some: &[f32]| some.iter().copied().fold(0.0, f32::max);
         [largest(&steps[encoder.clone()]), largest(&steps[encoder.end..])]
     };
     for (rate, expected) in [(None, 1e-2), (Some(1e-3), 1e-3)] {
