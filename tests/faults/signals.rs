@@ -31,11 +31,21 @@ impl Process {
 
     /// Reads until a line contains `part`.
     fn wait_for(&mut self, part: &str) -> String {
+        self.wait_until(|line| line.contains(part))
+    }
+
+    /// Reads until the row of a rollout, which begins with a number of decisions.
+    fn wait_for_rollout(&mut self) {
+        self.wait_until(|line| line.trim_start().starts_with(|c: char| c.is_ascii_digit()));
+    }
+
+    fn wait_until(&mut self, found: impl Fn(&str) -> bool) -> String {
+        let mut said = String::new();
         loop {
-            let mut line = String::new();
-            assert!(self.out.read_line(&mut line).unwrap() > 0, "no line has {part}");
-            if line.contains(part) {
-                return line;
+            let start = said.len();
+            assert!(self.out.read_line(&mut said).unwrap() > 0, "no such line: {said}");
+            if found(&said[start..]) {
+                return said.split_off(start);
             }
         }
     }
@@ -63,8 +73,13 @@ fn train_arguments(scratch: &Scratch, experiment: &Experiment) -> [OsString; 5] 
     ["train".into(), "--config".into(), config.into(), "--folder".into(), folder]
 }
 
-fn stop_after(moment: &str, mut process: Process, signal: &str) -> String {
-    process.wait_for(moment);
+/// Sends a signal after the first rollout; returns the line that names the command to continue.
+fn stop_in_rollout(mut process: Process, signal: &str) -> String {
+    process.wait_for_rollout();
+    stop(process, signal)
+}
+
+fn stop(mut process: Process, signal: &str) -> String {
     process.signal(signal);
     let said = process.wait_for("stopped after");
     assert_eq!(process.end(), Some(3));
@@ -94,7 +109,7 @@ fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
     for signal in ["INT", "TERM", "HUP"] {
         // no checkpoint but the one that the signal asks for
         let (scratch, experiment) = prepared(signal, |e| e.checkpoints.every = 100);
-        let said = stop_after("policy 0", train(&scratch, &experiment), signal);
+        let said = stop_in_rollout(train(&scratch, &experiment), signal);
         assert!(said.contains("covers resume"), "{said}");
         goes_on(&scratch, expected.get_or_insert_with(|| reference(&experiment)));
     }
@@ -108,7 +123,7 @@ fn a_second_hangup_or_a_first_sigterm_after_a_hangup_changes_nothing() {
     for signal in ["HUP", "TERM"] {
         let (scratch, experiment) = prepared("hangups", |e| e.checkpoints.every = 100);
         let mut process = train(&scratch, &experiment);
-        process.wait_for("policy 0");
+        process.wait_for_rollout();
         process.signal("HUP");
         // two signals that are waiting count as one
         sleep(Duration::from_millis(20));
@@ -126,7 +141,7 @@ fn a_run_under_nohup_ignores_that_the_terminal_closes() {
     let mut command = Command::new("nohup");
     command.arg(env!("CARGO_BIN_EXE_covers")).args(arguments);
     let mut process = Process::of(&mut command);
-    process.wait_for("policy 0");
+    process.wait_for_rollout();
     process.signal("HUP");
     process.wait_for("files:");
     assert_eq!(process.end(), Some(0));
@@ -136,7 +151,7 @@ fn a_run_under_nohup_ignores_that_the_terminal_closes() {
 fn an_output_that_is_closed_ends_the_rollout_and_leaves_a_checkpoint() {
     let (scratch, experiment) = prepared("pipe", |e| e.checkpoints.every = 100);
     let mut process = train(&scratch, &experiment);
-    process.wait_for("policy 0");
+    process.wait_for_rollout();
     let Process { mut child, out } = process;
     drop(out);
     assert_eq!(child.wait().unwrap().code(), Some(3));
@@ -154,7 +169,7 @@ fn a_signal_within_an_evaluation_does_not_wait_for_its_end() {
         groups.iter_mut().for_each(|plan| plan.decisions = 80);
         // the evaluation after the first visit has begun or is about to, that before the stream is
         // done
-        let said = stop_after("policy 0", train(&scratch, &experiment), "INT");
+        let said = stop_in_rollout(train(&scratch, &experiment), "INT");
         assert!(said.contains("stopped after 1 rollouts"), "{said}");
         let rows = std::fs::read_to_string(scratch.0.join("run/evaluation.csv")).unwrap();
         let early = rows.lines().skip(1).all(|row| row.starts_with("0,0,"));
@@ -184,8 +199,9 @@ fn a_signal_ends_the_scoring_of_a_finished_run() {
     let (scratch, experiment) = prepared("scoring", |e| e.evaluation.episodes_per_env = 20);
     finish(Run::start(experiment, scratch.run("run")).unwrap());
     let folder = scratch.0.join("run");
-    let resumed = Process::start(["resume", folder.to_str().unwrap()]);
-    let said = stop_after("continues after", resumed, "INT");
+    let mut resumed = Process::start(["resume", folder.to_str().unwrap()]);
+    resumed.wait_for("continues after");
+    let said = stop(resumed, "INT");
     assert!(said.contains("covers resume"), "{said}");
     assert!(!folder.join("summary.json").exists());
 }
@@ -203,7 +219,7 @@ fn a_second_signal_ends_the_process_at_once_and_the_last_checkpoint_is_whole() {
         let groups = &mut experiment.schedule.groups;
         groups.iter_mut().for_each(|plan| plan.decisions = 2 * 1600);
         let mut process = train(&scratch, &experiment);
-        process.wait_for("policy 0");
+        process.wait_for_rollout();
         // the second rollout has begun
         sleep(Duration::from_millis(500));
         process.signal(signal);
