@@ -244,7 +244,7 @@ impl VecEnv {
     }
 
     /// Writes the details of the present states to `out` `[N, 16]`, see
-    /// [`DETAILS_DIM`](crate::DETAILS_DIM), with the reward terms of the last actions; NaN where no
+    /// [`DETAILS_DIM`], with the reward terms of the last actions; NaN where no
     /// episode runs.
     ///
     /// # Errors
