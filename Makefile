@@ -34,6 +34,15 @@ for target in $(PORTABLE); do \
 done
 endef
 
+# The feature `mpi` needs Open MPI, which `make deps` does not install.
+define with_mpi
+if command -v mpicc > /dev/null; then \
+  cargo clippy -p covers-rs --lib --features mpi --locked -- -D warnings; \
+else \
+  echo "not checked with the feature mpi: there is no mpicc" >&2; \
+fi
+endef
+
 # Nothing incremental: what it keeps takes time and as much of the disk again.
 test: export CARGO_INCREMENTAL := 0
 
@@ -44,6 +53,7 @@ test: deps
 	cargo clippy --workspace --all-targets --locked -- -D warnings
 	cargo clippy -p covers-rs --lib --no-default-features --locked -- -D warnings
 	$(portable)
+	$(with_mpi)
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items --locked
 	cargo test --workspace --locked
 	$(EXAMPLES)/embed_cluster

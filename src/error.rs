@@ -39,6 +39,15 @@ pub enum CoversError {
         /// Names of the failed jobs.
         failed_jobs: Vec<String>,
     },
+    /// Several processes of `mpirun` in a program that cannot share a run among them.
+    #[error(
+        "`mpirun` started {processes} processes, but this program was built without MPI, so each \
+         would train a run of its own: build it with `--features mpi`, or start one process"
+    )]
+    NoMpi {
+        /// Number of processes.
+        processes: usize,
+    },
     /// Request for a full-screen view without a terminal.
     #[error(
         "`--tui` needs a terminal, but standard output is not one: leave the option out, or follow \

@@ -17,11 +17,19 @@ pub(crate) fn on_ranks<T>(
 }
 
 /// Calls `work` with this process alone: the program was built without the feature `mpi`.
+///
+/// # Errors
+/// [`CoversError::NoMpi`] if `mpirun` started several processes, each of which would train a run of
+/// its own; errors of `work`.
 #[cfg(not(feature = "mpi"))]
 pub(crate) fn on_ranks<T>(
     work: impl FnOnce(Ranks) -> Result<T, CoversError>,
 ) -> Result<T, CoversError> {
-    work(Ranks::default())
+    let size = std::env::var("OMPI_COMM_WORLD_SIZE").ok().and_then(|size| size.parse().ok());
+    match size {
+        Some(processes) if processes > 1 => Err(CoversError::NoMpi { processes }),
+        _ => work(Ranks::default()),
+    }
 }
 
 #[cfg(feature = "mpi")]
@@ -30,6 +38,7 @@ mod world {
     use std::io::{Write, stderr};
     use std::sync::Arc;
 
+    use experiments::printable::printable_message;
     use mpi::Threading;
     use mpi::datatype::PartitionMut;
     use mpi::topology::SimpleCommunicator;
@@ -37,7 +46,6 @@ mod world {
     use rl::{Communicator, Ranks};
 
     use crate::CoversError;
-    use crate::program::format_error;
 
     /// Variables that launchers set: Open MPI's `mpirun`, those with PMIx such as `srun`, MPICH's.
     const LAUNCHED: [&str; 3] = ["OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"];
@@ -84,7 +92,7 @@ mod world {
         };
         let world = universe.world();
         work(Ranks::new(Arc::new(World))).inspect_err(|error| {
-            let _ = writeln!(stderr(), "rank {}: {}", world.rank(), format_error(error));
+            let _ = writeln!(stderr(), "rank {}: {}", world.rank(), printable_message(error));
             world.abort(1)
         })
     }

@@ -1,4 +1,4 @@
-//! What `covers export` writes, read back without the crates that wrote it.
+//! Files of `covers export`, read back without the crates that wrote them.
 
 use std::collections::HashMap;
 use std::fs;

@@ -5,9 +5,8 @@ use std::hint::black_box;
 use std::ops::RangeInclusive;
 
 use equivariant::LayerError;
+use symmetry::Irrep;
 use thiserror::Error;
-
-use crate::symmetry_check::SymmetryViolation;
 
 /// Error of an environment; `?` converts any `Send` and `Sync` error.
 pub type BoxedEnvError = Box<dyn std::error::Error + Send + Sync + 'static>;
@@ -322,6 +321,21 @@ impl fmt::Display for ValueLocation {
         }
         if *self == Self::default() { Ok(()) } else { f.write_str(")") }
     }
+}
+
+/// Quantity whose mean contradicts the declared irreps, as
+/// [`check_symmetry`](crate::check_symmetry) finds it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SymmetryViolation {
+    /// Name of the quantity: a product of components of vector and action, moments of the image,
+    /// changes of these in a step, and the reward.
+    pub what: String,
+    /// Irrep by which the quantity would change its sign, if the declared irreps were right.
+    pub irrep: Irrep,
+    /// Mean over episodes of the quantity's sum over an episode, which would be 0.
+    pub mean: f64,
+    /// Magnitude of the mean in standard errors: its noise between episodes.
+    pub deviation: f64,
 }
 
 impl RlError {

@@ -6,7 +6,7 @@ use symmetry::{D2, Group, Irrep};
 
 use crate::distributions::{ActionDistribution, standard_normals};
 use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
-use crate::error::{RlError, require};
+use crate::error::{RlError, SymmetryViolation, require};
 use crate::rollout::{EpisodeStats, step};
 
 /// Number of randomly transformed copies of all episodes in the randomisation test. If the observed
@@ -88,20 +88,6 @@ pub fn check_symmetry(
         .collect();
     violations.sort_by(|a, b| b.deviation.total_cmp(&a.deviation));
     if violations.is_empty() { Ok(()) } else { Err(RlError::SymmetryViolated { violations }) }
-}
-
-/// Quantity whose mean contradicts the declared irreps, as [`check_symmetry`] finds it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SymmetryViolation {
-    /// Name of the quantity: a product of components of vector and action, moments of the image,
-    /// changes of these in a step, and the reward.
-    pub what: String,
-    /// Irrep by which the quantity would change its sign, if the declared irreps were right.
-    pub irrep: Irrep,
-    /// Mean over episodes of the quantity's sum over an episode, which would be 0.
-    pub mean: f64,
-    /// Magnitude of the mean in standard errors: its noise between episodes.
-    pub deviation: f64,
 }
 
 /// Returns `true` if an element of the group changes the sign of quantities of type `irrep`.

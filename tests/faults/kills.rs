@@ -31,7 +31,7 @@ enum Moment {
     Writing(usize),
 }
 
-/// What ends a process.
+/// Way in which a process ends.
 #[derive(Clone, Copy, PartialEq)]
 enum Cause {
     Kill,
