@@ -4,7 +4,7 @@ use envs::TaskVariant;
 use re_sdk_types::archetypes::{EncodedImage, Scalars};
 use rl::{BoxedEnvError, EnvSpec, Observations, Transition, VectorEnv};
 
-use covers::CoversError;
+use covers::RunError;
 use covers::render::{EpisodeRecorder, PolicyPlayer, View};
 
 use crate::recording::{DECISION, Recording, refused};
@@ -30,7 +30,7 @@ pub(crate) fn record(
     seed: u64,
     show: &mut PolicyPlayer,
     recording: &Recording,
-) -> Result<String, CoversError> {
+) -> Result<String, RunError> {
     let views = VIEWS.map(|(view, _)| view);
     let studio = EpisodeRecorder::new(&show.experiment.envs, variant, &views, seed)?;
     let mut stage = Stage { place: place(variant), solids: None, decision: 0, studio, recording };
@@ -50,7 +50,7 @@ struct Stage<'a> {
 }
 
 impl Stage<'_> {
-    fn begin(&mut self) -> Result<(), CoversError> {
+    fn begin(&mut self) -> Result<(), RunError> {
         let place = format!("{}/table", self.place);
         let (table, above) = (self.studio.table(), self.studio.camera(View::Raw));
         self.solids = Some(Solids::record(place, table, &above, self.recording)?);
@@ -59,7 +59,7 @@ impl Stage<'_> {
         self.show()
     }
 
-    fn show(&mut self) -> Result<(), CoversError> {
+    fn show(&mut self) -> Result<(), RunError> {
         let (recording, table) = (self.recording, self.studio.table());
         if let Some(solids) = &mut self.solids {
             solids.follow(table, recording)?;
@@ -74,7 +74,7 @@ impl Stage<'_> {
         Ok(())
     }
 
-    fn decided(&mut self, actions: &[f32], step: &Transition) -> Result<(), CoversError> {
+    fn decided(&mut self, actions: &[f32], step: &Transition) -> Result<(), RunError> {
         let (recording, place) = (self.recording, &self.place);
         recording.at(&[(DECISION, self.decision)]);
         for (name, &value) in ACTION.iter().zip(actions) {

@@ -7,14 +7,15 @@ mod recording;
 mod scene;
 mod stream;
 
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Parser;
-use covers::RunData;
-use covers::cli::Threads;
-use covers::render::PolicyPlayer;
-use covers::{CoversError, RunFolder};
+use covers::experiments::cli::{Threads, print_escaped};
+use covers::experiments::new_file::NewFile;
+use covers::experiments::thread_pool;
+use covers::render::{PolicyPlayer, RenderError};
+use covers::{CoversError, RunData, RunFolder};
 use envs::TaskRegistry;
 
 use crate::recording::Recording;
@@ -49,11 +50,11 @@ impl Options {
     pub fn run(&self, out: &mut impl Write) -> Result<(), CoversError> {
         let path = &self.out;
         if path.extension().is_none_or(|ending| ending != "rrd") {
-            return Err(CoversError::Ending { path: path.clone(), expected: ".rrd" });
+            let expected = ".rrd";
+            return Err(RenderError::UnsupportedExtension { path: path.clone(), expected }.into());
         }
-        if path.exists() {
-            return Err(CoversError::FileExists { path: path.clone() });
-        }
+        let file = NewFile::new(path)?;
+        file.prepare()?;
         let run = RunData::read_partial(&self.run)?;
         let schedule = &run.experiment.schedule;
         let groups = schedule.select_groups(self.group.as_deref(), &TaskRegistry::all())?;
@@ -61,33 +62,17 @@ impl Options {
         let mut show = PolicyPlayer::load(&RunFolder::from_path(&self.run), threads)?;
         let recording = Recording::new(path, &run.name, blueprint::of(&run, &groups))?;
         stream::record(&run, &recording)?;
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-        let pool = pool.map_err(|source| CoversError::Threads { threads, source })?;
+        let pool = thread_pool(threads)?;
         let variants = groups.iter().flat_map(|group| group.variants());
         let record = |variant| episode::record(variant, self.seed, &mut show, &recording);
         let played = pool.install(|| variants.map(record).collect::<Result<Vec<_>, _>>())?;
-        let bytes = recording.finish()?;
-        self.write(&bytes)
-            .map_err(|source| CoversError::Write { path: path.clone(), source: source.into() })?;
+        file.write(&recording.finish()?)?;
         // the file is written first, so that a closed pipe loses no recording
         let hint = "`rerun FILE` opens it; episodes play on the timeline `decision`";
         let lines = played.into_iter().chain([format!("{}: {hint}", path.display())]);
         for line in lines {
-            writeln!(out, "{line}").map_err(|source| CoversError::Write {
-                path: PathBuf::from("standard output"),
-                source: source.into(),
-            })?;
+            print_escaped(out, &line)?;
         }
         Ok(())
-    }
-
-    /// Writes the file and creates its folder. The file appears complete or not at all.
-    fn write(&self, bytes: &[u8]) -> io::Result<()> {
-        if let Some(folder) = self.out.parent() {
-            std::fs::create_dir_all(folder)?;
-        }
-        let partial = self.out.with_added_extension("partial");
-        std::fs::write(&partial, bytes)?;
-        std::fs::rename(partial, &self.out)
     }
 }

@@ -6,7 +6,7 @@ use re_sdk::blueprint::Blueprint;
 use re_sdk::sink::BinaryStreamStorage;
 use re_sdk::{AsComponents, RecordingStream, RecordingStreamBuilder};
 
-use covers::CoversError;
+use covers::RunError;
 
 /// Timeline of the decisions of an episode.
 pub(crate) const DECISION: &str = "decision";
@@ -26,8 +26,8 @@ impl Recording {
     /// Creates an empty recording for the file `path`, with `blueprint` as the viewer's layout.
     ///
     /// # Errors
-    /// [`CoversError::Write`] if Rerun's SDK refuses.
-    pub fn new(path: &Path, name: &str, blueprint: Blueprint) -> Result<Self, CoversError> {
+    /// [`RunError::Write`] if Rerun's SDK refuses.
+    pub fn new(path: &Path, name: &str, blueprint: Blueprint) -> Result<Self, RunError> {
         // the environment variable RERUN may switch recording off, but the user asked for it
         let builder = RecordingStreamBuilder::new("covers")
             .enabled(true)
@@ -59,8 +59,8 @@ impl Recording {
     /// Logs data at the current time.
     ///
     /// # Errors
-    /// [`CoversError::Write`] if Rerun's SDK refuses.
-    pub fn log(&self, place: &str, what: &impl AsComponents) -> Result<(), CoversError> {
+    /// [`RunError::Write`] if Rerun's SDK refuses.
+    pub fn log(&self, place: &str, what: &impl AsComponents) -> Result<(), RunError> {
         let logged = self.stream.log(place, what);
         logged.map_err(refused(&self.path))
     }
@@ -68,8 +68,8 @@ impl Recording {
     /// Logs data that holds at all times.
     ///
     /// # Errors
-    /// [`CoversError::Write`] if Rerun's SDK refuses.
-    pub fn state(&self, place: &str, what: &impl AsComponents) -> Result<(), CoversError> {
+    /// [`RunError::Write`] if Rerun's SDK refuses.
+    pub fn state(&self, place: &str, what: &impl AsComponents) -> Result<(), RunError> {
         let logged = self.stream.log_static(place, what);
         logged.map_err(refused(&self.path))
     }
@@ -77,8 +77,8 @@ impl Recording {
     /// Returns the bytes of the file.
     ///
     /// # Errors
-    /// [`CoversError::Write`] if the recording cannot be encoded.
-    pub fn finish(self) -> Result<Vec<u8>, CoversError> {
+    /// [`RunError::Write`] if the recording cannot be encoded.
+    pub fn finish(self) -> Result<Vec<u8>, RunError> {
         self.stream.flush_blocking().map_err(refused(&self.path))?;
         let bytes = self.bytes.read();
         bytes.ok_or_else(|| refused(&self.path)("the recording could not be encoded"))
@@ -86,6 +86,6 @@ impl Recording {
 }
 
 /// Returns a conversion of errors of Rerun's SDK to errors of writing the file `path`.
-pub(crate) fn refused<E: ToString>(path: &Path) -> impl FnOnce(E) -> CoversError {
-    move |error| CoversError::Write { path: path.to_owned(), source: error.to_string().into() }
+pub(crate) fn refused<E: ToString>(path: &Path) -> impl FnOnce(E) -> RunError {
+    move |error| RunError::Write { path: path.to_owned(), source: error.to_string().into() }
 }

@@ -9,7 +9,7 @@ use re_sdk_types::archetypes::{
 use re_sdk_types::components::{Color, FillMode};
 use re_sdk_types::datatypes::Quaternion;
 
-use covers::CoversError;
+use covers::RunError;
 
 use crate::recording::Recording;
 
@@ -27,7 +27,7 @@ impl Solids {
         table: &TableTop,
         above: &Camera,
         recording: &Recording,
-    ) -> Result<Self, CoversError> {
+    ) -> Result<Self, RunError> {
         recording.state(&place, &ViewCoordinates::RIGHT_HAND_Z_UP())?;
         let (pose, pinhole) = camera(above);
         let eye = format!("{place}/camera");
@@ -42,7 +42,7 @@ impl Solids {
     }
 
     /// Records the poses of the shapes that have moved.
-    pub fn follow(&mut self, table: &TableTop, recording: &Recording) -> Result<(), CoversError> {
+    pub fn follow(&mut self, table: &TableTop, recording: &Recording) -> Result<(), RunError> {
         for (number, solid) in table.solids().enumerate() {
             let pose = Some((solid.position, solid.axes));
             // the viewer shows the latest pose, so poses that did not change are not repeated
@@ -69,7 +69,7 @@ fn path(place: &str, number: usize, solid: &Solid<'_>) -> String {
     }
 }
 
-fn shape(place: &str, solid: &Solid<'_>, recording: &Recording) -> Result<(), CoversError> {
+fn shape(place: &str, solid: &Solid<'_>, recording: &Recording) -> Result<(), RunError> {
     let [r, g, b, a] = solid.rgba.map(|part| (255.0 * part).round() as u8);
     let (colour, fill) = ([Color::from_unmultiplied_rgba(r, g, b, a)], FillMode::Solid);
     match solid.shape {

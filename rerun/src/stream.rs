@@ -3,14 +3,14 @@
 use re_sdk_types::archetypes::{Scalars, SeriesLines, StateChange, StateConfiguration};
 use re_sdk_types::components::Color;
 
-use covers::CoversError;
+use covers::RunError;
 use covers::experiments::colours::line_rgb;
 use covers::experiments::{RolloutRow, RunData};
 
 use crate::recording::{ROLLOUTS, Recording, STREAM};
 
 /// Records every rollout and evaluation.
-pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), CoversError> {
+pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), RunError> {
     let (groups, policies) = (groups(run), policies(run));
     recording.state("stream/group", &lane(&groups))?;
     recording.state("stream/policy", &lane(&policies))?;
@@ -46,7 +46,7 @@ pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), CoversE
 }
 
 /// Records the values of a rollout, at its end. Values that are missing or not finite are left out.
-fn figures(run: &RunData, row: &RolloutRow, recording: &Recording) -> Result<(), CoversError> {
+fn figures(run: &RunData, row: &RolloutRow, recording: &Recording) -> Result<(), RunError> {
     let log = |place: &str, value: Option<f64>| match value.filter(|value| value.is_finite()) {
         Some(value) => recording.log(place, &Scalars::single(value)),
         None => Ok(()),
@@ -95,7 +95,7 @@ fn line(
     [r, g, b]: [u8; 3],
     width: f32,
     recording: &Recording,
-) -> Result<(), CoversError> {
+) -> Result<(), RunError> {
     let style = SeriesLines::new().with_colors([Color::from_rgb(r, g, b)]);
     recording.state(place, &style.with_widths([width]))
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use clap::Parser;
 use covers::presets::{Budget, Method};
-use covers::{CoversError, Experiment, Run, RunFolder};
+use covers::{CoversError, Experiment, Run, RunError, RunFolder};
 use covers_rerun::Options;
 use envs::Embodiment;
 
@@ -61,7 +61,7 @@ fn a_recording_names_what_it_holds() {
     }
     assert!(!holds(&bytes, "/goal-reach/half-turn"));
     let again = rerun(&written, &film, &[]).unwrap_err();
-    assert!(matches!(again, CoversError::FileExists { .. }), "{again}");
+    assert!(matches!(again, CoversError::Run(RunError::FileExists { .. })), "{again}");
 }
 
 #[test]
