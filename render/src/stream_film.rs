@@ -141,7 +141,8 @@ fn draw_policies(canvas: &mut Canvas, run: &RunData, newest: usize, start: usize
     let pitch = (height / most).clamp(1, BOX + GAP);
     let exist = run.rollouts[..=newest].iter().map(|row| row.policy + 1).max().unwrap_or(0);
     let active = run.rollouts[newest].policy;
-    let is_new = run.rollouts[start..=newest].iter().any(|row| row.created_policy);
+    // the first policy exists from the start, so no rollout creates it
+    let is_new = run.rollouts[..start].iter().all(|row| row.policy != active);
     for policy in 0..exist {
         let group = run.group_of_policy(policy).unwrap_or("");
         let corner = [2 * GAP + width, TOP + policy * pitch];
@@ -206,13 +207,11 @@ mod tests {
         let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
         let names: Vec<String> =
             run.experiment.schedule.groups.iter().map(|plan| plan.group.clone()).collect();
-        let rows = [(0, 0, true), (0, 0, false), (1, 1, true), (0, 0, false)];
-        for (index, (group, policy, created_policy)) in rows.into_iter().enumerate() {
+        for (index, (group, policy)) in [(0, 0), (0, 0), (1, 1), (0, 0)].into_iter().enumerate() {
             run.rollouts.push(RolloutRow {
                 decisions: 100 * (index + 1),
                 group: names[group].clone(),
                 policy,
-                created_policy,
                 success: Some(index as f64 / 3.0),
                 ..RolloutRow::default()
             });
