@@ -66,25 +66,7 @@ impl ArrayJob<'_> {
         let start = ["sweep".to_owned(), plan, "--runs".to_owned(), runs];
         let job = ["--job", "$(JOB_COMPLETION_INDEX)"].map(str::to_owned);
         let arguments = [&start[..], &self.options(), &job].concat();
-        let memory = format!("{}Mi", self.memory_mib);
-        let mut limits = json!({"memory": memory});
-        if self.needs_gpu() {
-            limits["nvidia.com/gpu"] = json!(1);
-        }
-        let container = json!({
-            "name": "covers",
-            "image": image,
-            "args": arguments,
-            "resources": {
-                "requests": {"cpu": self.threads.to_string(), "memory": memory},
-                "limits": limits,
-            },
-            "securityContext": {
-                "allowPrivilegeEscalation": false,
-                "capabilities": {"drop": ["ALL"]},
-            },
-            "volumeMounts": [{"name": "covers", "mountPath": MOUNT}],
-        });
+        let container = self.container(image, &arguments);
         // pods that were stopped or evicted are replaced without counting as failures
         let stops = json!([
             {"action": "Ignore",
@@ -119,6 +101,30 @@ impl ArrayJob<'_> {
                 }},
             },
         }))
+    }
+
+    /// Returns the container of a job, with the rights that the restricted pod security standard
+    /// allows.
+    fn container(&self, image: &str, arguments: &[String]) -> Value {
+        let memory = format!("{}Mi", self.memory_mib);
+        let mut limits = json!({"memory": memory});
+        if self.needs_gpu() {
+            limits["nvidia.com/gpu"] = json!(1);
+        }
+        json!({
+            "name": "covers",
+            "image": image,
+            "args": arguments,
+            "resources": {
+                "requests": {"cpu": self.threads.to_string(), "memory": memory},
+                "limits": limits,
+            },
+            "securityContext": {
+                "allowPrivilegeEscalation": false,
+                "capabilities": {"drop": ["ALL"]},
+            },
+            "volumeMounts": [{"name": "covers", "mountPath": MOUNT}],
+        })
     }
 }
 
