@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 const DIM: usize = 64;
-const VECTOR_DIM: usize = 7;
+const VECTOR_DIM: usize = 10;
 const ACTION_DIM: usize = 4;
 const POLICIES: usize = 16;
 

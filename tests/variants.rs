@@ -70,7 +70,7 @@ fn deviations(map: impl Fn(D2) -> D2) -> Vec<f32> {
     // a large gain, so that actions are of order one and a relative error means something
     let network = NetworkSettings { action_gain: 1.0, ..NetworkSettings::default() };
     let mut policy = ActorCriticPolicy::new(&network, &spec, 5).unwrap();
-    let vector = [0.4, -0.9, 0.3, 0.2, 1.1, 0.7, -0.5];
+    let vector = [0.4, -0.9, 0.3, 0.2, 1.1, 0.7, -0.5, 0.2, -0.1, 0.05];
     let mut act = |picture: &[u8], element| {
         let mut action = [0.0; 4];
         policy.mean_actions(&observation(picture, &vector, element), &mut (), &mut action).unwrap();

@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 CHUNK = 8  # decisions of a chunk
 WAVE = 64  # chunks that are shared at a time
-VECTOR = 7 * 4  # bytes of an observation's vector
+VECTOR = 10 * 4  # bytes of an observation's vector
 SUMS = 7 * 8  # bytes of a chunk's losses
 NETWORK = 2e-6, 1 / 12.5e9  # assumed: seconds of a message, and of a byte at 100 Gbit/s
 

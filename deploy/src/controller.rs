@@ -82,6 +82,11 @@ impl ActionController {
         ticks >= 1.0 && ticks.fract() == 0.0
     }
 
+    /// Returns the position (metres) that the hand follows.
+    pub fn target(&self) -> DVec3 {
+        self.target
+    }
+
     /// Returns the number of commands that the arm refused because it could not follow them.
     pub fn refused_commands(&self) -> usize {
         self.refused_commands

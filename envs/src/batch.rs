@@ -9,7 +9,7 @@ pub struct ObservationsMut<'a> {
     /// Images `[N, size, size, C]` of the observations, with C channels: the current RGB picture,
     /// then those of [`ExtraView`](crate::ExtraView).
     pub images: &'a mut [u8],
-    /// Observation vectors `[N, 7]`: hand, aperture and goal, see
+    /// Observation vectors `[N, 10]`: hand, aperture, goal and lead, see
     /// [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
     pub vectors: &'a mut [f32],
 }
@@ -43,11 +43,11 @@ pub struct StepBuffers {
     /// Images `[N, size, size, C]` of the current observations of N environments, with C channels,
     /// 6 by default.
     pub images: Vec<u8>,
-    /// Observation vectors `[N, 7]` of N environments now: hand, aperture and goal.
+    /// Observation vectors `[N, 10]` of N environments now: hand, aperture, goal and lead.
     pub vectors: Vec<f32>,
     /// Last images `[N, size, size, C]` of episodes that ended.
     pub final_images: Vec<u8>,
-    /// Last observation vectors `[N, 7]` of episodes that ended.
+    /// Last observation vectors `[N, 10]` of episodes that ended.
     pub final_vectors: Vec<f32>,
     /// Rewards of the N environments for the last decision, in `[0, 1]`.
     pub rewards: Vec<f32>,

@@ -25,11 +25,23 @@ pub const ACTION_DIM: usize = 4;
 /// Irreps of D2 by which the action's components transform under the symmetries.
 pub const ACTION_IRREPS: [Irrep; ACTION_DIM] = [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial];
 /// Number of components of the vector observation: hand x, y, z (metres from the centre), aperture
-/// in `[0, 1]`, goal x, y, z (metres; zero if hidden).
-pub const VECTOR_DIM: usize = 7;
+/// in `[0, 1]`, goal x, y, z (metres; zero if hidden), lead x, y, z (metres). The lead is the
+/// displacement from the hand to its commanded target, without which the same action in the same
+/// place could have different effects.
+pub const VECTOR_DIM: usize = 10;
 /// Irreps of D2 by which the vector observation's components transform under the symmetries.
-pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] =
-    [Irrep::X, Irrep::Y, Irrep::Trivial, Irrep::Trivial, Irrep::X, Irrep::Y, Irrep::Trivial];
+pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
+    Irrep::X,
+    Irrep::Y,
+    Irrep::Trivial,
+    Irrep::Trivial,
+    Irrep::X,
+    Irrep::Y,
+    Irrep::Trivial,
+    Irrep::X,
+    Irrep::Y,
+    Irrep::Trivial,
+];
 
 /// Number of a state's details: hand x, y, z, aperture, object x, y, z, its second point x, y, z
 /// (see [`TaskParts::tip_body`](crate::TaskParts::tip_body)) and the goal x, y, z (metres from the
@@ -341,10 +353,12 @@ impl TableTop {
     /// # Errors
     /// [`EnvError::NotReset`].
     pub fn observe(&self) -> Result<[f32; VECTOR_DIM], EnvError> {
-        self.episode.as_ref().ok_or(EnvError::NotReset)?;
+        let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
         let (hand, goal) = (self.hand_position(), self.observable_goal().unwrap_or(DVec3::ZERO));
-        let aperture = self.aperture();
-        Ok([hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z].map(|value| value as f32))
+        let (aperture, lead) = (self.aperture(), episode.target - hand);
+        let vector =
+            [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z, lead.x, lead.y, lead.z];
+        Ok(vector.map(|value| value as f32))
     }
 
     /// Returns the details of the present state, see [`DETAILS_DIM`], with the reward terms after a

@@ -45,7 +45,7 @@ fn the_gen3_rests_at_the_start() {
     let table = started(TaskGroup::GOAL_REACH, Embodiment::KINOVA_GEN3);
     let off = table.hand_position().distance(HAND_TARGET_START);
     assert!(off < 1e-4, "{off}");
-    let [.., aperture, _, _, _] = table.observe().unwrap();
+    let [_, _, _, aperture, ..] = table.observe().unwrap();
     assert!((aperture - 1.0).abs() < 1e-3, "{aperture}");
     let now = table.measurement().unwrap();
     let fingers = now.hand - now.tcp;

@@ -1,11 +1,11 @@
 //! Sizes of differences at which policies are rejected, and the decisions that follow.
 
 use cluster::{Decision, Verdict};
-use evidence::{Recogniser, RolloutContext, RolloutDecision, Trial};
+use evidence::{EpisodeSummary, Recogniser, RolloutContext, RolloutDecision, Trial};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::common::{episodes, knowing_images, must_decide, review, settle};
+use crate::common::{episodes, knowing_images, must_decide, review, set_returns, settle};
 
 /// Motion changes while a policy trains: what is certain and small beside chance is no other group.
 #[test]
@@ -20,6 +20,17 @@ fn motion_that_changed_by_less_than_twice_what_chance_makes_is_drift() {
     assert_eq!(small.verdict, Verdict::Accepted, "{small:?}");
     let large = test(2.2);
     assert_eq!(large.verdict, Verdict::Rejected, "{large:?}");
+}
+
+/// A policy that trains moves differently, and its returns rise.
+#[test]
+fn motion_that_changed_while_returns_rose_is_training() {
+    let (recogniser, mut rng) = knowing_images(&[0.0]);
+    let mut seen = episodes(20, 0.0, 2.2, &mut rng);
+    let verdict = |episodes: &[EpisodeSummary]| settle(&recogniser, episodes, 0).tests[0].verdict;
+    assert_eq!(verdict(&seen), Verdict::Rejected);
+    set_returns(&mut seen, |value| value + 100.0);
+    assert_eq!(verdict(&seen), Verdict::Accepted);
 }
 
 /// Policies know images around these numbers; the second one acts in episodes around `seen`.

@@ -49,6 +49,8 @@ pub enum Method {
     /// Soft actor-critic with D2-equivariant policies, each with a replay buffer, assigned by
     /// distances.
     EquiSac,
+    /// COVERS with soft actor-critic: learns from a quarter of the decisions.
+    CoversSac,
     /// COVERS as published: the paper's network, image size, assignment rule and hyper-parameters;
     /// slow.
     Paper,
@@ -56,7 +58,7 @@ pub enum Method {
 
 impl Method {
     /// All methods, each of which has a preset.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Covers,
         Self::CoversGt,
         Self::CoversCnn,
@@ -69,6 +71,7 @@ impl Method {
         Self::ClearBc,
         Self::ThreeRl,
         Self::EquiSac,
+        Self::CoversSac,
         Self::Paper,
     ];
 
@@ -87,6 +90,7 @@ impl Method {
             Self::ClearBc => "clear-bc",
             Self::ThreeRl => "3rl",
             Self::EquiSac => "equi-sac",
+            Self::CoversSac => "covers-sac",
             Self::Paper => "paper",
         }
     }
@@ -98,6 +102,7 @@ impl Method {
             Self::ClearBc => OffPolicySettings::clear_bc(),
             Self::ThreeRl => OffPolicySettings::three_rl(),
             Self::EquiSac => OffPolicySettings::equi_sac(),
+            Self::CoversSac => OffPolicySettings::covers_sac(),
             _ => return LearnerSettings::Covers(self.covers()),
         })
     }
@@ -182,7 +187,8 @@ fn slim() -> NetworkSettings {
 pub enum Budget {
     /// Run of seconds: a test that every part works, too short to train a policy.
     Smoke,
-    /// Run of minutes: two visits of every group, enough to distinguish all four.
+    /// Run of minutes: two visits of every group, enough to distinguish all four. Visits of
+    /// `covers-sac` are shorter than those of other methods, as in `full` and `zero-shot`.
     Short,
     /// Less than ten minutes of training: three visits of every group, longer ones for the two
     /// harder groups.
@@ -230,7 +236,7 @@ impl Budget {
         Experiment {
             learner,
             envs,
-            schedule: self.schedule(rollout),
+            schedule: self.schedule(method, rollout),
             evaluation: self.evaluation(),
             checkpoints: CheckpointPlan {
                 every: if self == Self::Smoke { 3 } else { 20 },
@@ -253,17 +259,21 @@ impl Budget {
         }
     }
 
-    /// Returns the schedule of task groups that a run trains on. The smoke budget's visits last
-    /// whole rollouts, of `rollout` decisions.
-    fn schedule(self, rollout: usize) -> Schedule {
+    /// Returns the schedule of task groups that a run of `method` trains on. The smoke budget's
+    /// visits last whole rollouts, of `rollout` decisions.
+    fn schedule(self, method: Method, rollout: usize) -> Schedule {
         let unit = if self == Self::Smoke { rollout } else { 1000 };
         // of Goal Reach, Button Press, Drawer Close and Plate Slide, in units
         let standard = |visits: [usize; 4]| {
             TaskGroup::STANDARD.into_iter().zip(visits.map(|visit| visit * unit)).collect()
         };
         let long = |groups: &[TaskGroup]| groups.iter().map(|&group| long_visit(group)).collect();
+        let learns_fast = method == Method::CoversSac;
         let visits: Vec<_> = match self {
             Self::Smoke => standard([2, 2, 2, 2]),
+            Self::Short if learns_fast => standard([2, 5, 2, 7]),
+            Self::Full if learns_fast => standard([2, 4, 2, 5]),
+            Self::ZeroShot if learns_fast => standard([3, 6, 3, 8]),
             Self::Short => standard([4, 12, 6, 28]),
             Self::Full => standard([4, 12, 6, 31]),
             Self::TableProtocol => standard([6, 18, 9, 35]),

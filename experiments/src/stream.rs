@@ -40,6 +40,9 @@ pub const VECTOR_INPUTS: [VectorInput; envs::VECTOR_DIM] = [
     position("goal x", 0.0),
     position("goal y", 0.0),
     position("goal z", 0.0),
+    position("lead x", 0.0),
+    position("lead y", 0.0),
+    position("lead z", 0.0),
 ];
 
 const fn position(name: &'static str, offset: f32) -> VectorInput {
@@ -237,7 +240,7 @@ fn borrow(observations: &mut Observations) -> ObservationsMut<'_> {
     ObservationsMut { images: &mut observations.images, vectors: &mut observations.vectors }
 }
 
-/// Scales vectors of the environments `[N, 7]` to network inputs, in place.
+/// Scales vectors of the environments `[N, 10]` to network inputs, in place.
 pub fn scale_vectors(vectors: &mut [f32]) {
     vectors.chunks_exact_mut(envs::VECTOR_DIM).for_each(scale_row);
 }
@@ -247,7 +250,7 @@ fn scale_rows(vectors: &mut [f32], which: &[bool]) {
     rows.filter(|(_, chosen)| **chosen).for_each(|(row, _)| scale_row(row));
 }
 
-/// Scales one vector (hand x, y, z, aperture, goal x, y, z) to network inputs, in place.
+/// Scales one vector (hand x, y, z, aperture, goal x, y, z, lead x, y, z) to network inputs, in place.
 fn scale_row(row: &mut [f32]) {
     for (value, input) in row.iter_mut().zip(&VECTOR_INPUTS) {
         *value = (*value - input.offset) * input.factor;
@@ -260,11 +263,11 @@ mod tests {
 
     #[test]
     fn a_hidden_goal_stays_zero_and_a_flip_stays_a_flip() {
-        let mut row = [0.1, -0.05, 0.2, 0.6, 0.0, 0.0, 0.0];
+        let mut row = [0.1, -0.05, 0.2, 0.6, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0];
         scale_row(&mut row);
-        assert_eq!(row, [1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        let mut mirrored = [-0.1, -0.05, 0.2, 0.6, 0.0, 0.0, 0.0];
+        assert_eq!(row, [1.0, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0]);
+        let mut mirrored = [-0.1, -0.05, 0.2, 0.6, 0.0, 0.0, 0.0, -0.05, 0.0, 0.0];
         scale_row(&mut mirrored);
-        assert_eq!(mirrored[0], -row[0]);
+        assert_eq!([mirrored[0], mirrored[7]], [-row[0], -row[7]]);
     }
 }

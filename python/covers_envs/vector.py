@@ -41,9 +41,10 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
     """Vector environment of N environments of one task group.
 
     Observations: `image`, uint8 `[N, size, size, C]`, the current image and the extra images;
-    `vector`, float32 `[N, 7]`, hand x, y, z (metres from the table's centre), aperture, goal x, y,
-    z (given in Goal Reach and Pick Place, zero elsewhere). Actions: float32 `[N, 4]` in [-1, 1]. Rewards are in
-    [0, 1]. Episodes end by truncation alone.
+    `vector`, float32 `[N, 10]`, hand x, y, z (metres from the table's centre), aperture, goal
+    x, y, z (given in Goal Reach and Pick Place, zero elsewhere), lead x, y, z (metres, from the hand
+    to its target). Actions: float32 `[N, 4]` in [-1, 1]. Rewards are in [0, 1]. Episodes end by
+    truncation alone.
 
     Args:
         task: `goal-reach` (each episode draws one of four variants), `goal-reach-flip-x` (that

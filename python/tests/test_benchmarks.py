@@ -45,7 +45,7 @@ def test_mt10_steps_its_ten_tasks_together():
     env = covers_envs.make_mt10(**SMALL)
     assert [list(covers_envs.TASK_SETS["mt10"]), env.num_envs] == [MT10, 10]
     observation, infos = env.reset(seed=0)
-    assert observation["vector"].shape == (10, 7) and len(infos["goal"]) == 10
+    assert observation["vector"].shape == (10, 10) and len(infos["goal"]) == 10
     # Meta-World's control: an action moves the hand within 12.5 ms
     assert env.envs[0].settings["action_repeat"] == 1
     observation, rewards, *_ = env.step(np.zeros((10, 4), np.float32))

@@ -323,8 +323,8 @@ mod tests {
         }
     }
 
-    /// Seeds below 1000 are reserved for published results: ten for the efficiency of COVERS and
-    /// for other groupings; for the table, five for methods with PPO and three for all others.
+    /// Seeds below 1000 are reserved for published results: ten for the efficiency of COVERS, with
+    /// PPO and with SAC, and for other groupings; for the table, five for methods with PPO and three for all others.
     #[test]
     fn the_plans_of_the_table_run_every_method_on_the_same_stream() {
         let (tables, others): (Vec<_>, Vec<_>) =
@@ -333,6 +333,7 @@ mod tests {
             let (seeds, number) = match name.split_once('-') {
                 Some(("efficiency", _)) => (20..30, Some(10)),
                 Some(("groups", _)) => (30..40, Some(10)),
+                Some(("sac", _)) => (50..60, Some(10)),
                 _ => (1000..u64::MAX, None),
             };
             assert!(plan.seeds.iter().all(|seed| seeds.contains(seed)), "{name}");
@@ -352,7 +353,8 @@ mod tests {
         }
         let all = Method::ALL.into_iter();
         let missing: Vec<Method> = all.filter(|method| !methods.contains(method)).collect();
-        let expected = [Method::CoversRandomised, Method::CnnDrac, Method::Paper];
+        let expected =
+            [Method::CoversRandomised, Method::CnnDrac, Method::CoversSac, Method::Paper];
         assert_eq!(missing, expected);
     }
 

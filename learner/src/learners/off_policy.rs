@@ -10,7 +10,7 @@ mod staged_rollout;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Algorithm, AlgorithmState, ContextSettings, EnvSpec, Metrics, NetworkSettings, PpoSettings,
-    Ranks, ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
+    Ranks, ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy, SacSettings, Temperature,
 };
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
@@ -136,6 +136,28 @@ impl OffPolicySettings {
             .with_update_ratio_of_ppo(&PpoSettings::tuned()),
             grouping: GroupingSettings::default(),
             ..clear
+        }
+    }
+
+    /// Returns the settings of equivariant policies that learn from few decisions: one gradient
+    /// step for each, a learned temperature and a slow image encoder.
+    pub fn covers_sac() -> Self {
+        let equi = Self::equi_sac();
+        Self {
+            sac: SacSettings {
+                batch: 64,
+                updates_per_step: 1.0,
+                burn_in: 500,
+                // the critics drag the encoder along, and features that move fast mislead the actor
+                encoder_learning_rate: Some(2e-4),
+                temperature: Temperature::Learned { initial: 0.02, target: 0.3 },
+                ..equi.sac
+            },
+            warm_up: 500,
+            capacity: 50_000,
+            // close-ups change in every step
+            still_channels: 0,
+            ..equi
         }
     }
 
