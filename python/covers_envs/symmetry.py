@@ -98,7 +98,7 @@ def check_symmetry(
         seed: Seed of the actions, and of the first episode; the others have the next numbers.
     """
     if isinstance(env.unwrapped, CoversEnv):
-        vector = vector or ["x", "y", "1", "1", "x", "y", "1"]
+        vector = vector or ["x", "y", "1", "1", "x", "y", "1", "x", "y", "1"]
         action = action or ["x", "y", "1", "1"]
         image = "image" if image is None else image
     if action is None:
