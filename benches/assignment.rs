@@ -5,13 +5,12 @@ use std::hint::black_box;
 
 use cluster::{Decision, wasserstein1};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use envs::{ACTION_DIM, VECTOR_DIM};
 use evidence::{EpisodeSummary, EvidenceError, Recogniser, RecogniserSettings, RolloutContext};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 const DIM: usize = 64;
-const VECTOR_DIM: usize = 10;
-const ACTION_DIM: usize = 4;
 const POLICIES: usize = 16;
 
 fn cloud(points: usize, shift: f32, rng: &mut ChaCha8Rng) -> Vec<f32> {

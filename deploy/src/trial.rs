@@ -98,11 +98,8 @@ impl TrialEnv<'_> {
         self.observer.compose_observation(&picture, &self.first_picture, &mut out.images);
         let (hand, goal) = (self.observer.state().tip.position, self.goal);
         let aperture = self.arm.aperture(self.observer.state());
-        let lead = self.controller.target() - hand;
-        // order of the vector in training
-        let numbers =
-            [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z, lead.x, lead.y, lead.z];
-        out.vectors.copy_from_slice(&numbers.map(|number| number as f32));
+        let vector = envs::vector_observation(hand, aperture, goal, self.controller.target());
+        out.vectors.copy_from_slice(&vector);
         scale_vectors(&mut out.vectors);
         Ok(())
     }

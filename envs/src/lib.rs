@@ -82,7 +82,7 @@ pub use scene::{ARM_GEOM_GROUP, Scene};
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
     ACTION_DIM, ACTION_IRREPS, DETAILS_DIM, SimulatedArm, Snapshot, Solid, StepResult, TableTop,
-    VECTOR_DIM, VECTOR_IRREPS,
+    VECTOR_DIM, VECTOR_IRREPS, vector_observation,
 };
 pub use task::{
     EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task,

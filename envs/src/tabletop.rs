@@ -43,6 +43,19 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
     Irrep::Trivial,
 ];
 
+/// Returns the vector observation (see [`VECTOR_DIM`]) of a hand, its aperture, the goal and the
+/// hand's commanded target (metres, world frame); a goal of zeros is hidden.
+pub fn vector_observation(
+    hand: DVec3,
+    aperture: f64,
+    goal: DVec3,
+    target: DVec3,
+) -> [f32; VECTOR_DIM] {
+    let lead = target - hand;
+    [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z, lead.x, lead.y, lead.z]
+        .map(|value| value as f32)
+}
+
 /// Number of a state's details: hand x, y, z, aperture, object x, y, z, its second point x, y, z
 /// (see [`TaskParts::tip_body`](crate::TaskParts::tip_body)) and the goal x, y, z (metres from the
 /// centre), then the reward terms of [`StepReward`]: approach, in place and distance of the goal
@@ -354,11 +367,8 @@ impl TableTop {
     /// [`EnvError::NotReset`].
     pub fn observe(&self) -> Result<[f32; VECTOR_DIM], EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
-        let (hand, goal) = (self.hand_position(), self.observable_goal().unwrap_or(DVec3::ZERO));
-        let (aperture, lead) = (self.aperture(), episode.target - hand);
-        let vector =
-            [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z, lead.x, lead.y, lead.z];
-        Ok(vector.map(|value| value as f32))
+        let goal = self.observable_goal().unwrap_or(DVec3::ZERO);
+        Ok(vector_observation(self.hand_position(), self.aperture(), goal, episode.target))
     }
 
     /// Returns the details of the present state, see [`DETAILS_DIM`], with the reward terms after a

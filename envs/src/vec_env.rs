@@ -244,8 +244,7 @@ impl VecEnv {
     }
 
     /// Writes the details of the present states to `out` `[N, 16]`, see
-    /// [`DETAILS_DIM`], with the reward terms of the last actions; NaN where no
-    /// episode runs.
+    /// [`DETAILS_DIM`], with the reward terms of the last actions; NaN where no episode runs.
     ///
     /// # Errors
     /// [`EnvError::LengthMismatch`], [`EnvError::NotReset`]; episodes go on.

@@ -41,6 +41,23 @@ fn the_goal_is_told_in_goal_reach_and_nowhere_else() {
 }
 
 #[test]
+fn the_lead_is_the_way_from_the_hand_to_its_target() {
+    let mut table = table(TaskGroup::GOAL_REACH);
+    table.reset(D2::FlipX, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
+    let [.., x, y, z] = observe(&table);
+    assert!([x, y, z].iter().all(|lead| lead.abs() < 5e-3), "at rest: {x}, {y}, {z}");
+    let (before, length) = (table.hand_position(), table.control().displacement);
+    table.step(&[1.0, -0.5, 0.0, 0.0]).unwrap();
+    let moved = table.hand_position() - before;
+    let [.., x_after, y_after, _] = observe(&table);
+    for (lead, expected) in
+        [(x_after - x, length - moved.x), (y_after - y, -0.5 * length - moved.y)]
+    {
+        assert!(expected.abs() > 1e-4 && (f64::from(lead) - expected).abs() < 1e-6, "{lead}");
+    }
+}
+
+#[test]
 fn bad_actions_and_early_steps_are_errors() {
     let mut table = table(TaskGroup::GOAL_REACH);
     let early = table.step(&[0.0; ACTION_DIM]).unwrap_err();

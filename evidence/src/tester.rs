@@ -40,8 +40,8 @@ const ISOLATED_DRIFT_FACTOR: f64 = 4.0;
 /// Least ratio of the distance of motion or reward gradient to its mean over random splits: both
 /// change in training.
 const LEAST_RATIO: f64 = 2.0;
-/// Least distance ratio of motion or reward gradient if returns rise. Policies that learn fast reach
-/// 2.4, and groups with other dynamics 6.7 and more (drawn worlds 1000 to 1007).
+/// Least distance ratio of motion or reward gradient if returns rise. Policies that learn fast
+/// reach 2.4, and groups with other dynamics 6.7 and more (drawn worlds 1000 to 1007).
 const LEAST_RISING_RATIO: f64 = 4.0;
 
 /// Tester of policies by permutation tests, with the settings of the recogniser.

@@ -250,7 +250,8 @@ fn scale_rows(vectors: &mut [f32], which: &[bool]) {
     rows.filter(|(_, chosen)| **chosen).for_each(|(row, _)| scale_row(row));
 }
 
-/// Scales one vector (hand x, y, z, aperture, goal x, y, z, lead x, y, z) to network inputs, in place.
+/// Scales one vector (hand x, y, z, aperture, goal x, y, z, lead x, y, z) to network inputs, in
+/// place.
 fn scale_row(row: &mut [f32]) {
     for (value, input) in row.iter_mut().zip(&VECTOR_INPUTS) {
         *value = (*value - input.offset) * input.factor;

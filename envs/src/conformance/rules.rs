@@ -178,14 +178,15 @@ fn reward_in_range(reward: &StepReward) -> bool {
 }
 
 fn vector_in_range(vector: &[f32; VECTOR_DIM]) -> bool {
-    let [x, y, z, aperture, offsets @ ..] = vector;
+    let [x, y, z, aperture, goal_x, goal_y, goal_z, lead @ ..] = vector;
     // wider than the bounds of the hand's target in either layout, with room for overshoot
     x.abs() < 0.7
         && y.abs() < 0.7
         && (-0.1..0.7).contains(z)
         && (0.0..=1.0).contains(aperture)
-        // goal and lead; the weld's target may run ahead of a blocked hand as far as its bounds
-        && offsets.iter().all(|offset| offset.abs() < 0.7)
+        && [goal_x, goal_y, goal_z].iter().all(|goal| goal.abs() < 0.5)
+        // the weld's target may run ahead of a blocked hand as far as its bounds
+        && lead.iter().all(|lead| lead.abs() < 0.7)
 }
 
 fn determinism(case: &Case) -> RuleResult {
