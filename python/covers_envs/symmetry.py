@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, flatten
 from numpy.typing import NDArray
 
+from covers_envs import _core
 from covers_envs.single import CoversEnv
 
 #: Names of the irreps; the bits of an index say whether flips of x and of y change the sign.
@@ -98,8 +99,8 @@ def check_symmetry(
         seed: Seed of the actions, and of the first episode; the others have the next numbers.
     """
     if isinstance(env.unwrapped, CoversEnv):
-        vector = vector or ["x", "y", "1", "1", "x", "y", "1", "x", "y", "1"]
-        action = action or ["x", "y", "1", "1"]
+        vector = vector or [_IRREPS[index] for index in _core.vector_irreps()]
+        action = action or [_IRREPS[index] for index in _core.action_irreps()]
         image = "image" if image is None else image
     if action is None:
         raise ValueError("`action` is None, expected the irreps of the action's components")

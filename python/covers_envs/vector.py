@@ -141,7 +141,8 @@ class CoversVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
         size = self.settings["camera"]["size"]
         image = Box(0, 255, (size, size, self._core.image_channels()), np.uint8)
-        low = np.array([-1, -1, -1, 0, -1, -1, -1, -1, -1, -1], np.float32)
+        low = np.full(len(_core.vector_irreps()), -1, np.float32)
+        low[3] = 0  # the aperture
         parts = {"image": image, "vector": Box(low, 1, dtype=np.float32)}
         #: Details of the states, `[N, 16]`; None without the setting `state`.
         self._details = np.zeros((n, _core.DETAILS_DIM), np.float32) if state else None

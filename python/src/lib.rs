@@ -350,6 +350,18 @@ mod _core {
     #[pymodule_export]
     const DETAILS_DIM: usize = envs::DETAILS_DIM;
 
+    /// Returns the indices of the irreps of the vector observation's components.
+    #[pyo3::pyfunction]
+    fn vector_irreps() -> Vec<usize> {
+        envs::VECTOR_IRREPS.map(|irrep| irrep.index()).to_vec()
+    }
+
+    /// Returns the indices of the irreps of the action's components.
+    #[pyo3::pyfunction]
+    fn action_irreps() -> Vec<usize> {
+        envs::ACTION_IRREPS.map(|irrep| irrep.index()).to_vec()
+    }
+
     /// Returns the names of the groups, then those of their variants.
     #[pyo3::pyfunction]
     fn task_names() -> Vec<String> {
