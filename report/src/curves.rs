@@ -8,8 +8,6 @@ use super::svg::{DOT_RADIUS, SMALL_DOT_RADIUS, SvgPlot, TEXT_COLOUR};
 use experiments::evaluation::mean;
 use experiments::{RolloutRow, RunData, ScoreRow};
 
-/// Label of the x axis, which counts training decisions.
-const DECISIONS: &str = "decisions";
 const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
 /// Ticks of the reward axis, on the paper's scale of `[0, 500]`.
 const REWARD_TICKS: [f64; 3] = [0.0, 250.0, 500.0];
@@ -21,10 +19,16 @@ const TALL_PANEL: f64 = 170.0;
 /// Height of a panel that shows the course alone (pixels).
 const LOW_PANEL: f64 = 90.0;
 
+/// Returns the label of an x axis that counts training decisions of a run, `what` they are and how
+/// many control steps each lasts.
+pub fn decisions_label(what: &str, run: &RunData) -> String {
+    format!("{what} ({} control steps each)", run.experiment.envs.control.action_repeat)
+}
+
 /// Draws one run as SVG: success and reward, rollouts as lines and evaluations as dots, the
 /// assigned policies, and the distances that the assignment rests on.
 pub fn run_svg(run: &RunData) -> String {
-    let mut drawing = SvgPlot::new(end(run), DECISIONS);
+    let mut drawing = SvgPlot::new(end(run), &decisions_label("decisions", run));
     let groups = run.scored_groups();
     for (number, group) in groups.iter().enumerate() {
         drawing.add_legend_entry(group, &line_stroke(number));
@@ -111,7 +115,8 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
         .filter_map(|method| Some((method.name.as_str(), &method.runs[run_of(method)?])))
         .collect();
     let longest = runs.iter().map(|(_, run)| end(run)).fold(0.0, f64::max);
-    let mut drawing = SvgPlot::new(longest, DECISIONS);
+    let axis = runs.first().map_or_else(String::new, |(_, run)| decisions_label("decisions", run));
+    let mut drawing = SvgPlot::new(longest, &axis);
     let groups = runs.first().map_or_else(Vec::new, |(_, run)| run.scored_groups());
     for (number, group) in groups.iter().enumerate() {
         drawing.add_legend_entry(group, &line_stroke(number));

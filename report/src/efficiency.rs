@@ -71,14 +71,21 @@ fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
 /// Returns the table of sample efficiency: for each group the methods, the largest area under the
 /// learning curve first; `None` if no run was scored during training.
 pub fn efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
-    let caption = "How fast methods learn: the area under mean-action success over the decisions \
-        spent in a group, decisions until it is at least 0.9 in an evaluation, and until it is so in \
-        all that follow, with bootstrap intervals of 95 %.";
+    let caption = format!(
+        "How fast methods learn: the area under mean-action success over the decisions spent in a \
+         group, decisions until it is at least 0.9 in an evaluation, and until it is so in all that \
+         follow, with bootstrap intervals of 95 %. A decision lasts {} control steps. Forward \
+         transfer is the difference of the areas divided by 1 less the area of {first}, which \
+         should learn every group alone.",
+        methods[0].runs[0].experiment.envs.control.action_repeat,
+        first = methods[0].name,
+    );
     let header = [
         "group",
         "method",
         "area",
         &format!("less that of {}", methods[0].name),
+        "forward transfer (Continual World)",
         "by the interval",
         "decisions to 0.9: median",
         "90th percentile",
@@ -87,7 +94,7 @@ pub fn efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Tab
         "90th percentile of these",
         "seeds that stayed",
     ];
-    let mut table = Table::new(caption, &header);
+    let mut table = Table::new(&caption, &header);
     for group in groups {
         let mut rows: Vec<(f64, Vec<String>)> = Vec::new();
         let first = scores(&methods[0], group);
@@ -96,7 +103,7 @@ pub fn efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Tab
             if area.min_seed_count() > 0 {
                 let compared = (number > 0).then(|| Comparison::new(&area, &first[0]));
                 let mut row = vec![group.clone(), method_cell(&mut table, method)];
-                row.extend(shares(&area, compared));
+                row.extend(area_cells(&area, compared, &first[0]));
                 row.extend(reached(&decisions));
                 row.extend(reached(&lasting));
                 rows.push((area.pooled(mean), row));
@@ -123,16 +130,21 @@ fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
 }
 
 /// Returns the table cells of areas under learning curves: the mean, its difference from the first
-/// method's, and the outcome of the comparison; dashes for the first method itself.
-fn shares(area: &Scores, compared: Option<Comparison>) -> [String; 3] {
-    let (mean, interval) = (area.pooled(mean), area.bootstrap_interval(mean));
-    let difference = |comparison: Comparison| {
+/// method's, forward transfer, and the outcome of the comparison; dashes for the first method
+/// itself. Forward transfer is (A - B) / (1 - B) for mean areas A and B, where B is the first
+/// method's (Wolczyk et al., "Continual World", NeurIPS 2021, section 3.2).
+fn area_cells(area: &Scores, compared: Option<Comparison>, first: &Scores) -> [String; 4] {
+    let (own, interval) = (area.pooled(mean), area.bootstrap_interval(mean));
+    let room = 1.0 - first.pooled(mean);
+    let difference = |comparison: &Comparison| {
         let bounds = bracketed_interval(comparison.difference_interval, 3);
         format!("{:+.3}{bounds}", comparison.mean_difference)
     };
+    let transfer = |comparison: &Comparison| format!("{:+.2}", comparison.mean_difference / room);
     [
-        format!("{mean:.3}{}", bracketed_interval(interval, 3)),
-        compared.map_or_else(empty_cell, difference),
+        format!("{own:.3}{}", bracketed_interval(interval, 3)),
+        compared.as_ref().map_or_else(empty_cell, difference),
+        compared.as_ref().filter(|_| room > 0.0).map_or_else(empty_cell, transfer),
         compared.map_or_else(empty_cell, |compared| compared.outcome().label().to_owned()),
     ]
 }
@@ -224,7 +236,10 @@ mod tests {
         assert_eq!(table.header[3], "less that of slow");
         assert_eq!(column(2), ["0.700", "0.350"]);
         assert_eq!(column(3), ["+0.350", "-"]);
-        assert_eq!(column(5), ["100", "200"]);
-        assert_eq!(column(8), ["100", "200"]);
+        // 0.35 of the 0.65 that the slow one lacks
+        assert_eq!(column(4), ["+0.54", "-"]);
+        assert_eq!(column(6), ["100", "200"]);
+        assert_eq!(column(9), ["100", "200"]);
+        assert!(table.caption.contains("A decision lasts 10 control steps"), "{}", table.caption);
     }
 }

@@ -3,7 +3,7 @@
 
 use experiments::colours::{Stroke, line_stroke};
 
-use super::curves::success_over_stream;
+use super::curves::{decisions_label, success_over_stream};
 use super::efficiency::success_curve;
 use super::method::MethodRuns;
 use super::svg::{DOT_RADIUS, SvgPlot};
@@ -55,7 +55,7 @@ pub fn stream_curves_svg(methods: &[MethodRuns]) -> Option<String> {
 fn curves_svg(
     methods: &[MethodRuns],
     name: &str,
-    axis: &'static str,
+    axis: &str,
     curve: impl Fn(&RunData) -> Vec<(f64, f64)>,
 ) -> Option<String> {
     let lines = methods.iter().enumerate().map(|(number, method)| Line {
@@ -70,7 +70,8 @@ fn curves_svg(
     }
     let last_points = lines.iter().filter_map(|line| line.points.last());
     let end = last_points.map(|point| point.spent).fold(0.0, f64::max);
-    let mut drawing = SvgPlot::new_half_width(end, axis).with_sides(SIDES);
+    let axis = decisions_label(axis, &methods[0].runs[0]);
+    let mut drawing = SvgPlot::new_half_width(end, &axis).with_sides(SIDES);
     for line in &lines {
         drawing.add_legend_entry(&line.method.name, &line.stroke);
     }

@@ -38,7 +38,7 @@ pub struct SvgPlot {
     /// Largest value on the x axis, above 0.
     end: f64,
     /// Label of the x axis.
-    axis: &'static str,
+    axis: String,
     /// Length of the x axis (pixels).
     length: f64,
     /// Margins left and right of the panels (pixels).
@@ -53,11 +53,11 @@ pub struct SvgPlot {
 
 impl SvgPlot {
     /// Creates a drawing over x from 0 to `end`, with a label for this axis, as wide as a page.
-    pub fn new(end: f64, axis: &'static str) -> Self {
+    pub fn new(end: f64, axis: &str) -> Self {
         Self {
             text: String::new(),
             end: end.max(f64::MIN_POSITIVE),
-            axis,
+            axis: axis.to_owned(),
             length: 880.0,
             sides: SIDES,
             panel: [OUTSIDE[0] - GAP, 0.0],
@@ -75,7 +75,7 @@ impl SvgPlot {
     }
 
     /// Creates a drawing of half a page's width, for two side by side.
-    pub fn new_half_width(end: f64, axis: &'static str) -> Self {
+    pub fn new_half_width(end: f64, axis: &str) -> Self {
         Self { length: 440.0, ..Self::new(end, axis) }
     }
 
@@ -223,7 +223,8 @@ impl SvgPlot {
             self.add(format_args!("<text x=\"{x:.1}\" y=\"{y}\" class=\"below\">{tick}</text>"));
         }
         let [left, right] = self.sides;
-        let (middle, y, axis) = (left + self.length / 2.0, bottom + 33.0, self.axis);
+        let (middle, y) = (left + self.length / 2.0, bottom + 33.0);
+        let axis = std::mem::take(&mut self.axis);
         self.add(format_args!("<text x=\"{middle}\" y=\"{y}\" class=\"below\">{axis}</text>"));
         let (width, height) = (left + self.length + right, bottom + OUTSIDE[1]);
         format!(

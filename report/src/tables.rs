@@ -137,7 +137,7 @@ const OVER_SEEDS: [&str; 14] = [
     "IQM",
     "at the last step",
     "forgetting",
-    "forward transfer",
+    "forward transfer (GEM)",
     "assignment",
     "when groups come back",
     "policies",
