@@ -10,7 +10,7 @@ use covers::cli::{StreamOptions, run_name};
 use covers::commands::{CommandOutcome, print_summary_or_save};
 use covers::experiments::text::{ROLLOUT_HEADER, rollout_line};
 use covers::presets::Method;
-use covers::{CoversError, Event, Run, StopSignal};
+use covers::{CoversError, Run, RunEvent, StopSignal};
 use envs::TaskRegistry;
 
 fn main() -> ExitCode {
@@ -41,7 +41,7 @@ fn learn(options: &StreamOptions) -> Result<CommandOutcome, CoversError> {
     };
     say(ROLLOUT_HEADER);
     while let Some(event) = run.advance()? {
-        if let Event::Rollout(progress) = event {
+        if let RunEvent::Rollout(progress) = event {
             say(&rollout_line(&progress));
             if let Some(warning) = progress.warning {
                 let _ = writeln!(stderr(), "warning: {warning}");

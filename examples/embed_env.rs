@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let name = arguments.next();
     let name = name.as_deref().unwrap_or("drawer-close");
-    let group = TaskRegistry::all().get(name)?;
+    let group = TaskRegistry::all().find(name)?;
     let path = arguments.next().map_or("runs/embed_env.gif".into(), PathBuf::from);
     let camera = Camera { size: SIZE, ..Camera::default() };
     let scene = Arc::new(Scene::new(group, Embodiment::SAWYER, camera)?);

@@ -15,7 +15,7 @@ use crate::sweep_command::SweepOptions;
 use experiments::cli::{print_escaped, progress_bar};
 use experiments::evaluation::{EvaluationResults, Evaluator};
 use experiments::text::{ROLLOUT_HEADER, event_text, score_table, summary_table};
-use experiments::{Event, Run, RunError, RunFolder, StopSignal, Stream, memory, thread_pool};
+use experiments::{Run, RunError, RunEvent, RunFolder, StopSignal, Stream, memory, thread_pool};
 use learner::{CheckpointExtent, DeviceChoice, Labels};
 use report::ReportOptions;
 use rl::Ranks;
@@ -180,9 +180,9 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutc
 
 /// Prints an event, and its warning to standard error; not the last scores, which are part of the
 /// summary.
-fn print_event(event: &Event, is_last: bool, out: &mut impl Write, stop: &StopSignal) {
+fn print_event(event: &RunEvent, is_last: bool, out: &mut impl Write, stop: &StopSignal) {
     let mut line = event_text(event);
-    if let Event::Rollout(progress) = event {
+    if let RunEvent::Rollout(progress) = event {
         if let Some(warning) = progress.warning {
             // the run's log.txt holds the warning, too
             warn(&format!("warning: {warning}"));

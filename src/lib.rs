@@ -44,18 +44,19 @@ pub mod sweep_command;
 
 pub use error::CoversError;
 pub use experiments::{
-    CheckpointPlan, EvaluationPlan, EvaluationReport, Event, Experiment, LatestFrame, Provenance,
-    RolloutReport, Run, RunData, RunError, RunFolder, RunStats, StopSignal, Stream, Summary,
-    evaluation, presets, schedule,
+    CheckpointPlan, EvaluationPlan, EvaluationReport, Experiment, LatestFrame, Provenance,
+    RolloutReport, Run, RunData, RunError, RunEvent, RunFolder, RunStats, StopSignal, Stream,
+    Summary, evaluation, presets, schedule,
 };
 pub use learner::disk::{Disk, LocalDisk};
 pub use learner::overrides::{Override, apply as apply_overrides};
 pub use learner::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, CommonSettings, Covers,
     CoversSettings, DeviceChoice, EpisodeRequirements, Episodes, EvidenceGrouping, Grouping,
-    GroupingDecision, GroupingSettings, GroupingUpdate, Handover, Iteration, IterationSeconds,
-    Labels, Learner, LearnerError, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicyInit,
-    OffPolicy, OffPolicySettings, PolicyCollection, PolicyCollectionSettings, PolicyEvaluation,
-    RecognisedPolicy, SinglePolicyGrouping, ThresholdGrouping, Trial,
+    GroupingDecision, GroupingSettings, GroupingUpdate, Handover, IterationReport,
+    IterationSeconds, Labels, Learner, LearnerError, LearnerSettings, LearningDevice, Metric,
+    Metrics, NewPolicyInit, OffPolicy, OffPolicySettings, PolicyCollection,
+    PolicyCollectionSettings, PolicyEvaluation, RecognisedPolicy, SinglePolicyGrouping,
+    ThresholdGrouping, Trial,
 };
 pub use {deploy, experiments, render, report, watch};

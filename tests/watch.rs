@@ -6,7 +6,7 @@ use std::path::Path;
 use covers::experiments::text::event_text;
 use covers::presets::{Budget, Method};
 use covers::watch::WatchOptions;
-use covers::{CoversError, Event, Run, RunFolder};
+use covers::{CoversError, Run, RunEvent, RunFolder};
 use envs::Embodiment;
 use serde_json::Value;
 
@@ -37,8 +37,8 @@ fn lines_are_those_of_the_run_itself_and_end_with_it() {
     let (mut rollouts, mut evaluations) = (Vec::new(), 0);
     while let Some(event) = run.advance().unwrap() {
         match event {
-            Event::Rollout(_) => rollouts.push(event_text(&event)),
-            Event::Evaluation(_) => evaluations += 1,
+            RunEvent::Rollout(_) => rollouts.push(event_text(&event)),
+            RunEvent::Evaluation(_) => evaluations += 1,
         }
     }
     let summary = run.summary().unwrap().unwrap();

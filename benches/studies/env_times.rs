@@ -46,7 +46,7 @@ impl Subject {
     fn parse(embodiment: &str, group: &str) -> Result<Self, Failure> {
         Ok(Self {
             embodiment: embodiment.parse()?,
-            group: TaskRegistry::all().get(group)?,
+            group: TaskRegistry::all().find(group)?,
             camera: Camera { size: 64, ..Camera::default() },
         })
     }

@@ -7,7 +7,7 @@ use envs::ACTION_DIM;
 use envs::embodiments::Arm;
 use inpainting::{Calibration, Intrinsics};
 use rl::BoxedEnvError;
-use robots::{CartesianControl, Command, ControlError, Robot, RobotState, Twist, TwistLimits};
+use robots::{Command, ControlError, Robot, RobotState, Twist, TwistController, TwistLimits};
 
 use crate::DeployError;
 
@@ -95,7 +95,7 @@ fn decision(number: usize, action: &[f32; ACTION_DIM], commands: &[BlockedComman
 /// commands.
 pub(super) struct DryRunRig<'a> {
     rig: &'a mut dyn Rig,
-    control: CartesianControl,
+    control: TwistController,
     limits: TwistLimits,
     twist: Twist,
     blocked_commands: Vec<BlockedCommand>,
@@ -111,7 +111,7 @@ impl<'a> DryRunRig<'a> {
         let (chain, control) = (arm.chain().clone(), settings.control);
         Ok(Self {
             rig,
-            control: CartesianControl::new(chain, &settings.ready_joint_positions, control)?,
+            control: TwistController::new(chain, &settings.ready_joint_positions, control)?,
             limits: control.limits,
             twist: Twist::ZERO,
             blocked_commands: Vec::new(),

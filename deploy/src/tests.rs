@@ -11,7 +11,7 @@ use glam::DVec3;
 use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
 use rl::BoxedEnvError;
 use robots::{
-    CartesianControl, Command, ControlError, ControlSettings, KinematicArm, Robot, RobotState,
+    Command, ControlError, ControlSettings, KinematicArm, Robot, RobotState, TwistController,
     Watchdog,
 };
 use symmetry::D2;
@@ -68,7 +68,7 @@ fn dry_rig(camera: Camera) -> DryRig {
     let posture = arm.chain().solve_ik(&start, &arm.settings().ready_joint_positions).unwrap();
     let settings =
         ControlSettings { limits: arm.settings().control.limits, ..ControlSettings::default() };
-    let control = CartesianControl::new(arm.chain().clone(), &posture, settings).unwrap();
+    let control = TwistController::new(arm.chain().clone(), &posture, settings).unwrap();
     let clock = Rc::new(Cell::new(Duration::ZERO));
     let time = Rc::clone(&clock);
     DryRig {

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 use mujoco::{Data, Model};
 use robots::{
-    CartesianControl, Command, ControlError, OrientationConstraint, Pose, RobotDescription,
-    RobotState, Servo, Twist,
+    Command, ControlError, OrientationConstraint, Pose, RobotDescription, RobotState, Servo, Twist,
+    TwistController,
 };
 
 use crate::control::PHYSICS_STEPS_PER_CONTROL_STEP;
@@ -77,7 +77,7 @@ impl FingerDrive {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ServoController {
     servos: Arc<ServoSettings>,
-    control: CartesianControl,
+    control: TwistController,
     /// Addresses in `qpos` of the arm's free joints.
     addresses: Vec<usize>,
     /// Commanded finger position: 0 is open, 1 is closed.
@@ -93,7 +93,7 @@ const MAX_TURN_ERROR: f64 = 0.1;
 const APPROACH_RATE: f64 = 10.0;
 
 impl ServoController {
-    pub(crate) fn new(servos: ServoSettings, control: CartesianControl) -> Self {
+    pub(crate) fn new(servos: ServoSettings, control: TwistController) -> Self {
         Self {
             servos: Arc::new(servos),
             control,

@@ -46,7 +46,7 @@ pub struct Camera {
     /// Light sources of the scene.
     pub light: Light,
     /// Mark that is drawn over the gripper in the pictures.
-    pub mark: Mark,
+    pub mark: GripperMark,
     /// Pictures that an observation holds besides the current one; the first picture if a file has
     /// no value.
     #[serde(default, rename = "beside")]
@@ -70,7 +70,7 @@ pub struct Light {
 /// table, whatever the gripper's height.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Mark {
+pub struct GripperMark {
     /// Outer radius of the mark (metres); 0 draws nothing.
     pub radius: f64,
     /// Radius of the hole in the mark (metres); 0 for a filled disc.
@@ -88,7 +88,7 @@ impl Default for Camera {
             half_extent: 0.44,
             background: [0.73, 0.74, 0.74],
             light: Light::default(),
-            mark: Mark::default(),
+            mark: GripperMark::default(),
             extra_views: ExtraView::default(),
         }
     }
@@ -100,7 +100,7 @@ impl Default for Light {
     }
 }
 
-impl Default for Mark {
+impl Default for GripperMark {
     fn default() -> Self {
         Self { radius: 0.03, hole: 0.0, color: [0, 0, 255] }
     }
@@ -168,7 +168,7 @@ impl Camera {
     }
 
     /// Draws `mark` over `rgb` `[size, size, 3]`, centred on the projection of `point` (metres).
-    pub fn draw_mark(&self, mark: &Mark, point: DVec3, rgb: &mut [u8]) {
+    pub fn draw_mark(&self, mark: &GripperMark, point: DVec3, rgb: &mut [u8]) {
         let [u, v] = self.project(point);
         let radii = [mark.radius, mark.hole].map(|r| r * self.pixels_per_metre());
         for_each_ring_pixel([u, -v], radii, self.size, |pixel| {
@@ -220,7 +220,7 @@ impl Light {
     }
 }
 
-impl Mark {
+impl GripperMark {
     fn check(&self) -> Result<(), EnvError> {
         let drawn = self.radius >= 0.0 && self.radius.is_finite();
         require(drawn, "mark radius", &self.radius, RADIUS)?;

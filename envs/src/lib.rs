@@ -66,7 +66,7 @@ mod worker;
 
 pub use actuation::{Actuation, JointPositions, ServoController};
 pub use batch::{ObservationsMut, StepBuffers, StepMut};
-pub use camera::{Camera, ExtraView, Light, Mark, ObservationPictures, RGB_CHANNELS};
+pub use camera::{Camera, ExtraView, GripperMark, Light, ObservationPictures, RGB_CHANNELS};
 pub use control::{Control, PHYSICS_STEPS_PER_CONTROL_STEP};
 pub use embodiment::Embodiment;
 pub use embodiment_spec::{EmbodimentParts, EmbodimentSpec};

@@ -120,7 +120,7 @@ fn is_word(word: &str) -> bool {
 ///
 /// fn main() -> Result<(), envs::EnvError> {
 ///     let registry = TaskRegistry::standard();
-///     assert_eq!(registry.get("drawer-close")?, TaskGroup::DRAWER_CLOSE);
+///     assert_eq!(registry.find("drawer-close")?, TaskGroup::DRAWER_CLOSE);
 ///     Ok(())
 /// }
 /// ```
@@ -164,7 +164,7 @@ impl TaskRegistry {
     ///
     /// # Errors
     /// [`EnvError::UnknownTask`], which lists the known names.
-    pub fn get(&self, name: &str) -> Result<TaskGroup, EnvError> {
+    pub fn find(&self, name: &str) -> Result<TaskGroup, EnvError> {
         self.groups.iter().copied().find(|group| group.name() == name).ok_or_else(|| {
             EnvError::UnknownTask {
                 name: name.to_owned(),
@@ -182,7 +182,7 @@ impl TaskRegistry {
         match TaskGroup::SETS.into_iter().find(|(known, _)| *known == name) {
             // sets are of this crate: a program's own groups are chosen by name
             Some((_, groups)) => Ok(groups.to_vec()),
-            None => Ok(vec![self.get(name)?]),
+            None => Ok(vec![self.find(name)?]),
         }
     }
 
@@ -230,9 +230,9 @@ mod tests {
         registry.register(TaskGroup::from_task(&Named("peg-insert-2"))).unwrap();
         assert_eq!(registry.groups().len(), 5);
         for &group in registry.groups() {
-            assert_eq!(registry.get(group.name()).unwrap(), group);
+            assert_eq!(registry.find(group.name()).unwrap(), group);
         }
-        let message = registry.get("basketball").unwrap_err().to_string();
+        let message = registry.find("basketball").unwrap_err().to_string();
         let all = "goal-reach, button-press, drawer-close, plate-slide, peg-insert-2";
         assert!(message.contains("`basketball`") && message.contains(all), "{message}");
     }
@@ -269,8 +269,8 @@ mod tests {
             assert_eq!(groups.len(), size, "{name}");
             let distinct: std::collections::HashSet<_> = groups.iter().collect();
             assert_eq!(distinct.len(), size, "{name}");
-            assert!(groups.iter().all(|group| all.get(group.name()).unwrap() == *group), "{name}");
-            assert!(all.get(name).is_err());
+            assert!(groups.iter().all(|group| all.find(group.name()).unwrap() == *group), "{name}");
+            assert!(all.find(name).is_err());
         }
         assert_eq!(all.set("push").unwrap(), [TaskGroup::PUSH]);
         let message = all.set("mt50").unwrap_err().to_string();

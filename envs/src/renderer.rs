@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use mujoco::{Backdrop, CameraId, CameraView, Mirror, RenderOptions, Renderer};
 
-use crate::camera::{Mark, ObservationPictures, RGB_CHANNELS};
+use crate::camera::{GripperMark, ObservationPictures, RGB_CHANNELS};
 use crate::error::EnvError;
 use crate::scene::{ARM_GEOM_GROUP, Scene};
 use crate::tabletop::TableTop;
@@ -14,7 +14,7 @@ use crate::tabletop::TableTop;
 pub struct SceneRenderer {
     scene: Arc<Scene>,
     renderer: Renderer,
-    mark: Option<Mark>,
+    mark: Option<GripperMark>,
     /// Last rendered picture, before downsampling and without the mark `[drawn_size, drawn_size,
     /// 3]`.
     rendered: Vec<u8>,
@@ -48,7 +48,7 @@ impl SceneRenderer {
         Self::showing(scene, false, None)
     }
 
-    fn showing(scene: Arc<Scene>, arm: bool, mark: Option<Mark>) -> Result<Self, EnvError> {
+    fn showing(scene: Arc<Scene>, arm: bool, mark: Option<GripperMark>) -> Result<Self, EnvError> {
         let size = scene.camera.rendered_size();
         // by default tables and objects are drawn; not the arm, collision shapes (4) or marks (5)
         let mut options = RenderOptions::default();

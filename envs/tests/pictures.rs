@@ -148,7 +148,7 @@ fn placements_of_the_arm_that_are_not_mirrored_exactly_are_few_and_off_by_an_edg
 
 /// Returns a camera without a mark.
 fn without_mark() -> Camera {
-    let mark = envs::Mark { radius: 0.0, ..envs::Mark::default() };
+    let mark = envs::GripperMark { radius: 0.0, ..envs::GripperMark::default() };
     Camera { mark, ..Camera::default() }
 }
 
@@ -214,7 +214,7 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
 fn a_point_projects_to_its_pixel() {
     let camera = Camera {
         size: 96,
-        mark: envs::Mark { radius: 0.0, ..envs::Mark::default() },
+        mark: envs::GripperMark { radius: 0.0, ..envs::GripperMark::default() },
         ..Camera::default()
     };
     for embodiment in Embodiment::STANDARD {

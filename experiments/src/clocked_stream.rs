@@ -151,7 +151,7 @@ impl ClockedStream {
 
     fn enter(&mut self, index: usize, seed: u64) -> Result<(), RunError> {
         let (visit, _) = self.timetable.visit_and_earlier(index);
-        let group = self.tasks.get(&visit.group)?;
+        let group = self.tasks.find(&visit.group)?;
         self.stream.switch_to(group, &visit.variants)?;
         self.stream.reseed(seed)?;
         self.running = index;

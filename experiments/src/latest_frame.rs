@@ -27,7 +27,7 @@ impl LatestFrame {
     }
 
     /// Returns the latest image of the run's first environment; `None` before the first step.
-    pub fn get(&self) -> Option<Picture> {
+    pub fn newest(&self) -> Option<Picture> {
         self.0.lock().ok()?.clone()
     }
 }
@@ -48,9 +48,9 @@ mod tests {
         let mut observations = Observations::new(&spec);
         observations.images = (0..24).collect();
         let latest_frame = LatestFrame::default();
-        assert_eq!(latest_frame.get(), None);
+        assert_eq!(latest_frame.newest(), None);
         latest_frame.clone().update(&spec, &observations);
-        let picture = latest_frame.get().unwrap();
+        let picture = latest_frame.newest().unwrap();
         assert_eq!((picture.width, picture.height), (2, 1));
         assert_eq!(picture.rgb, [0, 1, 2, 6, 7, 8]);
     }

@@ -44,7 +44,7 @@ pub use error::RunError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 pub use folder::{FolderSnapshot, RunFolder, SUMMARY_FILE};
 pub use latest_frame::LatestFrame;
-pub use progress::{EvaluationReport, Event, RolloutReport, Summary};
+pub use progress::{EvaluationReport, RolloutReport, RunEvent, Summary};
 pub use provenance::{Provenance, instruction_sets, processor_name};
 pub use run::Run;
 pub use run_data::{GroupFilm, RunData};

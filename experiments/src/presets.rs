@@ -49,7 +49,7 @@ pub enum Method {
     /// Soft actor-critic with D2-equivariant policies, each with a replay buffer, assigned by
     /// distances.
     EquiSac,
-    /// COVERS with soft actor-critic: learns from a quarter of the decisions.
+    /// COVERS with soft actor-critic: learns from a third of the decisions.
     CoversSac,
     /// COVERS as published: the paper's network, image size, assignment rule and hyper-parameters;
     /// slow.
@@ -272,7 +272,7 @@ impl Budget {
         let visits: Vec<_> = match self {
             Self::Smoke => standard([2, 2, 2, 2]),
             Self::Short if learns_fast => standard([2, 5, 2, 7]),
-            Self::Full if learns_fast => standard([2, 4, 2, 5]),
+            Self::Full if learns_fast => standard([2, 6, 3, 8]),
             Self::ZeroShot if learns_fast => standard([3, 6, 3, 8]),
             Self::Short => standard([4, 12, 6, 28]),
             Self::Full => standard([4, 12, 6, 31]),

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use envs::TaskGroup;
-use learner::Iteration;
+use learner::IterationReport;
 use rl::RewardWarning;
 use serde::Serialize;
 
@@ -26,7 +26,7 @@ pub struct RolloutReport {
     /// `true` if the task group changed within the iteration.
     pub spans_switch: bool,
     /// Report of the learner on the rollout.
-    pub iteration: Iteration,
+    pub iteration: IterationReport,
     /// Warning about rewards that are too large or too small to train on; each kind is given once
     /// after each start or resumption.
     pub warning: Option<RewardWarning>,
@@ -67,7 +67,7 @@ pub struct EvaluationReport {
 
 /// Event of a run: a rollout or an evaluation.
 #[derive(Clone, Debug)]
-pub enum Event {
+pub enum RunEvent {
     /// Training iteration of the learner with one rollout.
     Rollout(Box<RolloutReport>),
     /// Evaluation of the learner on all task variants.

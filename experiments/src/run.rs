@@ -14,7 +14,7 @@ use crate::error::RunError;
 use crate::evaluation::{Evaluator, Score, average_by_group};
 use crate::experiment::Experiment;
 use crate::latest_frame::LatestFrame;
-use learner::{CheckpointExtent, DeviceChoice, Iteration, Learner};
+use learner::{CheckpointExtent, DeviceChoice, IterationReport, Learner};
 
 use super::checkpoints;
 use crate::folder::{RunFolder, SAVED_TIMINGS_FILE};
@@ -23,7 +23,7 @@ use crate::logs::RunTables;
 use crate::memory;
 use crate::note::RunState;
 use crate::printable::printable_message;
-use crate::progress::{EvaluationReport, Event, RolloutReport, Summary};
+use crate::progress::{EvaluationReport, RolloutReport, RunEvent, Summary};
 use crate::provenance::Provenance;
 use crate::run_stats::RunStats;
 use crate::scoring::{StoppableEvaluation, recognition_repeats};
@@ -221,7 +221,7 @@ impl Run {
     /// # Errors
     /// Errors of all parts; [`RunError::Panicked`], and [`RunError::FailedEarlier`] after an error.
     /// Files written so far stay, and the last checkpoint can be resumed.
-    pub fn advance(&mut self) -> Result<Option<Event>, RunError> {
+    pub fn advance(&mut self) -> Result<Option<RunEvent>, RunError> {
         if self.broken {
             return Err(RunError::FailedEarlier);
         }
@@ -234,7 +234,7 @@ impl Run {
         event
     }
 
-    fn step(&mut self) -> Result<Option<Event>, RunError> {
+    fn step(&mut self) -> Result<Option<RunEvent>, RunError> {
         if self.stop.is_requested() {
             return Ok(None);
         }
@@ -243,10 +243,10 @@ impl Run {
             (0, Some(index)) => {
                 let progress = self.learn(index)?;
                 self.due = self.due_after(index);
-                Event::Rollout(Box::new(progress))
+                RunEvent::Rollout(Box::new(progress))
             }
             (rounds, _) => match self.score(rounds)? {
-                Some(evaluation) => Event::Evaluation(evaluation),
+                Some(evaluation) => RunEvent::Evaluation(evaluation),
                 None => return Ok(None),
             },
         };
@@ -275,13 +275,14 @@ impl Run {
         let clock = Instant::now();
         let rollout = self.stats.rollouts;
         let (visit, before) = self.stream.visit_and_earlier(index);
-        let group = self.tasks.get(&visit.group)?;
+        let group = self.tasks.find(&visit.group)?;
         let returns = before.iter().any(|earlier| earlier.group == visit.group);
         let (learner, stream) = (&mut self.learner, &mut self.stream);
         stream.begin_iteration(rollout, index)?;
         let failures_before = stream.environments().environment_failures();
         let seconds_before = stream.environments().environment_seconds();
-        let iteration: Iteration = run_catching_panics(&self.pool, || Ok(learner.learn(stream)?))?;
+        let iteration: IterationReport =
+            run_catching_panics(&self.pool, || Ok(learner.learn(stream)?))?;
         let seconds = clock.elapsed().as_secs_f64();
         let stats = &mut self.stats;
         if stream.spans_switch() {
@@ -304,7 +305,7 @@ impl Run {
             group,
             last_group: self
                 .tasks
-                .get(&stream.visit_and_earlier(stream.last_visit_index()).0.group)?,
+                .find(&stream.visit_and_earlier(stream.last_visit_index()).0.group)?,
             spans_switch: stream.spans_switch(),
             iteration,
             warning,

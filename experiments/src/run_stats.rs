@@ -22,7 +22,7 @@ pub struct RunStats {
     #[serde(rename = "opened_for")]
     pub created_for_group: Vec<Option<String>>,
     /// For each policy, the one that it was merged into, as of the last iteration
-    /// ([`learner::Iteration::merged_into`]). `correct_assignments` and own policies count a merged
+    /// ([`learner::IterationReport::merged_into`]). `correct_assignments` and own policies count a merged
     /// policy as the one that acts for it.
     #[serde(default, rename = "heirs")]
     pub merged_into: Vec<Option<usize>>,

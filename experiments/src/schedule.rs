@@ -136,7 +136,7 @@ impl Schedule {
     /// # Errors
     /// A name that `tasks` does not hold.
     pub fn resolve_groups(&self, tasks: &TaskRegistry) -> Result<Vec<TaskGroup>, RunError> {
-        self.groups.iter().map(|plan| Ok(tasks.get(&plan.group)?)).collect()
+        self.groups.iter().map(|plan| Ok(tasks.find(&plan.group)?)).collect()
     }
 
     /// Returns the scheduled task group called `name`, or all of them if `name` is `None`.
@@ -152,7 +152,7 @@ impl Schedule {
         let Some(name) = name else {
             return Ok(groups);
         };
-        let chosen = tasks.get(name)?;
+        let chosen = tasks.find(name)?;
         if groups.contains(&chosen) {
             return Ok(vec![chosen]);
         }

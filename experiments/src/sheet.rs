@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use envs::{Mark, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskGroup, VecEnvSettings};
+use envs::{GripperMark, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskGroup, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -92,7 +92,7 @@ fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec
 pub fn mark_goal(table: &TableTop, rgb: &mut [u8]) {
     if let Some(goal) = table.observable_goal() {
         let camera = table.scene().camera;
-        let mark = Mark { color: VECTOR_GOAL, ..camera.mark };
+        let mark = GripperMark { color: VECTOR_GOAL, ..camera.mark };
         camera.draw_mark(&mark, goal, rgb);
     }
 }

@@ -3,17 +3,17 @@
 use std::fmt::{self, Write};
 
 use crate::evaluation::{Score, average_by_group};
-use crate::{Event, RolloutReport, Summary};
+use crate::{RolloutReport, RunEvent, Summary};
 
 /// Names of the columns of [`rollout_line`].
 pub const ROLLOUT_HEADER: &str =
     "decisions  group         policy      reward  success  distance to each policy (z)";
 
 /// Formats an event of a run for the terminal: a line for a rollout, a table for an evaluation.
-pub fn event_text(event: &Event) -> String {
+pub fn event_text(event: &RunEvent) -> String {
     match event {
-        Event::Rollout(progress) => rollout_line(progress),
-        Event::Evaluation(evaluation) => score_table(&evaluation.results.scores),
+        RunEvent::Rollout(progress) => rollout_line(progress),
+        RunEvent::Evaluation(evaluation) => score_table(&evaluation.results.scores),
     }
 }
 

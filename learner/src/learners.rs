@@ -19,7 +19,7 @@ pub use covers::{Covers, CoversSettings};
 pub use device::{DeviceChoice, LearningDevice};
 pub use learner::per_policy_column_names;
 pub use learner::{
-    CheckpointExtent, Iteration, IterationSeconds, Learner, Metric, Metrics, PolicyEvaluation,
+    CheckpointExtent, IterationReport, IterationSeconds, Learner, Metric, Metrics, PolicyEvaluation,
 };
 pub use off_policy::{OffPolicy, OffPolicySettings};
 pub use settings::LearnerSettings;

@@ -22,8 +22,8 @@ pub use groupings::{
     RecognisedPolicy, RemovedSettings, SinglePolicyGrouping, ThresholdGrouping,
 };
 pub use learners::{
-    CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, Handover, Iteration,
-    IterationSeconds, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicyInit,
-    OffPolicy, OffPolicySettings, PolicyCollection, PolicyCollectionSettings, PolicyEvaluation,
-    Rollout, StepView, Training, per_policy_column_names, read_checkpoint_note,
+    CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, Handover,
+    IterationReport, IterationSeconds, Learner, LearnerSettings, LearningDevice, Metric, Metrics,
+    NewPolicyInit, OffPolicy, OffPolicySettings, PolicyCollection, PolicyCollectionSettings,
+    PolicyEvaluation, Rollout, StepView, Training, per_policy_column_names, read_checkpoint_note,
 };

@@ -2,7 +2,7 @@
 
 use cluster::Verdict;
 use learner::{
-    Covers, CoversSettings, GroupingSettings, Handover, Iteration, Labels, Learner,
+    Covers, CoversSettings, GroupingSettings, Handover, IterationReport, Labels, Learner,
     LearnerSettings, NewPolicyInit,
 };
 use rl::VectorEnv;
@@ -19,7 +19,7 @@ fn with(mut settings: CoversSettings, change: impl FnOnce(&mut CoversSettings)) 
 }
 
 /// The learner of `settings` after rollouts in these groups, with its reports.
-fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<Iteration>) {
+fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<IterationReport>) {
     let mut env = Bars::new();
     let mut covers = Covers::new(settings, env.spec()).unwrap();
     let reports = env.train(&mut covers, groups);
@@ -27,7 +27,7 @@ fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<Iteration>)
 }
 
 /// A figure of each report.
-fn each<T>(reports: &[Iteration], figure: fn(&Iteration) -> T) -> Vec<T> {
+fn each<T>(reports: &[IterationReport], figure: fn(&IterationReport) -> T) -> Vec<T> {
     reports.iter().map(figure).collect()
 }
 
@@ -215,14 +215,15 @@ fn a_single_policy_takes_everything() {
 #[test]
 fn an_iteration_logs_the_same_names_whatever_happens() {
     let (_, reports) = after(settings(), &[0, 1, 0]);
-    let names = |report: &Iteration| -> Vec<String> {
+    let names = |report: &IterationReport| -> Vec<String> {
         report.metrics.iter().map(|(name, _)| name.to_owned()).collect()
     };
     assert!(names(&reports[0]).contains(&"distances".to_owned()));
     for report in &reports {
         assert_eq!(names(report), names(&reports[0]));
     }
-    let distances = |report: &Iteration| report.metrics.get("distances").unwrap().to_string();
+    let distances =
+        |report: &IterationReport| report.metrics.metric("distances").unwrap().to_string();
     assert_eq!(distances(&reports[0]), "");
     assert_eq!(distances(&reports[2]).split(';').count(), 2);
 }

@@ -1,8 +1,8 @@
 //! A toy environment whose hidden group changes, and what learners do in it.
 
 use learner::{
-    CheckpointExtent, CoversSettings, Iteration, Learner, LearnerError, Metric, PolicyCollection,
-    PolicyCollectionSettings,
+    CheckpointExtent, CoversSettings, IterationReport, Learner, LearnerError, Metric,
+    PolicyCollection, PolicyCollectionSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -54,7 +54,7 @@ impl Bars {
     }
 
     /// Lets `learner` train for one iteration in each of these groups.
-    pub fn train(&mut self, learner: &mut dyn Learner, groups: &[usize]) -> Vec<Iteration> {
+    pub fn train(&mut self, learner: &mut dyn Learner, groups: &[usize]) -> Vec<IterationReport> {
         let iterations = groups.iter().map(|&group| {
             self.group = group;
             learner.learn(self).unwrap()
@@ -119,8 +119,8 @@ pub fn covers_settings() -> CoversSettings {
 }
 
 /// A metric of an iteration that is one number.
-pub fn number(iteration: &Iteration, name: &str) -> f64 {
-    match iteration.metrics.get(name) {
+pub fn number(iteration: &IterationReport, name: &str) -> f64 {
+    match iteration.metrics.metric(name) {
         Some(Metric::Number(value)) => *value,
         other => panic!("{name} is {other:?}"),
     }

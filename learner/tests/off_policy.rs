@@ -2,7 +2,7 @@
 //! same bits.
 
 use learner::{
-    CheckpointExtent, GroupingSettings, Iteration, Learner, OffPolicy, OffPolicySettings,
+    CheckpointExtent, GroupingSettings, IterationReport, Learner, OffPolicy, OffPolicySettings,
 };
 use rl::{
     ContextSettings, CriticSettings, EncoderSettings, NetworkSettings, SacSettings, VectorEnv,
@@ -105,7 +105,7 @@ fn every_group_has_a_policy_and_a_replay() {
     let settings = OffPolicySettings { capacity: 1000, ..sorting() };
     let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
     let turns = env.train(&mut learner, &[0, 0, 1, 1, 0]);
-    let each = |figure: fn(&Iteration) -> usize| turns.iter().map(figure).collect::<Vec<_>>();
+    let each = |figure: fn(&IterationReport) -> usize| turns.iter().map(figure).collect::<Vec<_>>();
     assert_eq!(each(|turn| turn.policy), [0, 0, 1, 1, 0]);
     // a policy is created after a second rollout; the first one is in no replay
     assert_eq!(each(|turn| turn.decisions), [100, 100, 200, 100, 100]);

@@ -227,7 +227,7 @@ fn merges_are_reported() {
     let (mut env, mut covers) = learner(duplicates());
     let reported = (0..3).map(|_| {
         let iteration = covers.learn(&mut env).unwrap();
-        let logged = iteration.metrics.get("heirs").unwrap().to_string();
+        let logged = iteration.metrics.metric("heirs").unwrap().to_string();
         (iteration.merged_into.iter().flatten().count(), logged)
     });
     let merged = || (1, ";0".to_owned());

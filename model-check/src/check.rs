@@ -152,7 +152,7 @@ fn corrections_of(
     ignore: &[String],
 ) -> Corrections {
     let list = |kind| {
-        let pairs = pairs.list(kind, snapshot, plane).into_iter();
+        let pairs = pairs.left_right_pairs(kind, snapshot, plane).into_iter();
         pairs.map(|pair| pair.map(|index| snapshot.label(kind, index))).collect::<Vec<_>>()
     };
     let lists = Kind::ALL.into_iter().map(|kind| (kind, list(kind))).collect();

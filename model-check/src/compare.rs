@@ -103,7 +103,7 @@ impl Comparison {
             joint_signs: vec![1.0; snapshot.count(Kind::Joint)],
             control_signs: vec![1.0; snapshot.count(Kind::Actuator)],
         };
-        let list = |kind| pairs.list(kind, snapshot, plane);
+        let list = |kind| pairs.left_right_pairs(kind, snapshot, plane);
         for pair in list(Kind::Body) {
             comparison.compare_bodies(&comparer, pair, plane);
         }

@@ -119,7 +119,12 @@ impl Pairs {
     }
 
     /// Returns the pairs of a kind, left first, each once.
-    pub fn list(&self, kind: Kind, snapshot: &Snapshot, plane: &Plane) -> Vec<[usize; 2]> {
+    pub fn left_right_pairs(
+        &self,
+        kind: Kind,
+        snapshot: &Snapshot,
+        plane: &Plane,
+    ) -> Vec<[usize; 2]> {
         let pairs = self.counterparts[kind as usize].iter().enumerate();
         let pairs = pairs.filter_map(|(one, other)| other.map(|other| [one, other]));
         let once = pairs.filter(|[one, other]| one <= other);

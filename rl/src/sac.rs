@@ -186,14 +186,17 @@ impl Sac {
     }
 
     /// Returns the two parameter groups of the optimiser, image encoder and all others, with their
-    /// learning rates.
+    /// learning rates in the next gradient step.
     fn groups(&self, network: &SacNetwork<f32>) -> [ParamGroup; 2] {
         let encoder = network.trunk.encoder_params();
         let heads = encoder.end..network.num_params();
-        let SacSettings { learning_rate, encoder_learning_rate, .. } = self.settings;
+        let SacSettings { learning_rate, encoder_learning_rate, decay_steps, .. } = self.settings;
         let encoder_rate = encoder_learning_rate.unwrap_or(learning_rate);
-        [(encoder, encoder_rate), (heads, learning_rate)]
-            .map(|(range, learning_rate)| ParamGroup { range, learning_rate })
+        let decay = decay_steps.map_or(0.0, |steps| self.optimiser.steps as f64 / steps as f64);
+        [(encoder, encoder_rate), (heads, learning_rate)].map(|(range, rate)| ParamGroup {
+            range,
+            learning_rate: (f64::from(rate) / (1.0 + decay)) as f32,
+        })
     }
 
     /// Takes a gradient step on the temperature's loss J(alpha) = E[-alpha ln pi - alpha H], where

@@ -11,8 +11,8 @@ use std::time::Duration;
 
 use glam::DVec3;
 use robots::{
-    CartesianControl, Chain, Command, ControlError, ControlSettings, KinematicArm, MjcfSettings,
-    Robot, RobotDescription, Servo, Twist, Watchdog, gen3,
+    Chain, Command, ControlError, ControlSettings, KinematicArm, MjcfSettings, Robot,
+    RobotDescription, Servo, Twist, TwistController, Watchdog, gen3,
 };
 
 /// Time between two commands.
@@ -44,7 +44,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let chain = Chain::new(&arm, tip)?;
     let posture = posture(&arm, &chain);
     describe(&arm, &chain, &posture);
-    let control = CartesianControl::new(chain, &posture, ControlSettings::default())?;
+    let control = TwistController::new(chain, &posture, ControlSettings::default())?;
     Ok(dry_run(KinematicArm::new(control))?)
 }
 

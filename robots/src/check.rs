@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::capsule::Capsule;
 use crate::chain::Chain;
-use crate::control::{CartesianControl, ControlSettings};
+use crate::control::{ControlSettings, TwistController};
 use crate::description::{Inertia, Joint, JointMotion, Link, MotionKind, RobotDescription};
 use crate::error::DescriptionError;
 use crate::ik::IkSettings;
@@ -132,8 +132,7 @@ impl RobotDescription {
         let chain = chain.ok();
         if let Some(chain) = &chain {
             let posture = chain.spread_configuration(0);
-            let control =
-                CartesianControl::new(chain.clone(), &posture, ControlSettings::default());
+            let control = TwistController::new(chain.clone(), &posture, ControlSettings::default());
             problems.extend(control.err().map(|error| error.to_string()));
         }
         let reach = chain.as_ref().map(Chain::reach).filter(|reach| reach.is_finite());

@@ -14,7 +14,7 @@ use crate::ik::{
 use crate::pose::Pose;
 use crate::twist::{Twist, TwistLimits};
 
-/// Settings of a [`CartesianControl`].
+/// Settings of a [`TwistController`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ControlSettings {
     /// Maximum speeds and accelerations of the tip.
@@ -125,7 +125,7 @@ const POSTURE_SPEED: f64 = 0.1;
 /// too fast, the whole motion is slowed down. Servos, or a simulation, move the arm to the
 /// references.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CartesianControl {
+pub struct TwistController {
     chain: Chain,
     settings: ControlSettings,
     posture: Vec<f64>,
@@ -138,7 +138,7 @@ pub struct CartesianControl {
     twist: Twist,
 }
 
-impl CartesianControl {
+impl TwistController {
     /// Starts at rest in `posture` `[len]`, to which redundant joints return.
     ///
     /// # Errors

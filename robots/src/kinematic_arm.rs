@@ -1,6 +1,6 @@
 //! Purely kinematic arm, for dry runs.
 
-use crate::control::CartesianControl;
+use crate::control::TwistController;
 use crate::error::ControlError;
 use crate::robot::{Command, Robot, RobotState};
 
@@ -12,7 +12,7 @@ const CLOSING_TIME: f64 = 0.57;
 /// Its time passes in [`KinematicArm::advance`].
 #[derive(Debug)]
 pub struct KinematicArm {
-    control: CartesianControl,
+    control: TwistController,
     wanted_closing: f64,
     gripper_closure: f64,
 }
@@ -20,14 +20,14 @@ pub struct KinematicArm {
 impl KinematicArm {
     /// Creates an arm whose joints are at the target positions that `control` holds, with open
     /// fingers.
-    pub fn new(control: CartesianControl) -> Self {
+    pub fn new(control: TwistController) -> Self {
         Self { control, wanted_closing: 0.0, gripper_closure: 0.0 }
     }
 
     /// Advances the arm's time by `seconds`.
     ///
     /// # Errors
-    /// Errors of [`CartesianControl::tick`]; the arm stands still then.
+    /// Errors of [`TwistController::tick`]; the arm stands still then.
     pub fn advance(&mut self, seconds: f64) -> Result<(), ControlError> {
         let moved = self.control.tick(seconds);
         self.unless_failed(moved)?;
@@ -46,7 +46,7 @@ impl KinematicArm {
     }
 
     /// Returns the controller that turns commands into joint positions.
-    pub fn control(&self) -> &CartesianControl {
+    pub fn control(&self) -> &TwistController {
         &self.control
     }
 }

@@ -26,7 +26,7 @@ mod watchdog;
 pub use capsule::{Capsule, PlacedShape, Shape};
 pub use chain::{Chain, ChainJoint};
 pub use check::{JointCheck, RobotCheck};
-pub use control::{CartesianControl, ControlSettings};
+pub use control::{ControlSettings, TwistController};
 pub use description::{
     Inertia, Joint, JointMotion, Link, MotionKind, PositionSource, RangeRestriction,
     RobotDescription,

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    CartesianControl, Chain, ControlError, ControlSettings, Pose, RobotDescription, Twist, gen3,
+    Chain, ControlError, ControlSettings, Pose, RobotDescription, Twist, TwistController, gen3,
 };
 
 use crate::SIX_JOINT;
@@ -19,8 +19,8 @@ fn chain(tip: &str) -> Chain {
     Chain::new(&gen3::description().unwrap(), tip).unwrap()
 }
 
-fn at_work() -> CartesianControl {
-    CartesianControl::new(chain("tool_link"), &gen3::WORK, ControlSettings::default()).unwrap()
+fn at_work() -> TwistController {
+    TwistController::new(chain("tool_link"), &gen3::WORK, ControlSettings::default()).unwrap()
 }
 
 pub fn random(chain: &Chain, generator: &mut ChaCha8Rng) -> Vec<f64> {
@@ -261,7 +261,7 @@ fn commands_that_are_not_finite_stop_the_arm() {
 }
 
 #[track_caller]
-fn stands(control: &mut CartesianControl) {
+fn stands(control: &mut TwistController) {
     let joints = control.joint_positions().to_vec();
     control.tick(TICK).unwrap();
     assert_eq!(control.joint_positions(), joints);
@@ -320,7 +320,7 @@ fn settings_out_of_range_are_refused() {
     for (spoil, words) in spoils {
         let mut settings = ControlSettings::default();
         spoil(&mut settings);
-        let error = CartesianControl::new(chain("tool_link"), &gen3::WORK, settings).unwrap_err();
+        let error = TwistController::new(chain("tool_link"), &gen3::WORK, settings).unwrap_err();
         assert!(error.to_string().contains(words), "{error}");
     }
 }
@@ -338,7 +338,7 @@ fn velocities_that_are_not_finite_move_no_joint() {
     let mut posture = gen3::WORK;
     posture[0] = f64::MAX;
     let settings = ControlSettings::default();
-    let mut control = CartesianControl::new(chain("tool_link"), &posture, settings).unwrap();
+    let mut control = TwistController::new(chain("tool_link"), &posture, settings).unwrap();
     posture[0] = f64::MIN;
     control.restart(&posture).unwrap();
     let error = control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap_err();

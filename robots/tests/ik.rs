@@ -8,8 +8,8 @@ use glam::{DQuat, DVec3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    CartesianControl, Chain, ControlError, ControlSettings, IkSettings, OrientationConstraint,
-    Pose, RobotDescription, Twist, gen3,
+    Chain, ControlError, ControlSettings, IkSettings, OrientationConstraint, Pose,
+    RobotDescription, Twist, TwistController, gen3,
 };
 
 use crate::control::random;
@@ -206,7 +206,7 @@ fn five_joints_follow_twists_with_a_free_axis() {
         (OrientationConstraint::Free, true),
     ] {
         let settings = ControlSettings { orientation, ..ControlSettings::default() };
-        let mut control = CartesianControl::new(arm(FIVE), &posture, settings).unwrap();
+        let mut control = TwistController::new(arm(FIVE), &posture, settings).unwrap();
         let start = control.tip_pose();
         let twist = Twist { linear: 0.05 * DVec3::Y, angular: DVec3::ZERO };
         let followed = (0..80).try_for_each(|_| {

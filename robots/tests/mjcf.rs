@@ -8,8 +8,8 @@ use mujoco::{Data, Model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    CartesianControl, Chain, ControlSettings, LinkAddition, MjcfSettings, Pose, RobotDescription,
-    Servo, Twist, gen3,
+    Chain, ControlSettings, LinkAddition, MjcfSettings, Pose, RobotDescription, Servo, Twist,
+    TwistController, gen3,
 };
 
 use crate::SIX_JOINT;
@@ -233,8 +233,7 @@ fn the_simulated_arm_follows_its_control() {
     let settings = MjcfSettings { servo: Some(servo), ..MjcfSettings::default() };
     let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
     let chain = Chain::new(&arm, "pinch_link").unwrap();
-    let mut control =
-        CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
+    let mut control = TwistController::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
     let mut data = Data::new(Arc::clone(&model));
     data.qpos_mut()[..7].copy_from_slice(&gen3::WORK);
     let pinch = model.body("pinch_link").unwrap();

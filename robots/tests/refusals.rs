@@ -4,8 +4,8 @@ use std::path::Path;
 
 use mujoco::Model;
 use robots::{
-    CartesianControl, Chain, ControlSettings, JointMotion, MAX_URDF_BYTES, MjcfSettings, Pose,
-    PositionSource, RobotDescription, Servo, Shape, UrdfSettings,
+    Chain, ControlSettings, JointMotion, MAX_URDF_BYTES, MjcfSettings, Pose, PositionSource,
+    RobotDescription, Servo, Shape, TwistController, UrdfSettings,
 };
 
 use crate::SIX_JOINT;
@@ -151,7 +151,7 @@ fn limits_are_needed_where_they_are_used() {
         let urdf = changed(r#"<limit effort="60" velocity="1.5"/>"#, limit);
         assert!(not_simulated(&urdf).contains("efforts of the joints turn: "));
         let chain = Chain::new(&read(&urdf), "tip").unwrap();
-        let control = CartesianControl::new(chain, &[0.0; 6], ControlSettings::default());
+        let control = TwistController::new(chain, &[0.0; 6], ControlSettings::default());
         assert!(control.unwrap_err().to_string().contains("speeds of the joints turn: "));
         let settings = UrdfSettings { default_speed: Some(0.5), ..UrdfSettings::default() };
         let arm = Folder::new("limits").read_with(&urdf, &settings).unwrap();
@@ -193,7 +193,7 @@ fn reversed_ranges_are_refused_where_they_are_used() {
     let chain = Chain::new(&arm, "tip").unwrap();
     let [ik, control] = [
         chain.solve_ik(&Pose::IDENTITY, &[0.0; 6]).unwrap_err(),
-        CartesianControl::new(chain, &[0.0; 6], ControlSettings::default()).unwrap_err(),
+        TwistController::new(chain, &[0.0; 6], ControlSettings::default()).unwrap_err(),
     ];
     for error in [ik, control] {
         assert!(error.to_string().contains("`twist` has the limits 3 to -3"), "{error}");

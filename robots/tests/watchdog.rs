@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use glam::DVec3;
 use robots::{
-    CartesianControl, Chain, Command, ControlError, ControlSettings, KinematicArm, Pose, Robot,
-    RobotState, Twist, Watchdog, gen3,
+    Chain, Command, ControlError, ControlSettings, KinematicArm, Pose, Robot, RobotState, Twist,
+    TwistController, Watchdog, gen3,
 };
 
 /// Record of the calls to a robot that may fail to stop.
@@ -141,7 +141,7 @@ fn dropping_it_stops_the_robot() {
 #[test]
 fn a_kinematic_arm_moves_until_nobody_commands_it() {
     let chain = Chain::new(&gen3::description().unwrap(), "tool_link").unwrap();
-    let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
+    let control = TwistController::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
     let now = Cell::new(ms(0));
     let mut watched = Watchdog::new(KinematicArm::new(control), || now.get());
     let command = Command { twist: Twist::from_linear(0.1 * DVec3::Y), gripper_closure: 1.0 };
@@ -166,7 +166,7 @@ fn a_kinematic_arm_moves_until_nobody_commands_it() {
 #[test]
 fn a_kinematic_arm_that_refuses_a_command_stands_still() {
     let chain = Chain::new(&gen3::description().unwrap(), "tool_link").unwrap();
-    let control = CartesianControl::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
+    let control = TwistController::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
     let mut arm = KinematicArm::new(control);
     let closing =
         |speed: f64| Command { twist: Twist::from_linear(speed * DVec3::Y), gripper_closure: 1.0 };

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use envs::TaskRegistry;
 use experiments::cli::print_escaped;
 use experiments::printable::printable_message;
-use experiments::{Event, Experiment, FolderSnapshot, Run, RunError, RunFolder, StopSignal};
+use experiments::{Experiment, FolderSnapshot, Run, RunError, RunEvent, RunFolder, StopSignal};
 use learner::DeviceChoice;
 use learner::overrides::check_same_settings;
 
@@ -225,7 +225,7 @@ impl<W: Write> Worker<'_, W> {
         run.set_stop_signal(self.stop.clone());
         self.say(job, &run.start_message_with_memory());
         while let Some(event) = run.advance()? {
-            if let Event::Evaluation(evaluation) = event {
+            if let RunEvent::Evaluation(evaluation) = event {
                 let rollouts = evaluation.rollouts;
                 self.say(job, &format!("evaluated after {rollouts} rollouts"));
             }

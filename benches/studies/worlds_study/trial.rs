@@ -1,11 +1,12 @@
 //! Trial of one world: a stream of visits, and a learner without networks. Its policies are
 //! stand-ins: scripted experts whose skill grows with the iterations that they are trained in.
 
+use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use learner::{
-    CommonSettings, Grouping, GroupingSettings, Handover, Iteration, Learner, NewPolicyInit,
+    CommonSettings, Grouping, GroupingSettings, Handover, IterationReport, Learner, NewPolicyInit,
     PolicyCollection, PolicyCollectionSettings, Training,
 };
 use rand::seq::SliceRandom;
@@ -212,7 +213,7 @@ impl Trial {
     fn turn(&mut self) -> Answer<Turn> {
         let begins = self.round();
         let iteration = self.learner.learn(&mut self.env)?;
-        let Iteration { policy, merged_into, seconds, .. } = iteration;
+        let IterationReport { policy, merged_into, seconds, .. } = iteration;
         self.outcome.merged_into = merged_into;
         let deciding = Duration::from_secs_f64(seconds.assignment);
         self.outcome.slowest = self.outcome.slowest.max(deciding);
@@ -283,6 +284,10 @@ impl PolicyCollectionSettings for StandIns {
 
     fn params(_: &StandIn) -> &[f32] {
         &[]
+    }
+
+    fn encoder_params(_: &StandIn) -> Range<usize> {
+        0..0
     }
 
     fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {

@@ -38,7 +38,7 @@ fn settings_travel_as_text() {
     let camera = Camera {
         height: 1.2,
         background: [0.1, 0.2, 0.3],
-        mark: Mark { hole: 0.01, ..Mark::default() },
+        mark: GripperMark { hole: 0.01, ..GripperMark::default() },
         oversampling: 3,
         extra_views: ExtraView::CloseUp,
         ..Camera::default()
@@ -96,7 +96,8 @@ fn slow_mark(camera: &Camera, point: DVec3) -> Vec<u8> {
 fn marks_are_discs_and_rings_also_across_the_edge() {
     let points = [[0.11, -0.07, 0.0], [-0.44, 0.44, 0.1], [0.43, 0.0, 0.3], [2.0, -3.0, 0.0]];
     for (radius, hole) in [(0.03, 0.0), (0.1, 0.06), (0.0, 0.0), (0.05, 0.05)] {
-        let camera = Camera { mark: Mark { radius, hole, color: [9, 8, 7] }, ..Camera::default() };
+        let camera =
+            Camera { mark: GripperMark { radius, hole, color: [9, 8, 7] }, ..Camera::default() };
         for point in points.map(DVec3::from_array) {
             assert!(draw(&camera, point) == slow_mark(&camera, point), "{point}");
         }

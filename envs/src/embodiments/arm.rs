@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 use robots::{
-    Capsule, CartesianControl, Chain, ControlSettings, IkSettings, LinkAddition, MjcfSettings,
-    Pose, RobotDescription, RobotState, Servo,
+    Capsule, Chain, ControlSettings, IkSettings, LinkAddition, MjcfSettings, Pose,
+    RobotDescription, RobotState, Servo, TwistController,
 };
 
 use crate::actuation::{Actuation, FingerDrive, JointPositions, ServoController, ServoSettings};
@@ -124,7 +124,7 @@ impl Arm {
             "a positive length in metres",
         )?;
         // built only to check the settings; `actuation` builds the one that is used
-        CartesianControl::new(chain.clone(), ready, settings.control)?;
+        TwistController::new(chain.clone(), ready, settings.control)?;
         Ok(Self {
             finger: finger(robot, settings.gripper.joint.as_ref())?,
             mjcf: robot.to_mjcf_part(&mjcf_settings(&settings))?.text,
@@ -303,7 +303,7 @@ impl EmbodimentSpec for Arm {
             limits: control.limits,
             orientation: control.orientation,
         };
-        let control = CartesianControl::new(self.chain.clone(), ready, control)?;
+        let control = TwistController::new(self.chain.clone(), ready, control)?;
         Ok(Actuation::Servos(Box::new(ServoController::new(servos, control))))
     }
 }

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use glam::{DQuat, DVec3};
 use robots::{
-    CartesianControl, Chain, ControlSettings, IkSettings, OrientationConstraint, Pose,
-    RobotDescription,
+    Chain, ControlSettings, IkSettings, OrientationConstraint, Pose, RobotDescription,
+    TwistController,
 };
 
 use crate::error::{EnvError, ReachShortfall};
@@ -82,7 +82,7 @@ impl BaseSearch<'_> {
         let unplaced = Chain::new(self.robot, self.hand)?;
         let middle = unplaced.spread_configuration(0);
         // reports what keeps the arm from moving before the search takes it for a short reach
-        CartesianControl::new(unplaced, &middle, ControlSettings::default())?;
+        TwistController::new(unplaced, &middle, ControlSettings::default())?;
         let grid = |ys: &[f64]| -> Vec<DVec3> {
             ys.iter().flat_map(|&y| BASE_Z.map(|z| DVec3::new(0.0, y, z))).collect()
         };

@@ -6,7 +6,7 @@ use rl::{Observations, Transition, VectorEnv};
 
 use super::*;
 use crate::presets::{Budget, Method};
-use learner::{CheckpointExtent, Iteration, LearnerError, RecognisedPolicy};
+use learner::{CheckpointExtent, IterationReport, LearnerError, RecognisedPolicy};
 
 /// Learner that takes the same action at every step, and records first observations of episodes.
 #[derive(Default)]
@@ -41,7 +41,7 @@ impl Spy {
 }
 
 impl Learner for Spy {
-    fn learn(&mut self, _: &mut dyn VectorEnv) -> Result<Iteration, LearnerError> {
+    fn learn(&mut self, _: &mut dyn VectorEnv) -> Result<IterationReport, LearnerError> {
         panic!("evaluations teach nothing")
     }
 

@@ -21,7 +21,7 @@ use web_time::Instant;
 use crate::error::LearnerError;
 use crate::groupings::{AssignmentData, Episodes, Grouping};
 
-use super::learner::Iteration;
+use super::learner::IterationReport;
 use episodes::{FirstFrames, ObservedEpisodes, embed_first_frames};
 use settings::{PolicyOf, RolloutOf};
 
@@ -87,11 +87,19 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Adds a policy with an empty buffer, random or with the parameters of `parent`; returns its
     /// index.
     fn create_policy(&mut self, parent: Option<usize>) -> Result<usize, LearnerError> {
-        let policy = match parent {
-            Some(parent) => self.policies[parent].policy.clone(),
-            None => {
-                let seed = self.generators.initialisation.random();
-                self.settings.new_policy(&self.spec, seed)?
+        let mut random = || {
+            let seed = self.generators.initialisation.random();
+            self.settings.new_policy(&self.spec, seed)
+        };
+        let parent = parent.map(|index| &self.policies[index].policy);
+        let policy = match (parent, self.settings.common().new_policy) {
+            (None, _) | (_, NewPolicyInit::Random) => random()?,
+            (Some(parent), NewPolicyInit::Copy) => parent.clone(),
+            (Some(parent), NewPolicyInit::Encoder) => {
+                let mut params = S::params(&random()?).to_vec();
+                let encoder = S::encoder_params(parent);
+                params[encoder.clone()].copy_from_slice(&S::params(parent)[encoder]);
+                self.settings.policy_with_params(&self.spec, params)?
             }
         };
         let training = self.settings.new_training(&self.spec, &policy)?;
@@ -123,7 +131,7 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
         env: &mut dyn VectorEnv,
         rollout: &mut RolloutOf<S>,
         rng: &mut ChaCha8Rng,
-        iteration: &mut Iteration,
+        iteration: &mut IterationReport,
     ) -> Result<RolloutStats, RlError> {
         let clock = Instant::now();
         self.training.prepare_rollout(rollout);

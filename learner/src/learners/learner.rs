@@ -18,7 +18,7 @@ pub trait Learner: Send {
     ///
     /// # Errors
     /// Errors of the environment, a policy or a grouping.
-    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, LearnerError>;
+    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<IterationReport, LearnerError>;
 
     /// Returns the policy that fits the tasks of `env`, judged by new episodes: exactly `episodes`,
     /// or for `None` as many as the learner needs. Nothing is trained.
@@ -107,7 +107,7 @@ pub struct PolicyEvaluation {
 
 /// Report of one training iteration of a learner ([`Learner::learn`]).
 #[derive(Clone, Debug, Default)]
-pub struct Iteration {
+pub struct IterationReport {
     /// Index of the policy that trained.
     pub policy: usize,
     /// `true` if the policy that trained was created in this iteration.
@@ -202,7 +202,7 @@ impl Metrics {
     }
 
     /// Returns the logged value of this name.
-    pub fn get(&self, name: &str) -> Option<&Metric> {
+    pub fn metric(&self, name: &str) -> Option<&Metric> {
         self.iter().find(|(own, _)| *own == name).map(|(_, m)| m)
     }
 
@@ -238,7 +238,7 @@ pub fn per_policy_column_names() -> impl Iterator<Item = &'static str> {
 // Groups that all change at once need one each. The bound prevents an endless iteration.
 const MAX_DISCARDED: usize = 16;
 
-impl Iteration {
+impl IterationReport {
     /// Returns `true` if one more rollout may be left undecided and discarded.
     pub(super) fn may_discard(&self) -> bool {
         self.discarded < MAX_DISCARDED
@@ -272,10 +272,10 @@ mod tests {
         let mut metrics = Metrics::default();
         metrics.add_number("loss", 0.1 + 0.2);
         metrics.add_per_policy("distances", [Some(1.5), None, Some(-2.0)]);
-        let loss = metrics.get("loss").unwrap().to_string();
+        let loss = metrics.metric("loss").unwrap().to_string();
         assert_eq!(loss.parse::<f64>().unwrap(), 0.1 + 0.2);
-        assert_eq!(metrics.get("distances").unwrap().to_string(), "1.5;;-2");
-        assert_eq!(metrics.get("lost"), None);
+        assert_eq!(metrics.metric("distances").unwrap().to_string(), "1.5;;-2");
+        assert_eq!(metrics.metric("lost"), None);
         let names: Vec<&str> = metrics.iter().map(|(name, _)| name).collect();
         assert_eq!(names, ["loss", "distances"]);
     }

@@ -7,6 +7,8 @@ mod frame_codec;
 mod replay_checkpoint;
 mod staged_rollout;
 
+use std::ops::Range;
+
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Algorithm, AlgorithmState, ContextSettings, EnvSpec, Metrics, NetworkSettings, PpoSettings,
@@ -150,7 +152,11 @@ impl OffPolicySettings {
                 burn_in: 500,
                 // the critics drag the encoder along, and features that move fast mislead the actor
                 encoder_learning_rate: Some(2e-4),
+                // constant rates keep a policy that has learnt Goal Reach from settling
+                decay_steps: Some(3000),
                 temperature: Temperature::Learned { initial: 0.02, target: 0.3 },
+                // gradients of equivariant networks are the same for every image of a step
+                augmentation: Group::C1,
                 ..equi.sac
             },
             warm_up: 500,
@@ -204,6 +210,10 @@ impl PolicyCollectionSettings for OffPolicySettings {
 
     fn params(policy: &SacPolicy) -> &[f32] {
         policy.params()
+    }
+
+    fn encoder_params(policy: &SacPolicy) -> Range<usize> {
+        policy.network().encoder_params()
     }
 
     fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<StagedRollout, RlError> {

@@ -45,6 +45,10 @@ pub struct SacSettings {
     /// Adam's step size for the parameters of the image encoder, above 0; that of all others if
     /// null.
     pub encoder_learning_rate: Option<f32>,
+    /// Number of gradient steps after which both step sizes have halved, at least 1: at gradient
+    /// step t they are those above divided by `1 + t / decay_steps`. Constant if null. The
+    /// temperature's step size is constant.
+    pub decay_steps: Option<u64>,
     /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
     /// Maximum magnitude of each component of the gradient, above 0; larger components are clipped
@@ -100,6 +104,7 @@ impl SacSettings {
             burn_in: 20_000,
             learning_rate: 3e-4,
             encoder_learning_rate: None,
+            decay_steps: None,
             adam_epsilon: 1e-8,
             max_gradient: 1.0,
             // SAC's (arXiv 1801.01290, table 1)
@@ -137,6 +142,9 @@ impl SacSettings {
         require_positive("learning_rate", self.learning_rate)?;
         if let Some(rate) = self.encoder_learning_rate {
             require_positive("encoder_learning_rate", rate)?;
+        }
+        if let Some(steps) = self.decay_steps {
+            require("decay_steps", steps as f32, "at least 1, or null", steps > 0)?;
         }
         require_positive("adam_epsilon", self.adam_epsilon)?;
         require_positive("max_gradient", self.max_gradient)?;

@@ -166,6 +166,27 @@ fn the_image_encoder_learns_at_its_own_rate() {
     }
 }
 
+#[test]
+fn learning_rates_halve_after_the_decay_steps() {
+    let rates = |decay_steps, steps| {
+        let settings = SacSettings {
+            learning_rate: 1e-2,
+            encoder_learning_rate: Some(2e-3),
+            decay_steps,
+            ..drawn_settings(2)
+        };
+        let network = fixtures::settings(Group::D2, fixtures::strided());
+        let policy = SacPolicy::new(&network, None, &fixtures::spec(), 3).unwrap();
+        let mut sac = Sac::new(settings, &policy).unwrap();
+        sac.optimiser.steps = steps;
+        sac.groups(policy.network()).map(|group| group.learning_rate)
+    };
+    assert_eq!(rates(None, 400), [2e-3, 1e-2]);
+    assert_eq!(rates(Some(100), 0), [2e-3, 1e-2]);
+    assert_eq!(rates(Some(100), 100), [1e-3, 5e-3]);
+    assert_eq!(rates(Some(100), 300), [5e-4, 2.5e-3]);
+}
+
 const SAMPLES: usize = 4000;
 
 fn drawn_settings(window: usize) -> SacSettings {

@@ -117,7 +117,7 @@ impl Viewer {
         let mut unreadable: Option<String> = None;
         let mut first_request: Option<Instant> = None;
         while !over.load(Ordering::SeqCst) {
-            let picture = self.latest_frame.get();
+            let picture = self.latest_frame.newest();
             let picture = picture.map(|picture| ("environment 0, now".to_owned(), picture));
             let keys = match (&unreadable, self.stop.is_requested()) {
                 (_, true) => "stops after this rollout; q again ends at once",

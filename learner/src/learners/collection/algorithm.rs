@@ -26,7 +26,7 @@ use web_time::Instant;
 use crate::error::LearnerError;
 use crate::groupings::{AssignmentRequest, GroupingDecision, RecognisedPolicy};
 use crate::learners::learner::{
-    CheckpointExtent, Iteration, IterationSeconds, Learner, PolicyEvaluation,
+    CheckpointExtent, IterationReport, IterationSeconds, Learner, PolicyEvaluation,
 };
 
 use super::episodes::{FirstFrames, ObservedEpisodes, first_frames, trajectories};
@@ -41,8 +41,8 @@ const ACTIVITY_INTERVAL: usize = 10;
 impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
     /// Runs lines 4 to 16 of Algorithm 1 once. Lines 2, 3 and 18 count the steps up to the next
     /// assignment: here every rollout is assigned, since `N_u` and `N_s` are equal.
-    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<Iteration, LearnerError> {
-        let (mut iteration, policies) = (Iteration::default(), self.policies.len());
+    fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<IterationReport, LearnerError> {
+        let (mut iteration, policies) = (IterationReport::default(), self.policies.len());
         let (actor, decision) = loop {
             // Lines 4 to 7: roll out N_s steps with the current policy into D (`self.rollout`); O
             // (`observed`) takes the first k frames of each episode.
@@ -160,7 +160,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     pub(super) fn roll_out(
         &mut self,
         env: &mut dyn VectorEnv,
-        iteration: &mut Iteration,
+        iteration: &mut IterationReport,
     ) -> Result<(), LearnerError> {
         self.check_horizon(env)?;
         let entry = &mut self.policies[self.current];
@@ -259,17 +259,17 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Ok(self.current == policies)
     }
 
-    /// Returns the index of the policy whose parameters a new policy copies; `None` for random
-    /// ones.
+    /// Returns the index of the policy from which a new policy copies parameters; `None` if all are
+    /// random.
     fn parent(&self, decision: &GroupingDecision) -> Result<Option<usize>, LearnerError> {
-        match (self.settings.common().new_policy, decision.nearest) {
-            (NewPolicyInit::Random, _) => Ok(None),
-            (NewPolicyInit::Copy, Some(nearest)) => Ok(Some(nearest)),
-            (NewPolicyInit::Copy, None) => {
-                let expected = "random with a grouping that measures no distances: none is nearest";
-                Err(LearnerError::invalid("new_policy", "copy", expected))
-            }
-        }
+        let name = match self.settings.common().new_policy {
+            NewPolicyInit::Random => return Ok(None),
+            NewPolicyInit::Copy => "copy",
+            NewPolicyInit::Encoder => "encoder",
+        };
+        let expected = "random with a grouping that measures no distances: none is nearest";
+        let nearest = decision.nearest;
+        nearest.map(Some).ok_or_else(|| LearnerError::invalid("new_policy", name, expected))
     }
 
     /// Trains the current policy on the rollout (line 15); returns the values to log.

@@ -10,7 +10,7 @@ use crate::error::LearnerError;
 use crate::groupings::{
     AssignedEpisodes, AssignmentRequest, Episodes, GroupingDecision, GroupingUpdate,
 };
-use crate::learners::learner::{Iteration, IterationSeconds};
+use crate::learners::learner::{IterationReport, IterationSeconds};
 
 use super::PolicyCollection;
 use super::episodes::{ObservedEpisodes, Rollout};
@@ -18,7 +18,7 @@ use super::settings::{Handover, PolicyCollectionSettings, RolloutOf, Training};
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Discards a rollout that the grouping left undecided.
-    pub(super) fn discard(&mut self, iteration: &mut Iteration) {
+    pub(super) fn discard(&mut self, iteration: &mut IterationReport) {
         self.rollout.keep_latest(0);
         iteration.discarded += 1;
     }
@@ -34,7 +34,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         env: &mut dyn VectorEnv,
         collector: usize,
         decision: &mut GroupingDecision,
-        iteration: &mut Iteration,
+        iteration: &mut IterationReport,
     ) -> Result<Option<usize>, LearnerError> {
         if self.current == collector {
             return Ok(Some(collector));
@@ -102,7 +102,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         &mut self,
         observed: ObservedEpisodes,
         decision: &mut GroupingDecision,
-        iteration: &mut Iteration,
+        iteration: &mut IterationReport,
     ) -> Result<bool, LearnerError> {
         let allow_undecided = iteration.may_discard();
         let request = AssignmentRequest::Confirm { proposal: decision, allow_undecided };
@@ -128,7 +128,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     fn probe(
         &mut self,
         env: &mut dyn VectorEnv,
-        iteration: &mut Iteration,
+        iteration: &mut IterationReport,
     ) -> Result<Option<RolloutOf<S>>, LearnerError> {
         let episodes = self.grouping.requirements().episodes.div_ceil(self.spec.num_envs);
         let steps = env
@@ -175,7 +175,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         &mut self,
         env: &mut dyn VectorEnv,
         mut update: GroupingUpdate,
-        iteration: &mut Iteration,
+        iteration: &mut IterationReport,
     ) -> Result<(), LearnerError> {
         let policy = self.current;
         let mut acted: Vec<(usize, Vec<Trajectory>)> = Vec::new();
