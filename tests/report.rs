@@ -383,7 +383,7 @@ fn the_papers_row_follows_the_settings_and_not_the_name() {
         (vec!["covers (1)"], 6),
         (vec!["covers (1)"], 14),
         (vec!["covers (1)"], 3),
-        (vec!["goal-reach", "covers (1)"], 11),
+        (vec!["goal-reach", "covers (1)"], 12),
         (vec!["covers (1)", "goal-reach"], 6),
         (vec!["covers-seed0 (1)"], 7),
     ];

@@ -1,7 +1,6 @@
 //! Trial of one world: a stream of visits, and a learner without networks. Its policies are
 //! stand-ins: scripted experts whose skill grows with the iterations that they are trained in.
 
-use std::ops::Range;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -284,10 +283,6 @@ impl PolicyCollectionSettings for StandIns {
 
     fn params(_: &StandIn) -> &[f32] {
         &[]
-    }
-
-    fn encoder_params(_: &StandIn) -> Range<usize> {
-        0..0
     }
 
     fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {

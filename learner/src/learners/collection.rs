@@ -87,19 +87,11 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Adds a policy with an empty buffer, random or with the parameters of `parent`; returns its
     /// index.
     fn create_policy(&mut self, parent: Option<usize>) -> Result<usize, LearnerError> {
-        let mut random = || {
-            let seed = self.generators.initialisation.random();
-            self.settings.new_policy(&self.spec, seed)
-        };
-        let parent = parent.map(|index| &self.policies[index].policy);
-        let policy = match (parent, self.settings.common().new_policy) {
-            (None, _) | (_, NewPolicyInit::Random) => random()?,
-            (Some(parent), NewPolicyInit::Copy) => parent.clone(),
-            (Some(parent), NewPolicyInit::Encoder) => {
-                let mut params = S::params(&random()?).to_vec();
-                let encoder = S::encoder_params(parent);
-                params[encoder.clone()].copy_from_slice(&S::params(parent)[encoder]);
-                self.settings.policy_with_params(&self.spec, params)?
+        let policy = match parent {
+            Some(parent) => self.policies[parent].policy.clone(),
+            None => {
+                let seed = self.generators.initialisation.random();
+                self.settings.new_policy(&self.spec, seed)?
             }
         };
         let training = self.settings.new_training(&self.spec, &policy)?;

@@ -3,8 +3,6 @@
 //! With other networks and groupings this learner is each of the paper's PPO baselines. If the
 //! paper leaves a gap or this project departs from it, a setting also has the paper's value.
 
-use std::ops::Range;
-
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, AlgorithmState, EnvSpec, Metrics, NetworkSettings, Ppo,
@@ -138,10 +136,6 @@ impl PolicyCollectionSettings for CoversSettings {
 
     fn params(policy: &ActorCriticPolicy) -> &[f32] {
         policy.params()
-    }
-
-    fn encoder_params(policy: &ActorCriticPolicy) -> Range<usize> {
-        policy.network().encoder_params()
     }
 
     fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutBuffer, RlError> {

@@ -7,8 +7,6 @@ mod frame_codec;
 mod replay_checkpoint;
 mod staged_rollout;
 
-use std::ops::Range;
-
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Algorithm, AlgorithmState, ContextSettings, EnvSpec, Metrics, NetworkSettings, PpoSettings,
@@ -210,10 +208,6 @@ impl PolicyCollectionSettings for OffPolicySettings {
 
     fn params(policy: &SacPolicy) -> &[f32] {
         policy.params()
-    }
-
-    fn encoder_params(policy: &SacPolicy) -> Range<usize> {
-        policy.network().encoder_params()
     }
 
     fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<StagedRollout, RlError> {

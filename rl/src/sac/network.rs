@@ -117,11 +117,6 @@ impl<T: Scalar> SacNetwork<T> {
         self.critic_params().end
     }
 
-    /// Returns the range of the image encoder's parameters in the flat parameter slice.
-    pub fn encoder_params(&self) -> Range<usize> {
-        self.trunk.encoder_params()
-    }
-
     /// Returns the range of the critics' parameters, of which the target critics are a lagging
     /// copy.
     pub fn critic_params(&self) -> Range<usize> {

@@ -259,17 +259,17 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Ok(self.current == policies)
     }
 
-    /// Returns the index of the policy from which a new policy copies parameters; `None` if all are
-    /// random.
+    /// Returns the index of the policy whose parameters a new policy copies; `None` for random
+    /// ones.
     fn parent(&self, decision: &GroupingDecision) -> Result<Option<usize>, LearnerError> {
-        let name = match self.settings.common().new_policy {
-            NewPolicyInit::Random => return Ok(None),
-            NewPolicyInit::Copy => "copy",
-            NewPolicyInit::Encoder => "encoder",
-        };
-        let expected = "random with a grouping that measures no distances: none is nearest";
-        let nearest = decision.nearest;
-        nearest.map(Some).ok_or_else(|| LearnerError::invalid("new_policy", name, expected))
+        match (self.settings.common().new_policy, decision.nearest) {
+            (NewPolicyInit::Random, _) => Ok(None),
+            (NewPolicyInit::Copy, Some(nearest)) => Ok(Some(nearest)),
+            (NewPolicyInit::Copy, None) => {
+                let expected = "random with a grouping that measures no distances: none is nearest";
+                Err(LearnerError::invalid("new_policy", "copy", expected))
+            }
+        }
     }
 
     /// Trains the current policy on the rollout (line 15); returns the values to log.

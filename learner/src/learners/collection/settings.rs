@@ -1,7 +1,5 @@
 //! Settings of every collection of policies, and the trait for the training of one policy.
 
-use std::ops::Range;
-
 use rand_chacha::ChaCha8Rng;
 use rl::{
     AlgorithmState, EnvSpec, Experience, ExportPolicy, FeatureExtractor, MeasureActivity, RlError,
@@ -44,9 +42,6 @@ pub trait PolicyCollectionSettings:
 
     /// Returns all parameters of a policy as a flat slice.
     fn params(policy: &PolicyOf<Self>) -> &[f32];
-
-    /// Returns the range of the image encoder's parameters in [`PolicyCollectionSettings::params`].
-    fn encoder_params(policy: &PolicyOf<Self>) -> Range<usize>;
 
     /// Creates storage for rollouts of `steps` steps in every environment.
     ///
@@ -208,6 +203,4 @@ pub enum NewPolicyInit {
     Random,
     /// Copy of the parameters of the nearest policy, those of its exploration noise included.
     Copy,
-    /// Copy of the image encoder of the nearest policy; all other parameters are random.
-    Encoder,
 }
