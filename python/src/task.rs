@@ -48,7 +48,7 @@ fn find(task: &str, layout: Layout) -> PyResult<(TaskGroup, Vec<D2>)> {
             return Ok((group, vec![element]));
         }
     }
-    let group = TaskRegistry::all().get(task).map_err(error)?;
+    let group = TaskRegistry::all().find(task).map_err(error)?;
     Ok((group, layout.elements().to_vec()))
 }
 
