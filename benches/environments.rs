@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use envs::{
-    ACTION_DIM, Backdrop, Camera, Control, Embodiment, EnvError, RGB_CHANNELS, Randomisation,
+    ACTION_DIM, Backdrop, Camera, Control, DomainRandomisation, Embodiment, EnvError, RGB_CHANNELS,
     Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
@@ -69,7 +69,7 @@ fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
 fn vector(
     c: &mut Criterion,
     task: TaskGroup,
-    (name, randomisation): (&str, Option<Randomisation>),
+    (name, randomisation): (&str, Option<DomainRandomisation>),
 ) -> Result<(), EnvError> {
     let settings = VecEnvSettings {
         num_envs: ENVS,
@@ -98,7 +98,7 @@ fn vector(
 fn measure(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     one_table(c, task)?;
     vector(c, task, ("vec_env_step", None))?;
-    let nominal = Some(Randomisation::NOMINAL);
+    let nominal = Some(DomainRandomisation::NOMINAL);
     vector(c, task, ("vec_env_step_randomised", nominal))
 }
 

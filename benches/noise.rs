@@ -4,10 +4,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
-/// Number of steps of an episode.
+/// Number of steps in an episode of random observations.
 pub const HORIZON: usize = 50;
 
-/// Returns the spec of twenty environments with images of 48 x 48 pixels.
+/// Returns the spec of [`RandomEnv`]: twenty environments with images of 48 x 48 pixels.
 pub fn spec() -> EnvSpec {
     EnvSpec {
         num_envs: 20,
@@ -19,19 +19,19 @@ pub fn spec() -> EnvSpec {
 }
 
 /// Environments with random observations and rewards, which ignore actions.
-pub struct Noise {
+pub struct RandomEnv {
     spec: EnvSpec,
     steps: usize,
     rng: ChaCha8Rng,
 }
 
-impl Noise {
+impl RandomEnv {
     pub fn new() -> Self {
         Self { spec: spec(), steps: 0, rng: ChaCha8Rng::seed_from_u64(0) }
     }
 }
 
-impl VectorEnv for Noise {
+impl VectorEnv for RandomEnv {
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }

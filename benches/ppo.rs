@@ -6,7 +6,7 @@ mod noise;
 use std::hint::black_box;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use noise::{HORIZON, Noise, spec};
+use noise::{HORIZON, RandomEnv, spec};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -16,7 +16,7 @@ use rl::{
 
 /// Collects a rollout of random observations.
 fn rollout(policy: &mut ActorCriticPolicy, rng: &mut ChaCha8Rng) -> Result<RolloutBuffer, RlError> {
-    let mut env = Noise::new();
+    let mut env = RandomEnv::new();
     let mut buffer = RolloutBuffer::new(&spec(), HORIZON)?;
     let mut state = RolloutState::reset(&mut env, policy)?;
     collect(&mut env, policy, &mut buffer, &mut state, rng)?;

@@ -5,7 +5,7 @@
 mod noise;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use noise::{HORIZON, Noise, spec};
+use noise::{HORIZON, RandomEnv, spec};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -31,7 +31,7 @@ impl Case<'_> {
         policy: &mut A,
         experience: &mut impl Experience<A>,
     ) -> Result<(), RlError> {
-        let (mut env, mut rng) = (Noise::new(), ChaCha8Rng::seed_from_u64(1));
+        let (mut env, mut rng) = (RandomEnv::new(), ChaCha8Rng::seed_from_u64(1));
         let mut state = RolloutState::reset(&mut env, policy)?;
         collect(&mut env, policy, experience, &mut state, &mut rng)?;
         Ok(())

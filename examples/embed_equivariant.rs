@@ -30,7 +30,7 @@ fn network(group: Group) -> Result<Sequential<f32>, LayerError> {
     for channels in [16, 32, 64] {
         let fields = group.regular_type(channels / group.order());
         let conv = match shape.height {
-            4 => R2Conv::whole_map(shape, fields)?,
+            4 => R2Conv::flattening(shape, fields)?,
             size => R2Conv::new(shape.fields, fields, halving, [size; 2])?,
         };
         shape = conv.out_shape();

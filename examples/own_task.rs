@@ -7,10 +7,10 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
-use covers::experiments::text::{event_text, summary_table};
+use covers::experiments::text::{event_text, run_summary_table};
 use covers::presets::{Budget, Method};
 use covers::schedule::Schedule;
-use covers::{CoversError, Experiment, Override, Run, RunFolder, apply_overrides};
+use covers::{CoversError, Experiment, Run, RunFolder, SettingOverride, apply_overrides};
 use envs::reward::{hamacher_product, long_tail_reward};
 use envs::{
     EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskGroup, TaskParts,
@@ -99,7 +99,7 @@ struct Options {
     seed: u64,
     /// Set a field of the settings, such as `--set 'covers.grouping={"evidence":{}}'`.
     #[arg(long, value_name = "PATH=VALUE")]
-    set: Vec<Override>,
+    set: Vec<SettingOverride>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -152,7 +152,7 @@ fn finish(run: &mut Run) -> Result<(), CoversError> {
         let _ = writeln!(std::io::stdout(), "{}", event_text(&event));
     }
     if let Some(summary) = run.summary()? {
-        println!("\n{}", summary_table(&summary));
+        println!("\n{}", run_summary_table(&summary));
     }
     println!("files: {}", run.folder().path().display());
     Ok(())

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Subcommand;
-use envs::conformance::{ExpertRow, SymmetryRow, measure_expert, measure_symmetry};
+use envs::conformance::{ExpertResult, SymmetryDeviation, measure_expert, measure_symmetry};
 use envs::{Camera, Embodiment, EnvError, Layout, Scene, TaskGroup, TaskRegistry};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Serialize;
@@ -91,11 +91,11 @@ impl Check {
             Self::Experts { embodiment, ref tasks, seeds, json } => {
                 let embodiments = embodiment.map_or(Embodiment::STANDARD.to_vec(), |one| vec![one]);
                 let rows = measure_experts(&embodiments, &groups(tasks)?, seeds)?;
-                Ok(print(&rows, json, out, expert_line, ExpertRow::passes)?)
+                Ok(print(&rows, json, out, expert_line, ExpertResult::passes)?)
             }
             Self::Symmetry { embodiment, ref tasks, seeds, json } => {
                 let rows = measure_symmetries(embodiment, &groups(tasks)?, seeds)?;
-                Ok(print(&rows, json, out, symmetry_line, SymmetryRow::passes)?)
+                Ok(print(&rows, json, out, symmetry_line, SymmetryDeviation::passes)?)
             }
         }
     }
@@ -110,7 +110,7 @@ fn measure_experts(
     embodiments: &[Embodiment],
     groups: &[TaskGroup],
     seeds: u64,
-) -> Result<Vec<ExpertRow>, RunError> {
+) -> Result<Vec<ExpertResult>, RunError> {
     let mut layouts = Vec::new();
     for &embodiment in embodiments {
         layouts.push((Layout::Symmetric, embodiment));
@@ -130,7 +130,7 @@ fn measure_symmetries(
     embodiment: Embodiment,
     groups: &[TaskGroup],
     seeds: u64,
-) -> Result<Vec<SymmetryRow>, RunError> {
+) -> Result<Vec<SymmetryDeviation>, RunError> {
     let scenes = scenes(&[(Layout::Symmetric, embodiment)], groups)?;
     let is_flipped = |element| element != D2::Identity;
     Ok(of_variants(&scenes, is_flipped, |scene, element| measure_symmetry(scene, element, seeds))?)
@@ -165,7 +165,7 @@ fn of_variants<R: Send>(
     job.inspect(|_| bar.inc(1)).collect()
 }
 
-fn expert_line(row: &ExpertRow) -> String {
+fn expert_line(row: &ExpertResult) -> String {
     let failed = if row.failed_seeds.is_empty() {
         String::new()
     } else {
@@ -177,7 +177,7 @@ fn expert_line(row: &ExpertRow) -> String {
     )
 }
 
-fn symmetry_line(row: &SymmetryRow) -> String {
+fn symmetry_line(row: &SymmetryDeviation) -> String {
     format!(
         "{} free {:>8.1e} m  contact {:>8.1e} m  reward {:>8.1e}  \
          pictures {:>4} of {:<4} differ, by {:>3} pixels  return {:.4} of the twin's",

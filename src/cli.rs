@@ -9,12 +9,12 @@ use experiments::cli::Threads;
 use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError, RunFolder};
 use learner::DeviceChoice;
-use learner::overrides::{self, Override};
+use learner::overrides::{self, SettingOverride};
 use symmetry::Group;
 
 use crate::setting_list::OverrideParser;
 
-/// Outcome of a command.
+/// Outcome of a `covers` command that did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CommandOutcome {
     /// Finished command.
@@ -70,11 +70,11 @@ pub struct SettingsOptions {
         value_parser = OverrideParser,
         hide_possible_values = true
     )]
-    pub overrides: Vec<Override>,
+    pub overrides: Vec<SettingOverride>,
 }
 
 impl SettingsOptions {
-    /// Applies these changes to an experiment.
+    /// Returns the settings of an experiment after the changes of these options.
     ///
     /// # Errors
     /// [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
@@ -179,7 +179,7 @@ pub struct TrainOptions {
 }
 
 impl TrainOptions {
-    /// Returns the settings of the run.
+    /// Returns the settings of the run that these options describe.
     ///
     /// # Errors
     /// A settings file that cannot be read, an invalid override, or a missing GPU.

@@ -14,9 +14,9 @@ use crate::ranks::on_ranks;
 use crate::sweep_command::SweepOptions;
 use experiments::cli::{print_escaped, progress_bar};
 use experiments::evaluation::{EvaluationResults, Evaluator};
-use experiments::text::{ROLLOUT_HEADER, event_text, score_table, summary_table};
+use experiments::text::{ROLLOUT_HEADER, event_text, run_summary_table, score_table};
 use experiments::{Run, RunError, RunEvent, RunFolder, StopSignal, Stream, memory, thread_pool};
-use learner::{CheckpointExtent, DeviceChoice, Labels};
+use learner::{CheckpointExtent, DeviceChoice, TaskLabel};
 use report::ReportOptions;
 use rl::Ranks;
 
@@ -131,7 +131,7 @@ fn train(
     let experiment = options.experiment()?;
     experiment.check(&TaskRegistry::all())?;
     // before the run's folder is created, so that a refused run leaves nothing
-    memory::check_run(&experiment)?;
+    memory::check_run_memory(&experiment)?;
     experiment.envs.embodiment.spec().parts().map_err(RunError::from)?;
     #[cfg(feature = "tui")]
     let tui = options.tui && ranks.is_first();
@@ -158,7 +158,7 @@ fn train(
 /// Runs to the end or until a signal, and prints every event above a progress bar. A closed output
 /// stops the run as a signal does. Ranks but the first print nothing.
 fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
-    let is_first = run.folder().ranks().is_first();
+    let is_first = run.folder().process_ranks().is_first();
     let mut first_out: &mut dyn Write = if is_first { out } else { &mut sink() };
     let stop = StopSignal::from_os_signals()?;
     run.set_stop_signal(stop.clone());
@@ -226,7 +226,7 @@ pub fn print_summary_or_save(
     if run.is_finished()
         && let Some(summary) = run.summary()?
     {
-        print_escaped(out, &summary_table(&summary))?;
+        print_escaped(out, &run_summary_table(&summary))?;
         print_escaped(out, &format!("files: {folder}"))?;
         let program = std::env::args().next().unwrap_or_else(|| "covers".to_owned());
         print_escaped(
@@ -260,10 +260,10 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     let folder = RunFolder::from_path(&options.run_folder);
     let mut experiment =
         folder.read_experiment()?.with_threads(options.threads_and_json.threads.count());
-    memory::check_environments(experiment.envs.threads)?;
+    memory::check_environment_memory(experiment.envs.threads)?;
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
     let spec = Stream::env_spec(&experiment.envs);
-    let labels = Labels::default();
+    let labels = TaskLabel::default();
     let learner = &experiment.learner;
     let (mut learner, own) = folder.load_with_own_policies(learner, &spec, &labels)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
@@ -304,7 +304,7 @@ fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), RunError> {
     let from = RunFolder::from_path(&options.run_folder);
     let experiment = from.read_experiment()?;
     let spec = Stream::env_spec(&experiment.envs);
-    let labels = Labels::default();
+    let labels = TaskLabel::default();
     let learner = &experiment.learner;
     let learner = from.load_learner(learner, &spec, &labels)?;
     let episodes = options.episodes;

@@ -21,7 +21,7 @@ pub struct CompletionsOptions {
 }
 
 impl CompletionsOptions {
-    /// Prints the shell's script for `program`.
+    /// Prints the script with which the shell completes the commands and options of `program`.
     ///
     /// # Errors
     /// An `out` that cannot be written to.

@@ -109,12 +109,12 @@ impl DoctorOptions {
     }
 }
 
-/// Checks all parts of this machine. Training is measured on this many threads; `runs` is the
-/// folder that runs would be written to.
+/// Checks all parts of this machine, and returns a finding for each. Training is measured on this
+/// many threads; `runs` is the folder that runs would be written to.
 pub fn check_machine(threads: usize, runs: &Path) -> Vec<Finding> {
     let memory = the_memory(threads);
     // rendering libraries that find no memory would end the process, and with it the report
-    let may_draw = memory::check_environments(threads).is_ok();
+    let may_draw = memory::check_environment_memory(threads).is_ok();
     let mut others = vec![memory, the_disk(runs), the_simulator()];
     if may_draw {
         others.extend([the_pictures(), the_learning(threads)]);
@@ -157,18 +157,18 @@ fn the_cpu() -> Finding {
 }
 
 fn the_memory(threads: usize) -> Finding {
-    if let Err(limit) = memory::check_environments(1) {
+    if let Err(limit) = memory::check_environment_memory(1) {
         return Finding::bad("memory", &limit.to_string(), "raise the limit of this process");
     }
     let Some(free) = memory::available_bytes() else {
         return Finding::good("memory", "unknown");
     };
     let needs = |method: Method| {
-        memory::needed_bytes(&Budget::Full.experiment(method).with_threads(threads))
+        memory::run_memory_bytes(&Budget::Full.experiment(method).with_threads(threads))
     };
     let (covers, most) =
         (needs(Method::Covers), Method::ALL.map(needs).into_iter().max().unwrap_or(0));
-    let [free_text, covers_text, most_text] = [free, covers, most].map(memory::gibibytes);
+    let [free_text, covers_text, most_text] = [free, covers, most].map(memory::format_gibibytes);
     let found = format!(
         "{free_text} free; a full run on {threads} threads takes {covers_text} for covers, up to \
          {most_text} for methods with replays"
@@ -183,7 +183,8 @@ fn the_disk(runs: &Path) -> Finding {
         Ok(free) => {
             let (gibibytes, rooms) = (free as f64 / f64::from(1 << 30), free / RUN);
             let runs = runs.display();
-            let found = format!("{gibibytes:.1} GiB free for `{runs}`, room for {rooms} full runs");
+            let found =
+                format!("{gibibytes:.1} GiB free for `{runs}`, room for {rooms} full runs");
             let fix = "a full run with its checkpoints takes up to 0.125 GiB: make room, or name a \
                 folder on another disk (`covers train --runs DIR`)";
             Finding::good("disk", found).unless(free >= RUN, Health::Bad, fix)

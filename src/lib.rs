@@ -49,14 +49,13 @@ pub use experiments::{
     Summary, evaluation, presets, schedule,
 };
 pub use learner::disk::{Disk, LocalDisk};
-pub use learner::overrides::{Override, apply as apply_overrides};
+pub use learner::overrides::{SettingOverride, apply as apply_overrides};
 pub use learner::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, CommonSettings, Covers,
     CoversSettings, DeviceChoice, EpisodeRequirements, Episodes, EvidenceGrouping, Grouping,
-    GroupingDecision, GroupingSettings, GroupingUpdate, Handover, IterationReport,
-    IterationSeconds, Labels, Learner, LearnerError, LearnerSettings, LearningDevice, Metric,
-    Metrics, NewPolicyInit, OffPolicy, OffPolicySettings, PolicyCollection,
-    PolicyCollectionSettings, PolicyEvaluation, RecognisedPolicy, SinglePolicyGrouping,
-    ThresholdGrouping, Trial,
+    GroupingDecision, GroupingSettings, GroupingUpdate, IterationReport, IterationSeconds, Learner,
+    LearnerError, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicyInit, OffPolicy,
+    OffPolicySettings, PolicyCollection, PolicyCollectionSettings, PolicyEvaluation,
+    RecognisedPolicy, RolloutHandover, SinglePolicyGrouping, TaskLabel, ThresholdGrouping, Trial,
 };
 pub use {deploy, experiments, render, report, watch};

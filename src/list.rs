@@ -22,7 +22,7 @@ pub struct ListOptions {
 }
 
 impl ListOptions {
-    /// Prints a row for each run.
+    /// Prints a table of the folder's runs: method, state, number of policies, success and size.
     ///
     /// # Errors
     /// A folder that cannot be read, or an `out` that cannot be written to.
@@ -46,7 +46,7 @@ impl ListOptions {
     }
 }
 
-/// Returns the cells of a run: of what its files say so far, if it is not finished.
+/// Returns the table cells of a run, for an unfinished one from its files so far.
 fn row(folder: &Path) -> Vec<String> {
     let (name, megabytes) = (folder.display().to_string(), bytes(folder) as f64 / 1e6);
     let Ok(run) = RunData::read_partial(folder) else {

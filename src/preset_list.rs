@@ -30,7 +30,8 @@ pub struct PresetsOptions {
 }
 
 impl PresetsOptions {
-    /// Prints the list, or the settings of one preset.
+    /// Prints the list of presets and budgets, the settings of one preset, or a JSON schema of
+    /// settings.
     ///
     /// # Errors
     /// An `out` that cannot be written to.
@@ -43,7 +44,7 @@ impl PresetsOptions {
                 let text = serde_json::to_string_pretty(&self.budget.experiment(preset))
                     .map_err(RunError::writing(stdout))?;
                 match serde_json::from_str(&text) {
-                    Ok(settings) if self.explain => setting_list::explanation(&settings),
+                    Ok(settings) if self.explain => setting_list::explain_settings(&settings),
                     _ => text,
                 }
             }

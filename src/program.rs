@@ -16,7 +16,7 @@ use crate::model::ModelCommand;
 use crate::preset_list::PresetsOptions;
 use crate::robot::RobotCommand;
 use deploy::{CalibrateOptions, DeployOptions};
-use experiments::{memory, survive_file_size_limit};
+use experiments::{catch_file_size_signal, memory};
 use render::RenderOptions;
 use watch::WatchOptions;
 
@@ -83,10 +83,10 @@ impl Program {
     /// # Errors
     /// Errors of the subcommand, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<u8, CoversError> {
-        survive_file_size_limit()?;
+        catch_file_size_signal()?;
         // a renderer that finds no memory would end the process without a message
         if self.renders() {
-            memory::check_environments(1)?;
+            memory::check_environment_memory(1)?;
         }
         let done = |()| 0;
         Ok(match &self.subcommand {

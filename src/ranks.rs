@@ -4,8 +4,8 @@ use rl::Ranks;
 
 use crate::CoversError;
 
-/// Calls `work` with the processes that `mpirun` started, or with this process alone. If `work`
-/// fails, prints the error and ends all processes, since the others would wait for this one.
+/// Calls `work` with the MPI ranks that `mpirun` started, or with this process as the only rank. If
+/// `work` fails, prints the error and ends all processes, since the others would wait for this one.
 ///
 /// # Errors
 /// Errors of `work` in a process that is alone.
@@ -16,7 +16,8 @@ pub(crate) fn on_ranks<T>(
     world::on_ranks(work)
 }
 
-/// Calls `work` with this process alone: the program was built without the feature `mpi`.
+/// Calls `work` with this process as the only rank: the program was built without the feature
+/// `mpi`.
 ///
 /// # Errors
 /// [`CoversError::NoMpi`] if `mpirun` started several processes, each of which would train a run of

@@ -4,7 +4,7 @@ use std::ffi::OsStr;
 
 use clap::builder::{PossibleValue, TypedValueParser};
 use clap::{Arg, Command, Error};
-use learner::overrides::Override;
+use learner::overrides::SettingOverride;
 use serde_json::{Value, json};
 
 /// Rows of `docs/settings.md`: path, type and meaning, separated by tabs.
@@ -32,7 +32,7 @@ fn path_in_file(path: &str) -> impl Iterator<Item = &str> {
 }
 
 /// Returns the settings of an experiment, each with its value and, on the next line, its meaning.
-pub fn explanation(experiment: &Value) -> String {
+pub fn explain_settings(experiment: &Value) -> String {
     let lines = settings().filter_map(|Setting { path, meaning, .. }| {
         let pointer: String = path_in_file(path).map(|name| format!("/{name}")).collect();
         let value = experiment.pointer(&pointer).filter(|value| !value.is_object())?;
@@ -41,7 +41,7 @@ pub fn explanation(experiment: &Value) -> String {
     lines.collect::<Vec<_>>().join("\n")
 }
 
-/// Returns a JSON schema of files of settings.
+/// Returns the JSON schema of a run's settings file.
 pub fn schema() -> Value {
     let mut schema = json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -82,20 +82,20 @@ pub fn schema() -> Value {
     schema
 }
 
-/// Parser of `--set`, which names all paths to shells that complete them.
+/// Parser of the option `--set`, which lists the paths of all settings for shell completion.
 #[derive(Clone)]
 pub(crate) struct OverrideParser;
 
 impl TypedValueParser for OverrideParser {
-    type Value = Override;
+    type Value = SettingOverride;
 
     fn parse_ref(
         &self,
         command: &Command,
         argument: Option<&Arg>,
         value: &OsStr,
-    ) -> Result<Override, Error> {
-        let parser = |text: &str| text.parse::<Override>();
+    ) -> Result<SettingOverride, Error> {
+        let parser = |text: &str| text.parse::<SettingOverride>();
         parser.parse_ref(command, argument, value)
     }
 
@@ -161,7 +161,7 @@ mod tests {
 
     #[test]
     fn settings_are_explained_with_their_values() {
-        let text = explanation(&tree(Method::Covers));
+        let text = explain_settings(&tree(Method::Covers));
         assert!(text.contains("\ncovers.rollout_steps = 500\n    Number of decisions"), "{text}");
         assert!(!text.contains("off_policy"), "{text}");
     }

@@ -90,7 +90,7 @@ fn time_limit(text: &str) -> Result<String, &'static str> {
 }
 
 impl SweepOptions {
-    /// Works on the plan, or prints what submits it to a cluster.
+    /// Runs the jobs of the plan, or prints a script that submits them to a cluster.
     ///
     /// # Errors
     /// An invalid plan, [`CoversError::SweepJobsFailed`], or an `out` that cannot be written to.
@@ -130,19 +130,19 @@ impl SweepOptions {
         }
     }
 
-    /// Returns what submits the plan to a cluster.
+    /// Returns the script or manifest that submits the plan to a cluster.
     fn array_job(&self, jobs: &[SweepJob]) -> Result<String, CoversError> {
         let threads = usize::from(self.threads);
         let needs = jobs.iter().map(|job| {
             let experiment = job.experiment.clone().with_threads(threads);
-            memory::needed_bytes(&experiment)
+            memory::run_memory_bytes(&experiment)
         });
         let array = ArrayJob {
             plan: &self.plan,
             runs: &self.runs,
             job_count: jobs.len(),
             threads,
-            memory_mib: memory::requested_mib(needs.max().unwrap_or(0)),
+            memory_mib: memory::memory_request_mib(needs.max().unwrap_or(0)),
             device: self.device,
             parallel: self.parallel.map(|most| most as usize),
         };

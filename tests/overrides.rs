@@ -1,7 +1,9 @@
 //! Settings by path, as `--set` takes them.
 
 use covers::presets::{Budget, Method};
-use covers::{Experiment, LearnerError, LearnerSettings, Override, apply_overrides as apply};
+use covers::{
+    Experiment, LearnerError, LearnerSettings, SettingOverride, apply_overrides as apply,
+};
 use learner::overrides::{differences, from_json_value};
 
 fn smoke() -> Experiment {
@@ -9,7 +11,8 @@ fn smoke() -> Experiment {
 }
 
 fn set(texts: &[&str]) -> Result<Experiment, LearnerError> {
-    let overrides: Result<Vec<Override>, _> = texts.iter().map(|text| text.parse()).collect();
+    let overrides: Result<Vec<SettingOverride>, _> =
+        texts.iter().map(|text| text.parse()).collect();
     apply(&overrides?, smoke())
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use covers::evaluation::{EvaluationResults, Evaluator, OwnPolicies};
-use covers::{Labels, RunFolder, Stream};
+use covers::{RunFolder, Stream, TaskLabel};
 use envs::{ExtraView, TaskGroup, TaskRegistry, TaskVariant};
 use symmetry::D2;
 
@@ -18,7 +18,7 @@ fn know_their_groups_and_solve_them(name: &str, beside: ExtraView) {
         plan.variants = vec![D2::Identity];
     }
     let spec = Stream::env_spec(&experiment.envs);
-    let labels = Labels::default();
+    let labels = TaskLabel::default();
     let settings = &experiment.learner;
     let loaded = folder.load_with_own_policies(settings, &spec, &labels);
     let (mut learner, own) = loaded.unwrap();

@@ -6,13 +6,13 @@ use equivariant::{
 
 /// Number of channels of an image.
 pub const CHANNELS: usize = 6;
-/// Window of networks without pooling, which halves the image.
-pub const HALVING: SlidingWindow = SlidingWindow::new(4, 2, 1);
+/// Window of the convolutions in networks without pooling, whose stride halves the image.
+pub const HALVING_WINDOW: SlidingWindow = SlidingWindow::new(4, 2, 1);
 
-/// Builds convolutions to these numbers of regular fields of D2, each with a ReLU, on images of
-/// `size` x `size` x 6. They halve the image, or are 3 x 3 and followed by pooling.
+/// Builds a network of convolutions with these numbers of regular fields of D2, each with a ReLU,
+/// on images of `size` x `size` x 6. They halve the image, or are 3 x 3 and followed by pooling.
 pub fn network(size: usize, fields: &[usize], pooled: bool) -> Result<Sequential<f32>, LayerError> {
-    let kernel = if pooled { SlidingWindow::new(3, 1, 1) } else { HALVING };
+    let kernel = if pooled { SlidingWindow::new(3, 1, 1) } else { HALVING_WINDOW };
     let mut layers: Vec<Box<dyn Layer<f32>>> = Vec::new();
     let (mut from, mut size) = (Group::D2.trivial_type(CHANNELS), size);
     for &n in fields {

@@ -15,7 +15,7 @@ use std::time::Instant;
 use equivariant::{Layer, LayerError, LayerSignature, Scratch, Sequential};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
-use networks::{CHANNELS, HALVING, network};
+use networks::{CHANNELS, HALVING_WINDOW, network};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 const IMAGES: usize = 64;
@@ -70,9 +70,9 @@ fn multiply(to: &mut Mat<f32>, a: MatRef<f32>, b: MatRef<f32>) {
 fn products(fields: [usize; 4]) -> Vec<Product> {
     let (mut channels, mut size) = (CHANNELS, SIZE);
     let layers = fields.iter().enumerate().flat_map(|(layer, &fields)| {
-        size /= HALVING.stride;
+        size /= HALVING_WINDOW.stride;
         // a fourth of the patch for each irrep
-        let folded = HALVING.size * HALVING.size * channels / IRREPS;
+        let folded = HALVING_WINDOW.size * HALVING_WINDOW.size * channels / IRREPS;
         channels = IRREPS * fields;
         [(); IRREPS].map(|()| Product::new(CHUNK * size * size, folded, fields, layer == 0))
     });

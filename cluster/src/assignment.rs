@@ -3,7 +3,7 @@
 
 use crate::check::check_range;
 use crate::error::Result;
-use crate::frames::Candidate;
+use crate::frames::CandidateFeatures;
 use crate::permutation::PermutationTest;
 use crate::wasserstein::wasserstein1;
 
@@ -44,8 +44,8 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Returns the standardised distance of the permutation test, in standard deviations over
-    /// random splits, if there was a test.
+    /// Returns the score of the permutation test, in standard deviations above the mean of random
+    /// splits; `None` without a test.
     pub fn score(&self) -> Option<f64> {
         self.test.map(|test| test.score)
     }
@@ -79,16 +79,16 @@ impl Assignment {
     }
 }
 
-/// Assigns a rollout by the paper's rule: to the nearest candidate by `W1`, the first of equals, or
-/// to a new policy if `W1` exceeds `threshold` (`d_epsilon`, 1.0 in the paper). The rule depends on
-/// the scale of the features.
+/// Assigns a rollout by the paper's rule: to the candidate policy at the smallest `W1` distance, on
+/// a tie the first, or to a new policy if that exceeds `threshold` (`d_epsilon`, 1.0 in the paper).
+/// The rule depends on the scale of the features.
 ///
 /// # Errors
 /// Clouds that cannot be compared, or a threshold that is negative or not finite.
-pub fn assign_by_threshold(candidates: &[Candidate], threshold: f64) -> Result<Assignment> {
+pub fn assign_by_threshold(candidates: &[CandidateFeatures], threshold: f64) -> Result<Assignment> {
     let inside = (0.0..f64::INFINITY).contains(&threshold);
     check_range("threshold", threshold, inside, "a finite number, at least 0")?;
-    let compared = candidates.iter().map(|Candidate { rollout, buffer }| {
+    let compared = candidates.iter().map(|CandidateFeatures { rollout, buffer }| {
         rollout.check_alike(buffer)?;
         let distance = wasserstein1(rollout.features(), buffer.features(), rollout.dim())?;
         let is_near = distance <= threshold;
@@ -111,15 +111,15 @@ pub fn assign_by_threshold(candidates: &[Candidate], threshold: f64) -> Result<A
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frames::Frames;
+    use crate::frames::FrameFeatures;
 
     #[test]
     fn the_papers_rule_compares_with_its_threshold() {
         // two points 3 apart: the distance is exactly 3, and the paper rejects only what exceeds
         // the threshold
-        let points = |x: f32| Frames::new(vec![x], 1, 1).unwrap();
-        let away = |x: f32| Candidate { buffer: points(x), rollout: points(0.0) };
-        let decide = |threshold, candidates: &[Candidate]| {
+        let points = |x: f32| FrameFeatures::new(vec![x], 1, 1).unwrap();
+        let away = |x: f32| CandidateFeatures { buffer: points(x), rollout: points(0.0) };
+        let decide = |threshold, candidates: &[CandidateFeatures]| {
             assign_by_threshold(candidates, threshold).unwrap().decision
         };
         assert_eq!(decide(3.0, &[away(3.0)]), Decision::Existing(0));
@@ -135,9 +135,9 @@ mod tests {
 
     #[test]
     fn candidates_that_cannot_be_compared_are_rejected() {
-        let frames = |dim| Frames::new(vec![0.0; 4 * dim], 2, dim).unwrap();
-        let good = Candidate { buffer: frames(3), rollout: frames(3) };
-        let odd = Candidate { buffer: frames(2), rollout: frames(3) };
+        let frames = |dim| FrameFeatures::new(vec![0.0; 4 * dim], 2, dim).unwrap();
+        let good = CandidateFeatures { buffer: frames(3), rollout: frames(3) };
+        let odd = CandidateFeatures { buffer: frames(2), rollout: frames(3) };
         let message = assign_by_threshold(&[good, odd], 1.0).unwrap_err().to_string();
         assert_eq!(message, "dim is 3 in one cloud and 2 in the other, expected the same");
     }

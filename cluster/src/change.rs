@@ -6,8 +6,8 @@ use rand::seq::SliceRandom;
 
 use crate::check::check_range;
 use crate::error::{ClusterError, Result};
-use crate::euclidean::EuclideanCosts;
-use crate::frames::Frames;
+use crate::euclidean::EuclideanDistances;
+use crate::frames::FrameFeatures;
 use crate::joint::check_episode_counts;
 use crate::permutation::ROUNDING;
 
@@ -28,9 +28,9 @@ pub struct ChangepointTest {
     pub p_value: f64,
 }
 
-/// Tests whether the distribution of a sequence of episodes changes at one of the places `cuts`:
-/// numbers of episodes before the change, which leave an episode on either side. Each of `sources`
-/// shows all episodes in their order.
+/// Runs a permutation test for a changepoint in a sequence of episodes, a change of their
+/// distribution at one of the places `cuts`: numbers of episodes before the change, with at least
+/// one on either side. Each of `sources` shows all episodes in their order.
 ///
 /// Both sides of a cut are compared by their energy distance `2 E|X - Y| - E|X - X'| - E|Y - Y'|`,
 /// as in Matteson and James, "A nonparametric approach for multiple change point analysis of
@@ -42,7 +42,7 @@ pub struct ChangepointTest {
 /// # Errors
 /// No source, no cut, a cut that leaves one side empty, or sources of different lengths.
 pub fn changepoint_test(
-    sources: &[Frames],
+    sources: &[FrameFeatures],
     cuts: &[usize],
     permutations: usize,
     rng: &mut impl Rng,
@@ -60,8 +60,8 @@ pub fn changepoint_test(
     Ok(summarise(&scans, cuts, permutations))
 }
 
-/// Returns the places at which a sequence of episodes may be cut by a changepoint test: numbers of
-/// episodes before the change, with at least `least` on either side. `began` holds the times at
+/// Returns the candidate changepoints of a sequence of episodes for [`changepoint_test`]: numbers
+/// of episodes before the change, with at least `least` on either side. `began` holds the times at
 /// which episodes began, in order; episodes that began together stay together.
 pub fn changepoint_candidates(began: &[usize], least: usize) -> Vec<usize> {
     let least = least.max(1);
@@ -70,7 +70,7 @@ pub fn changepoint_candidates(began: &[usize], least: usize) -> Vec<usize> {
 }
 
 /// Checks the sources and the cuts of a changepoint test; returns the number of episodes.
-fn check(sources: &[Frames], cuts: &[usize]) -> Result<usize> {
+fn check(sources: &[FrameFeatures], cuts: &[usize]) -> Result<usize> {
     let counts: Vec<_> = sources.iter().map(|source| (source.episodes(), 0)).collect();
     let (all, _) = check_episode_counts(&counts)?;
     if cuts.is_empty() {
@@ -98,9 +98,9 @@ struct EnergyScan {
 
 impl EnergyScan {
     /// Computes the distances between episodes; `None` if all points are equal.
-    fn new(frames: &Frames) -> Result<Option<Self>> {
+    fn new(frames: &FrameFeatures) -> Result<Option<Self>> {
         let features = frames.features();
-        let mut costs = EuclideanCosts::new();
+        let mut costs = EuclideanDistances::new();
         let distances = costs.compute(features, features, frames.dim())?;
         let largest = distances.iter().copied().fold(0.0, f64::max);
         if largest == 0.0 {
@@ -194,8 +194,8 @@ mod tests {
     fn a_change_is_found_where_it_is() {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         let sequence = [draw(7, 0.0, &mut rng), draw(13, 3.0, &mut rng)].concat();
-        let still = Frames::new(vec![1.0; 20], 1, 1).unwrap();
-        let frames = [still.clone(), Frames::new(sequence, 1, 1).unwrap()];
+        let still = FrameFeatures::new(vec![1.0; 20], 1, 1).unwrap();
+        let frames = [still.clone(), FrameFeatures::new(sequence, 1, 1).unwrap()];
         let cuts: Vec<usize> = (1..20).collect();
         let test = changepoint_test(&frames, &cuts, 99, &mut rng).unwrap();
         // neighbouring cuts score nearly alike
@@ -212,7 +212,7 @@ mod tests {
     fn one_pass_agrees_with_the_definition() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let features = draw(9 * 2 * 3, 0.0, &mut rng);
-        let frames = Frames::new(features, 2, 3).unwrap();
+        let frames = FrameFeatures::new(features, 2, 3).unwrap();
         let cuts = [4, 2, 8, 1];
         let mut scan = EnergyScan::new(&frames).unwrap().unwrap();
         let order = [3, 8, 1, 0, 7, 2, 6, 4, 5];
@@ -235,7 +235,8 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(6);
         let cuts: Vec<usize> = (2..19).collect();
         let alarms = (0..1000).filter(|_| {
-            let frames = [1, 3].map(|dim| Frames::new(draw(20 * dim, 0.0, &mut rng), 1, dim));
+            let frames =
+                [1, 3].map(|dim| FrameFeatures::new(draw(20 * dim, 0.0, &mut rng), 1, dim));
             let frames = frames.map(Result::unwrap);
             changepoint_test(&frames, &cuts, 99, &mut rng).unwrap().p_value <= 0.05
         });

@@ -26,12 +26,13 @@ pub(crate) fn check_rows(
     Err(ClusterError::NonFinite { what, index, value })
 }
 
-/// Checks that a size in the arguments is at least one.
+/// Checks that `value`, the size or number called `name` in the error, is at least 1.
 pub(crate) fn check_positive(name: &'static str, value: usize) -> Result<()> {
     check_range(name, value as f64, value >= 1, "at least 1")
 }
 
-/// Returns an error for a number that is not `inside` its range, which `expected` says in words.
+/// Returns an error about the number `value`, called `name`, unless it is `inside` its range;
+/// `expected` says the range in words.
 pub(crate) fn check_range(
     name: &'static str,
     value: f64,

@@ -1,22 +1,22 @@
 //! Comparison of a rollout with the frames of two policies by energy distances.
 
 use crate::error::{ClusterError, Result};
-use crate::euclidean::EuclideanCosts;
-use crate::frames::Frames;
+use crate::euclidean::EuclideanDistances;
+use crate::frames::FrameFeatures;
 
 /// Comparison of a rollout with two policies: frames (feature vectors) of the rollout and of both
 /// policies' buffers, in one feature space.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PairwiseComparison {
+pub struct TwoPolicyComparison {
     /// Frames of the rollout.
-    pub rollout: Frames,
+    pub rollout: FrameFeatures,
     /// Frames of the buffers of the two policies.
-    pub policies: [Frames; 2],
+    pub policies: [FrameFeatures; 2],
 }
 
-/// Returns the margin by which a rollout is nearer to the first of two policies than to the second:
-/// positive if the first is nearer. Each comparison holds the same policies in another feature
-/// space; margins are summed over the spaces.
+/// Returns the margin, in energy distance, by which a rollout is nearer to the first of two
+/// policies than to the second: positive if the first is nearer. Each comparison holds the same
+/// policies in another feature space; margins are summed over the spaces.
 ///
 /// In each space, it is the difference of the energy distances `2 E|X - Y| - E|X - X'| - E|Y - Y'|`
 /// (Szekely and Rizzo, "Energy statistics: a class of statistics based on distances", Journal of
@@ -27,15 +27,15 @@ pub struct PairwiseComparison {
 ///
 /// # Errors
 /// No comparison, or frames of one comparison that cannot be compared.
-pub fn energy_margin(comparisons: &[PairwiseComparison]) -> Result<f64> {
+pub fn energy_distance_margin(comparisons: &[TwoPolicyComparison]) -> Result<f64> {
     match comparisons {
         [] => Err(ClusterError::Empty { what: "comparisons" }),
-        comparisons => comparisons.iter().map(PairwiseComparison::energy_margin).sum(),
+        comparisons => comparisons.iter().map(TwoPolicyComparison::energy_distance_margin).sum(),
     }
 }
 
-impl PairwiseComparison {
-    fn energy_margin(&self) -> Result<f64> {
+impl TwoPolicyComparison {
+    fn energy_distance_margin(&self) -> Result<f64> {
         let (x, [y, z]) = (&self.rollout, &self.policies);
         let (within_y, within_z) = (within(y)?, within(z)?);
         let scale = (within_y + within_z + 2.0 * between(y, z)?) / 4.0;
@@ -45,17 +45,17 @@ impl PairwiseComparison {
     }
 }
 
-fn between(x: &Frames, y: &Frames) -> Result<f64> {
+fn between(x: &FrameFeatures, y: &FrameFeatures) -> Result<f64> {
     x.check_alike(y)?;
-    let mut costs = EuclideanCosts::new();
+    let mut costs = EuclideanDistances::new();
     let distances = costs.compute(x.features(), y.features(), x.dim())?;
     Ok(distances.iter().sum::<f64>() / distances.len() as f64)
 }
 
 /// Returns the mean Euclidean distance between frames of different episodes; 0 for a single
 /// episode.
-fn within(x: &Frames) -> Result<f64> {
-    let mut costs = EuclideanCosts::new();
+fn within(x: &FrameFeatures) -> Result<f64> {
+    let mut costs = EuclideanDistances::new();
     let distances = costs.compute(x.features(), x.features(), x.dim())?;
     let (k, episodes) = (x.frames_per_episode(), x.episodes());
     let others = distances.iter().enumerate().filter(|(index, _)| {
@@ -73,9 +73,9 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    fn comparison(rollout: &[f32], policies: [&[f32]; 2]) -> PairwiseComparison {
-        let frames = |features: &[f32]| Frames::new(features.to_vec(), 1, 1).unwrap();
-        PairwiseComparison { rollout: frames(rollout), policies: policies.map(frames) }
+    fn comparison(rollout: &[f32], policies: [&[f32]; 2]) -> TwoPolicyComparison {
+        let frames = |features: &[f32]| FrameFeatures::new(features.to_vec(), 1, 1).unwrap();
+        TwoPolicyComparison { rollout: frames(rollout), policies: policies.map(frames) }
     }
 
     /// From 0: distances 1 and 1 to {-1, 1}, 2 to {2, 2}; within them 2, and 0; between them 2 on
@@ -87,11 +87,14 @@ mod tests {
         let one = comparison(&[0.0], policies);
         // in another unit, and with both votes
         let doubled = comparison(&[0.0], [&[-2.0, 2.0], &[4.0, 4.0]]);
-        assert!((energy_margin(&[one.clone(), doubled]).unwrap() - 2.0 * expected).abs() < 1e-12);
+        assert!(
+            (energy_distance_margin(&[one.clone(), doubled]).unwrap() - 2.0 * expected).abs()
+                < 1e-12
+        );
         let turned = comparison(&[0.0], [policies[1], policies[0]]);
-        assert!(energy_margin(&[one, turned]).unwrap().abs() < 1e-12);
+        assert!(energy_distance_margin(&[one, turned]).unwrap().abs() < 1e-12);
         let still = comparison(&[1.0], [&[1.0, 1.0], &[1.0]]);
-        assert_eq!(energy_margin(&[still]).unwrap(), 0.0);
+        assert_eq!(energy_distance_margin(&[still]).unwrap(), 0.0);
     }
 
     /// A frame from a wide cloud around 0 is farther from it on average than from a narrow cloud
@@ -102,7 +105,7 @@ mod tests {
         let narrow = [4.0, 4.1, 4.2];
         let mean = |x: f32, cloud: &[f32]| cloud.iter().map(|y| (x - y).abs()).sum::<f32>();
         assert!(mean(0.0, &wide) / 41.0 > mean(0.0, &narrow) / 3.0);
-        assert!(energy_margin(&[comparison(&[0.0], [&wide, &narrow])]).unwrap() > 0.0);
+        assert!(energy_distance_margin(&[comparison(&[0.0], [&wide, &narrow])]).unwrap() > 0.0);
     }
 
     /// Eight episodes and a hundred of one distribution, two frames each of which are alike.
@@ -111,12 +114,12 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let mut episodes = |count: usize| {
             let features = draw(count, 0.0, &mut rng).into_iter().flat_map(|x| [x; 2]);
-            Frames::new(features.collect(), 2, 1).unwrap()
+            FrameFeatures::new(features.collect(), 2, 1).unwrap()
         };
         let margins = (0..400).map(|_| {
             let comparison =
-                PairwiseComparison { rollout: episodes(1), policies: [8, 100].map(&mut episodes) };
-            energy_margin(&[comparison]).unwrap()
+                TwoPolicyComparison { rollout: episodes(1), policies: [8, 100].map(&mut episodes) };
+            energy_distance_margin(&[comparison]).unwrap()
         });
         // with the distance of a frame to itself it was -0.09; chance moves it by some 0.03
         let mean = margins.sum::<f64>() / 400.0;
@@ -125,10 +128,10 @@ mod tests {
 
     #[test]
     fn what_cannot_be_compared_is_refused() {
-        assert!(energy_margin(&[]).is_err());
+        assert!(energy_distance_margin(&[]).is_err());
         let mut other = comparison(&[0.0], [&[0.0], &[1.0]]);
-        other.policies[1] = Frames::new(vec![0.0, 1.0], 1, 2).unwrap();
-        let message = energy_margin(&[other]).unwrap_err().to_string();
+        other.policies[1] = FrameFeatures::new(vec![0.0, 1.0], 1, 2).unwrap();
+        let message = energy_distance_margin(&[other]).unwrap_err().to_string();
         assert!(message.contains("dim") && message.contains('2'), "{message}");
     }
 }

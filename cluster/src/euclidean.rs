@@ -21,15 +21,14 @@ const BLOCK_ROWS: usize = 64;
 /// Number of multiplications of a distance matrix below which a second thread does not pay.
 const PARALLEL: usize = 1 << 22;
 
-/// Matrix of Euclidean distances between points, whose memory is kept from one computation to the
-/// next.
+/// Matrix of Euclidean distances between the points of two clouds, with memory that is reused.
 ///
 /// `||x - y||^2 = ||x||^2 + ||y||^2 - 2 <x, y>` turns the distances into one matrix product (faer),
 /// around the common centre of both clouds. Where the three terms cancel, the distance is computed
 /// from the differences: equal points are exactly 0 apart, and relative errors stay below 1e-12.
 /// Points are `f32`, everything else is `f64`.
 #[derive(Clone, Debug, Default)]
-pub struct EuclideanCosts {
+pub struct EuclideanDistances {
     centre: Vec<f64>,
     y: Centred,
     /// Centred points of `x` whose distances are being computed.
@@ -37,7 +36,7 @@ pub struct EuclideanCosts {
     costs: Vec<f64>,
 }
 
-impl EuclideanCosts {
+impl EuclideanDistances {
     /// Creates a distance matrix that has allocated no memory yet.
     pub fn new() -> Self {
         Self::default()
@@ -193,7 +192,7 @@ fn mend_row(row: &mut [f64], own: f64, p: &[f32], norms: &[f64], y: &[f32]) {
     }
 }
 
-/// Returns the distance between two points, computed from their differences.
+/// Returns the Euclidean distance between two points, computed from the differences of coordinates.
 pub(crate) fn euclidean(p: &[f32], q: &[f32]) -> f64 {
     let squared = |(&a, &b)| {
         let difference = f64::from(a) - f64::from(b);

@@ -6,13 +6,13 @@ use crate::error::{ClusterError, Result};
 /// Feature vectors of the first frames of episodes, `[episodes, frames_per_episode, dim]`, all
 /// finite.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Frames {
+pub struct FrameFeatures {
     features: Vec<f32>,
     frames_per_episode: usize,
     dim: usize,
 }
 
-impl Frames {
+impl FrameFeatures {
     /// Creates frames from the features `[episodes, frames_per_episode, dim]` of at least one
     /// episode.
     ///
@@ -45,7 +45,7 @@ impl Frames {
         self.dim
     }
 
-    /// Rejects frames with another number of features, or of frames in each episode.
+    /// Rejects `other` if it has another number of features, or of frames in each episode.
     pub(crate) fn check_alike(&self, other: &Self) -> Result<()> {
         let (ours, theirs) = (self.frames_per_episode, other.frames_per_episode);
         let sizes = [("dim", self.dim, other.dim), ("frames_per_episode", ours, theirs)];
@@ -61,9 +61,9 @@ impl Frames {
 /// Candidate policy for a rollout: the frames of its buffer and of the rollout, both as features of
 /// the policy's network.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Candidate {
+pub struct CandidateFeatures {
     /// Frames of the policy's buffer `B_j`.
-    pub buffer: Frames,
+    pub buffer: FrameFeatures,
     /// Frames of the rollout, `O`.
-    pub rollout: Frames,
+    pub rollout: FrameFeatures,
 }

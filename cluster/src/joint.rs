@@ -7,24 +7,24 @@ use rand::seq::SliceRandom;
 
 use crate::check::check_positive;
 use crate::error::{ClusterError, Result};
-use crate::euclidean::EuclideanCosts;
-use crate::frames::Candidate;
+use crate::euclidean::EuclideanDistances;
+use crate::frames::CandidateFeatures;
 use crate::permutation::{NullDistribution, PermutationTest, ROUNDING};
-use crate::transport::{Solver, Weights};
+use crate::transport::{TransportSolver, Weights};
 
 /// Samples of one source of evidence: its points for the episodes of a rollout and of a buffer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceSamples {
     /// Points of the rollout's and of the buffer's episodes.
-    pub clouds: Candidate,
+    pub clouds: CandidateFeatures,
     /// Direction in which a difference counts against the buffer's group, as in a one-sided or
     /// two-sided test.
-    pub alternative: Alternative,
+    pub alternative: AlternativeHypothesis,
 }
 
 /// Alternative hypothesis of a test: the direction in which rollout and buffer differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Alternative {
+pub enum AlternativeHypothesis {
     /// Differences between rollout and buffer in any direction.
     TwoSided,
     /// Only differences in which the rollout has the smaller mean value over all dimensions;
@@ -51,7 +51,7 @@ pub struct SourceTest {
 }
 
 impl SourceTest {
-    /// Returns the ratio of the distance to its mean over random splits.
+    /// Returns the ratio of the observed distance to the mean distance over random splits.
     pub fn ratio(&self) -> f64 {
         self.distance / self.mean.max(f64::MIN_POSITIVE)
     }
@@ -72,9 +72,9 @@ pub struct JointTest {
     pub overall: PermutationTest,
 }
 
-/// Runs a joint permutation test of all sources in stages until `is_decided` returns `true` for a
-/// result. `stages` are total numbers of random splits, ascending; the last stage ends the test in
-/// any case.
+/// Runs a joint permutation test of all sources of evidence in stages, until `is_decided` returns
+/// `true` for the result so far. `stages` are total numbers of random splits, ascending; the last
+/// stage ends the test in any case.
 ///
 /// If `is_decided` only stops tests that are not going to be significant, as Besag and Clifford do
 /// in "Sequential Monte Carlo p-values", Biometrika 78 (1991), false alarms become no more
@@ -91,7 +91,7 @@ pub fn joint_test(
 ) -> Result<JointTest> {
     check_positive("splits", stages.iter().copied().min().unwrap_or(1))?;
     let mut counts = Vec::with_capacity(sources.len());
-    for SourceSamples { clouds: Candidate { rollout, buffer }, .. } in sources {
+    for SourceSamples { clouds: CandidateFeatures { rollout, buffer }, .. } in sources {
         rollout.check_alike(buffer)?;
         counts.push((rollout.episodes(), buffer.episodes()));
     }
@@ -142,21 +142,21 @@ struct PooledSource {
     frames_per_episode: usize,
     /// Number of episodes on the first side of a split.
     split: usize,
-    /// Sum of the values of each episode under [`Alternative::Less`]; `None` under
-    /// [`Alternative::TwoSided`].
+    /// Sum of the values of each episode under [`AlternativeHypothesis::Less`]; `None` under
+    /// [`AlternativeHypothesis::TwoSided`].
     sums: Option<Vec<f64>>,
     measured: Vec<f64>,
     /// Cost matrix of the transport problem of one split.
     costs: Vec<f64>,
-    solver: Solver,
+    solver: TransportSolver,
 }
 
 impl PooledSource {
     /// Pools the features of all episodes of a source; `None` if all points are equal.
     fn new(source: &SourceSamples) -> Result<Option<Self>> {
-        let Candidate { rollout, buffer } = &source.clouds;
+        let CandidateFeatures { rollout, buffer } = &source.clouds;
         let features = [rollout.features(), buffer.features()].concat();
-        let all = EuclideanCosts::new().compute(&features, &features, rollout.dim())?.to_vec();
+        let all = EuclideanDistances::new().compute(&features, &features, rollout.dim())?.to_vec();
         let largest = all.iter().copied().fold(0.0, f64::max);
         let frames_per_episode = rollout.frames_per_episode();
         let sum = |episode: &[f32]| episode.iter().map(|&v| f64::from(v)).sum::<f64>();
@@ -166,10 +166,11 @@ impl PooledSource {
             largest,
             frames_per_episode,
             split: rollout.episodes(),
-            sums: (source.alternative == Alternative::Less).then(|| episodes.map(sum).collect()),
+            sums: (source.alternative == AlternativeHypothesis::Less)
+                .then(|| episodes.map(sum).collect()),
             measured: Vec::new(),
             costs: Vec::new(),
-            solver: Solver::new(),
+            solver: TransportSolver::new(),
         }))
     }
 
@@ -274,13 +275,17 @@ fn summarise(pools: &[Option<PooledSource>], permutations: usize) -> JointTest {
 mod tests {
     use super::*;
     use crate::fixtures::draw;
-    use crate::frames::Frames;
+    use crate::frames::FrameFeatures;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    fn source(rollout: &[f32], buffer: &[f32], alternative: Alternative) -> SourceSamples {
-        let frames = |values: &[f32]| Frames::new(values.to_vec(), 1, 1).unwrap();
-        let clouds = Candidate { rollout: frames(rollout), buffer: frames(buffer) };
+    fn source(
+        rollout: &[f32],
+        buffer: &[f32],
+        alternative: AlternativeHypothesis,
+    ) -> SourceSamples {
+        let frames = |values: &[f32]| FrameFeatures::new(values.to_vec(), 1, 1).unwrap();
+        let clouds = CandidateFeatures { rollout: frames(rollout), buffer: frames(buffer) };
         SourceSamples { clouds, alternative }
     }
 
@@ -292,11 +297,11 @@ mod tests {
     fn equal_points_say_nothing_and_do_not_silence_the_others() {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let (near, far) = (draw(10, 0.0, &mut rng), draw(20, 3.0, &mut rng));
-        let still = source(&[7.0; 10], &[7.0; 20], Alternative::TwoSided);
+        let still = source(&[7.0; 10], &[7.0; 20], AlternativeHypothesis::TwoSided);
         let alone = whole(std::slice::from_ref(&still), 50, &mut rng).unwrap();
         assert_eq!((alone.sources[0], alone.overall.p_value), (None, 1.0));
         assert!(alone.overall.score.is_finite());
-        let both = [still, source(&near, &far, Alternative::TwoSided)];
+        let both = [still, source(&near, &far, AlternativeHypothesis::TwoSided)];
         let test = whole(&both, 50, &mut rng).unwrap();
         assert!(test.sources[0].is_none() && test.overall.p_value <= 1.0 / 51.0);
         assert!(test.sources[1].unwrap().ratio() > 3.0);
@@ -307,7 +312,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let (low, high) = (draw(10, 0.0, &mut rng), draw(20, 3.0, &mut rng));
         let mut p = |rollout: &[f32], buffer: &[f32]| {
-            let source = [source(rollout, buffer, Alternative::Less)];
+            let source = [source(rollout, buffer, AlternativeHypothesis::Less)];
             whole(&source, 99, &mut rng).unwrap().overall.p_value
         };
         assert!(p(&low, &high) <= 0.01);
@@ -321,7 +326,11 @@ mod tests {
         let alarms = (0..400).filter(|_| {
             let sources: Vec<SourceSamples> = (0..10)
                 .map(|_| {
-                    source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Alternative::TwoSided)
+                    source(
+                        &draw(6, 0.0, &mut rng),
+                        &draw(12, 0.0, &mut rng),
+                        AlternativeHypothesis::TwoSided,
+                    )
                 })
                 .collect();
             whole(&sources, 39, &mut rng).unwrap().overall.p_value <= 0.05
@@ -341,8 +350,16 @@ mod tests {
         let (mut alarms, mut splits) = (0, 0);
         for _ in 0..1000 {
             let sources = [
-                source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Alternative::TwoSided),
-                source(&draw(6, 0.0, &mut rng), &draw(12, 0.0, &mut rng), Alternative::Less),
+                source(
+                    &draw(6, 0.0, &mut rng),
+                    &draw(12, 0.0, &mut rng),
+                    AlternativeHypothesis::TwoSided,
+                ),
+                source(
+                    &draw(6, 0.0, &mut rng),
+                    &draw(12, 0.0, &mut rng),
+                    AlternativeHypothesis::Less,
+                ),
             ];
             let mut again = rng.clone();
             let decided = |test: &JointTest| reaching(test) > 8.5;
@@ -361,8 +378,8 @@ mod tests {
     fn what_cannot_be_compared_is_refused() {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let sources = [
-            source(&[0.0, 1.0], &[2.0], Alternative::TwoSided),
-            source(&[0.0], &[2.0], Alternative::TwoSided),
+            source(&[0.0, 1.0], &[2.0], AlternativeHypothesis::TwoSided),
+            source(&[0.0], &[2.0], AlternativeHypothesis::TwoSided),
         ];
         let message = whole(&sources, 20, &mut rng).unwrap_err().to_string();
         assert!(message.contains("source 1 shows (1, 1) episodes, expected (2, 1)"), "{message}");

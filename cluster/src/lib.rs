@@ -5,12 +5,12 @@
 //!
 //! - Distances. [`wasserstein1`] is the exact 1-Wasserstein distance with Euclidean ground cost and
 //!   equal weights, [`wasserstein1_gradient`] its gradient in the points. [`Wasserstein`] takes any
-//!   weights and reuses its memory. [`transport()`] and [`Solver`] solve the same problem on a
+//!   weights and reuses its memory. [`transport()`] and [`TransportSolver`] solve the same problem on a
 //!   given cost matrix. Each answer carries potentials that prove it optimal, and [`certify`]
 //!   checks the proof before the answer is returned.
 //! - Comparison. [`joint_test`] is a permutation test of several sources of evidence, by whole
 //!   episodes, and [`changepoint_test`] one for a changepoint. [`assign_by_threshold`] is the
-//!   paper's rule of assignment. [`energy_margin`] compares two groups from as little as one frame.
+//!   paper's rule of assignment. [`energy_distance_margin`] compares two groups from as little as one frame.
 //! - Memory. [`Reservoir`] keeps a bounded uniform sample of the episodes of a group.
 
 mod assignment;
@@ -28,19 +28,19 @@ mod wasserstein;
 
 pub use assignment::{Assignment, Decision, Evidence, Verdict, assign_by_threshold};
 pub use change::{ChangepointTest, changepoint_candidates, changepoint_test};
-pub use comparison::{PairwiseComparison, energy_margin};
+pub use comparison::{TwoPolicyComparison, energy_distance_margin};
 pub use error::ClusterError;
-pub use euclidean::EuclideanCosts;
-pub use frames::{Candidate, Frames};
-pub use joint::{Alternative, JointTest, SourceSamples, SourceTest, joint_test};
+pub use euclidean::EuclideanDistances;
+pub use frames::{CandidateFeatures, FrameFeatures};
+pub use joint::{AlternativeHypothesis, JointTest, SourceSamples, SourceTest, joint_test};
 pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;
 pub use transport::{
-    Certificate, Entry, MAX_COST, MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, Solver, TransportPlan,
-    Weights, certify, transport,
+    MAX_COST, MAX_RELATIVE_GAP, OptimalityCertificate, PlanEntry, RELATIVE_TOLERANCE,
+    TransportPlan, TransportSolver, Weights, certify, transport,
 };
 pub use wasserstein::{
-    Cloud, Wasserstein, WassersteinGradient, wasserstein1, wasserstein1_gradient,
+    Wasserstein, WassersteinGradient, WeightedCloud, wasserstein1, wasserstein1_gradient,
 };
 
 #[cfg(test)]

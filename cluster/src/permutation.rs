@@ -22,7 +22,7 @@ pub struct NullDistribution {
     pub max: f64,
 }
 
-/// Result of a permutation test. All values are finite.
+/// Result of a permutation test: score, p-values and null distribution. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PermutationTest {
     /// Distribution of the score over random splits, as if episodes of rollout and buffer were
@@ -40,7 +40,7 @@ pub struct PermutationTest {
 }
 
 impl NullDistribution {
-    /// Computes the moments of the scores of all random splits.
+    /// Computes the moments of a null distribution from the scores of all random splits.
     pub(crate) fn new(mut splits: Vec<f64>) -> Self {
         splits.sort_unstable_by(f64::total_cmp);
         let count = splits.len() as f64;
@@ -56,7 +56,7 @@ impl NullDistribution {
         }
     }
 
-    /// Returns a score in standard deviations above the mean.
+    /// Returns a score in standard deviations above the mean of the null distribution.
     pub(crate) fn standardise(&self, score: f64) -> f64 {
         (score - self.mean) / self.sd.max(ROUNDING)
     }

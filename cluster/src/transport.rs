@@ -14,7 +14,7 @@ mod solver;
 mod start;
 
 pub use certificate::{MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, certify};
-pub use problem::{Certificate, Entry, MAX_COST, TransportPlan, Weights};
-pub use solver::{Solver, transport};
+pub use problem::{MAX_COST, OptimalityCertificate, PlanEntry, TransportPlan, Weights};
+pub use solver::{TransportSolver, transport};
 
 pub(crate) use problem::check_weights_of;

@@ -2,8 +2,8 @@
 
 use crate::check::{check_positive, check_rows};
 use crate::error::Result;
-use crate::euclidean::{EuclideanCosts, euclidean};
-use crate::transport::{Solver, TransportPlan, Weights, check_weights_of};
+use crate::euclidean::{EuclideanDistances, euclidean};
+use crate::transport::{TransportPlan, TransportSolver, Weights, check_weights_of};
 
 /// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]`
 /// with equal weights, in their unit.
@@ -110,8 +110,8 @@ pub fn wasserstein1_gradient(x: &[f32], y: &[f32], dim: usize) -> Result<Wassers
 /// ```
 #[derive(Clone, Debug, Default)]
 pub struct Wasserstein {
-    costs: EuclideanCosts,
-    solver: Solver,
+    costs: EuclideanDistances,
+    solver: TransportSolver,
 }
 
 impl Wasserstein {
@@ -120,13 +120,18 @@ impl Wasserstein {
         Self::default()
     }
 
-    /// Transports the cloud `x` `[n, dim]` with its weights to the cloud `y` `[m, dim]` with its
-    /// own; faster with the larger cloud as `x`.
+    /// Returns the optimal transport plan from the weighted cloud `x` `[n, dim]` to the weighted
+    /// cloud `y` `[m, dim]`; faster with the larger cloud as `x`.
     ///
     /// # Errors
     /// Errors of [`wasserstein1`], weights that are no distribution, and numbers of weights other
     /// than `n` and `m`.
-    pub fn solve(&mut self, x: Cloud, y: Cloud, dim: usize) -> Result<&TransportPlan> {
+    pub fn solve(
+        &mut self,
+        x: WeightedCloud,
+        y: WeightedCloud,
+        dim: usize,
+    ) -> Result<&TransportPlan> {
         let ((x, a), (y, b)) = (x, y);
         let costs = self.costs.compute(x, y, dim)?;
         check_weights_of(a, x.len() / dim, b, y.len() / dim)?;
@@ -135,4 +140,4 @@ impl Wasserstein {
 }
 
 /// Points of a cloud, `[n, dim]` for n points of `dim` coordinates, and their weights.
-pub type Cloud<'a> = (&'a [f32], Weights<'a>);
+pub type WeightedCloud<'a> = (&'a [f32], Weights<'a>);

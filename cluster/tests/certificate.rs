@@ -1,12 +1,15 @@
 //! The certificate's power to refuse.
 
-use cluster::{ClusterError, Entry, TransportPlan, Weights, certify, transport};
+use cluster::{ClusterError, PlanEntry, TransportPlan, Weights, certify, transport};
 
 use crate::common::{random_costs, uniform};
 
 const SIDES: (Weights, Weights) = (Weights::Uniform(6), Weights::Uniform(4));
 
-fn checked(cost: &[f64], plan: &TransportPlan) -> Result<cluster::Certificate, ClusterError> {
+fn checked(
+    cost: &[f64],
+    plan: &TransportPlan,
+) -> Result<cluster::OptimalityCertificate, ClusterError> {
     certify(cost, SIDES.0, SIDES.1, plan)
 }
 
@@ -29,7 +32,9 @@ const CASES: [Case; 14] = [
     (|plan| plan.entries[0].mass = f64::NAN, "Weight {"),
     // a negative entry that its row and column make good
     (
-        |plan| plan.entries.extend([-0.01, 0.01].map(|mass| Entry { source: 0, sink: 0, mass })),
+        |plan| {
+            plan.entries.extend([-0.01, 0.01].map(|mass| PlanEntry { source: 0, sink: 0, mass }))
+        },
         "Weight {",
     ),
     // potentials
@@ -69,8 +74,10 @@ fn the_certificate_refuses_a_feasible_plan_that_is_not_optimal() {
     let cost = [9.0, 2.0, 4.0, 1.0];
     let sides = (Weights::Uniform(2), Weights::Uniform(2));
     let mut plan = transport(&cost, sides.0, sides.1).unwrap();
-    plan.entries =
-        vec![Entry { source: 0, sink: 0, mass: 0.5 }, Entry { source: 1, sink: 1, mass: 0.5 }];
+    plan.entries = vec![
+        PlanEntry { source: 0, sink: 0, mass: 0.5 },
+        PlanEntry { source: 1, sink: 1, mass: 0.5 },
+    ];
     for claimed in [3.0, 5.0] {
         plan.cost = claimed;
         let error = certify(&cost, sides.0, sides.1, &plan).unwrap_err();

@@ -1,6 +1,6 @@
 //! Distances against their definition, gradients against central differences; hostile input.
 
-use cluster::{ClusterError, EuclideanCosts, wasserstein1, wasserstein1_gradient};
+use cluster::{ClusterError, EuclideanDistances, wasserstein1, wasserstein1_gradient};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -42,7 +42,7 @@ fn distances_are_accurate_however_much_cancels() {
         x.iter_mut().take(30 * dim).for_each(|v| *v = 1000.0 + *v * 1e-3);
         let mut y = x.clone();
         y.iter_mut().skip(50 * dim).for_each(|v| *v += 1e-4);
-        let mut costs = EuclideanCosts::new();
+        let mut costs = EuclideanDistances::new();
         let costs = costs.compute(&x, &y, dim).unwrap();
         for (got, expected) in costs.iter().zip(distances(&x, &y, dim)) {
             assert!((got - expected).abs() <= 1e-11 * expected, "{got} {expected}");
@@ -56,7 +56,7 @@ fn distances_have_the_same_bits_on_any_number_of_threads() {
     let (x, y) = (normals(&mut rng, 300 * 64), normals(&mut rng, 300 * 64));
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| EuclideanCosts::new().compute(&x, &y, 64).unwrap().to_vec())
+        pool.install(|| EuclideanDistances::new().compute(&x, &y, 64).unwrap().to_vec())
     };
     let one = on(1);
     assert_eq!(one, on(2));

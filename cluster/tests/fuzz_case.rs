@@ -1,7 +1,7 @@
 //! One hostile input for each seed, and the verdict that it must get.
 
 use cluster::{
-    ClusterError, MAX_COST, MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, Solver, TransportPlan,
+    ClusterError, MAX_COST, MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, TransportPlan, TransportSolver,
     Wasserstein, Weights, certify,
 };
 use rand::seq::IndexedRandom;
@@ -31,7 +31,7 @@ pub enum Outcome {
 /// optimum.
 pub fn run(seed: u64) -> Result<Outcome, String> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let (mut solver, mut workspace) = (Solver::new(), Wasserstein::new());
+    let (mut solver, mut workspace) = (TransportSolver::new(), Wasserstein::new());
     let with_points = rng.random_ratio(1, 3);
     let mut solve = |draws: &mut ChaCha8Rng| match (with_points, draws.random_ratio(1, 4)) {
         (true, _) => clouds(draws, &mut workspace),
@@ -56,7 +56,7 @@ struct Problem {
 }
 
 impl Problem {
-    fn solve(&self, solver: &mut Solver) -> Result<Outcome, String> {
+    fn solve(&self, solver: &mut TransportSolver) -> Result<Outcome, String> {
         let Self { cost, a, b, sound, hard } = self;
         let result = solver.solve(cost, a.weights(), b.weights());
         let plan = match expected(*sound, *hard, result)? {

@@ -1,8 +1,8 @@
 //! Input that somebody's bug or malice made: a clear error or a certified answer, never a panic.
 
 use cluster::{
-    Certificate, ClusterError, Entry, EuclideanCosts, MAX_COST, TransportPlan, Wasserstein,
-    Weights, certify, transport, wasserstein1,
+    ClusterError, EuclideanDistances, MAX_COST, OptimalityCertificate, PlanEntry, TransportPlan,
+    Wasserstein, Weights, certify, transport, wasserstein1,
 };
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -38,7 +38,7 @@ fn absurd_numbers_of_points_overflow_nothing() {
         }
     }
     assert!(matches!(
-        EuclideanCosts::new().compute(&[1.0], &[1.0], usize::MAX),
+        EuclideanDistances::new().compute(&[1.0], &[1.0], usize::MAX),
         Err(ClusterError::Ragged { .. })
     ));
 }
@@ -47,7 +47,7 @@ fn absurd_numbers_of_points_overflow_nothing() {
 fn a_matrix_that_no_memory_holds_is_refused() {
     let points = vec![0.0; 1 << 24];
     assert_eq!(
-        EuclideanCosts::new().compute(&points, &points, 1).unwrap_err().to_string(),
+        EuclideanDistances::new().compute(&points, &points, 1).unwrap_err().to_string(),
         "the distances between 16777216 and 16777216 points do not fit in memory; \
          compare samples of the clouds"
     );
@@ -103,7 +103,7 @@ fn costs_that_vanish_in_the_potentials_are_seen_by_the_certificate() {
         let f = forbidden;
         // by all six permutations
         let plan = uniform(&[3.0, 1.0, f, 1.0, 2.0, f, f, f, 5.0], 3, 3).unwrap();
-        let Certificate { gap, violation, .. } = plan.certificate;
+        let OptimalityCertificate { gap, violation, .. } = plan.certificate;
         assert!((plan.cost - 7.0 / 3.0).abs() < 1e-14 && gap + violation < 1e-13, "{plan:?}");
         let three = [0.0, -1.0, f, -1.0, 0.0, f, f, f, 0.0];
         let got = uniform(&three, 3, 3).unwrap().cost;
@@ -117,7 +117,7 @@ fn costs_that_vanish_in_the_potentials_are_seen_by_the_certificate() {
 #[test]
 fn a_plan_with_potentials_that_hide_its_costs_is_refused() {
     let diagonal = |n: usize, u: &[f64], v: &[f64]| TransportPlan {
-        entries: (0..n).map(|k| Entry { source: k, sink: k, mass: 1.0 / n as f64 }).collect(),
+        entries: (0..n).map(|k| PlanEntry { source: k, sink: k, mass: 1.0 / n as f64 }).collect(),
         source_potentials: u.to_vec(),
         sink_potentials: v.to_vec(),
         ..TransportPlan::default()

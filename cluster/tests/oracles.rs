@@ -69,7 +69,7 @@ fn clouds_agree_with_an_assignment_solver_through_shortlists() {
     let (n, dim) = (520, 8);
     let mut rng = ChaCha8Rng::seed_from_u64(7);
     let (x, y) = (normals(&mut rng, n * dim), normals(&mut rng, n * dim));
-    let mut costs = cluster::EuclideanCosts::new();
+    let mut costs = cluster::EuclideanDistances::new();
     let cost = costs.compute(&x, &y, dim).unwrap();
     let matrix = Matrix::from_shape_vec((n, n), cost.to_vec()).unwrap();
     let (columns, _) = lapjv(&matrix).unwrap();

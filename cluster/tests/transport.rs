@@ -1,6 +1,6 @@
 //! The solver on cost matrices.
 
-use cluster::{Solver, Weights, transport};
+use cluster::{TransportSolver, Weights, transport};
 
 use crate::common::{random_costs, uniform};
 
@@ -16,7 +16,7 @@ fn solves_a_problem_worked_by_hand() {
 
 #[test]
 fn a_reused_solver_gives_the_bits_of_a_new_one() {
-    let mut solver = Solver::new();
+    let mut solver = TransportSolver::new();
     for (n, m) in [(20, 30), (7, 600), (20, 30), (1, 1)] {
         let cost = random_costs(23, n * m);
         let reused = solver.solve(&cost, Weights::Uniform(n), Weights::Uniform(m)).unwrap();

@@ -86,7 +86,8 @@ pub struct DeployOptions {
 }
 
 impl DeployOptions {
-    /// Runs all trials, then those of the sweeps, and prints to `out`.
+    /// Runs all trials on a simulated rig, then those of the sweeps, and prints the results to
+    /// `out`.
     ///
     /// # Errors
     /// As [`Deployment::run_trial`]; folders and an `out` that cannot be written to; options that

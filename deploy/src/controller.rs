@@ -76,7 +76,7 @@ impl ActionController {
         }
     }
 
-    /// Returns `true` if a decision lasts a whole number of ticks.
+    /// Returns `true` if a decision lasts a whole number of command periods of 25 ms.
     pub fn is_multiple_of_command_period(control: &Control) -> bool {
         let ticks = control.decision_seconds() / COMMAND_PERIOD.as_secs_f64();
         ticks >= 1.0 && ticks.fract() == 0.0

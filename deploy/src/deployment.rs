@@ -17,7 +17,7 @@ use symmetry::D2;
 
 use crate::DeployError;
 use experiments::{Experiment, RunError, RunFolder, Stream};
-use learner::{Labels, Learner, LearnerSettings, RecognisedPolicy};
+use learner::{Learner, LearnerSettings, RecognisedPolicy, TaskLabel};
 
 use super::controller::ActionController;
 use super::dry_run::{DryRunReport, DryRunRig};
@@ -25,7 +25,7 @@ use super::film_strip::FilmStrip;
 use super::latency::{DecisionStage, LatencyProfile};
 use super::observer::RigPerception;
 use super::plausibility;
-use super::rig::{Rig, SetUp, Trial, stop_after};
+use super::rig::{Rig, Trial, TrialSetUp, stop_after};
 use super::settings::VisionSettings;
 use super::table::TrialScore;
 use super::trial::{FirstPictureEnv, TrialEnv};
@@ -64,7 +64,7 @@ impl Deployment {
         top.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))?;
         SceneRenderer::without_arm(scene)?.render(&mut top, &mut table)?;
         Ok(Self {
-            learner: folder.load_learner(&learner, &spec, &Labels::default())?,
+            learner: folder.load_learner(&learner, &spec, &TaskLabel::default())?,
             spec,
             control: envs.control,
             camera: envs.camera,
@@ -151,13 +151,13 @@ impl Deployment {
         })
     }
 
-    /// Returns the perception of a table that was set up as `set_up`, with the arm in the state
-    /// `start`.
+    /// Creates the perception for a trial whose table is set up as `set_up`, with the arm in the
+    /// state `start`.
     pub(super) fn observer(
         &self,
         rig: &dyn Rig,
         arm: &Arm,
-        set_up: &SetUp,
+        set_up: &TrialSetUp,
         start: RobotState,
     ) -> Result<RigPerception, DeployError> {
         let calibration = self.vision.calibration.unwrap_or_else(|| rig.calibration());

@@ -13,7 +13,7 @@ use crate::DeployError;
 
 use super::controller::COMMAND_PERIOD;
 use super::latency::{DecisionStage, LatencyProfile};
-use super::rig::{Rig, SetUp, TaskVerdict, Trial, fresh_picture};
+use super::rig::{Rig, TaskVerdict, Trial, TrialSetUp, fresh_picture};
 
 /// Command for the arm that a dry run did not send.
 #[derive(Clone, Debug, PartialEq)]
@@ -167,7 +167,7 @@ impl Robot for DryRunRig<'_> {
 impl Rig for DryRunRig<'_> {
     /// Takes a picture of the table and the arm as they are. What the arm hides is treated as empty
     /// table.
-    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxedEnvError> {
+    fn set_up(&mut self, _: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
         let Intrinsics { width, height, .. } = self.calibration().intrinsics;
         let mut background = vec![0; 3 * width * height];
         // an old picture may show another table
@@ -175,7 +175,7 @@ impl Rig for DryRunRig<'_> {
             DeployError::Rig { source } => source,
             other => other.into(),
         })?;
-        Ok(SetUp { background, parked_state: self.rig.state()?, goal: None })
+        Ok(TrialSetUp { background, parked_state: self.rig.state()?, goal: None })
     }
 
     fn calibration(&self) -> Calibration {

@@ -3,7 +3,7 @@
 use envs::RGB_CHANNELS;
 use inpainting::{Intrinsics, Perception};
 
-use experiments::colours::line_rgb;
+use experiments::colours::curve_rgb;
 use experiments::sheet::Picture;
 use render::{Film, GridCell, GridRow, compose_grid};
 
@@ -61,7 +61,7 @@ impl FilmStrip {
         };
         let row = GridRow {
             title: title.to_owned(),
-            colour: line_rgb(0),
+            colour: curve_rgb(0),
             cells: [0, 1, 2].map(cell).to_vec(),
         };
         compose_grid(&["camera", "mask", "policy"], &[row])

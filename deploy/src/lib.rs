@@ -40,7 +40,7 @@ pub use faults::{Fault, FaultAmount, FaultSweep};
 pub use film_strip::FilmStrip;
 pub use latency::{DecisionStage, LatencyProfile};
 pub use options::{CameraOptions, FaultLevel, RigOptions, RunAndRigOptions};
-pub use rig::{Rig, SetUp, TaskVerdict, Trial};
+pub use rig::{Rig, TaskVerdict, Trial, TrialSetUp};
 pub use settings::{RigSettings, VisionSettings};
 pub use simulated::{SimulatedRig, SimulationSettings};
 pub use table::{TrialScore, deployment_table};

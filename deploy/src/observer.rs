@@ -10,7 +10,7 @@ use robots::RobotState;
 
 use crate::DeployError;
 
-use super::rig::{MAX_PICTURE_AGE, Rig, SetUp, fresh_picture};
+use super::rig::{MAX_PICTURE_AGE, Rig, TrialSetUp, fresh_picture};
 use super::settings::VisionSettings;
 use super::state_history::StateHistory;
 
@@ -41,7 +41,7 @@ impl RigPerception {
         calibration: Calibration,
         camera: &Camera,
         table: &[u8],
-        set_up: &SetUp,
+        set_up: &TrialSetUp,
         start: (Duration, RobotState),
     ) -> Result<Self, DeployError> {
         let parked = arm.capsules(&set_up.parked_state);
@@ -78,8 +78,8 @@ impl RigPerception {
         Ok(())
     }
 
-    /// Writes the picture without the arm into `out` `[size, size, 3]`, with the mark at the
-    /// gripper's current position.
+    /// Writes the picture last fetched into `out` `[size, size, 3]`, without the arm, and with the
+    /// mark at the gripper's current position.
     ///
     /// # Errors
     /// [`DeployError::Inpainting`].

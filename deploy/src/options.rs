@@ -112,8 +112,8 @@ pub struct RunAndRigOptions {
 }
 
 impl RunAndRigOptions {
-    /// Loads the policies, with these settings of the perception and the calibration of the
-    /// options.
+    /// Loads the policies of the run, with the perception `vision` and the options' calibration
+    /// file.
     ///
     /// # Errors
     /// As [`CameraOptions::apply`] and [`Deployment::load`].
@@ -123,7 +123,7 @@ impl RunAndRigOptions {
 }
 
 impl CameraOptions {
-    /// Returns the settings with the calibration from the file, if there is one.
+    /// Returns `settings` with the calibration from the option's file, if one is given.
     ///
     /// # Errors
     /// As [`CalibrationFile::read`].

@@ -9,7 +9,7 @@ use experiments::RunError;
 use learner::disk::{LocalDisk, write_atomically};
 
 use super::faults::Fault;
-use super::sweep::{SweepResults, sweep_csv, sweep_svg};
+use super::sweep::{FaultSweepResults, fault_sweep_csv, fault_sweep_svg};
 use super::table::{TrialScore, deployment_markdown, trials_csv};
 
 /// Folder with `table.md` and `trials.csv`, and for each sweep a table (CSV) and a figure (SVG)
@@ -37,7 +37,7 @@ impl ResultsFolder {
         Ok(results)
     }
 
-    /// Writes the trials and their table.
+    /// Writes `trials.csv`, with a row for each trial, and `table.md`, the table of success.
     ///
     /// # Errors
     /// Files that cannot be written.
@@ -57,13 +57,13 @@ impl ResultsFolder {
         &self,
         fault: Fault,
         groups: &[TaskGroup],
-        swept: &SweepResults,
+        swept: &FaultSweepResults,
     ) -> Result<(), DeployError> {
         let write = |ending, text: String| {
             write_atomically(&LocalDisk, &self.of(fault, ending), text.as_bytes())
         };
-        write("csv", sweep_csv(fault, swept))?;
-        Ok(write("svg", sweep_svg(fault, groups, swept))?)
+        write("csv", fault_sweep_csv(fault, swept))?;
+        Ok(write("svg", fault_sweep_svg(fault, groups, swept))?)
     }
 
     fn of(&self, fault: Fault, ending: &str) -> PathBuf {
@@ -91,7 +91,7 @@ mod tests {
         assert!(refused.to_string().contains("mask-growth.csv"), "{refused}");
         create(Fault::AngleError).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
-        assert_eq!(read("mask-growth.csv"), sweep_csv(Fault::MaskMargin, &swept));
+        assert_eq!(read("mask-growth.csv"), fault_sweep_csv(Fault::MaskMargin, &swept));
         results.write_trials(&scores).unwrap();
         let lines = "button-press,flip x,0,1,1,1,0,2\nbutton-press,flip x,1,1,1,0,0,2\n";
         assert!(read("trials.csv").ends_with(lines));

@@ -33,9 +33,9 @@ impl Trial {
     }
 }
 
-/// Table that is ready for a trial.
+/// Table that was set up for a trial: its picture, the parked arm and the goal.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SetUp {
+pub struct TrialSetUp {
     /// Picture `[H, W, 3]` of the table with its objects, taken with the arm parked outside of it.
     pub background: Vec<u8>,
     /// State of the arm while it is parked outside of the picture.
@@ -91,8 +91,8 @@ pub(super) fn newest_picture(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<Durati
     Ok(taken)
 }
 
-/// Copies the latest picture like [`newest_picture`], but rejects one older than
-/// [`MAX_PICTURE_AGE`].
+/// Copies the camera's latest picture into `rgb` and returns the time at which it was taken;
+/// rejects one older than [`MAX_PICTURE_AGE`].
 ///
 /// # Errors
 /// As [`newest_picture`]; [`DeployError::StalePicture`].
@@ -114,7 +114,7 @@ pub trait Rig: Robot {
     ///
     /// # Errors
     /// Errors of the hardware.
-    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxedEnvError>;
+    fn set_up(&mut self, trial: &Trial) -> Result<TrialSetUp, BoxedEnvError>;
 
     /// Returns the estimated calibration of the camera since the last [`Rig::set_up`]. A dry run
     /// calls this without a set-up.

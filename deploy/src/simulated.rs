@@ -24,7 +24,7 @@ use robots::{Command, ControlError, LinkAddition, Robot, RobotState, Watchdog};
 
 use crate::DeployError;
 
-use super::rig::{Rig, SetUp, TaskVerdict, Trial};
+use super::rig::{Rig, TaskVerdict, Trial, TrialSetUp};
 
 /// Faults of the camera and the arm of a simulated rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -180,7 +180,7 @@ impl SimulatedRig {
         })
     }
 
-    fn set(&mut self, trial: &Trial) -> Result<SetUp, DeployError> {
+    fn set(&mut self, trial: &Trial) -> Result<TrialSetUp, DeployError> {
         let camera = self.camera(trial)?;
         let group = trial.variant.group;
         // compiling a scene is slow, so trials of one group share it
@@ -203,7 +203,7 @@ impl SimulatedRig {
         let goal = workspace.ghost.observable_goal();
         self.workspace = Some(workspace);
         self.verdict = TaskVerdict::default();
-        Ok(SetUp { background, parked_state: parked, goal })
+        Ok(TrialSetUp { background, parked_state: parked, goal })
     }
 
     /// Simulates one control step and checks the watchdog.
@@ -354,7 +354,7 @@ impl Robot for SimulatedRig {
 }
 
 impl Rig for SimulatedRig {
-    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxedEnvError> {
+    fn set_up(&mut self, trial: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
         Ok(self.set(trial)?)
     }
 

@@ -2,7 +2,7 @@
 
 use envs::TaskGroup;
 
-use experiments::colours::{Stroke, line_stroke};
+use experiments::colours::{LineStyle, curve_style};
 use report::svg::{DOT_RADIUS, SvgPlot};
 
 use super::faults::Fault;
@@ -14,10 +14,10 @@ const HEIGHT: f64 = 100.0;
 const BOUNDS: [f64; 2] = [-0.05, 1.05];
 
 /// Results of a sweep over the amounts of a fault: each amount with its trials.
-pub type SweepResults = Vec<(f64, Vec<TrialScore>)>;
+pub type FaultSweepResults = Vec<(f64, Vec<TrialScore>)>;
 
-/// Returns a table (CSV) of a sweep over a fault with a row for each trial.
-pub fn sweep_csv(fault: Fault, swept: &SweepResults) -> String {
+/// Returns a table (CSV) of the trials of a sweep over a fault's amounts, a row for each trial.
+pub fn fault_sweep_csv(fault: Fault, swept: &FaultSweepResults) -> String {
     let mut text = format!("fault,amount,{TRIAL_CSV_HEADER}\n");
     for (amount, scores) in swept {
         for score in scores {
@@ -29,18 +29,18 @@ pub fn sweep_csv(fault: Fault, swept: &SweepResults) -> String {
 
 /// Draws the success of each group over the amount of a fault (SVG), a panel for each group, with
 /// intervals of 95 % as bands.
-pub fn sweep_svg(fault: Fault, groups: &[TaskGroup], swept: &SweepResults) -> String {
+pub fn fault_sweep_svg(fault: Fault, groups: &[TaskGroup], swept: &FaultSweepResults) -> String {
     let end = swept.last().map_or(0.0, |(amount, _)| *amount);
     let mut drawing = SvgPlot::new_half_width(end, fault.axis_label());
     for (number, group) in groups.iter().enumerate() {
         drawing.begin_panel(group.name(), HEIGHT, BOUNDS, &[0.0, 0.5, 1.0]);
-        curve(&mut drawing, &line_stroke(number), *group, swept);
+        curve(&mut drawing, &curve_style(number), *group, swept);
     }
     drawing.into_svg(&format!("Success against {}", fault.axis_label()))
 }
 
 /// Draws the success of one group: a line, a band for its interval, and a dot for each amount.
-fn curve(drawing: &mut SvgPlot, stroke: &Stroke, group: TaskGroup, swept: &SweepResults) {
+fn curve(drawing: &mut SvgPlot, stroke: &LineStyle, group: TaskGroup, swept: &FaultSweepResults) {
     let counts = swept.iter().map(|(amount, scores)| {
         let of_group: Vec<bool> =
             scores.iter().filter(|score| score.group == group).map(|score| score.success).collect();
@@ -74,7 +74,7 @@ mod tests {
 
     const GROUPS: [TaskGroup; 2] = [TaskGroup::GOAL_REACH, TaskGroup::BUTTON_PRESS];
 
-    fn swept() -> SweepResults {
+    fn swept() -> FaultSweepResults {
         let [reach, press] = GROUPS;
         let trials = |successes| (0..4).map(move |n| score(press, 3, n < successes));
         vec![
@@ -85,7 +85,7 @@ mod tests {
 
     #[test]
     fn every_trial_has_a_row() {
-        let text = sweep_csv(Fault::MaskMargin, &swept());
+        let text = fault_sweep_csv(Fault::MaskMargin, &swept());
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 1 + 10);
         assert_eq!(lines[1], "mask-growth,0,button-press,flip x,3,1,1,1,0,2");
@@ -98,7 +98,7 @@ mod tests {
     /// begins 14 below the first.
     #[test]
     fn a_group_has_a_line_through_its_shares() {
-        let text = sweep_svg(Fault::MaskMargin, &GROUPS, &swept());
+        let text = fault_sweep_svg(Fault::MaskMargin, &GROUPS, &swept());
         let y = |share: f64| 34.0 + HEIGHT + 14.0 + HEIGHT * (1.0 - (share + 0.05) / 1.1);
         let line = format!("points=\"64.0,{:.1} 504.0,{:.1}\"", y(1.0), y(0.25));
         assert!(text.contains(&line), "{line}: {text}");

@@ -59,7 +59,7 @@ pub fn deployment_table(scores: &[TrialScore]) -> String {
     table(scores).text()
 }
 
-/// Returns the table of [`deployment_table`] in Markdown.
+/// Returns the table of success in each task group, [`deployment_table`], in Markdown.
 pub(super) fn deployment_markdown(scores: &[TrialScore]) -> String {
     table(scores).markdown()
 }
@@ -124,7 +124,7 @@ pub(super) fn trial_csv_row(score: &TrialScore) -> String {
     )
 }
 
-/// Returns a table (CSV) with a row for each trial.
+/// Returns a table (CSV) of the results of trials, a row for each.
 pub(super) fn trials_csv(scores: &[TrialScore]) -> String {
     let rows = scores.iter().map(|score| trial_csv_row(score) + "\n");
     format!("{TRIAL_CSV_HEADER}\n{}", rows.collect::<String>())

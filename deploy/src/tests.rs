@@ -19,8 +19,8 @@ use symmetry::D2;
 use super::deployment::check_training_conditions;
 use super::dry_run::DryRunRig;
 use super::{
-    BlockedCommand, DecisionStage, Deployment, MaskCheck, Rig, SetUp, SimulatedRig,
-    SimulationSettings, TaskVerdict, Trial, VisionSettings, calibration_poses,
+    BlockedCommand, DecisionStage, Deployment, MaskCheck, Rig, SimulatedRig, SimulationSettings,
+    TaskVerdict, Trial, TrialSetUp, VisionSettings, calibration_poses,
 };
 use crate::DeployError;
 use experiments::{Experiment, RunFolder};
@@ -101,9 +101,9 @@ impl Robot for DryRig {
 }
 
 impl Rig for DryRig {
-    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxedEnvError> {
+    fn set_up(&mut self, _: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
         assert!(!self.untouched, "the arm would have moved to its start");
-        Ok(SetUp {
+        Ok(TrialSetUp {
             background: vec![100; 3 * 640 * 480],
             parked_state: self.robot.state()?,
             goal: Some(DVec3::new(0.15, -0.1, 0.15)),

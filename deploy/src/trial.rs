@@ -9,7 +9,7 @@ use glam::DVec3;
 use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
 use crate::DeployError;
-use experiments::scale_vectors;
+use experiments::scale_observation_vectors;
 
 use super::controller::ActionController;
 use super::film_strip::FilmStrip;
@@ -100,7 +100,7 @@ impl TrialEnv<'_> {
         let aperture = self.arm.aperture(self.observer.state());
         let vector = envs::vector_observation(hand, aperture, goal, self.controller.target());
         out.vectors.copy_from_slice(&vector);
-        scale_vectors(&mut out.vectors);
+        scale_observation_vectors(&mut out.vectors);
         Ok(())
     }
 

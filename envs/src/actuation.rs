@@ -103,7 +103,8 @@ impl ServoController {
         }
     }
 
-    /// Resets the controller to the joints of `model`, at rest at `rest`.
+    /// Looks up the arm's joints in `model` and resets the controller, at rest at the positions
+    /// `rest`.
     pub(crate) fn start(&mut self, model: &Model, rest: &JointPositions) -> Result<(), EnvError> {
         let joints = self.servos.arm.free_joints();
         let address = |(joint, _): (&robots::Joint, _)| {

@@ -107,8 +107,7 @@ impl Default for GripperMark {
 }
 
 impl Camera {
-    /// Rejects sizes that a flip does not map onto themselves, cameras that see nothing, and
-    /// colours out of range.
+    /// Rejects a camera whose pictures have an odd size or show nothing, and values out of range.
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`].
@@ -130,8 +129,8 @@ impl Camera {
         self.mark.check()
     }
 
-    /// Returns the camera, its light, the floor's material and the camera `corner` of
-    /// [`SceneView`](crate::SceneView) as the last part of a scene.
+    /// Returns the last part of a scene's MJCF: the camera, its light, the floor's material and the
+    /// camera `perspective` for viewers.
     pub(crate) fn to_mjcf(self, name: &str) -> String {
         let fovy = 2.0 * (self.half_extent / self.height).atan().to_degrees();
         let height = self.height;
@@ -267,8 +266,8 @@ impl ExtraView {
         }
     }
 
-    /// Returns the number of last channels that are constant during an episode, and need to be
-    /// stored once: 3 or 0.
+    /// Returns the number of an image's last channels that are constant during an episode, so that
+    /// they need to be stored only once: 3 or 0.
     pub const fn num_still_channels(self) -> usize {
         match self {
             Self::First => RGB_CHANNELS,

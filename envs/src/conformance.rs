@@ -16,6 +16,6 @@ mod rules;
 mod scene_rules;
 mod symmetry;
 
-pub use experts::{ExpertRow, VariantName, measure_expert};
+pub use experts::{ExpertResult, VariantName, measure_expert};
 pub use rules::{ConformanceError, check};
-pub use symmetry::{SymmetryRow, measure_symmetry};
+pub use symmetry::{SymmetryDeviation, measure_symmetry};

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::camera::{Camera, RGB_CHANNELS, for_each_ring_pixel};
 use crate::homography::Homography;
-use crate::randomisation::Randomisation;
+use crate::randomisation::DomainRandomisation;
 
 /// Number of the first random stream for camera errors of pictures. Placements use the streams
 /// below it, so randomised pictures do not change them.
@@ -27,7 +27,7 @@ type Pixel = [f32; RGB_CHANNELS + 1];
 
 /// Camera errors of one environment in its current episode, and its random stream.
 #[derive(Clone, Debug)]
-pub(crate) struct CameraState {
+pub(crate) struct CameraErrors {
     rng: ChaCha8Rng,
     view: Homography,
     gains: [f32; RGB_CHANNELS],
@@ -35,7 +35,7 @@ pub(crate) struct CameraState {
     blur: (usize, f32),
 }
 
-impl CameraState {
+impl CameraErrors {
     /// Creates a perfect camera for environment `index`, with its own random stream of `seed`.
     pub fn new(seed: u64, index: usize) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -44,9 +44,9 @@ impl CameraState {
     }
 }
 
-/// Randomiser that applies the errors of a [`CameraState`] to the pictures of a perfect camera.
+/// Randomiser that applies the errors of a [`CameraErrors`] to the pictures of a perfect camera.
 pub(crate) struct DomainRandomiser {
-    amounts: Randomisation,
+    amounts: DomainRandomisation,
     camera: Camera,
     /// Pixels `[size, size]` of the picture that is being processed, and a second buffer for the
     /// next step.
@@ -56,14 +56,14 @@ pub(crate) struct DomainRandomiser {
 
 impl DomainRandomiser {
     /// Creates a randomiser for pictures of `camera`.
-    pub fn new(amounts: Randomisation, camera: Camera) -> Self {
+    pub fn new(amounts: DomainRandomisation, camera: Camera) -> Self {
         let room = vec![Pixel::default(); camera.size * camera.size];
         Self { amounts, camera, levels: room.clone(), spare: room }
     }
 
     /// Draws random camera errors (pose, exposure, white balance, blur) for the episode that
     /// begins.
-    pub fn begin_episode(&self, state: &mut CameraState) {
+    pub fn begin_episode(&self, state: &mut CameraErrors) {
         let (amounts, rng) = (&self.amounts, &mut state.rng);
         // all numbers are drawn whatever the amounts, so that one amount does not shift the others'
         // draws
@@ -82,7 +82,7 @@ impl DomainRandomiser {
 
     /// Turns `rgb` `[size, size, 3]`, a perfect picture without mark, into a picture of the
     /// episode's camera, with the mark over the gripper at `hand` (metres).
-    pub fn add_camera_errors(&mut self, state: &mut CameraState, hand: DVec3, rgb: &mut [u8]) {
+    pub fn add_camera_errors(&mut self, state: &mut CameraErrors, hand: DVec3, rgb: &mut [u8]) {
         self.resample(&state.view, rgb);
         for _ in 0..state.blur.0 {
             self.blur(state.blur.1);

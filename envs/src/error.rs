@@ -215,7 +215,7 @@ pub enum EnvError {
     Render(#[from] mujoco::RenderError),
 }
 
-/// Positions of the hand in the tasks that an arm does not reach.
+/// Shortfall of an arm that does not reach all positions of the hand in the tasks.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
     "the arm `{name}` cannot bring its hand, pointing down, to all positions of the four groups of \

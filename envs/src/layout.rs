@@ -100,7 +100,7 @@ impl Layout {
         }
     }
 
-    /// Returns the task's Meta-World settings if this layout follows them.
+    /// Returns Meta-World's settings of the task of `group`; `None` in the symmetric layout.
     pub(crate) fn meta_world_spec(
         self,
         group: TaskGroup,

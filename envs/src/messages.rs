@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::batch::StepBuffers;
-use crate::domain_randomiser::CameraState;
+use crate::domain_randomiser::CameraErrors;
 use crate::error::EnvError;
 use crate::renderer::View;
 use crate::scene::Scene;
@@ -51,7 +51,7 @@ pub(crate) enum WorkerCommand {
     Advance(WorkerBatch),
     /// Command to write the scripted experts' actions for the present states.
     Experts(WorkerBatch),
-    /// Command to write the details of the present states.
+    /// Command to write the positions and reward terms of the present states, see [`DETAILS_DIM`].
     Details(WorkerBatch),
     /// Command to render the present states in the batch's view.
     Render(WorkerBatch),
@@ -64,7 +64,7 @@ pub(crate) enum WorkerCommand {
     Inject(usize, Fault),
 }
 
-/// Function that breaks an environment or its renderer.
+/// Function that breaks an environment or its renderer, for tests of failures.
 #[cfg(test)]
 pub(crate) type Fault = fn(&mut crate::tabletop::TableTop, &mut crate::renderer::SceneRenderer);
 
@@ -80,7 +80,7 @@ pub(crate) struct WorkerReply {
 pub struct EnvSnapshot {
     pub(crate) table: Snapshot,
     pub(crate) rng: ChaCha8Rng,
-    pub(crate) camera_state: CameraState,
+    pub(crate) camera_state: CameraErrors,
     pub(crate) first: Vec<u8>,
     pub(crate) image: Vec<u8>,
     pub(crate) vector: Vec<f32>,
@@ -92,7 +92,7 @@ pub(crate) struct WorkerBatch {
     pub commands: Vec<EnvCommand>,
     pub actions: Vec<f32>,
     pub batch: StepBuffers,
-    /// Details of the states, `[N, 16]`.
+    /// Positions and reward terms of the states, `[N, 16]`, see [`DETAILS_DIM`].
     pub details: Vec<f32>,
     /// View to render, and its pictures `[N, size, size, 3]`; `None` but for a render command.
     pub view: Option<(View, Vec<u8>)>,

@@ -32,9 +32,9 @@ impl TaskGroup {
     pub const BUTTON_PRESS_TOPDOWN: Self = Self::from_task(&ButtonPressTopdown);
     /// Task group of turning the handle of a faucet.
     pub const FAUCET_CLOSE: Self = Self::from_task(&FaucetClose);
-    /// Task group of sliding a block to a mark.
+    /// Task group of sliding a block over the table to a marked goal.
     pub const PUSH: Self = Self::from_task(&Push);
-    /// Task group of carrying a block to a mark in the air.
+    /// Task group of carrying a block to a marked goal in the air.
     pub const PICK_PLACE: Self = Self::from_task(&PickPlace);
     /// Task group of inserting a peg into a box from the side.
     pub const PEG_INSERT_SIDE: Self = Self::from_task(&PegInsertSide);
@@ -56,7 +56,7 @@ impl TaskGroup {
         Self::WINDOW_CLOSE,
     ];
 
-    /// Ten task groups in which nothing is held: the standard ones first.
+    /// Ten task groups in which the gripper holds no object: the standard ones first.
     pub const TEN: [Self; 10] = [
         Self::GOAL_REACH,
         Self::BUTTON_PRESS,

@@ -83,8 +83,9 @@ impl SceneRenderer {
         Ok(self.renderer.draw_backdrop(table.simulation_mut(), view, backdrop)?)
     }
 
-    /// Renders the same bits as [`SceneRenderer::render`], over the backdrop of the episode: in
-    /// about half the time, and almost for free while no object moves.
+    /// Renders the camera's view over the episode's backdrop, bit for bit as
+    /// [`SceneRenderer::render`] does: in about half the time, and almost for free while no object
+    /// moves.
     ///
     /// # Errors
     /// Errors of [`SceneRenderer::render`].
@@ -157,12 +158,12 @@ pub struct View {
 }
 
 /// Renderer of one scene in one [`View`]; stays on the thread that made it.
-pub struct SceneView {
+pub struct ViewRenderer {
     renderer: Renderer,
     camera: CameraId,
 }
 
-impl SceneView {
+impl ViewRenderer {
     /// Creates a renderer of `view`.
     ///
     /// # Errors

@@ -286,7 +286,7 @@ fn mirrored(
     Ok(Some(Arc::new(model.reflected(&roots)?)))
 }
 
-/// Addresses of a free joint.
+/// Addresses of the free joint of a task's loose object in the simulation's state.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LooseJoint {
     /// Address in `qpos` of position (3) and orientation (4).

@@ -7,7 +7,7 @@ use crate::control::Control;
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::layout::Layout;
-use crate::randomisation::Randomisation;
+use crate::randomisation::DomainRandomisation;
 
 /// Largest number of worker threads; a typing error in a file must not start a million.
 pub const MAX_THREADS: usize = 1024;
@@ -30,7 +30,7 @@ pub struct VecEnvSettings {
     pub control: Control,
     /// Domain randomisation of the pictures; `None` for perfect pictures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub randomisation: Option<Randomisation>,
+    pub randomisation: Option<DomainRandomisation>,
     /// Seed of the random placements, variants and camera errors of all environments.
     pub seed: u64,
 }

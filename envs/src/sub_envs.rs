@@ -13,14 +13,14 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::camera::RGB_CHANNELS;
-use crate::domain_randomiser::{CameraState, DomainRandomiser};
+use crate::domain_randomiser::{CameraErrors, DomainRandomiser};
 use crate::error::EnvError;
 #[cfg(test)]
 use crate::messages::Fault;
 use crate::messages::{
     EnvCommand, EnvFailure, EnvSnapshot, WorkerBatch, WorkerCommand, WorkerReply, row_mut,
 };
-use crate::renderer::{SceneRenderer, SceneView, View};
+use crate::renderer::{SceneRenderer, View, ViewRenderer};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, DETAILS_DIM, TableTop, VECTOR_DIM};
@@ -31,7 +31,7 @@ use crate::task::TaskGroup;
 struct Slot {
     index: usize,
     rng: ChaCha8Rng,
-    camera_state: CameraState,
+    camera_state: CameraErrors,
     first: Vec<u8>,
     backdrop: Backdrop,
     #[cfg(test)]
@@ -45,7 +45,7 @@ pub(crate) struct SubEnvs {
     /// Renderer of each prepared task group. A renderer that failed is dropped and made again.
     renderers: BTreeMap<TaskGroup, SceneRenderer>,
     /// Renderers for people, made at first use.
-    views: BTreeMap<(TaskGroup, View), SceneView>,
+    views: BTreeMap<(TaskGroup, View), ViewRenderer>,
     /// Simulations of the current task group, one per environment.
     tables: Vec<TableTop>,
     /// Simulations of earlier task groups, kept for their return. Freeing blocks of several
@@ -63,7 +63,7 @@ impl SubEnvs {
         let slots = envs.map(|index| Slot {
             index,
             rng: slot_rng(settings.seed, index),
-            camera_state: CameraState::new(settings.seed, index),
+            camera_state: CameraErrors::new(settings.seed, index),
             first: vec![0; pixels],
             backdrop: Backdrop::default(),
             #[cfg(test)]
@@ -118,7 +118,7 @@ impl SubEnvs {
         for slot in &mut self.slots {
             let (seed, stream) = seeds[slot.index];
             slot.rng = slot_rng(seed, stream);
-            slot.camera_state = CameraState::new(seed, stream);
+            slot.camera_state = CameraErrors::new(seed, stream);
         }
         Ok(())
     }
@@ -209,7 +209,7 @@ impl SubEnvs {
         for (row, (table, slot)) in self.tables.iter_mut().zip(&self.slots).enumerate() {
             let renderer = match self.views.entry((table.scene().group, *view)) {
                 Entry::Occupied(entry) => entry.into_mut(),
-                Entry::Vacant(entry) => entry.insert(SceneView::new(table.scene(), *view)?),
+                Entry::Vacant(entry) => entry.insert(ViewRenderer::new(table.scene(), *view)?),
             };
             let rendered = renderer.render(table, row_mut(pictures, row, picture));
             rendered.map_err(|error| error.in_env(slot.index))?;

@@ -56,10 +56,10 @@ pub fn vector_observation(
         .map(|value| value as f32)
 }
 
-/// Number of a state's details: hand x, y, z, aperture, object x, y, z, its second point x, y, z
-/// (see [`TaskParts::tip_body`](crate::TaskParts::tip_body)) and the goal x, y, z (metres from the
-/// centre), then the reward terms of [`StepReward`]: approach, in place and distance of the goal
-/// (metres).
+/// Number of values of [`TableTop::details`]: hand x, y, z, aperture, object x, y, z, its second
+/// point x, y, z (see [`TaskParts::tip_body`](crate::TaskParts::tip_body)) and the goal x, y, z
+/// (metres from the centre), then the reward terms of [`StepReward`]: approach, in place and
+/// distance of the goal (metres).
 pub const DETAILS_DIM: usize = 16;
 
 /// Factor from Meta-World's rewards of control steps, in `[0, 10]`, to rewards of decisions, in
@@ -371,8 +371,8 @@ impl TableTop {
         Ok(vector_observation(self.hand_position(), self.aperture(), goal, episode.target))
     }
 
-    /// Returns the details of the present state, see [`DETAILS_DIM`], with the reward terms after a
-    /// control step with the finger action `finger`.
+    /// Returns the positions of the present state and its reward terms, listed at [`DETAILS_DIM`],
+    /// after a control step with the finger action `finger`.
     ///
     /// # Errors
     /// [`EnvError::NotReset`].

@@ -58,16 +58,16 @@ impl VecEnv {
         group: TaskGroup,
         elements: &[D2],
     ) -> Result<Self, EnvError> {
-        Self::new_share(settings, group, elements, 0..settings.num_envs)
+        Self::new_shard(settings, group, elements, 0..settings.num_envs)
     }
 
-    /// Starts only the environments with indices in `share`, for processes that share them. They
-    /// are those of [`VecEnv::new`]. Arrays have rows for all N, of which calls write only those of
-    /// the share.
+    /// Starts only the environments with indices in `share`, one process's part of all N. They are
+    /// those of [`VecEnv::new`]. Arrays have rows for all N, of which calls write only those of the
+    /// share.
     ///
     /// # Errors
     /// As [`VecEnv::new`].
-    pub fn new_share(
+    pub fn new_shard(
         settings: VecEnvSettings,
         group: TaskGroup,
         elements: &[D2],
@@ -243,8 +243,8 @@ impl VecEnv {
         Ok(())
     }
 
-    /// Writes the details of the present states to `out` `[N, 16]`, see
-    /// [`DETAILS_DIM`], with the reward terms of the last actions; NaN where no episode runs.
+    /// Writes the positions of the present states and the reward terms of the last actions to `out`
+    /// `[N, 16]`, see [`DETAILS_DIM`]; NaN where no episode runs.
     ///
     /// # Errors
     /// [`EnvError::LengthMismatch`], [`EnvError::NotReset`]; episodes go on.

@@ -9,7 +9,7 @@ use std::alloc::System;
 use std::hint::black_box;
 
 use envs::{
-    ACTION_DIM, Camera, Control, ExtraView, Randomisation, StepBuffers, TaskGroup, VecEnv,
+    ACTION_DIM, Camera, Control, DomainRandomisation, ExtraView, StepBuffers, TaskGroup, VecEnv,
     VecEnvSettings,
 };
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
@@ -38,7 +38,7 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
     };
     // randomised pictures start from perfect ones, so this covers both
     steps_allocate_nothing(VecEnvSettings {
-        randomisation: Some(Randomisation::NOMINAL),
+        randomisation: Some(DomainRandomisation::NOMINAL),
         ..settings
     });
     steps_allocate_nothing(VecEnvSettings {

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Camera, Control, DETAILS_DIM, Embodiment, EnvError, ExtraView, ObservationsMut,
-    RGB_CHANNELS, Randomisation, Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup,
+    ACTION_DIM, Camera, Control, DETAILS_DIM, DomainRandomisation, Embodiment, EnvError, ExtraView,
+    ObservationsMut, RGB_CHANNELS, Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup,
     VECTOR_DIM, VecEnv, VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
@@ -360,7 +360,7 @@ fn preparing_groups_changes_nothing_that_is_seen() {
 fn randomised(extra_views: ExtraView) -> VecEnvSettings {
     VecEnvSettings {
         camera: Camera { extra_views, ..Camera::default() },
-        randomisation: Some(Randomisation::NOMINAL),
+        randomisation: Some(DomainRandomisation::NOMINAL),
         ..settings(1)
     }
 }
@@ -382,7 +382,7 @@ fn settings_out_of_range_are_refused() {
 
 #[test]
 fn restored_episodes_continue_to_the_same_bits_in_any_vector_of_the_task() {
-    let randomisation = Some(Randomisation::default());
+    let randomisation = Some(DomainRandomisation::default());
     let settings = VecEnvSettings { randomisation, ..settings(2) };
     let make = |group| VecEnv::new(settings, group, &D2::ALL).unwrap();
     let mut env = make(TaskGroup::DRAWER_CLOSE);

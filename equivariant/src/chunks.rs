@@ -105,8 +105,8 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
         self.accumulate_shared_gradients(num_samples, gradient, all, |_, results| results, f)
     }
 
-    /// Adds the gradients of all chunks like [`ParallelChunks::accumulate_gradients`], but computes
-    /// only some of them; others come from elsewhere, such as another process.
+    /// Adds the gradients of all chunks of the samples `0..num_samples` to `gradient`, but computes
+    /// only a share of them; others come from elsewhere, such as another process.
     ///
     /// A call processes up to 64 chunks at a time. Of C chunks, it computes those that `share(C)`
     /// returns. `complete(gradients, results)` gets the results of the share and the gradients

@@ -1,8 +1,8 @@
 //! GPU versions of the layers, through wgpu's Vulkan back end.
 //!
-//! [`available_adapters`] lists the GPUs and [`Device::open`] opens one of them. A [`Network`] is a
+//! [`available_adapters`] lists the GPUs and [`Device::open`] opens one of them. A [`GpuLayer`] is a
 //! layer or a chain of layers on a device: parameters, activations and gradients stay there. A
-//! [`Plan`] combines several layers with kernels of other crates, such as a loss, and a [`Program`]
+//! [`ComputePlan`] combines several layers with kernels of other crates, such as a loss, and a [`CompiledPlan`]
 //! is a plan on a device.
 //!
 //! A convolution is three kernels, each for all irreps at once: patches are folded by parity,
@@ -29,6 +29,6 @@ pub use adapter::{Adapter, AdapterKind, available_adapters};
 pub use device::Device;
 pub use error::GpuError;
 pub use kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupCount};
-pub use network::{Gradients, Network};
-pub use plan::{Plan, Tensor};
-pub use program::{BatchUniforms, Passes, Program};
+pub use network::{GpuLayer, LayerGradients};
+pub use plan::{ComputePlan, Tensor};
+pub use program::{BatchUniforms, CompiledPlan, PassSelection};

@@ -31,10 +31,10 @@ macro_rules! registry {
         ///
         /// # Errors
         /// Errors of the layers' constructors; none for the groups of this crate.
-        pub fn sample_layers<T: Scalar>(
+        pub fn test_layers<T: Scalar>(
             group: symmetry::Group,
         ) -> Result<Vec<TestLayer<T>>, crate::error::LayerError> {
-            let all = [$($module::sample_layers(group)?),+];
+            let all = [$($module::test_layers(group)?),+];
             Ok(all.into_iter().flatten().collect())
         }
     };

@@ -31,7 +31,7 @@ pub(crate) fn row_major<T>(data: &[T], [rows, cols]: [usize; 2], stride: usize) 
     MatRef::from_row_major_slice_with_stride(data, rows, cols, stride)
 }
 
-/// Returns a mutable view of a matrix like [`row_major`].
+/// Returns a mutable matrix view of `rows` x `cols` numbers: row `r` starts at `r * stride`.
 pub(crate) fn row_major_mut<T>(
     data: &mut [T],
     [rows, cols]: [usize; 2],

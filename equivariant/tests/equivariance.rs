@@ -2,7 +2,7 @@
 
 use equivariant::{
     FieldType, Group, InstructionSet, Layer, R2Conv, Relu, Scalar, Sequential, Shape, TestLayer,
-    equivariance_error, equivariance_error_of_fn, sample_layers,
+    equivariance_error, equivariance_error_of_fn, test_layers,
 };
 
 use crate::common::{boxed, concat, conv, kernel, layers, params, rng};
@@ -24,7 +24,7 @@ fn layers_are_equivariant_in_both_precisions() {
 #[test]
 fn layers_that_only_permute_and_compare_are_exact() {
     for group in Group::ALL {
-        let exact = sample_layers::<f32>(group).unwrap().into_iter();
+        let exact = test_layers::<f32>(group).unwrap().into_iter();
         let exact: Vec<_> = exact.filter(|of| of.is_exactly_equivariant).collect();
         assert!(exact.len() >= 12, "{} of {group}", exact.len());
         for TestLayer { name, layer, .. } in exact {

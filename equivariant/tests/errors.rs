@@ -75,7 +75,7 @@ fn windows_that_are_inexact_or_do_not_fit_are_refused() {
 fn maps_and_settings_that_do_not_fit_are_refused() {
     let fields = Group::D2.regular_type(2);
     let [odd, even] = [[5, 6], [4, 4]].map(|[height, width]| Shape::image(height, width, fields));
-    let flatten = ("R2Conv::whole_map", message(R2Conv::whole_map(odd, fields)));
+    let flatten = ("R2Conv::flattening", message(R2Conv::flattening(odd, fields)));
     assert_refused("got the map of 5 x 6 pixels, expected a square one", [flatten]);
     let concat = ("Concat", message(Concat::new(odd, even)));
     let sizes = "got the maps 5 x 6 x (2 reg) and 4 x 4 x (2 reg), expected equal heights and";

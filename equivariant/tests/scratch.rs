@@ -51,7 +51,7 @@ fn clones_made_between_the_passes_give_the_same_gradients() {
 #[test]
 fn a_scratch_that_another_backward_pass_used_is_noticed() {
     let relu = Relu::new(Shape::vector(Group::D2.trivial_type(1))).unwrap();
-    for (name, layer) in layers::<f32>().into_iter().filter(|(_, l)| l.keeps_scratch()) {
+    for (name, layer) in layers::<f32>().into_iter().filter(|(_, l)| l.backward_reads_scratch()) {
         let used = |mut scratch| {
             let dx = &mut [0.0];
             relu.backward(&[], &[1.0], &[1.0], &[1.0], Some(dx), &mut [], &mut scratch);

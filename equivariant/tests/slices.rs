@@ -126,7 +126,7 @@ fn initial_weights_need_all_parameters() {
 
 #[test]
 fn a_scratch_of_another_number_of_samples_is_refused_where_it_is_kept() {
-    for (name, layer) in layers::<f32>().into_iter().filter(|(_, l)| l.keeps_scratch()) {
+    for (name, layer) in layers::<f32>().into_iter().filter(|(_, l)| l.backward_reads_scratch()) {
         let params = vec![0.1; layer.num_params()];
         let x = normal::<f32>(SAMPLES * layer.in_shape().len(), 1);
         let mut y = vec![0.0; SAMPLES * layer.out_shape().len()];

@@ -15,7 +15,8 @@ const UNLIKELY: f64 = 1e-3;
 // Nearest at 1.6 and all others beyond 2.5, since 1.5 = 2.5 * 0.6 (docs/assignment.md, "Return").
 const ISOLATION: f64 = 2.5;
 
-/// Tests of all policies on the same episodes, and the policy that acted in them.
+/// Choice of a policy from the tests of all policies on the same episodes, and from the index of
+/// the policy that acted in them.
 pub(crate) struct PolicyChoice<'a> {
     tests: &'a [PolicyTest],
     collector: usize,
@@ -31,14 +32,14 @@ impl<'a> PolicyChoice<'a> {
         self.tests.get(self.collector)
     }
 
-    /// Returns `true` if first images and vectors do not reject the acting policy at the
-    /// significance level `level`.
+    /// Returns `true` if the episodes' first images and vectors do not differ from those that the
+    /// acting policy remembers, at the significance level `level`.
     pub(crate) fn looks_familiar(&self, level: f64) -> bool {
         self.collector_test().is_some_and(|test| !test.first_observation_differs(level))
     }
 
-    /// Returns the acting policy, or another one that fits much better; `None` if the acting policy
-    /// is not accepted.
+    /// Returns the index of the acting policy, or of an accepted other one that fits much better;
+    /// `None` if the acting policy is not accepted.
     pub(crate) fn accepted_collector(&self) -> Option<usize> {
         let own = self.collector_test().filter(|test| test.verdict == Verdict::Accepted)?;
         let is_unlikely = own.first_observation_p_value() <= UNLIKELY;
@@ -49,8 +50,9 @@ impl<'a> PolicyChoice<'a> {
         Some(other.unwrap_or(self.collector))
     }
 
-    /// Returns the accepted policies, except the acting one, that fit about as well as the best.
-    /// The policy with the largest gain in return comes first, because its returns say most.
+    /// Returns the indices of the accepted policies, except the acting one, that fit about as well
+    /// as the best of them. The policy with the largest gain in return comes first, because its
+    /// returns say most.
     pub(crate) fn accepted_others(&self) -> Vec<usize> {
         let Some(best) = self.best_other() else {
             return Vec::new();
@@ -62,11 +64,11 @@ impl<'a> PolicyChoice<'a> {
         near
     }
 
-    /// Returns the index of a policy whose task group may have drifted while other policies acted.
-    /// This is the eligible policy with the smallest distance ratio, if that is below
-    /// `max_isolated` and every other policy that is not merged with it is far more distant;
-    /// otherwise the nearest policy that `can_prove` by its returns that it serves the group, if
-    /// its ratio is below `max`.
+    /// Returns the index of a policy to whose task group the episodes may belong although it has
+    /// drifted while other policies acted; `None` if there is none. This is the eligible policy
+    /// with the smallest distance ratio, if that is below `max_isolated` and every other policy
+    /// that is not merged with it is far more distant; otherwise the nearest policy that
+    /// `can_prove` by its returns that it serves the group, if its ratio is below `max`.
     pub(crate) fn drifted(
         &self,
         max: f64,
@@ -91,14 +93,14 @@ impl<'a> PolicyChoice<'a> {
         near.filter(|&policy| ratio(policy) < max)
     }
 
-    /// Returns the accepted policies except the one that acted.
+    /// Returns the indices of the accepted policies except the one that acted.
     fn others(&self) -> impl Iterator<Item = usize> {
         (0..self.tests.len()).filter(|&policy| {
             policy != self.collector && self.tests[policy].verdict == Verdict::Accepted
         })
     }
 
-    /// Returns the accepted policy, except the acting one, that fits best; the first of equals.
+    /// Returns the accepted policy, except the acting one, that fits best; on a tie the first.
     fn best_other(&self) -> Option<usize> {
         let score = |policy: &usize| self.tests[*policy].outlier_score();
         self.others().min_by(|a, b| score(a).total_cmp(&score(b)))

@@ -4,7 +4,7 @@ use cluster::ClusterError;
 
 pub(crate) type Result<T> = std::result::Result<T, EvidenceError>;
 
-/// Errors of summaries, tests and stored states.
+/// Errors of episode summaries, of tests of policies, and of stored states of a recogniser.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvidenceError {

@@ -70,7 +70,7 @@ impl RandomFilters {
     /// filters, times 10, then the largest ones, all scaled to length 1.
     ///
     /// # Errors
-    /// A image of another size.
+    /// An image of another size.
     pub fn features(&self, image: &[u8]) -> Result<Vec<f32>> {
         let expected = self.image.iter().product();
         if image.len() != expected {

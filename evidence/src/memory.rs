@@ -34,7 +34,7 @@ impl PolicyMemory {
         self.merged_into.is_some()
     }
 
-    /// Records that the policy trains on the episodes `summaries`; keeps the latest `most`.
+    /// Records the summaries of episodes that the policy trains on; keeps the latest `most` of all.
     pub(crate) fn record_training(&mut self, summaries: Vec<&EpisodeSummary>, most: usize) {
         if !self.is_trained {
             // a policy may train on a rollout that it was created for, and remembers it already
@@ -46,7 +46,7 @@ impl PolicyMemory {
         self.append(summaries.into_iter().cloned(), most);
     }
 
-    /// Appends summaries of episodes and keeps the latest `most` of all.
+    /// Appends episode summaries to the memory and keeps the latest `most` of all.
     pub(crate) fn append(&mut self, summaries: impl Iterator<Item = EpisodeSummary>, most: usize) {
         self.summaries.extend(summaries);
         let too_many = self.summaries.len().saturating_sub(most);
@@ -65,14 +65,14 @@ impl PolicyMemory {
         }
     }
 
-    /// Returns the gain in return since the first rollout, in standard deviations of the present
-    /// returns, at least 0. The larger it is, the more surely a loss shows.
+    /// Returns the rise of the policy's mean return since its first rollout, in standard deviations
+    /// of its recent returns, at least 0. The larger it is, the more surely a loss shows.
     pub(crate) fn gain(&self) -> f64 {
         self.gain_in(&self.recent())
     }
 
-    /// Returns by how much the mean return of `summaries` exceeds that of the policy's first
-    /// rollout, in standard deviations of the former, at least 0; 0 if either is unknown.
+    /// Returns the rise of the mean return of `summaries` over that of the policy's first rollout,
+    /// in standard deviations of the former returns, at least 0; 0 if either is unknown.
     pub(crate) fn gain_in(&self, summaries: &[&EpisodeSummary]) -> f64 {
         match (self.initial_return, mean_return(summaries.iter().copied())) {
             (Some(initial), Some(now)) => {
@@ -93,7 +93,7 @@ impl PolicyMemory {
         }
     }
 
-    /// Returns the standard error of [`return_loss`](Self::return_loss).
+    /// Returns the standard error of the share that [`return_loss`](Self::return_loss) returns.
     pub(crate) fn return_loss_error(&self, summaries: &[&EpisodeSummary]) -> f64 {
         let variance = |of: &[&EpisodeSummary]| return_sd(of).powi(2) / of.len().max(1) as f64;
         let error = (variance(summaries) + variance(&self.recent())).sqrt();
@@ -125,7 +125,7 @@ fn return_sd(summaries: &[&EpisodeSummary]) -> f64 {
     f64::sqrt(sum / count)
 }
 
-/// Rejects memories in which following merges from a policy never ends.
+/// Rejects memories of policies whose merges, of one policy into another, form a cycle.
 pub(crate) fn check_merges(memories: &[PolicyMemory]) -> Result<()> {
     let next = |&policy: &usize| memories[policy].merged_into;
     // without a cycle, a chain of merges visits each policy at most once
@@ -137,14 +137,15 @@ pub(crate) fn check_merges(memories: &[PolicyMemory]) -> Result<()> {
     }
 }
 
-/// Returns the remembered summaries of all policies.
+/// Returns the episode summaries that all policies remember.
 pub(crate) fn all_summaries(
     memories: &[PolicyMemory],
 ) -> impl Iterator<Item = &EpisodeSummary> + Clone {
     memories.iter().flat_map(|memory| &memory.summaries)
 }
 
-/// Checks that summaries can be compared: all numbers are finite, and each source has one length.
+/// Checks that episode summaries can be compared: all numbers are finite, and the points of each
+/// source of evidence have the same length.
 pub(crate) fn check_comparable<'a>(
     summaries: impl Iterator<Item = &'a EpisodeSummary> + Clone,
 ) -> Result<()> {

@@ -26,10 +26,11 @@ impl Recogniser {
         })
     }
 
-    /// Returns `true` if `duplicate`, which acted in the episodes `summaries` of the task group of
-    /// `policy`, got about the return that it gets in its own group and that `policy` gets. Then
-    /// let `policy` act once more, since the group may have changed before `duplicate` acted, and
-    /// call [`Recogniser::merge`]. Two policies that differ are not proposed again.
+    /// Returns `true` if the policy `duplicate`, which acted in the episodes `summaries` of the
+    /// task group of `policy`, got about the return that it gets in its own group and that `policy`
+    /// gets in this one. Then let `policy` act once more, since the group may have changed before
+    /// `duplicate` acted, and call [`Recogniser::merge`]. Two policies that differ are not proposed
+    /// again.
     ///
     /// # Errors
     /// Too few episodes, unknown policies, or episodes that cannot be compared.
@@ -51,11 +52,11 @@ impl Recogniser {
         Ok(serves)
     }
 
-    /// Merges `policy` into `duplicate`, which [`Recogniser::confirm_duplicate`] accepted by the
-    /// episodes `of_duplicate`, if `policy` still serves its group in the episodes `again`, in
-    /// which it acted itself. If the returns of `policy` in its own group were clearly higher than
-    /// those of `duplicate`, `duplicate` is merged into `policy` instead. If nothing was merged,
-    /// the two may be compared again.
+    /// Merges the policy `policy` into `duplicate`, which [`Recogniser::confirm_duplicate`]
+    /// accepted by the episodes `of_duplicate`, if `policy` still serves its own group in the
+    /// episodes `again`, which it collected itself. If the returns of `policy` in its own group
+    /// were clearly higher than those of `duplicate`, `duplicate` is merged into `policy` instead.
+    /// If nothing was merged, the two may be compared again.
     ///
     /// # Errors
     /// Errors of [`Recogniser::confirm_duplicate`].
@@ -97,7 +98,7 @@ impl Recogniser {
         self.memories.iter().map(|memory| memory.merged_into).collect()
     }
 
-    /// Undoes the merge of a policy that is about to train on a group of its own.
+    /// Undoes the merge of a policy into another one, as it will train on a group of its own.
     pub(crate) fn undo_merge(&mut self, policy: usize) {
         if let Some(other) = self.memories[policy].merged_into.take() {
             self.mark_distinct(policy, other);

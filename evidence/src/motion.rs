@@ -54,9 +54,9 @@ pub(crate) fn motion(
     entries.map(entry).collect()
 }
 
-/// Returns the direction of the A action dimensions in which the reward increases, from the rewards
-/// `[T]` and actions `[T, A]` of T steps: absolute values, scaled to length 1, or zeros if the
-/// reward does not depend on actions.
+/// Returns the direction in the space of A-dimensional actions in which the reward increases, by a
+/// linear fit to the rewards `[T]` and actions `[T, A]` of T steps: absolute values, scaled to
+/// length 1, or zeros if the reward does not depend on actions.
 pub(crate) fn reward_gradient(rewards: &[f32], actions: &[f32], directions: &[Irrep]) -> Vec<f32> {
     // reward[t] follows action[t], so the change from reward[t] to reward[t + 1] is due to
     // action[t + 1]

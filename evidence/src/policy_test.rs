@@ -1,7 +1,8 @@
 //! Test of one policy: the sources of evidence and the result of their joint permutation test.
 
 use cluster::{
-    Alternative, Candidate, Evidence, Frames, JointTest, SourceSamples, SourceTest, Verdict,
+    AlternativeHypothesis, CandidateFeatures, Evidence, FrameFeatures, JointTest, SourceSamples,
+    SourceTest, Verdict,
 };
 
 use crate::error::Result;
@@ -54,7 +55,7 @@ impl EvidenceSource {
     }
 }
 
-/// Stage of the test of a policy, by the number of rollouts that it uses.
+/// Stage of the test of a policy: screening by one rollout, or the final confirmation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum TestStage {
     /// Test of one rollout, which is not final: a doubt asks for another rollout.
@@ -63,7 +64,7 @@ pub(crate) enum TestStage {
     Confirmation,
 }
 
-/// Relation of a tested policy to the tested episodes.
+/// Relation of a tested policy to the tested episodes, such as being the policy that acted in them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PolicyRole {
     /// Policy that did not act in the tested episodes.
@@ -104,8 +105,8 @@ pub struct PolicyTest {
 }
 
 impl PolicyTest {
-    /// Converts the result to the type of the crate `cluster`, with the distance of the first
-    /// source that was tested.
+    /// Converts the test result to the type [`Evidence`] of the crate `cluster`, with the distance
+    /// of the first source that was tested.
     pub fn evidence(&self) -> Evidence {
         Evidence {
             distance: self.source_tests().next().map_or(0.0, |(_, test)| test.distance),
@@ -114,8 +115,8 @@ impl PolicyTest {
         }
     }
 
-    /// Returns the smallest p-value of a source by the fitted Pearson tail, adjusted for the number
-    /// of sources; 1 if nothing was tested.
+    /// Returns the smallest p-value of all sources of evidence by the fitted Pearson tail, adjusted
+    /// for the number of sources; 1 if nothing was tested.
     pub fn tail_p_value(&self) -> f64 {
         self.test.as_ref().map_or(1.0, |test| test.overall.tail_p_value)
     }
@@ -130,8 +131,8 @@ impl PolicyTest {
         all.filter(|(source, _)| source.is_first_observation()).map(|(_, test)| test)
     }
 
-    /// Returns the largest standardised distance of images and vectors; infinity for a policy that
-    /// was not tested, so that it ranks last.
+    /// Returns the larger of the standardised distances of first images and of first vectors;
+    /// infinity for a policy that was not tested, so that it ranks last.
     pub(crate) fn first_observation_score(&self) -> f64 {
         if self.test.is_none() {
             return f64::INFINITY;
@@ -139,37 +140,38 @@ impl PolicyTest {
         self.first_observation().map(|test| test.score).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Returns the largest ratio of the distance of images or vectors to its mean over random
-    /// splits; 0 if neither was tested.
+    /// Returns the larger of two ratios, those of the distances of first images and of first
+    /// vectors to their means over random splits; 0 if neither was tested.
     pub(crate) fn first_observation_ratio(&self) -> f64 {
         self.first_observation().map(SourceTest::ratio).fold(0.0, f64::max)
     }
 
-    /// Returns an outlier score, by which policies are ranked: of images and vectors, and for
-    /// policies that they do not separate also of motion, which hardly depends on the acting
-    /// policy.
+    /// Returns the outlier score, by which policies are ranked: larger the worse the policy fits.
+    /// It is that of images and vectors, and for policies that they do not separate also of motion,
+    /// which hardly depends on the acting policy.
     pub(crate) fn outlier_score(&self) -> f64 {
         self.first_observation_score() + MOTION_WEIGHT * self.motion_change
     }
 
-    /// Returns `true` if images or vectors differ at the significance level `level`.
+    /// Returns `true` if first images or vectors differ from the remembered ones at the
+    /// significance level `level`.
     pub(crate) fn first_observation_differs(&self, level: f64) -> bool {
         self.first_observation().any(|test| differs(test, level))
     }
 
-    /// Returns the smallest p-value of images and vectors by the fitted tail; 1 if neither was
-    /// tested.
+    /// Returns the smaller of the p-values of first images and of first vectors, by the fitted
+    /// tail; 1 if neither was tested.
     pub(crate) fn first_observation_p_value(&self) -> f64 {
         self.first_observation().map(|test| test.tail_p_value).fold(1.0, f64::min)
     }
 
-    /// Returns the sources of evidence with a test result; one whose pooled points are all equal
-    /// has none.
+    /// Returns each source of evidence with its test result; sources whose pooled points are all
+    /// equal are left out.
     pub(crate) fn source_tests(&self) -> impl Iterator<Item = (EvidenceSource, &SourceTest)> {
         self.test.iter().flat_map(|joint| self.source_tests_of(joint))
     }
 
-    /// Returns the sources of evidence with a result in a test that may still run.
+    /// Returns each source of evidence with its result in `joint`, a test that may not be finished.
     pub(crate) fn source_tests_of<'a>(
         &'a self,
         joint: &'a JointTest,
@@ -183,14 +185,15 @@ impl PolicyTest {
 /// permutation test early.
 pub(crate) const CERTAIN: f64 = 1e-3;
 
-/// Returns `true` if a source differs at the significance level `level`: by its exact p-value, or
-/// with certainty by its fitted tail, if the test ended before exact p-values were fine enough.
+/// Returns `true` if the tested and the remembered episodes differ in one source of evidence at the
+/// significance level `level`: by the exact p-value, or with certainty by the fitted tail, if the
+/// test ended before exact p-values were fine enough.
 pub(crate) fn differs(test: &SourceTest, level: f64) -> bool {
     test.p_value <= level || test.tail_p_value <= CERTAIN * level
 }
 
-/// Returns the distance between the mean points of one source in two lists of episodes, relative to
-/// the norm of the second mean; 0 if either is unknown.
+/// Returns the distance between the mean points of a source of evidence in two lists of episodes,
+/// relative to the norm of the second mean; 0 if either is unknown.
 pub(crate) fn relative_change(
     summaries: &[&EpisodeSummary],
     remembered: &[&EpisodeSummary],
@@ -217,7 +220,7 @@ fn mean_point(summaries: &[&EpisodeSummary], source: EvidenceSource) -> Option<V
     Some(mean)
 }
 
-/// Returns the mean of the known returns of episodes; `None` if there are none.
+/// Returns the mean return of the episodes whose return is known; `None` if there are none.
 pub(crate) fn mean_return<'a>(summaries: impl Iterator<Item = &'a EpisodeSummary>) -> Option<f64> {
     let returns: Vec<f64> = summaries.filter_map(|s| s.episode_return.map(f64::from)).collect();
     (!returns.is_empty()).then(|| returns.iter().sum::<f64>() / returns.len() as f64)
@@ -234,11 +237,14 @@ pub(crate) fn whole_episodes<'a>(
     (whole.len() >= least && 2 * whole.len() >= summaries.len()).then_some(whole)
 }
 
-/// Returns the points of one source as frames of one-frame episodes.
-pub(crate) fn frames(summaries: &[&EpisodeSummary], source: EvidenceSource) -> Result<Frames> {
+/// Returns the points of one source of evidence as [`FrameFeatures`], one frame for each episode.
+pub(crate) fn frames(
+    summaries: &[&EpisodeSummary],
+    source: EvidenceSource,
+) -> Result<FrameFeatures> {
     let points: Vec<&[f32]> = summaries.iter().filter_map(|s| source.point(s)).collect();
     let dim = points.first().map_or(0, |point| point.len());
-    Ok(Frames::new(points.concat(), 1, dim)?)
+    Ok(FrameFeatures::new(points.concat(), 1, dim)?)
 }
 
 /// Returns for each source of evidence the points of the rollout's episodes and those of the
@@ -252,8 +258,9 @@ pub(crate) fn samples(
         let (rollout, buffer) = (frames(rollout, source)?, frames(remembered, source)?);
         // a policy whose returns exceed the remembered ones serves the group all the same
         let is_return = source == EvidenceSource::Return;
-        let alternative = if is_return { Alternative::Less } else { Alternative::TwoSided };
-        Ok(SourceSamples { clouds: Candidate { buffer, rollout }, alternative })
+        let alternative =
+            if is_return { AlternativeHypothesis::Less } else { AlternativeHypothesis::TwoSided };
+        Ok(SourceSamples { clouds: CandidateFeatures { buffer, rollout }, alternative })
     };
     sources.iter().map(samples).collect()
 }

@@ -44,7 +44,7 @@ impl GroupProbabilities {
 
     /// Returns `true` if the episodes are typical of at least one policy. If they are typical of
     /// none, as with images of another camera, the probabilities mean little.
-    pub fn is_typical(&self) -> bool {
+    pub fn fits_any_policy(&self) -> bool {
         let most = self.policies.iter().copied().fold(0.0, f64::max);
         most * UNKNOWN_WEIGHT >= TYPICAL_WEIGHT * self.none
     }
@@ -62,8 +62,8 @@ fn bayes_factor(p: f64) -> f64 {
     }
 }
 
-/// Returns the weight of a policy, before normalisation to probabilities, from its tail p-value;
-/// `may_be_drift` if no source shows a significant difference larger than drift.
+/// Returns the weight of a policy, its probability before normalisation, from the tail p-value of
+/// its test; `may_be_drift` says that no source shows a significant difference larger than drift.
 pub(crate) fn weight(p_value: f64, may_be_drift: bool) -> f64 {
     bayes_factor(p_value).max(if may_be_drift { DRIFT_WEIGHT } else { 0.0 })
 }
@@ -90,9 +90,9 @@ mod tests {
     fn one_strange_episode_is_typical_of_no_policy() {
         // of 41 episodes, the strange one is the farthest from the rest
         let [strange, usual] = [1.0 / 41.0, 0.3].map(|p_value| (weight(p_value, true), 0.0));
-        assert!(!GroupProbabilities::new([strange; 3].into_iter()).is_typical());
-        assert!(GroupProbabilities::new([strange, usual].into_iter()).is_typical());
-        assert!(!GroupProbabilities::new([].into_iter()).is_typical());
+        assert!(!GroupProbabilities::new([strange; 3].into_iter()).fits_any_policy());
+        assert!(GroupProbabilities::new([strange, usual].into_iter()).fits_any_policy());
+        assert!(!GroupProbabilities::new([].into_iter()).fits_any_policy());
     }
 
     #[test]

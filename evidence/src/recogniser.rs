@@ -45,8 +45,8 @@ pub struct RolloutDecision {
     pub is_provisional: bool,
 }
 
-/// Trial of a policy before a decision is final: the episodes that it must collect itself if it is
-/// named in place of the policy that acted.
+/// Trial of the policy that a decision names, before the decision is final: the episodes that it
+/// must collect itself, unless it is the policy that acted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Trial {
     /// No trial of the named policy: the decision is final.
@@ -96,8 +96,8 @@ pub struct RolloutContext<'a> {
 }
 
 impl RolloutContext<'_> {
-    /// Creates the context of a rollout by a policy that was not proposed before, with no rejected
-    /// policies.
+    /// Creates the context of a rollout that the policy `collector` collected without being
+    /// proposed for it, with no rejected policies.
     pub fn of_collector(collector: usize) -> Self {
         Self { collector, allow_undecided: true, ..Self::default() }
     }
@@ -164,15 +164,15 @@ impl Recogniser {
         &self.settings
     }
 
-    /// Returns the number of policies that trained on any episode or were created for some.
+    /// Returns the number of known policies: those that trained or were created for episodes.
     pub fn policy_count(&self) -> usize {
         self.memories.len()
     }
 
-    /// Remembers that `policy` trains on the episodes `summaries`, in which it acted. A new policy
-    /// has the index [`policy_count`](Self::policy_count). A merge of `policy` is undone. Episodes
-    /// after a changepoint are left out: returns the decisions before the first of them, if there
-    /// is one.
+    /// Remembers the summaries of episodes that `policy` collected itself and trains on. A new
+    /// policy has the index [`policy_count`](Self::policy_count). A merge of `policy` is undone.
+    /// Episodes after a changepoint are left out: returns the decisions before the first of them,
+    /// if there is one.
     ///
     /// # Errors
     /// A larger index, no episode, numbers that are not finite, or lists whose length differs from
@@ -224,11 +224,11 @@ impl Recogniser {
         Ok(self.tester().test(&memory, summaries, role, stage, &mut own)?.is_rejected())
     }
 
-    /// Decides which policy one rollout of `context.collector` belongs to. `Existing` with another
-    /// policy, and `New`, ask for a rollout of that policy and for [`Recogniser::review`]. A
-    /// rollout that is too little to decide is kept, and judged together with the next similar one.
-    /// `Undecided`, if `context` allows it, asks for another rollout; no policy may train on this
-    /// one. After a changepoint, only the later episodes count.
+    /// Decides which policy a rollout belongs to that the policy `context.collector` collected.
+    /// `Existing` with another policy, and `New`, ask for a rollout of that policy and for
+    /// [`Recogniser::review`]. A rollout that is too little to decide is kept, and judged together
+    /// with the next similar one. `Undecided`, if `context` allows it, asks for another rollout; no
+    /// policy may train on this one. After a changepoint, only the later episodes count.
     ///
     /// # Errors
     /// [`EvidenceError::NoPolicy`] for a collector above [`policy_count`](Self::policy_count); too
@@ -451,8 +451,8 @@ impl Recogniser {
         Ok(kept.summaries)
     }
 
-    /// Returns the probability of each policy's task group, from images and vectors of at least one
-    /// episode, whichever policy acted.
+    /// Returns the probability that episodes belong to each policy's task group, from the first
+    /// images and vectors of at least one episode, whichever policy acted.
     ///
     /// # Errors
     /// No episode, or episodes that cannot be compared.
@@ -479,7 +479,7 @@ impl Recogniser {
         Ok(GroupProbabilities::new(weighed))
     }
 
-    /// Returns the tester of policies.
+    /// Returns a tester of policies with the settings of the recogniser.
     pub(crate) fn tester(&self) -> PolicyTester<'_> {
         PolicyTester(&self.settings)
     }
@@ -489,13 +489,13 @@ impl Recogniser {
         if policy == self.memories.len() { Ok(()) } else { self.check_policy(policy) }
     }
 
-    /// Checks that a policy index is known.
+    /// Rejects the index of a policy that the recogniser does not know.
     pub(crate) fn check_policy(&self, policy: usize) -> Result<()> {
         let policies = self.memories.len();
         if policy < policies { Ok(()) } else { Err(EvidenceError::NoPolicy { policy, policies }) }
     }
 
-    /// Sorts summaries by time, after checking that they are enough for a test.
+    /// Returns episode summaries sorted by time; an error if they are too few for a test.
     pub(crate) fn in_order<'a>(
         &self,
         summaries: &'a [EpisodeSummary],

@@ -168,12 +168,14 @@ impl PolicyTester<'_> {
         }
     }
 
-    /// Returns the largest distance ratio that counts as drift while a policy was away.
+    /// Returns the largest ratio of a distance to its mean over random splits that counts as drift
+    /// of the task group of a policy that was away.
     pub(crate) fn max_drift(self) -> f64 {
         1.0 + DRIFT_FACTOR * (self.0.min_ratio - 1.0)
     }
 
-    /// Returns the largest distance ratio that counts as drift if all other policies are far away.
+    /// Returns the largest ratio of a distance to its mean over random splits that counts as drift
+    /// if all other policies are far more distant.
     pub(crate) fn max_isolated_drift(self) -> f64 {
         1.0 + ISOLATED_DRIFT_FACTOR * (self.0.min_ratio - 1.0)
     }
@@ -195,8 +197,8 @@ impl PolicyTester<'_> {
         self.keeps_return(result) && result.episode_gain >= PROVEN_GAIN
     }
 
-    /// Returns `true` if the returns of the tested episodes are about as high as those of the
-    /// remembered ones.
+    /// Returns `true` if the returns of the tested episodes are known and about as high as those of
+    /// the episodes that the policy remembers.
     pub(crate) fn keeps_return(self, result: &PolicyTest) -> bool {
         result.sources.contains(&EvidenceSource::Return) && !self.is_loss(result.return_loss)
     }
@@ -209,8 +211,8 @@ impl PolicyTester<'_> {
             && !self.is_loss(result.return_loss - result.return_loss_error)
     }
 
-    /// Returns `true` if a policy that loses this share of its gain in return no longer serves the
-    /// task group.
+    /// Returns `true` if a policy that loses the share `return_loss` of its gain in return no
+    /// longer serves the task group.
     pub(crate) fn is_loss(self, return_loss: f64) -> bool {
         return_loss > MAX_LOSS * self.0.min_loss
     }
@@ -258,12 +260,13 @@ impl PolicyTester<'_> {
         if rose { LEAST_RISING_RATIO } else { LEAST_RATIO }
     }
 
-    /// Returns `true` if one rollout is enough to reject a policy for good.
+    /// Returns `true` if a test is significant enough to reject a policy after one rollout.
     pub(crate) fn rejects_surely(self, result: &PolicyTest) -> bool {
         self.rejecting_sources(result, CERTAIN * self.0.level).next().is_some()
     }
 
-    /// Returns the sources with a difference that is large, and significant at the level `level`.
+    /// Returns the sources of evidence in which tested and remembered episodes differ by more than
+    /// drift explains, significantly at the level `level`.
     pub(crate) fn rejecting_sources(
         self,
         result: &PolicyTest,

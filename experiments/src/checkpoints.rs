@@ -11,7 +11,7 @@ use learner::disk::{Disk, write_atomically};
 const DIGITS: usize = 6;
 const EXTENSION: &str = "safetensors";
 
-/// Newest intact checkpoint, and the newer ones that could not be read.
+/// Newest intact checkpoint of a run, and the newer ones that could not be read.
 #[derive(Debug)]
 pub(crate) struct FoundCheckpoint<T> {
     /// Contents that were read from the checkpoint.
@@ -24,8 +24,8 @@ pub(crate) struct FoundCheckpoint<T> {
     pub problems: Vec<String>,
 }
 
-/// Writes the checkpoint after `rollouts` rollouts, then removes all but the `keep` newest of the
-/// checkpoints up to this one.
+/// Writes a run's checkpoint after `rollouts` rollouts, then removes all but the `keep` newest of
+/// the checkpoints up to this one.
 pub(crate) fn write_checkpoint(
     disk: &dyn Disk,
     folder: &Path,
@@ -43,8 +43,8 @@ pub(crate) fn write_checkpoint(
     Ok(())
 }
 
-/// Renames damaged checkpoints to `*.damaged`, so that none is taken for newer than the
-/// checkpoints that the run will write.
+/// Renames damaged checkpoints to `*.damaged`, so that none is mistaken for the newest one while
+/// the run writes further checkpoints.
 pub(crate) fn rename_damaged(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(), RunError> {
     for path in paths {
         disk.rename(path, &path.with_added_extension("damaged"))
@@ -53,7 +53,7 @@ pub(crate) fn rename_damaged(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(), R
     Ok(())
 }
 
-/// Returns the path of the checkpoint after this many rollouts.
+/// Returns the path of a run's checkpoint file after `rollouts` rollouts.
 pub(crate) fn checkpoint_path(folder: &Path, rollouts: usize) -> PathBuf {
     folder.join(format!("{rollouts:0DIGITS$}.{EXTENSION}"))
 }

@@ -12,7 +12,7 @@ use indicatif::{ProgressDrawTarget, ProgressFinish, ProgressStyle};
 use crate::error::RunError;
 use crate::printable::escape_unprintable_lines;
 
-/// Returns the parser of thread counts, from 1 to [`MAX_THREADS`].
+/// Returns the command line's parser of numbers of threads, from 1 to [`MAX_THREADS`].
 pub fn thread_count_parser() -> RangedI64ValueParser<u16> {
     clap::value_parser!(u16).range(1..=MAX_THREADS as i64)
 }
@@ -26,7 +26,7 @@ pub struct Threads {
 }
 
 impl Threads {
-    /// Returns the number of worker threads: the one asked for, or that of available CPUs.
+    /// Returns the number of worker threads: the requested one, or else that of available CPUs.
     pub fn count(self) -> usize {
         let available = || std::thread::available_parallelism().map_or(1, usize::from);
         self.threads.map_or_else(available, usize::from)

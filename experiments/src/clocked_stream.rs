@@ -6,22 +6,22 @@ use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEn
 use crate::error::RunError;
 use crate::experiment::{Experiment, SeedSequence};
 use crate::latest_frame::LatestFrame;
-use crate::schedule::{Clock, Timetable, Visit};
+use crate::schedule::{StreamClock, Timetable, Visit};
 use crate::stream::Stream;
-use learner::Labels;
+use learner::TaskLabel;
 
-/// Environments that show the learner of one experiment its stream of tasks.
+/// Vectorised environment of one run, which changes its task group as the schedule says.
 ///
-/// On [`Clock::EnvironmentTime`], group, variants and placements depend only on the seed and the
+/// On [`StreamClock::EnvironmentTime`], group, variants and placements depend only on the seed and the
 /// number of decisions so far: they are drawn again from these whenever all episodes end.
 pub(crate) struct ClockedStream {
     stream: Stream,
     tasks: TaskRegistry,
     timetable: Timetable,
     seeds: SeedSequence,
-    clock: Clock,
+    clock: StreamClock,
     /// Number of decisions of a rollout, the length of one iteration on
-    /// [`Clock::LearnerIterations`].
+    /// [`StreamClock::LearnerIterations`].
     rollout: usize,
     /// Number of decisions taken in the stream so far, summed over all environments.
     now: usize,
@@ -29,7 +29,7 @@ pub(crate) struct ClockedStream {
     running: usize,
     /// Visits to task groups shown in the current iteration; `None` before its first step.
     shown: Option<Shown>,
-    labels: Labels,
+    labels: TaskLabel,
     /// Number of steps since all episodes started.
     steps: usize,
     /// `true` if all episodes have just started and no step was taken since.
@@ -57,11 +57,11 @@ impl ClockedStream {
     pub fn new(
         experiment: &Experiment,
         tasks: &TaskRegistry,
-        labels: Labels,
+        labels: TaskLabel,
         decisions: usize,
     ) -> Result<Self, RunError> {
         let groups = experiment.schedule.resolve_groups(tasks)?;
-        let ranks = experiment.learner.ranks().clone();
+        let ranks = experiment.learner.process_ranks().clone();
         let stream = Stream::on_ranks(experiment.envs, &groups, ranks)?;
         Ok(Self {
             begun: Observations::new(stream.spec()),
@@ -81,26 +81,26 @@ impl ClockedStream {
         })
     }
 
-    /// Returns the environments of the stream.
+    /// Returns the wrapped environments, whose task group this stream changes.
     pub fn environments(&self) -> &Stream {
         &self.stream
     }
 
-    /// Publishes the image of the first environment after every step.
+    /// Sets the slot to which the first environment's image is written after every step.
     pub fn publish_frames_to(&mut self, latest_frame: LatestFrame) {
         self.latest_frame = Some(latest_frame);
     }
 
-    /// Returns the index of the visit that the iteration with index `iteration`, from 0, starts in;
-    /// `None` after the last visit.
+    /// Returns the index of the visit to a task group in which training iteration `iteration`, from
+    /// 0, starts; `None` after the last visit.
     pub fn visit_index(&self, iteration: usize) -> Option<usize> {
         self.timetable.visit_index_at(match self.clock {
-            Clock::EnvironmentTime => self.now,
-            Clock::LearnerIterations => iteration * self.rollout,
+            StreamClock::EnvironmentTime => self.now,
+            StreamClock::LearnerIterations => iteration * self.rollout,
         })
     }
 
-    /// Returns the visit with this index, and all earlier visits.
+    /// Returns the visit to a task group with index `index`, and all earlier visits.
     pub fn visit_and_earlier(&self, index: usize) -> (&Visit, &[Visit]) {
         self.timetable.visit_and_earlier(index)
     }
@@ -110,8 +110,8 @@ impl ClockedStream {
         self.now
     }
 
-    /// Returns the index of the visit shown by the last step of the current iteration; before the
-    /// iteration's first step, of the current visit.
+    /// Returns the index of the visit to a task group that the current iteration's last step
+    /// showed; before the iteration's first step, that of the running visit.
     pub fn last_visit_index(&self) -> usize {
         self.shown.map_or(self.running, |shown| shown.last)
     }
@@ -144,8 +144,8 @@ impl ClockedStream {
     pub fn begin_iteration(&mut self, iteration: usize, index: usize) -> Result<(), RunError> {
         self.shown = None;
         match self.clock {
-            Clock::EnvironmentTime => Ok(()),
-            Clock::LearnerIterations => self.enter(index, self.seeds.nth(iteration)),
+            StreamClock::EnvironmentTime => Ok(()),
+            StreamClock::LearnerIterations => self.enter(index, self.seeds.nth(iteration)),
         }
     }
 
@@ -162,12 +162,12 @@ impl ClockedStream {
     fn follow_the_clock(&mut self) -> Result<(), RunError> {
         self.steps = 0;
         match self.clock {
-            Clock::EnvironmentTime => {
+            StreamClock::EnvironmentTime => {
                 // a rollout that lasts beyond the last visit stays in it
                 let index = self.timetable.visit_index_at(self.now).unwrap_or(self.running);
                 self.enter(index, self.seeds.nth(self.now))
             }
-            Clock::LearnerIterations => Ok(()),
+            StreamClock::LearnerIterations => Ok(()),
         }
     }
 }
@@ -199,7 +199,7 @@ impl VectorEnv for ClockedStream {
         self.now += self.spec().num_envs;
         self.steps += 1;
         let over = Some(self.steps) == self.horizon();
-        if over && self.clock == Clock::EnvironmentTime {
+        if over && self.clock == StreamClock::EnvironmentTime {
             truncate(self.spec().image_len(), out);
             self.follow_the_clock()?;
             self.stream.reset(&mut out.observations)?;
@@ -237,11 +237,11 @@ mod tests {
     /// group, then 120 of another.
     fn world(decisions: usize) -> ClockedStream {
         let mut experiment = Budget::Smoke.experiment(Method::Covers).with_threads(1);
-        experiment.schedule.order = crate::schedule::Order::Fixed;
+        experiment.schedule.order = crate::schedule::VisitOrder::Fixed;
         experiment.schedule.groups.truncate(2);
         experiment.schedule.groups[0].decisions = 80;
         experiment.schedule.groups[1].decisions = 120;
-        let (tasks, labels) = (TaskRegistry::standard(), Labels::default());
+        let (tasks, labels) = (TaskRegistry::standard(), TaskLabel::default());
         ClockedStream::new(&experiment, &tasks, labels, decisions).unwrap()
     }
 

@@ -117,15 +117,15 @@ pub enum RunError {
         /// Description of the problem that prevents a report.
         problem: String,
     },
-    /// Ranks that are not in the same state.
+    /// Ranks (processes that compute one run together) that are not in the same state.
     #[error(
         "the ranks {what} {values:?}, expected equal numbers: all must read the same folder, and \
          have the same program and processors with the same vector instructions"
     )]
     RanksDiffer {
-        /// Description of the numbers.
+        /// Description of the numbers, which must be equal on all ranks.
         what: &'static str,
-        /// Number of each rank.
+        /// Number that each rank has.
         values: Vec<u64>,
     },
     /// Panic in a thread that worked for the run.
@@ -219,8 +219,8 @@ impl RunError {
         LearnerError::damaged_file(path, problem).into()
     }
 
-    /// Returns `true` for an error of a disk that may pass: no room, or a file server that does not
-    /// answer.
+    /// Returns `true` for a disk error that may pass by itself: a full disk, or a file server that
+    /// does not answer.
     pub fn is_transient(&self) -> bool {
         /// Number of the system's error "Input/output error" (`EIO`), which has no `ErrorKind`.
         const INPUT_OUTPUT: i32 = 5;
@@ -258,7 +258,7 @@ impl RunError {
     }
 }
 
-/// Loss of a run's folder to another process, or of the folder itself.
+/// Error of a writer whose run folder was taken over by another process, or moved away.
 #[derive(Clone, Debug, thiserror::Error)]
 #[error(
     "{} {}: this process writes nothing more to it",

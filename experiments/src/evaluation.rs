@@ -17,13 +17,13 @@ use crate::experiment::Experiment;
 use crate::schedule::Schedule;
 use crate::stop::StopSignal;
 use crate::stream::Stream;
-use learner::{Labels, Learner, PolicyEvaluation};
+use learner::{Learner, PolicyEvaluation, TaskLabel};
 
 use cache::{CacheKey, EvaluationCache};
 use dormancy::UnitActivities;
 
 pub use dormancy::{DORMANCY_THRESHOLD, DormantUnits};
-pub use recognition::{EPISODES_SHOWN, Recognition};
+pub use recognition::{RECOGNITION_EPISODES, Recognition};
 pub use score::{GroupScore, OwnPolicies, PolicyScore, Score, average_by_group};
 
 /// Number of the ChaCha stream that learners draw from during recognition. Environments use streams
@@ -48,7 +48,7 @@ impl EvaluationResults {
     }
 }
 
-/// Evaluator with its own environments, so that evaluations do not affect training.
+/// Evaluator of a learner, with environments of its own so that evaluations do not affect training.
 ///
 /// Every evaluation plays the same episodes, so that differences come from policies and not from
 /// placements. Results of policies whose parameters have not changed are reused: use a new
@@ -58,7 +58,7 @@ pub struct Evaluator {
     groups: Vec<TaskGroup>,
     schedule: Schedule,
     seed: u64,
-    labels: Labels,
+    labels: TaskLabel,
     cache: EvaluationCache,
 }
 
@@ -73,7 +73,7 @@ impl Evaluator {
         tasks: &TaskRegistry,
         schedule: Schedule,
         seed: u64,
-        labels: Labels,
+        labels: TaskLabel,
     ) -> Result<Self, RunError> {
         Self::on_ranks(settings, tasks, schedule, seed, labels, Ranks::default())
     }
@@ -83,7 +83,7 @@ impl Evaluator {
         tasks: &TaskRegistry,
         schedule: Schedule,
         seed: u64,
-        labels: Labels,
+        labels: TaskLabel,
         ranks: Ranks,
     ) -> Result<Self, RunError> {
         let groups = schedule.resolve_groups(tasks)?;
@@ -105,10 +105,10 @@ impl Evaluator {
     pub fn of_run(
         run: &Experiment,
         tasks: &TaskRegistry,
-        labels: Labels,
+        labels: TaskLabel,
     ) -> Result<Self, RunError> {
         let (schedule, seed) = (run.schedule.clone(), run.evaluation_seed());
-        let (envs, ranks) = (run.envs.without_randomisation(), run.learner.ranks().clone());
+        let (envs, ranks) = (run.envs.without_randomisation(), run.learner.process_ranks().clone());
         Self::on_ranks(envs, tasks, schedule, seed, labels, ranks)
     }
 
@@ -199,7 +199,9 @@ impl Evaluator {
         results.scores.push(Score {
             group: variant.group,
             element: variant.element,
-            seen_in_training: self.schedule.shows_variant(variant.group.name(), variant.element),
+            seen_in_training: self
+                .schedule
+                .trains_on_variant(variant.group.name(), variant.element),
             policy,
             episodes: chosen.stats.episodes.len(),
             success: score.success,

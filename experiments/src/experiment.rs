@@ -10,10 +10,10 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::error::RunError;
-use crate::schedule::{Clock, Schedule, Timetable};
+use crate::schedule::{Schedule, StreamClock, Timetable};
 use crate::stream::Stream;
 use learner::overrides::{parse_json, read_json};
-use learner::{DeviceChoice, GroupingSettings, Labels, LearnerSettings};
+use learner::{DeviceChoice, GroupingSettings, LearnerSettings, TaskLabel};
 
 /// Number of the ChaCha stream that draws the schedule. The numbers of the experiment's streams are
 /// counted down from the top, since the learner's count up from 0 under the same seed.
@@ -87,7 +87,7 @@ pub struct EvaluationPlan {
 }
 
 impl EvaluationPlan {
-    /// Plan with one evaluation, after the stream.
+    /// Evaluation plan with a single evaluation, after the training stream.
     pub const AFTER_STREAM_ONLY: Self = Self {
         episodes_per_env: 1,
         visit_episodes_per_env: 0,
@@ -96,8 +96,8 @@ impl EvaluationPlan {
         seed: 0,
     };
 
-    /// Returns the episodes in each environment of the evaluation after `rollouts` rollouts within
-    /// a visit; 0 for none.
+    /// Returns the number of episodes per environment in the evaluation that is due within a visit,
+    /// `rollouts` rollouts after the start of the stream; 0 if none is due.
     pub(crate) fn episodes_per_env_within_visit(&self, rollouts: usize) -> usize {
         let due = |every| rollouts.is_multiple_of(every);
         if self.every.is_some_and(due) { self.visit_episodes_per_env } else { 0 }
@@ -157,7 +157,7 @@ impl Experiment {
         self
     }
 
-    /// Rejects settings of a run over groups of `tasks` that could not finish.
+    /// Rejects settings with which a run over groups of `tasks` could not finish.
     ///
     /// # Errors
     /// The first setting that is out of range or contradicts another one.
@@ -179,7 +179,7 @@ impl Experiment {
         self.check_visits()?;
         self.check_still_channels()?;
         let spec = Stream::env_spec(&self.envs);
-        self.learner.new_learner(&spec, &Labels::default())?;
+        self.learner.new_learner(&spec, &TaskLabel::default())?;
         Ok(())
     }
 
@@ -270,16 +270,16 @@ impl Experiment {
     }
 
     /// Returns the decisions of one episode in all environments together. On
-    /// [`Clock::EnvironmentTime`], task switches happen at multiples of that number.
+    /// [`StreamClock::EnvironmentTime`], task switches happen at multiples of that number.
     fn block(&self) -> usize {
         self.envs.num_envs * self.envs.control.decisions_per_episode()
     }
 
-    /// Rejects rollouts that would make a stream on [`Clock::EnvironmentTime`] depend on the
+    /// Rejects rollouts that would make a stream on [`StreamClock::EnvironmentTime`] depend on the
     /// learner, and visits shorter than an episode, which would be skipped.
     fn check_visits(&self) -> Result<(), RunError> {
         // on this clock groups change between rollouts, so neither can happen
-        if self.schedule.clock == Clock::LearnerIterations {
+        if self.schedule.clock == StreamClock::LearnerIterations {
             return Ok(());
         }
         let (rollout, block) = (self.learner.rollout_steps(), self.block());
@@ -305,14 +305,14 @@ impl Experiment {
     /// Draws the visits of the training stream to task groups from the run's seed.
     pub(crate) fn timetable(&self) -> Timetable {
         let period = match self.schedule.clock {
-            Clock::EnvironmentTime => self.block(),
-            Clock::LearnerIterations => self.learner.rollout_steps(),
+            StreamClock::EnvironmentTime => self.block(),
+            StreamClock::LearnerIterations => self.learner.rollout_steps(),
         };
         let rng = &mut self.stream_rng(SCHEDULE);
         Timetable::new(self.schedule.draw_visits(period, rng))
     }
 
-    /// Returns the sequence of environment seeds.
+    /// Returns the sequence of seeds that the training environments use one after the other.
     pub(crate) fn environment_seeds(&self) -> SeedSequence {
         SeedSequence(self.stream_rng(ENVIRONMENTS))
     }
@@ -338,7 +338,7 @@ fn random_stream(seed: u64, stream: u64) -> ChaCha8Rng {
 pub(crate) struct SeedSequence(ChaCha8Rng);
 
 impl SeedSequence {
-    /// Returns the seed with index `number`.
+    /// Returns the seed with index `number`, from 0, in the sequence.
     pub fn nth(&self, number: usize) -> u64 {
         let mut rng = self.0.clone();
         rng.set_word_pos(BLOCK * number as u128);

@@ -15,7 +15,7 @@ use crate::evaluation::OwnPolicies;
 use crate::experiment::Experiment;
 use crate::sheet::Picture;
 use learner::disk::{Disk, LocalDisk, NoDisk, PARTIAL_EXTENSION, parent_folder, write_atomically};
-use learner::{CheckpointExtent, Labels, Learner, LearnerSettings};
+use learner::{CheckpointExtent, Learner, LearnerSettings, TaskLabel};
 
 use super::checkpoints;
 use crate::lock::{FolderLock, LOCK};
@@ -110,21 +110,21 @@ impl RunFolder {
         Self { path, unfenced, disk, overwrite: false, ranks }
     }
 
-    /// Sets the file system that changes of the folder go through.
+    /// Sets the file system through which the run's folder is changed.
     pub fn with_disk(mut self, disk: Arc<dyn Disk>) -> Self {
         self.unfenced = Arc::clone(&disk);
         self.disk = disk;
         self
     }
 
-    /// Sets the processes that compute the run together, of which the first alone changes files.
+    /// Sets the ranks, the processes that compute the run together; the first alone changes files.
     pub fn on_ranks(self, ranks: Ranks) -> Self {
         let folder = Self { ranks, ..self };
         if folder.ranks.is_first() { folder } else { folder.with_disk(Arc::new(NoDisk)) }
     }
 
-    /// Returns the processes that compute the run together.
-    pub fn ranks(&self) -> &Ranks {
+    /// Returns the ranks, which are the processes that compute the run together.
+    pub fn process_ranks(&self) -> &Ranks {
         &self.ranks
     }
 
@@ -166,8 +166,9 @@ impl RunFolder {
         Ok(FolderSnapshot(files))
     }
 
-    /// Releases the lock of a process that does not go on. Should it go on later, its next change
-    /// of a file fails with [`RunError::TakenOver`] once another process has taken the lock.
+    /// Removes the lock on the run's folder of a stopped or unreachable process. Should the process
+    /// go on later, its next change of a file fails with [`RunError::TakenOver`] once another
+    /// process has taken the lock.
     ///
     /// # Errors
     /// [`RunError::Write`].
@@ -313,7 +314,7 @@ impl RunFolder {
         &self,
         learner: &LearnerSettings,
         spec: &EnvSpec,
-        labels: &Labels,
+        labels: &TaskLabel,
     ) -> Result<Box<dyn Learner>, RunError> {
         self.load_with_own_policies(learner, spec, labels).map(|loaded| loaded.0)
     }
@@ -327,7 +328,7 @@ impl RunFolder {
         &self,
         learner: &LearnerSettings,
         spec: &EnvSpec,
-        labels: &Labels,
+        labels: &TaskLabel,
     ) -> Result<(Box<dyn Learner>, OwnPolicies), RunError> {
         let load = |path: &Path| {
             let (learner, note) = learner.load_for_acting(path, spec, labels)?;
@@ -384,7 +385,7 @@ impl RunFolder {
         Ok(write_atomically(self.disk(), &self.file_path(name), bytes)?)
     }
 
-    /// Appends a line to a file, which is synced with the next checkpoint.
+    /// Appends a line to the file called `name` in the run's folder; the next checkpoint syncs it.
     pub(crate) fn append_line(&self, name: &str, line: &str) -> Result<(), RunError> {
         let path = self.file_path(name);
         let contents = std::fs::read(&path).unwrap_or_default();
@@ -394,13 +395,13 @@ impl RunFolder {
         self.disk.append(&path, line.as_bytes()).map_err(RunError::writing(&path))
     }
 
-    /// Appends the provenance of a process that works on the run.
+    /// Appends the provenance of a process that works on the run to `provenance.jsonl`.
     pub(crate) fn record_provenance(&self, provenance: &Provenance) -> Result<(), RunError> {
         let line = serde_json::to_string(provenance).map_err(RunError::writing(&self.path))?;
         self.append_line(Provenance::FILE_NAME, &line)
     }
 
-    /// Syncs files to the disk; files that do not exist are skipped.
+    /// Syncs the named files of the run's folder to the disk; files that do not exist are skipped.
     pub(crate) fn sync_files(&self, names: &[&str]) -> Result<(), RunError> {
         for path in names.iter().map(|name| self.file_path(name)) {
             match self.disk.sync(&path) {
@@ -444,7 +445,7 @@ impl RunFolder {
         Ok(())
     }
 
-    /// Writes an image as PNG.
+    /// Writes an image as the PNG file called `name` in the run's folder.
     pub(crate) fn write_png(&self, name: &str, picture: &Picture) -> Result<(), RunError> {
         let bytes = picture.to_png().map_err(RunError::writing(&self.file_path(name)))?;
         self.replace_file(name, &bytes)

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::error::{RunError, TakenOver};
-use learner::disk::{Disk, random_number};
+use learner::disk::{Disk, os_random_u64};
 
 /// Name of the file that the writer of a folder locks. It is never read, since some file servers
 /// let no other handle read a locked file.
@@ -101,7 +101,7 @@ fn owner() -> String {
         system("hostname"),
         command.join(" "),
         system("random/boot_id"),
-        random_number()
+        os_random_u64()
     )
 }
 

@@ -12,7 +12,7 @@ use crate::schema::{DormantUnitsRow, RecognitionRow, ScoreRow, TimingRow};
 use crate::table::CsvFile;
 use crate::timings::{TimingSums, first_rows};
 
-/// Open tables of a run. Rows are written before the next rollout starts.
+/// CSV tables of a run in progress. Rows are written before the next rollout starts.
 pub(crate) struct RunTables {
     metrics: CsvFile,
     scores: CsvFile,
@@ -22,7 +22,7 @@ pub(crate) struct RunTables {
 }
 
 impl RunTables {
-    /// Opens the tables and restores their contents as they were after this many rollouts.
+    /// Opens a run's tables and restores their contents as they were after `rollouts` rollouts.
     pub fn open(
         folder: &RunFolder,
         rollouts: usize,
@@ -46,7 +46,7 @@ impl RunTables {
         })
     }
 
-    /// Returns the contents of the tables, for a checkpoint.
+    /// Returns the contents of the run's tables, for a checkpoint.
     pub fn snapshot(&self) -> TableSnapshots {
         let text = |table: &CsvFile| String::from_utf8_lossy(table.text()).into_owned();
         TableSnapshots {
@@ -57,7 +57,7 @@ impl RunTables {
         }
     }
 
-    /// Returns the sums of the timings of rollouts so far, as far as they are known.
+    /// Returns the sums of the wall-clock seconds of the rollouts so far, as far as they are known.
     pub fn timing_sums(&self) -> TimingSums {
         TimingSums::of_table(self.timings())
     }
@@ -82,13 +82,13 @@ impl RunTables {
         [&self.metrics, &self.scores, &self.units, &self.recognition, &self.timings]
     }
 
-    /// Appends the rows of a rollout.
+    /// Appends the rows of one rollout to `metrics.csv` and `timings.csv`.
     pub fn write_rollout(&mut self, progress: &RolloutReport) -> Result<(), RunError> {
         self.metrics.append_row(row(progress))?;
         self.timings.append_rows([timing_row(progress)])
     }
 
-    /// Appends the rows of an evaluation.
+    /// Appends one evaluation's rows to the tables of scores, dormant units and recognition.
     pub fn write_scores(&mut self, evaluation: &EvaluationReport) -> Result<(), RunError> {
         let results = &evaluation.results;
         let row = |score| score_row(evaluation, score);

@@ -28,18 +28,18 @@ const ADDRESS_SPACE_OF_THREAD: u64 = 112 * MEBIBYTE;
 
 /// Returns the resident memory (bytes) that a run needs at most, estimated from its threads and the
 /// images that it keeps.
-pub fn needed_bytes(experiment: &Experiment) -> u64 {
+pub fn run_memory_bytes(experiment: &Experiment) -> u64 {
     resident_bytes(experiment.envs.threads, data_bytes(experiment))
 }
 
 /// Returns the memory (MiB) to request from a batch system for a run that needs this many bytes: a
 /// quarter more, since needs are estimates.
-pub fn requested_mib(needed_bytes: u64) -> u64 {
-    (needed_bytes / 4 * 5).div_ceil(REQUEST_STEP * MEBIBYTE) * REQUEST_STEP
+pub fn memory_request_mib(run_memory_bytes: u64) -> u64 {
+    (run_memory_bytes / 4 * 5).div_ceil(REQUEST_STEP * MEBIBYTE) * REQUEST_STEP
 }
 
 /// Formats a number of bytes in GiB.
-pub fn gibibytes(bytes: u64) -> String {
+pub fn format_gibibytes(bytes: u64) -> String {
     format!("{:.1} GiB", bytes as f64 / (1_u64 << 30) as f64)
 }
 
@@ -47,16 +47,16 @@ pub fn gibibytes(bytes: u64) -> String {
 ///
 /// # Errors
 /// [`RunError::NotEnoughMemory`].
-pub fn check_run(experiment: &Experiment) -> Result<(), RunError> {
+pub fn check_run_memory(experiment: &Experiment) -> Result<(), RunError> {
     check(experiment.envs.threads, data_bytes(experiment))
 }
 
 /// Checks that the machine and the limits of this process leave enough memory for environments on
-/// these threads.
+/// `threads` threads.
 ///
 /// # Errors
 /// [`RunError::NotEnoughMemory`].
-pub fn check_environments(threads: usize) -> Result<(), RunError> {
+pub fn check_environment_memory(threads: usize) -> Result<(), RunError> {
     check(threads, 0)
 }
 
@@ -222,7 +222,7 @@ mod tests {
     #[test]
     fn needs_are_above_what_was_measured_and_grow_with_threads_and_images() {
         let smoke = Budget::Smoke.experiment(Method::Covers);
-        let mib = |experiment: Experiment| needed_bytes(&experiment) / MEBIBYTE;
+        let mib = |experiment: Experiment| run_memory_bytes(&experiment) / MEBIBYTE;
         for (threads, measured) in [(1, 393), (4, 583), (16, 807)] {
             let needed = mib(smoke.clone().with_threads(threads));
             assert!((measured..2 * measured).contains(&needed), "{threads}: {needed}");
@@ -230,9 +230,9 @@ mod tests {
         // 475 MiB were measured over hours
         let full = Budget::Full.experiment(Method::Covers).with_threads(1);
         assert!((475..600).contains(&mib(full.clone())), "{}", mib(full));
-        assert_eq!(requested_mib(400 * MEBIBYTE), 512);
-        assert_eq!(requested_mib(410 * MEBIBYTE), 768);
-        assert_eq!(gibibytes(1536 * MEBIBYTE), "1.5 GiB");
+        assert_eq!(memory_request_mib(400 * MEBIBYTE), 512);
+        assert_eq!(memory_request_mib(410 * MEBIBYTE), 768);
+        assert_eq!(format_gibibytes(1536 * MEBIBYTE), "1.5 GiB");
     }
 
     #[test]

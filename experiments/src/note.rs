@@ -41,7 +41,7 @@ pub(crate) struct SavedRun {
 }
 
 impl RunState {
-    /// Serialises the run's state and `experiment`, its settings, as the note of a checkpoint.
+    /// Serialises the run's state and its settings `experiment` as JSON, the note of a checkpoint.
     pub fn into_note(self, experiment: &Experiment) -> Result<String, serde_json::Error> {
         serde_json::to_string(&SavedRun {
             // results do not depend on threads, so checkpoints must not either
@@ -52,7 +52,7 @@ impl RunState {
 }
 
 impl SavedRun {
-    /// Reads the note of the checkpoint at `path`.
+    /// Reads a run's settings and state from the checkpoint at `path`.
     ///
     /// # Errors
     /// [`RunError::Read`], [`learner::LearnerError::NewerFormat`].
@@ -84,7 +84,7 @@ impl SavedRun {
         }
     }
 
-    /// Recomputes the statistics that checkpoints leave out from the saved tables.
+    /// Recomputes from the saved tables the rollout counts, which checkpoints leave out.
     ///
     /// # Errors
     /// [`RunError::Read`] for rows without group or policy.

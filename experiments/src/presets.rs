@@ -1,7 +1,7 @@
 //! Preset experiments: a method and a budget.
 
 use clap::ValueEnum;
-use envs::{ExtraView, Randomisation, TaskGroup, VecEnvSettings};
+use envs::{DomainRandomisation, ExtraView, TaskGroup, VecEnvSettings};
 use rl::{NetworkSettings, PpoSettings, SymmetryLoss};
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
@@ -18,7 +18,7 @@ const PAPER_PICTURES: usize = 128;
 /// Rendered pixels along each side of one pixel of an observation.
 const OVERSAMPLING: usize = 3;
 
-/// Methods that can be compared, each defined by its settings alone.
+/// Method by which a run trains, such as COVERS or CLEAR, defined by its settings alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
@@ -156,7 +156,7 @@ impl Method {
         let mut envs = VecEnvSettings { num_envs: NUM_ENVS, ..VecEnvSettings::default() };
         match self {
             Self::Paper => envs.camera.size = PAPER_PICTURES,
-            Self::CoversRandomised => envs.randomisation = Some(Randomisation::NOMINAL),
+            Self::CoversRandomised => envs.randomisation = Some(DomainRandomisation::NOMINAL),
             _ => {}
         }
         if self.shows_close_ups(budget) {
@@ -224,7 +224,7 @@ impl Budget {
         }
     }
 
-    /// Returns the settings of a run of `method`.
+    /// Returns the settings of a run of `method` under this budget.
     pub fn experiment(self, method: Method) -> Experiment {
         let (mut learner, mut envs) = (method.learner_settings(), method.envs(self));
         if self == Self::Smoke {

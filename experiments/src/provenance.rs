@@ -50,7 +50,7 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    /// Name of the file in a run's folder.
+    /// Name of the file with the provenance records in a run's folder.
     pub const FILE_NAME: &str = "provenance.jsonl";
 
     /// Returns the provenance of this process, which continues a run after `rollouts` rollouts.

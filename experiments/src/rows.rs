@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::run_stats::{RolloutCounts, add_rollout_count};
 
-/// Contents of the tables at a checkpoint, from which lost or damaged files are restored.
+/// Contents of a run's tables at a checkpoint, from which lost or damaged files are restored.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TableSnapshots {

@@ -60,7 +60,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// Starts a run over task groups of `envs` that writes its files to `folder`.
+    /// Starts a run over task groups of the crate `envs`, with `folder` for its files.
     ///
     /// # Errors
     /// [`RunError::InvalidSetting`], [`RunError::FolderHoldsRun`], [`RunError::Locked`]; errors of
@@ -69,7 +69,7 @@ impl Run {
         Self::start_with_tasks(experiment, TaskRegistry::all(), folder)
     }
 
-    /// Starts a run over task groups of `tasks` that writes its files to `folder`.
+    /// Starts a run over task groups of the registry `tasks`, with `folder` for its files.
     ///
     /// # Errors
     /// As [`Run::start`], and a group that `tasks` does not hold.
@@ -168,7 +168,7 @@ impl Run {
 
     /// Sets the signal that stops the run between rollouts and between evaluated variants.
     pub fn set_stop_signal(&mut self, stop: StopSignal) {
-        self.stop = stop.on_ranks(self.folder.ranks().clone());
+        self.stop = stop.on_ranks(self.folder.process_ranks().clone());
     }
 
     /// Publishes the image of the first training environment to `latest_frame` after every training
@@ -185,7 +185,7 @@ impl Run {
 
     /// Returns [`Run::start_message`] with the memory that the run needs.
     pub fn start_message_with_memory(&self) -> String {
-        let memory = memory::gibibytes(memory::needed_bytes(&self.experiment));
+        let memory = memory::format_gibibytes(memory::run_memory_bytes(&self.experiment));
         format!("{}; takes up to about {memory} of memory", self.start_message)
     }
 
@@ -199,7 +199,7 @@ impl Run {
         &self.folder
     }
 
-    /// Returns the statistics of the run so far.
+    /// Returns the run's statistics so far: rollouts, decisions, and assignments to policies.
     pub fn stats(&self) -> &RunStats {
         &self.stats
     }
@@ -378,7 +378,7 @@ impl Run {
         let bytes = self.learner.to_checkpoint_bytes(&path, CheckpointExtent::Everything, &note)?;
         let checksum = crc32fast::hash(&bytes).into();
         check_equal_on_ranks(&self.folder, "have checkpoints with checksums", checksum)?;
-        if self.folder.ranks().is_first() {
+        if self.folder.process_ranks().is_first() {
             self.write_checkpoint(&bytes)?;
         }
         self.saved = Some((rollouts, due));
@@ -435,7 +435,7 @@ impl Run {
 
 /// Checks that `own` is the same number on all ranks.
 fn check_equal_on_ranks(folder: &RunFolder, what: &'static str, own: u64) -> Result<(), RunError> {
-    let values = folder.ranks().gather_numbers(own);
+    let values = folder.process_ranks().all_gather_numbers(own);
     if values.iter().all(|&value| value == own) {
         return Ok(());
     }

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use symmetry::D2;
 
 use crate::error::RunError;
-use crate::evaluation::EPISODES_SHOWN;
+use crate::evaluation::RECOGNITION_EPISODES;
 use crate::experiment::Experiment;
 use crate::folder::RunFolder;
 use crate::printable::escape_unprintable;
@@ -155,9 +155,9 @@ impl RunData {
         Some(&own.find(|row| !row.spans_switch)?.group)
     }
 
-    /// Returns the threshold of each distance of a rollout: the grouping's fixed threshold, or the
-    /// largest distance under permutation, which chance alone can reach. Items are `None` for
-    /// groupings that permute other scores than distances.
+    /// Returns for each policy the threshold of the rollout's distance to it: the grouping's fixed
+    /// threshold, or the largest distance under permutation, which chance alone can reach. Items
+    /// are `None` for groupings that permute other scores than distances.
     pub fn thresholds(&self, row: &RolloutRow) -> Vec<Option<f64>> {
         match self.experiment.learner.grouping() {
             GroupingSettings::Threshold { threshold } => vec![Some(threshold); row.distances.len()],
@@ -183,20 +183,20 @@ impl RunData {
         commits.unique().collect()
     }
 
-    /// Returns the rows of the run's last evaluation.
+    /// Returns the scores of all variants in the run's last evaluation.
     pub fn last_scores(&self) -> impl Iterator<Item = &ScoreRow> {
         let last = self.scores.last().map(|row| row.rollouts);
         self.scores_after(last)
     }
 
-    /// Returns the rows of the evaluation after `rollouts` rollouts.
+    /// Returns the scores of all variants in the evaluation after `rollouts` rollouts.
     pub fn scores_after(&self, rollouts: Option<usize>) -> impl Iterator<Item = &ScoreRow> {
         self.scores.iter().filter(move |row| Some(row.rollouts) == rollouts)
     }
 
-    /// Returns the decisions before the evaluation after `rollouts` rollouts, and the mean of
-    /// `figure`, one column of the scores, over the episodes of a group; `None` if the group was
-    /// not scored then.
+    /// Returns, for the evaluation after `rollouts` rollouts, the number of decisions before it and
+    /// the mean of the score `figure` over the episodes of a group; `None` if the group was not
+    /// scored then.
     pub fn mean_group_score_after(
         &self,
         rollouts: usize,
@@ -210,8 +210,8 @@ impl RunData {
         (episodes > 0).then(|| (rows[0].decisions, sum / episodes as f64))
     }
 
-    /// Returns the number of rollouts before each evaluation.
-    pub fn evaluation_rollouts(&self) -> impl Iterator<Item = usize> {
+    /// Returns, for each evaluation of the run, the number of rollouts before it.
+    pub fn rollouts_before_evaluations(&self) -> impl Iterator<Item = usize> {
         let mut rollouts: Vec<usize> = self.scores.iter().map(|row| row.rollouts).collect();
         rollouts.dedup();
         rollouts.into_iter()
@@ -343,7 +343,9 @@ fn check_recognition(
 ) -> Result<(), RunError> {
     let scored = |group: &str| scores.iter().any(|row| row.group == group);
     let sound = |row: &RecognitionRow| {
-        counted(row.count) && EPISODES_SHOWN.contains(&row.episodes_shown) && scored(&row.group)
+        counted(row.count)
+            && RECOGNITION_EPISODES.contains(&row.episodes_shown)
+            && scored(&row.group)
     };
     if !answers.iter().all(sound) {
         let problem = "recognition.csv holds a row that cannot be: it needs a group that was \
@@ -364,7 +366,9 @@ fn check_recognition(
     let last = scores.last().map(|row| row.rollouts);
     let variants = scores.iter().filter(|row| Some(row.rollouts) == last);
     let mut expected = 0;
-    for (row, episodes) in variants.flat_map(|row| EPISODES_SHOWN.map(|episodes| (row, episodes))) {
+    for (row, episodes) in
+        variants.flat_map(|row| RECOGNITION_EPISODES.map(|episodes| (row, episodes)))
+    {
         let asked = times.get(&(row.group.as_str(), row.element.as_str(), episodes));
         let asked = asked.copied().unwrap_or(0);
         if asked != looks {

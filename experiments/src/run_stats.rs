@@ -62,7 +62,7 @@ pub struct RunStats {
 }
 
 impl RunStats {
-    /// Computes the statistics of a run after these rollouts.
+    /// Computes the statistics of a run from the rows of its rollouts so far.
     pub fn of_rollouts(rollouts: &[RolloutRow]) -> Self {
         let mut stats = Self::default();
         let mut left: Vec<&str> = Vec::new();
@@ -96,12 +96,12 @@ impl RunStats {
         self.merged_into.iter().flatten().count()
     }
 
-    /// Records one rollout of one group; `returns` is `true` if the group was visited before.
+    /// Counts a rollout of `group` assigned to `policy`; `returns` is `true` for a revisited group.
     pub(crate) fn record_rollout(&mut self, group: &str, returns: bool, policy: usize) {
         self.open(policy);
         self.created_for_group[policy].get_or_insert_with(|| group.to_owned());
         add_rollout_count(&mut self.rollout_counts, group, policy);
-        let own = acting_policy(&self.merged_into, policy);
+        let own = surviving_policy(&self.merged_into, policy);
         let right = usize::from(self.policy_of(group) == Some(own));
         self.rollouts += 1;
         self.correct_assignments += right;
@@ -111,7 +111,7 @@ impl RunStats {
         }
     }
 
-    /// Records one rollout that spans a task switch.
+    /// Counts a rollout that spans a task switch and was assigned to `policy`.
     pub(crate) fn record_task_switch(&mut self, policy: usize) {
         self.open(policy);
         self.rollouts += 1;
@@ -124,7 +124,7 @@ impl RunStats {
         let own = |(group, served): (&String, &BTreeMap<usize, usize>)| {
             let mut acted: BTreeMap<usize, usize> = BTreeMap::new();
             for (&policy, &rollouts) in served {
-                *acted.entry(acting_policy(&self.merged_into, policy)).or_default() += rollouts;
+                *acted.entry(surviving_policy(&self.merged_into, policy)).or_default() += rollouts;
             }
             let most =
                 acted.into_iter().max_by_key(|&(policy, rollouts)| (rollouts, Reverse(policy)))?;
@@ -138,11 +138,11 @@ impl RunStats {
     fn policy_of(&self, group: &str) -> Option<usize> {
         let is_own = |opened: &Option<String>| opened.as_deref() == Some(group);
         let first = self.created_for_group.iter().position(is_own)?;
-        let own = acting_policy(&self.merged_into, first);
+        let own = surviving_policy(&self.merged_into, first);
         // `own` may act for an earlier policy, whose group then has the better claim to it
         let is_others = |policy: usize| {
             self.created_for_group[policy].is_some()
-                && acting_policy(&self.merged_into, policy) == own
+                && surviving_policy(&self.merged_into, policy) == own
         };
         (!(0..first).any(is_others)).then_some(own)
     }
@@ -176,16 +176,16 @@ impl RunStats {
     }
 }
 
-/// Returns the policy that acts for the group of `policy`: the end of its chain of merges, or
-/// itself. `merged_into` may have fewer items than there are policies.
-pub fn acting_policy(merged_into: &[Option<usize>], policy: usize) -> usize {
+/// Returns the index of the policy that `policy` was merged into, directly or in several steps, or
+/// `policy` itself. `merged_into` may have fewer items than there are policies.
+pub fn surviving_policy(merged_into: &[Option<usize>], policy: usize) -> usize {
     let next = |&merged: &usize| merged_into.get(merged).copied().flatten();
     // the limit ends cycles, which damaged files may have; no other chain is longer
     let chain = std::iter::successors(Some(policy), next).take(1 + merged_into.len());
     chain.last().unwrap_or(policy)
 }
 
-/// Counts one rollout of one group.
+/// Adds one rollout of `group` that was assigned to `policy` to the counts `served`.
 pub(crate) fn add_rollout_count(served: &mut RolloutCounts, group: &str, policy: usize) {
     let of_group = served.entry(group.to_owned()).or_default();
     *of_group.entry(policy).or_default() += 1;
@@ -300,8 +300,8 @@ mod tests {
     #[test]
     fn heirs_are_followed_to_one_that_acts() {
         let merged_into = [Some(2), None, Some(1)];
-        assert_eq!([0, 1, 2, 3].map(|policy| acting_policy(&merged_into, policy)), [1, 1, 1, 3]);
-        assert_eq!(acting_policy(&[], 4), 4);
-        assert!(acting_policy(&[Some(1), Some(0)], 0) < 2, "a circle ends");
+        assert_eq!([0, 1, 2, 3].map(|policy| surviving_policy(&merged_into, policy)), [1, 1, 1, 3]);
+        assert_eq!(surviving_policy(&[], 4), 4);
+        assert!(surviving_policy(&[Some(1), Some(0)], 0) < 2, "a circle ends");
     }
 }

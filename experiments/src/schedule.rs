@@ -18,20 +18,20 @@ pub const MAX_DECISIONS: usize = 288_000_000;
 #[serde(deny_unknown_fields)]
 pub struct Schedule {
     /// Task groups of one cycle of the stream, each once.
-    pub groups: Vec<GroupPlan>,
+    pub groups: Vec<GroupSchedule>,
     /// Number of cycles through the task groups, at least 1.
     pub cycles: usize,
     /// Order in which the training stream visits the task groups.
-    pub order: Order,
+    pub order: VisitOrder,
     /// Clock that measures the length of the visits: decisions of the environments, or learner
     /// iterations.
-    pub clock: Clock,
+    pub clock: StreamClock,
 }
 
 /// Unit in which the stream measures its visits to task groups.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Clock {
+pub enum StreamClock {
     /// Environment time: every decision counts, also those of rollouts that a learner discards. The
     /// group changes at the first end of episodes after its visit, whatever the learner does, so a
     /// rollout may span a task switch. All learners see the same stream.
@@ -47,10 +47,10 @@ pub enum Clock {
 /// Visits to one task group in the stream: their length and their variants.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct GroupPlan {
+pub struct GroupSchedule {
     /// Name of the visited task group.
     pub group: String,
-    /// Number of decisions of a visit, at least 1; the mean number with [`Order::Switching`].
+    /// Number of decisions of a visit, at least 1; the mean number with [`VisitOrder::Switching`].
     pub decisions: usize,
     /// Variants that training episodes are drawn from; the others are held out for evaluations.
     pub variants: Vec<D2>,
@@ -59,7 +59,7 @@ pub struct GroupPlan {
 /// Order in which the training stream visits the task groups.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Order {
+pub enum VisitOrder {
     /// Same order in every cycle: that of the schedule's list of task groups.
     Fixed,
     /// New random order in every cycle; no group follows itself.
@@ -82,15 +82,20 @@ pub struct Visit {
 }
 
 impl Schedule {
-    /// Creates a shuffled schedule on [`Clock::EnvironmentTime`] with all variants of these groups;
+    /// Creates a shuffled schedule on [`StreamClock::EnvironmentTime`] with all variants of these groups;
     /// each pair holds a group and the decisions of one visit.
     pub fn shuffled(cycles: usize, visits: &[(TaskGroup, usize)]) -> Self {
-        let groups = visits.iter().map(|(group, decisions)| GroupPlan {
+        let groups = visits.iter().map(|(group, decisions)| GroupSchedule {
             group: group.name().to_owned(),
             decisions: *decisions,
             variants: D2::ALL.to_vec(),
         });
-        Self { groups: groups.collect(), cycles, order: Order::Shuffled, clock: Clock::default() }
+        Self {
+            groups: groups.collect(),
+            cycles,
+            order: VisitOrder::Shuffled,
+            clock: StreamClock::default(),
+        }
     }
 
     /// Rejects a plan without groups, cycles, decisions or variants, and one with a duplicate group
@@ -111,7 +116,7 @@ impl Schedule {
         if self.checked_decisions().is_none() {
             return refuse("schedule.cycles", &self.cycles.to_string(), "fewer: no run is so long");
         }
-        if self.order == Order::Switching && self.groups.len() == 1 {
+        if self.order == VisitOrder::Switching && self.groups.len() == 1 {
             let expected = "at least two groups to switch between";
             return refuse("schedule.order", "switching", expected);
         }
@@ -169,20 +174,20 @@ impl Schedule {
     }
 
     /// Returns `true` if training shows this variant of the group; evaluations show all of them.
-    pub fn shows_variant(&self, group: &str, element: D2) -> bool {
+    pub fn trains_on_variant(&self, group: &str, element: D2) -> bool {
         let plan = self.groups.iter().find(|plan| plan.group == group);
         plan.is_some_and(|plan| plan.variants.contains(&element))
     }
 
-    /// Draws the visits of the whole training stream, in order. [`Order::Switching`] may switch
+    /// Draws the visits of the whole training stream, in order. [`VisitOrder::Switching`] may switch
     /// groups every `period` decisions. The schedule must have passed [`Schedule::check`].
     pub fn draw_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         match self.order {
-            Order::Fixed => {
-                (0..self.cycles).flat_map(|_| self.groups.iter().map(GroupPlan::visit)).collect()
-            }
-            Order::Shuffled => self.shuffled_visits(rng),
-            Order::Switching => self.switching_visits(period, rng),
+            VisitOrder::Fixed => (0..self.cycles)
+                .flat_map(|_| self.groups.iter().map(GroupSchedule::visit))
+                .collect(),
+            VisitOrder::Shuffled => self.shuffled_visits(rng),
+            VisitOrder::Switching => self.switching_visits(period, rng),
         }
     }
 
@@ -226,7 +231,7 @@ fn refuse(name: &'static str, value: &str, expected: &'static str) -> Result<(),
     Err(RunError::InvalidSetting { name, value: value.to_owned(), expected })
 }
 
-impl GroupPlan {
+impl GroupSchedule {
     fn check(&self, before: &[Self]) -> Result<(), RunError> {
         let group = &self.group;
         let refuse = |value: String, expected| refuse("schedule.groups", &value, expected);
@@ -276,13 +281,14 @@ impl Timetable {
         Self { ends: ends.collect(), visits }
     }
 
-    /// Returns the index of the visit to which a decision belongs, from 0; `None` after the last.
+    /// Returns the index of the visit to which decision number `decision`, from 0, belongs; `None`
+    /// after the last visit.
     pub fn visit_index_at(&self, decision: usize) -> Option<usize> {
         let index = self.ends.partition_point(|&end| end <= decision);
         (index < self.visits.len()).then_some(index)
     }
 
-    /// Returns the visit with this index, and all earlier visits.
+    /// Returns the visit to a task group with index `index`, and all earlier visits.
     pub fn visit_and_earlier(&self, index: usize) -> (&Visit, &[Visit]) {
         (&self.visits[index], &self.visits[..index])
     }
@@ -323,7 +329,7 @@ mod tests {
 
     #[test]
     fn a_fixed_stream_repeats_its_list() {
-        let schedule = Schedule { order: Order::Fixed, ..shuffled(2, [1; 4]) };
+        let schedule = Schedule { order: VisitOrder::Fixed, ..shuffled(2, [1; 4]) };
         let groups = visits(&schedule, 0).into_iter().map(|visit| visit.group);
         let groups: Vec<String> = groups.collect();
         let names = TaskGroup::STANDARD.map(|group| group.name().to_owned());
@@ -332,7 +338,7 @@ mod tests {
 
     #[test]
     fn a_switching_stream_is_as_long_and_its_visits_have_the_mean_length() {
-        let schedule = Schedule { order: Order::Switching, ..shuffled(500, [2, 8, 4, 2]) };
+        let schedule = Schedule { order: VisitOrder::Switching, ..shuffled(500, [2, 8, 4, 2]) };
         let visits = visits(&schedule, 1);
         assert!(never_twice_running(&visits));
         let total: usize = visits.iter().map(|visit| visit.decisions).sum();
@@ -351,10 +357,10 @@ mod tests {
         let mut schedule = shuffled(1, [1; 4]);
         schedule.groups[0].variants = vec![D2::Identity];
         schedule.groups.truncate(3);
-        assert!(schedule.shows_variant("goal-reach", D2::Identity));
-        assert!(!schedule.shows_variant("goal-reach", D2::FlipX));
-        assert!(schedule.shows_variant("button-press", D2::FlipX));
-        assert!(!schedule.shows_variant("plate-slide", D2::Identity));
+        assert!(schedule.trains_on_variant("goal-reach", D2::Identity));
+        assert!(!schedule.trains_on_variant("goal-reach", D2::FlipX));
+        assert!(schedule.trains_on_variant("button-press", D2::FlipX));
+        assert!(!schedule.trains_on_variant("plate-slide", D2::Identity));
     }
 
     #[test]
@@ -370,7 +376,7 @@ mod tests {
             (|s| s.groups[3].group = "goal-reach".to_owned(), "goal-reach twice"),
             (
                 |s| {
-                    s.order = Order::Switching;
+                    s.order = VisitOrder::Switching;
                     s.groups.truncate(1);
                 },
                 "at least two groups",

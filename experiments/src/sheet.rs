@@ -88,7 +88,7 @@ fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec
         .collect()
 }
 
-/// Draws a mark over an image `[size, size, 3]` of `table` at a goal that is observed as a vector.
+/// Draws a green mark over an image `[size, size, 3]` of `table` at a goal observed as a vector.
 pub fn mark_goal(table: &TableTop, rgb: &mut [u8]) {
     if let Some(goal) = table.observable_goal() {
         let camera = table.scene().camera;
@@ -97,8 +97,8 @@ pub fn mark_goal(table: &TableTop, rgb: &mut [u8]) {
     }
 }
 
-/// Renders the contact sheet: one row per group, one column per element (identity, flip x, flip y,
-/// half turn), enlarged on white.
+/// Renders the contact sheet of the first images of all variants: one row per group, one column per
+/// element (identity, flip x, flip y, half turn), enlarged on white.
 ///
 /// # Errors
 /// Errors of the environments.

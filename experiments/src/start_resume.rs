@@ -10,7 +10,7 @@ use crate::memory;
 use crate::sheet::contact_sheet;
 use crate::stream::Stream;
 use learner::overrides::check_same_settings;
-use learner::{DeviceChoice, Labels, Learner};
+use learner::{DeviceChoice, Learner, TaskLabel};
 
 use crate::checkpoints::read_newest;
 use crate::folder::RunFolder;
@@ -30,7 +30,7 @@ pub(crate) struct LockedRun {
 pub(crate) struct PreparedRun {
     pub locked: LockedRun,
     pub learner: Box<dyn Learner>,
-    pub labels: Labels,
+    pub labels: TaskLabel,
     pub state: RunState,
     /// Paths of checkpoints that could not be read.
     pub unreadable_checkpoints: Vec<PathBuf>,
@@ -38,15 +38,15 @@ pub(crate) struct PreparedRun {
     pub start_message: String,
 }
 
-/// Starts a run in a folder without one.
+/// Prepares a new run in `folder`, which must not hold another run.
 pub(crate) fn start(
     mut experiment: Experiment,
     tasks: TaskRegistry,
     folder: RunFolder,
 ) -> Result<PreparedRun, RunError> {
-    experiment.learner.set_ranks(folder.ranks().clone())?;
+    experiment.learner.set_ranks(folder.process_ranks().clone())?;
     experiment.check(&tasks)?;
-    memory::check_run(&experiment)?;
+    memory::check_run_memory(&experiment)?;
     let (folder, lock) = folder.lock()?;
     if !folder.accepts_new_run()? {
         return Err(RunError::FolderHoldsRun { folder: folder.path().to_owned() });
@@ -63,7 +63,7 @@ fn begin(locked: LockedRun, new: bool, start_message: String) -> Result<Prepared
     // First of all, while the process has one thread: loading a model sets an environment variable
     // for software rendering.
     let sheet = contact_sheet(&experiment.envs, &groups)?;
-    let (spec, labels) = (Stream::env_spec(&experiment.envs), Labels::default());
+    let (spec, labels) = (Stream::env_spec(&experiment.envs), TaskLabel::default());
     let learner = experiment.learner.new_learner(&spec, &labels)?;
     // from here on only the disk can fail, so no invalid settings cost the files of another run
     if new {
@@ -100,13 +100,13 @@ pub(crate) fn resume(
     }
     let (folder, lock) = folder.lock()?;
     let mut experiment = folder.read_experiment()?.with_device(device)?;
-    experiment.learner.set_ranks(folder.ranks().clone())?;
+    experiment.learner.set_ranks(folder.process_ranks().clone())?;
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;
-    memory::check_run(&experiment)?;
+    memory::check_run_memory(&experiment)?;
     let locked = LockedRun { lock, experiment, tasks, folder };
     let settings = &locked.experiment;
-    let (spec, labels) = (Stream::env_spec(&settings.envs), Labels::default());
+    let (spec, labels) = (Stream::env_spec(&settings.envs), TaskLabel::default());
     let read = |path: &Path| {
         let (learner, note) = settings.learner.load_for_training(path, &spec, &labels)?;
         let mut saved = SavedRun::parse(path, &note)?;

@@ -53,8 +53,8 @@ impl StopSignal {
         self.requested.store(true, Ordering::SeqCst);
     }
 
-    /// Returns a signal that a request on any of `ranks` sets on all of them. They must call
-    /// [`StopSignal::is_requested`] equally often.
+    /// Returns a stop signal that all `ranks` see once it is requested on one of them. They must
+    /// call [`StopSignal::is_requested`] equally often.
     pub(crate) fn on_ranks(self, ranks: Ranks) -> Self {
         Self { ranks, ..self }
     }
@@ -63,7 +63,7 @@ impl StopSignal {
     pub fn is_requested(&self) -> bool {
         if !self.was_seen() {
             let own = self.requested.load(Ordering::SeqCst);
-            let requests = self.ranks.gather_numbers(own.into());
+            let requests = self.ranks.all_gather_numbers(own.into());
             self.seen.store(requests.contains(&1), Ordering::SeqCst);
         }
         self.was_seen()
@@ -75,12 +75,12 @@ impl StopSignal {
     }
 }
 
-/// Turns the signal that a write beyond `ulimit -f` sends (SIGXFSZ), and which would end the process
-/// without a message, into an error of the write.
+/// Catches SIGXFSZ, the signal of a write beyond `ulimit -f`, so that the write fails with an error
+/// instead of ending the process without a message.
 ///
 /// # Errors
 /// [`RunError::SignalHandlers`].
-pub fn survive_file_size_limit() -> Result<(), RunError> {
+pub fn catch_file_size_signal() -> Result<(), RunError> {
     let registered = flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
     registered.map(|_| ()).map_err(|source| RunError::SignalHandlers { source })
 }

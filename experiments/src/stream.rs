@@ -18,7 +18,7 @@ const MIDDLE_HEIGHT: f32 = 0.2;
 const MIDDLE_APERTURE: f32 = 0.6;
 
 /// Component of the network's vector input, scaled as `(value - offset) * factor`.
-pub struct VectorInput {
+pub struct InputScaling {
     pub name: &'static str,
     pub unit: &'static str,
     pub offset: f32,
@@ -27,11 +27,11 @@ pub struct VectorInput {
 
 /// Components of the network's vector input, in order. Components that change sign under a flip
 /// have offset 0, so scaling preserves flips; so have goals, whose zero means hidden.
-pub const VECTOR_INPUTS: [VectorInput; envs::VECTOR_DIM] = [
+pub const VECTOR_INPUT_SCALING: [InputScaling; envs::VECTOR_DIM] = [
     position("hand x", 0.0),
     position("hand y", 0.0),
     position("hand z", MIDDLE_HEIGHT),
-    VectorInput {
+    InputScaling {
         name: "aperture",
         unit: "share of the fingers' opening",
         offset: MIDDLE_APERTURE,
@@ -45,8 +45,8 @@ pub const VECTOR_INPUTS: [VectorInput; envs::VECTOR_DIM] = [
     position("lead z", 0.0),
 ];
 
-const fn position(name: &'static str, offset: f32) -> VectorInput {
-    VectorInput { name, unit: "metre", offset, factor: INPUTS_PER_METRE }
+const fn position(name: &'static str, offset: f32) -> InputScaling {
+    InputScaling { name, unit: "metre", offset, factor: INPUTS_PER_METRE }
 }
 
 /// Vectorised environments of a run as the learner sees them, with scaled observations. The task
@@ -71,7 +71,7 @@ impl Stream {
         Self::on_ranks(settings, groups, Ranks::default())
     }
 
-    /// Creates environments as [`Stream::new`] does, of which each of `ranks` steps a share.
+    /// Creates environments as [`Stream::new`] does; each of the processes `ranks` steps a share.
     ///
     /// # Errors
     /// As [`Stream::new`].
@@ -86,7 +86,7 @@ impl Stream {
             expected: "at least one task group",
         })?;
         let share = ranks.share(settings.num_envs);
-        let mut env = VecEnv::new_share(settings, first, &D2::ALL, share)?;
+        let mut env = VecEnv::new_shard(settings, first, &D2::ALL, share)?;
         env.prepare_task_groups(groups)?;
         Ok(Self {
             env,
@@ -154,25 +154,25 @@ impl Stream {
 
     /// Counts `failures` in the environments of this rank together with those of others.
     fn count_failures(&mut self, failures: usize) {
-        let counts = self.ranks.gather_numbers(failures as u64);
+        let counts = self.ranks.all_gather_numbers(failures as u64);
         self.failures += counts.iter().sum::<u64>() as usize;
     }
 
     fn gather_observations(&self, out: &mut Observations) {
         let n = self.spec.num_envs;
-        self.ranks.gather_rows(n, &mut out.images);
-        self.ranks.gather_rows(n, &mut out.vectors);
+        self.ranks.all_gather_rows(n, &mut out.images);
+        self.ranks.all_gather_rows(n, &mut out.vectors);
     }
 
     /// Writes the rows of environments that other ranks stepped.
     fn gather_step(&mut self, out: &mut Transition) {
         let n = self.spec.num_envs;
         self.gather_observations(&mut out.observations);
-        self.ranks.gather_rows(n, &mut out.rewards);
+        self.ranks.all_gather_rows(n, &mut out.rewards);
         let flags = [&mut out.success, &mut out.success_at_end, &mut self.truncated];
         for row in flags {
             let mut bytes: Vec<u8> = row.iter().copied().map(u8::from).collect();
-            self.ranks.gather_rows(n, &mut bytes);
+            self.ranks.all_gather_rows(n, &mut bytes);
             row.iter_mut().zip(bytes).for_each(|(flag, byte)| *flag = byte != 0);
         }
         // those of running episodes have no meaning
@@ -202,7 +202,7 @@ impl VectorEnv for Stream {
         self.count_failures(failures);
         self.gather_observations(out);
         self.seconds += clock.elapsed().as_secs_f64();
-        scale_vectors(&mut out.vectors);
+        scale_observation_vectors(&mut out.vectors);
         Ok(())
     }
 
@@ -229,7 +229,7 @@ impl VectorEnv for Stream {
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
             *outcome = if truncated { StepOutcome::Truncated } else { StepOutcome::Running };
         }
-        scale_vectors(&mut out.observations.vectors);
+        scale_observation_vectors(&mut out.observations.vectors);
         // other rows of the final observations are old and already scaled
         scale_rows(&mut out.final_observations.vectors, &self.truncated);
         Ok(())
@@ -240,8 +240,8 @@ fn borrow(observations: &mut Observations) -> ObservationsMut<'_> {
     ObservationsMut { images: &mut observations.images, vectors: &mut observations.vectors }
 }
 
-/// Scales vectors of the environments `[N, 10]` to network inputs, in place.
-pub fn scale_vectors(vectors: &mut [f32]) {
+/// Scales observation vectors `[N, 10]` of N environments to network inputs, in place.
+pub fn scale_observation_vectors(vectors: &mut [f32]) {
     vectors.chunks_exact_mut(envs::VECTOR_DIM).for_each(scale_row);
 }
 
@@ -253,7 +253,7 @@ fn scale_rows(vectors: &mut [f32], which: &[bool]) {
 /// Scales one vector (hand x, y, z, aperture, goal x, y, z, lead x, y, z) to network inputs, in
 /// place.
 fn scale_row(row: &mut [f32]) {
-    for (value, input) in row.iter_mut().zip(&VECTOR_INPUTS) {
+    for (value, input) in row.iter_mut().zip(&VECTOR_INPUT_SCALING) {
         *value = (*value - input.offset) * input.factor;
     }
 }

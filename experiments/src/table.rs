@@ -21,8 +21,8 @@ pub(crate) struct CsvFile {
 }
 
 impl CsvFile {
-    /// Makes the file hold exactly `text`: later rows are removed, and a lost tail is restored. A
-    /// file with other contents is first renamed.
+    /// Opens a CSV file and makes it hold exactly `text`: later rows are removed, and a lost tail
+    /// is restored. A file with other contents is first renamed.
     pub fn open(path: PathBuf, disk: Arc<dyn Disk>, text: Vec<u8>) -> Result<Self, RunError> {
         let names = header(&text).map_err(RunError::reading(&path))?;
         let table = Self { path, disk, text, names };
@@ -56,7 +56,7 @@ impl CsvFile {
         name.to_string_lossy().into_owned()
     }
 
-    /// Appends one row of named cells.
+    /// Appends one row to the table: pairs of a column's name and the cell's text.
     ///
     /// # Errors
     /// [`RunError::Write`], also for duplicate names and for names that earlier rows do not have.
@@ -77,7 +77,7 @@ impl CsvFile {
         self.add(writer)
     }
 
-    /// Appends rows, with a header if the table is empty.
+    /// Appends rows to the table, with a header if the table is empty.
     pub fn append_rows<R: Serialize>(
         &mut self,
         rows: impl IntoIterator<Item = R>,
@@ -90,7 +90,7 @@ impl CsvFile {
         self.add(writer)
     }
 
-    /// Restores the file if it was changed, and syncs it to the disk.
+    /// Restores the table's file if another program changed it, and syncs it to the disk.
     pub fn sync(&self) -> Result<(), RunError> {
         self.restore()?;
         self.disk.sync(&self.path).map_err(RunError::writing(&self.path))

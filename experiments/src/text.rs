@@ -5,7 +5,7 @@ use std::fmt::{self, Write};
 use crate::evaluation::{Score, average_by_group};
 use crate::{RolloutReport, RunEvent, Summary};
 
-/// Names of the columns of [`rollout_line`].
+/// Line of column names, printed above the lines of [`rollout_line`].
 pub const ROLLOUT_HEADER: &str =
     "decisions  group         policy      reward  success  distance to each policy (z)";
 
@@ -37,7 +37,7 @@ pub fn rollout_line(progress: &RolloutReport) -> String {
     line.to_string()
 }
 
-/// Values of a rollout's line, from a run in progress or from its tables.
+/// Values of the line that a terminal shows about one rollout; `Display` formats it.
 pub struct RolloutLine<'a> {
     /// Number of decisions of the run by the end of the rollout.
     pub decisions: usize,
@@ -142,7 +142,7 @@ pub fn score_table(scores: &[Score]) -> String {
 }
 
 /// Formats the summary of a run as a table of scores and a line of totals.
-pub fn summary_table(summary: &Summary) -> String {
+pub fn run_summary_table(summary: &Summary) -> String {
     let mut table = score_table(&summary.variants);
     let _ = write!(
         table,
@@ -193,11 +193,13 @@ mod tests {
             variants: Vec::new(),
             table_checksums: BTreeMap::new(),
         };
-        assert!(!summary_table(&summary).contains("failures"));
+        assert!(!run_summary_table(&summary).contains("failures"));
         summary.environment_failures = 3;
-        assert!(summary_table(&summary).ends_with(", 3 failures of environments"));
+        assert!(run_summary_table(&summary).ends_with(", 3 failures of environments"));
         summary.merged_policies = 2;
-        assert!(summary_table(&summary).contains(", 2 policies merged into others, 3 failures"));
+        assert!(
+            run_summary_table(&summary).contains(", 2 policies merged into others, 3 failures")
+        );
     }
 
     #[test]

@@ -28,13 +28,14 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Rejects what [`PinholeCamera::check`] rejects, and a lens that displaces points between the
-    /// optical axis and the edges of the picture by more than half of their distance from the axis.
+    /// Rejects an invalid camera ([`PinholeCamera::check`]), and a lens that displaces points
+    /// between the optical axis and the edges of the picture by more than half of their distance
+    /// from the axis.
     ///
     /// # Errors
     /// [`InpaintingError::InvalidValue`].
     pub fn check(&self) -> Result<(), InpaintingError> {
-        self.without_distortion().check()?;
+        self.to_pinhole().check()?;
         self.distortion.check()?;
         let Intrinsics { width, height, focal_lengths: focal, principal_point: centre } =
             self.intrinsics;
@@ -57,8 +58,8 @@ impl Calibration {
         require_that(is_slight, "distortion", &self.distortion, expected)
     }
 
-    /// Returns the pinhole camera that is left without the distortion.
-    pub fn without_distortion(&self) -> PinholeCamera {
+    /// Returns this camera without the distortion of its lens.
+    pub fn to_pinhole(&self) -> PinholeCamera {
         PinholeCamera { intrinsics: self.intrinsics, extrinsics: self.extrinsics }
     }
 
@@ -170,7 +171,7 @@ pub(crate) mod tests {
     fn without_distortion_it_is_the_pinhole() {
         let camera = overhead();
         let point = DVec3::new(0.2, -0.1, 0.3);
-        let [right, down] = camera.without_distortion().project(point).unwrap();
+        let [right, down] = camera.to_pinhole().project(point).unwrap();
         let [column, row] = camera.project_direction(point - camera.position()).unwrap();
         let centre = camera.intrinsics.principal_point;
         assert!((column - centre[0] - right).abs() < 1e-9 && (row - centre[1] - down).abs() < 1e-9);

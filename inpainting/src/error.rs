@@ -175,7 +175,7 @@ pub(crate) fn check_picture_size(
     Err(InpaintingError::WrongLength { what, got: picture.len(), expected: 3 * pixels })
 }
 
-/// Returns [`InpaintingError::InvalidValue`] unless the condition `holds`.
+/// Returns [`InpaintingError::InvalidValue`] for the input `name` unless the condition `holds`.
 pub(crate) fn require_that(
     holds: bool,
     name: &'static str,

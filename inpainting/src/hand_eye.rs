@@ -9,7 +9,7 @@ use crate::calibration::Calibration;
 use crate::camera::{VALID_COORDINATES, has_valid_coordinates};
 use crate::error::{InpaintingError, require_that};
 
-use model::{Fit, LIMIT_SIGMAS, OUTLINE_SD, rotated};
+use model::{HandEyeFit, LIMIT_SIGMAS, OUTLINE_SD, rotated};
 
 pub use model::{BallOffset, BallSighting, HandEyeSettings, Residual};
 
@@ -79,7 +79,7 @@ pub struct HandEyeCalibration {
 }
 
 impl HandEyeCalibration {
-    /// Solves for the pose of the camera, and for the ball's offset if it is unknown.
+    /// Estimates the camera's pose, and the ball's offset in the hand if unknown, from `sightings`.
     ///
     /// Minimises the squared distances in the picture by the Levenberg-Marquardt method (Moré 1978,
     /// "The Levenberg-Marquardt algorithm"), from `start` and from `start` rotated by quarter turns
@@ -118,7 +118,7 @@ impl HandEyeCalibration {
 
     /// Returns the calibration of a fit without outliers, unless the arm poses do not determine it.
     fn of(
-        best: &Fit<'_>,
+        best: &HandEyeFit<'_>,
         start: &Calibration,
         outliers: &[BallSighting],
     ) -> Result<Self, InpaintingError> {
@@ -225,14 +225,19 @@ fn best<'a>(
     start: &Calibration,
     settings: HandEyeSettings,
     sightings: &'a [BallSighting],
-) -> Result<Fit<'a>, InpaintingError> {
+) -> Result<HandEyeFit<'a>, InpaintingError> {
     // a start that is wrong by a quarter turn or more could end in a local minimum
-    let starts = (0..4).map(|quarter| Fit::new(rotated(start, quarter), settings, sightings));
+    let starts =
+        (0..4).map(|quarter| HandEyeFit::new(rotated(start, quarter), settings, sightings));
     let fits = starts.flatten().map(minimised);
     let best = fits.min_by(|a, b| a.sum_of_squares().total_cmp(&b.sum_of_squares()));
     let best = best.ok_or_else(|| unseen(start, settings, sightings))?;
     // with all else near its value, so that the focal length is no way out of a bad start
-    Ok(if settings.estimate_focal_length { minimised(best.with_free_focal(true)) } else { best })
+    Ok(if settings.estimate_focal_length {
+        minimised(best.with_focal_estimation(true))
+    } else {
+        best
+    })
 }
 
 /// Arm pose without which the others fit best: the candidate for an outlier.
@@ -251,13 +256,13 @@ struct Worst {
 
 impl Worst {
     /// Finds the worst pose among the sightings of a fit; `None` if the ball would be out of sight.
-    fn of(best: &Fit<'_>) -> Option<Self> {
+    fn of(best: &HandEyeFit<'_>) -> Option<Self> {
         let sightings = best.sightings();
         let without = (0..sightings.len()).filter_map(|index| {
             let mut others = sightings.to_vec();
             let own = [others.remove(index)];
             let fit = minimised(best.with_sightings(&others)?);
-            let (residual, limit) = fit.with_sightings(&own)?.limited_residuals().next()?;
+            let (residual, limit) = fit.with_sightings(&own)?.residuals_with_limits().next()?;
             let (cost, others_fit) = (fit.sum_of_squares(), fit.is_within_limits());
             Some(Self { index, residual, limit, cost, others_fit })
         });
@@ -267,7 +272,7 @@ impl Worst {
 
 /// Returns the worst pose if the others contradict it: a pose is beyond its limit, or noise would
 /// hardly ever make the others fit as much better without it.
-fn outlier(best: &Fit<'_>) -> Option<Worst> {
+fn outlier(best: &HandEyeFit<'_>) -> Option<Worst> {
     // what outlines explain needs no search
     if best.residuals().iter().all(|of| of.distance_px < LIMIT_SIGMAS * OUTLINE_SD) {
         return None;
@@ -283,7 +288,7 @@ fn outlier(best: &Fit<'_>) -> Option<Worst> {
 }
 
 /// Returns the error of arm poses that do not fit: of one pose if the others fit each other.
-fn misfit(best: &Fit<'_>, start: &Calibration, worst: &Worst) -> InpaintingError {
+fn misfit(best: &HandEyeFit<'_>, start: &Calibration, worst: &Worst) -> InpaintingError {
     let Residual { pose_number: pose, distance_px: pixels, .. } = worst.residual;
     let limit = worst.limit;
     if worst.others_fit {
@@ -304,7 +309,7 @@ fn misfit(best: &Fit<'_>, start: &Calibration, worst: &Worst) -> InpaintingError
 }
 
 /// Returns the fit that minimises the sum of squared residuals, by the Levenberg-Marquardt method.
-fn minimised(mut fit: Fit<'_>) -> Fit<'_> {
+fn minimised(mut fit: HandEyeFit<'_>) -> HandEyeFit<'_> {
     let [mut damping, largest, factor] = DAMPING;
     for _ in 0..STEPS {
         let equations = fit.normal_equations();
@@ -333,8 +338,8 @@ fn minimised(mut fit: Fit<'_>) -> Fit<'_> {
 
 /// Estimates the focal length, by solving again with it among the unknowns; `None` if the arm poses
 /// do not determine it.
-fn focal(best: &Fit<'_>, start: &Calibration) -> Option<FocalLengthEstimate> {
-    let fit = minimised(best.with_free_focal(true));
+fn focal(best: &HandEyeFit<'_>, start: &Calibration) -> Option<FocalLengthEstimate> {
+    let fit = minimised(best.with_focal_estimation(true));
     let variance = fit.normal_equations().variances()?[fit.focal_index()];
     let ratio = fit.calibration().intrinsics.focal_lengths[0] / start.intrinsics.focal_lengths[0];
     // the unknown is the logarithm of the focal length
@@ -359,7 +364,7 @@ fn check_focal(focal: FocalLengthEstimate, start: &Calibration) -> Result<(), In
 
 /// Returns the standard deviations of the unknowns that a pixel of noise causes; `None` if the arm
 /// poses do not determine all unknowns.
-fn dilution_of(fit: &Fit<'_>) -> Option<Uncertainty> {
+fn dilution_of(fit: &HandEyeFit<'_>) -> Option<Uncertainty> {
     let mut variances = fit.normal_equations().variances()?;
     // where the offset is known, the focal length is in its place
     variances[fit.focal_index()] = 0.0;
@@ -376,15 +381,16 @@ fn is_tolerable(dilution: &Uncertainty) -> bool {
 }
 
 /// Returns the error of arm poses that do not determine the camera's pose, with advice.
-fn undetermined(fit: &Fit<'_>) -> InpaintingError {
-    let would_suffice = |other: &Fit<'_>| dilution_of(other).is_some_and(|of| is_tolerable(&of));
+fn undetermined(fit: &HandEyeFit<'_>) -> InpaintingError {
+    let would_suffice =
+        |other: &HandEyeFit<'_>| dilution_of(other).is_some_and(|of| is_tolerable(&of));
     InpaintingError::CameraPoseUndetermined {
         advice: if fit.settings().estimate_focal_length
-            && would_suffice(&fit.with_free_focal(false))
+            && would_suffice(&fit.with_focal_estimation(false))
         {
             "they do not separate the focal length from the height: spread them over heights and \
                  turn the hand further, or give the focal lengths"
-        } else if would_suffice(&fit.with_known_offset().with_free_focal(false)) {
+        } else if would_suffice(&fit.with_known_offset().with_focal_estimation(false)) {
             // the hand turns too little
             "the hand turns too little to separate the ball's offset from the camera's position: \
                  turn it about two axes, by 10 degrees and more, or measure the offset and give it"
@@ -403,7 +409,7 @@ fn unseen(
     sightings: &[BallSighting],
 ) -> InpaintingError {
     let is_unseen = |sighting: &&BallSighting| {
-        Fit::new(*start, settings, std::slice::from_ref(*sighting)).is_none()
+        HandEyeFit::new(*start, settings, std::slice::from_ref(*sighting)).is_none()
     };
     let pose = sightings.iter().find(is_unseen).map(|sighting| sighting.pose_number);
     InpaintingError::HandUnseenFromStart { pose: pose.unwrap_or_default() }

@@ -7,8 +7,8 @@ use glam::DVec3;
 use crate::camera::PinholeCamera;
 use crate::error::{InpaintingError, require_positive, require_that};
 
-/// Disc or ring that is drawn over the gripper. Its size in the picture is that at
-/// `reference_depth`, at any height of the gripper.
+/// Disc or ring that is drawn over the gripper in a camera's pictures. Its size in the picture is
+/// that at `reference_depth`, at any height of the gripper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GripperMark {
     /// Outer radius of the mark (metres); 0 draws nothing.

@@ -74,7 +74,7 @@ impl Disk for LocalDisk {
     }
 }
 
-/// Disk that changes nothing, for processes that repeat the work of the one that writes.
+/// Disk that changes nothing, for all processes of a run but the one that writes its files.
 #[derive(Clone, Copy, Debug)]
 pub struct NoDisk;
 
@@ -135,12 +135,12 @@ pub fn write_atomically(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<()
 /// has its own names, since two machines may hold one folder's lock if a file server does not share
 /// locks.
 fn partial_name(path: &Path) -> PathBuf {
-    static PROCESS: LazyLock<u64> = LazyLock::new(random_number);
+    static PROCESS: LazyLock<u64> = LazyLock::new(os_random_u64);
     path.with_added_extension(format!("{:016x}.{PARTIAL_EXTENSION}", *PROCESS))
 }
 
-/// Returns a random number from the system, independent of all seeds.
-pub fn random_number() -> u64 {
+/// Returns a random number from the operating system, independent of the seeds of runs.
+pub fn os_random_u64() -> u64 {
     RandomState::new().build_hasher().finish()
 }
 

@@ -13,6 +13,6 @@ pub use grouping::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Episodes, Grouping,
     GroupingDecision, GroupingUpdate, RecognisedPolicy,
 };
-pub use oracle::{Labels, SinglePolicyGrouping};
+pub use oracle::{SinglePolicyGrouping, TaskLabel};
 pub use settings::{GroupingSettings, RemovedSettings};
 pub use threshold::ThresholdGrouping;

@@ -12,8 +12,8 @@ mod tensor_file;
 
 pub use collection::read_checkpoint_note;
 pub use collection::{
-    CommonSettings, Handover, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Rollout,
-    StepView, Training,
+    CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Rollout,
+    RolloutHandover, StepView, Training,
 };
 pub use covers::{Covers, CoversSettings};
 pub use device::{DeviceChoice, LearningDevice};

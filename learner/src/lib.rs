@@ -18,12 +18,12 @@ pub use error::LearnerError;
 pub use evidence::Trial;
 pub use groupings::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Episodes,
-    EvidenceGrouping, Grouping, GroupingDecision, GroupingSettings, GroupingUpdate, Labels,
-    RecognisedPolicy, RemovedSettings, SinglePolicyGrouping, ThresholdGrouping,
+    EvidenceGrouping, Grouping, GroupingDecision, GroupingSettings, GroupingUpdate,
+    RecognisedPolicy, RemovedSettings, SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
 };
 pub use learners::{
-    CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, Handover,
-    IterationReport, IterationSeconds, Learner, LearnerSettings, LearningDevice, Metric, Metrics,
-    NewPolicyInit, OffPolicy, OffPolicySettings, PolicyCollection, PolicyCollectionSettings,
-    PolicyEvaluation, Rollout, StepView, Training, per_policy_column_names, read_checkpoint_note,
+    CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, IterationReport,
+    IterationSeconds, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicyInit,
+    OffPolicy, OffPolicySettings, PolicyCollection, PolicyCollectionSettings, PolicyEvaluation,
+    Rollout, RolloutHandover, StepView, Training, per_policy_column_names, read_checkpoint_note,
 };

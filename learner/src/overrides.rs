@@ -25,12 +25,12 @@ const LARGEST_FILE: u64 = 64 << 20;
 /// numbered from 0, and a leading `learner.` may be left out. The value is JSON; a word needs no
 /// quotes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Override {
+pub struct SettingOverride {
     path: String,
     value: Value,
 }
 
-impl FromStr for Override {
+impl FromStr for SettingOverride {
     type Err = LearnerError;
 
     fn from_str(text: &str) -> Result<Self, LearnerError> {
@@ -52,7 +52,7 @@ impl FromStr for Override {
 /// [`LearnerError::UnknownSetting`] for an unknown path, [`LearnerError::WrongSetting`] for
 /// a value of another type.
 pub fn apply<T: Serialize + DeserializeOwned>(
-    overrides: &[Override],
+    overrides: &[SettingOverride],
     settings: T,
 ) -> Result<T, LearnerError> {
     if overrides.is_empty() {

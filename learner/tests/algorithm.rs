@@ -2,8 +2,8 @@
 
 use cluster::Verdict;
 use learner::{
-    Covers, CoversSettings, GroupingSettings, Handover, IterationReport, Labels, Learner,
-    LearnerSettings, NewPolicyInit,
+    Covers, CoversSettings, GroupingSettings, IterationReport, Learner, LearnerSettings,
+    NewPolicyInit, RolloutHandover, TaskLabel,
 };
 use rl::VectorEnv;
 
@@ -143,7 +143,7 @@ fn a_rollout_that_changes_hands_is_collected_again_or_reused() {
         assert_eq!(each(&reports, |report| report.policy), groups);
         reports
     };
-    let (again, reused) = (run(Handover::CollectAgain), run(Handover::Reuse));
+    let (again, reused) = (run(RolloutHandover::CollectAgain), run(RolloutHandover::Reuse));
     // the second rollout creates a policy, after another one
     assert_eq!(each(&again, |report| report.decisions), [100, 300, 200, 200]);
     assert_eq!(each(&reused, |report| report.decisions), [100, 200, 100, 100]);
@@ -182,7 +182,7 @@ fn a_new_policy_is_random_or_a_copy_of_the_nearest() {
     let labelled = with(settings(), |s| {
         (s.grouping, s.new_policy) = (GroupingSettings::Oracle, NewPolicyInit::Copy);
     });
-    let (mut env, labels) = (Bars::new(), Labels::default());
+    let (mut env, labels) = (Bars::new(), TaskLabel::default());
     let mut learner = LearnerSettings::Covers(labelled).new_learner(env.spec(), &labels).unwrap();
     labels.set("a");
     learner.learn(&mut env).unwrap();

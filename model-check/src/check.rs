@@ -13,9 +13,9 @@ use crate::maps::SymmetryMaps;
 use crate::mirror::Plane;
 use crate::names::{are_mirror_names, is_left};
 use crate::pairs::{Corrections, Pairs};
-use crate::snapshot::{Kind, Snapshot};
+use crate::snapshot::{Kind, PosedModel};
 
-/// Settings of [`check`].
+/// Settings of the symmetry check of a model, [`check`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct CheckSettings {
     /// Smallest difference that is listed: a share of the value, an angle in radians, or ten times
@@ -34,7 +34,7 @@ impl Default for CheckSettings {
     }
 }
 
-/// Result of the check of a model.
+/// Result of the comparison of a model's left and right side.
 #[derive(Clone, Debug, Serialize)]
 pub struct ModelCheck {
     /// Plane and counterparts, in the form of a file of corrections.
@@ -60,7 +60,7 @@ pub fn check(model: &Model, settings: &CheckSettings) -> Result<ModelCheck, Chec
     if !(0.0..=1.0).contains(&tolerance) {
         return Err(CheckError::InvalidTolerance { tolerance });
     }
-    let snapshot = Snapshot::new(model);
+    let snapshot = PosedModel::new(model);
     let corrections = &settings.corrections;
     let forced = corrections.indices(&snapshot)?;
     let planes = match corrections.plane {
@@ -74,7 +74,7 @@ pub fn check(model: &Model, settings: &CheckSettings) -> Result<ModelCheck, Chec
         (plane, pairs, comparison)
     });
     let best = compared
-        .min_by_key(|(_, pairs, comparison)| comparison.differences.len() + pairs.unpaired());
+        .min_by_key(|(_, pairs, comparison)| comparison.differences.len() + pairs.unpaired_count());
     // there is always a proposal
     let Some((plane, pairs, mut comparison)) = best else {
         return Err(CheckError::InvalidPlane { plane: Plane::default() });
@@ -107,7 +107,7 @@ pub fn check(model: &Model, settings: &CheckSettings) -> Result<ModelCheck, Chec
 
 /// Returns candidate planes across y, across x and across the mean direction from right to left
 /// names, through the world's origin, the bodies on the world, and between named bodies.
-fn proposed_planes(snapshot: &Snapshot) -> Vec<Plane> {
+fn proposed_planes(snapshot: &PosedModel) -> Vec<Plane> {
     let bodies = 1..snapshot.count(Kind::Body);
     let names: Vec<_> = bodies.clone().map(|body| snapshot.name(Kind::Body, body)).collect();
     let named = |one: usize| {
@@ -146,7 +146,7 @@ fn proposed_planes(snapshot: &Snapshot) -> Vec<Plane> {
 }
 
 fn corrections_of(
-    snapshot: &Snapshot,
+    snapshot: &PosedModel,
     pairs: &Pairs,
     plane: &Plane,
     ignore: &[String],

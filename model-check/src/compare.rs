@@ -11,14 +11,14 @@ use serde::Serialize;
 
 use crate::mirror::{Mirror, Plane, principal, quat_values};
 use crate::pairs::Pairs;
-use crate::snapshot::{Kind, Snapshot};
+use crate::snapshot::{Kind, PosedModel};
 
 /// Length (metres) that counts as much as a relative difference of 1.
 const LENGTH_SCALE: f64 = 0.1;
 /// Values that count as zero where shares are compared.
 const ROUNDING: f64 = 1e-9;
 
-/// Measure of a difference between two rows of values.
+/// Measure of a difference between two rows of values, such as a share, a length or an angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Measure {
@@ -64,13 +64,14 @@ pub struct Difference {
 }
 
 impl Difference {
-    /// Returns the amount in units that make lengths, angles and shares comparable.
+    /// Returns the size of the difference in a unit in which lengths, angles and shares are
+    /// comparable.
     pub(crate) fn scaled_amount(&self) -> f64 {
         self.amount / if self.measure == Measure::Metres { LENGTH_SCALE } else { 1.0 }
     }
 }
 
-/// Comparison of a whole model.
+/// Differences between the sides of a whole model, and the maps between the sides.
 pub(crate) struct Comparison {
     pub differences: Vec<Difference>,
     /// For each body with a counterpart, the map from its frame to the counterpart's.
@@ -82,7 +83,7 @@ pub(crate) struct Comparison {
 }
 
 struct Comparer<'a> {
-    snapshot: &'a Snapshot<'a>,
+    snapshot: &'a PosedModel<'a>,
     pairs: &'a Pairs,
     tolerance: f64,
 }
@@ -95,7 +96,7 @@ struct Subject {
 }
 
 impl Comparison {
-    pub fn new(snapshot: &Snapshot, pairs: &Pairs, plane: &Plane, tolerance: f64) -> Self {
+    pub fn new(snapshot: &PosedModel, pairs: &Pairs, plane: &Plane, tolerance: f64) -> Self {
         let comparer = Comparer { snapshot, pairs, tolerance };
         let mut comparison = Self {
             differences: Vec::new(),
@@ -183,10 +184,11 @@ impl Comparison {
     }
 
     /// Adds the objects without counterparts whose bodies have one.
-    fn add_unpaired(&mut self, snapshot: &Snapshot, pairs: &Pairs) {
+    fn add_unpaired(&mut self, snapshot: &PosedModel, pairs: &Pairs) {
         for kind in Kind::ALL {
-            let unpaired = (0..snapshot.count(kind)).filter(|&at| pairs.of(kind, at).is_none());
-            for index in unpaired.filter(|&at| kind != Kind::Geom || snapshot.collides(at)) {
+            let unpaired_count =
+                (0..snapshot.count(kind)).filter(|&at| pairs.of(kind, at).is_none());
+            for index in unpaired_count.filter(|&at| kind != Kind::Geom || snapshot.collides(at)) {
                 let owner = match kind {
                     Kind::Body => Some(snapshot.parent(index)),
                     _ => snapshot.body(kind, index),

@@ -12,7 +12,7 @@ use symmetry::{FieldType, Group, Irrep, irrep_major_permutation};
 use crate::compare::Comparison;
 use crate::mirror::{Plane, quat, quat_values};
 use crate::pairs::Pairs;
-use crate::snapshot::{Kind, Snapshot};
+use crate::snapshot::{Kind, PosedModel};
 
 /// Distance of a rounded entry from the entry that is still taken for a permutation.
 const ROUNDING: f64 = 1e-3;
@@ -27,7 +27,7 @@ pub struct SignedPermutation {
     pub signs: Vec<i8>,
 }
 
-/// Maps of the vectors of a model to those of the mirrored motion.
+/// Maps of a model's states, sensor data and actions to those of the mirrored motion.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SymmetryMaps {
     /// Group of the identity and the flip: `D1x` if the plane's normal is closest to x, else `D1y`.
@@ -81,7 +81,7 @@ impl SignedPermutation {
         entries.map(|(&source, &sign)| f64::from(sign) * vector[source]).collect()
     }
 
-    /// Returns the map of two vectors that follow one another.
+    /// Returns the map of the concatenation of a vector of this map and one of `other`.
     pub fn followed_by(&self, other: &Self) -> Self {
         let sources = other.sources.iter().map(|source| source + self.sources.len());
         Self {
@@ -103,7 +103,8 @@ impl SignedPermutation {
         entries.map(irrep).collect()
     }
 
-    /// Returns the field type of vectors, under a group of two elements.
+    /// Returns the field type of the channels of [`SignedPermutation::to_irreps`], under a group of
+    /// two elements.
     ///
     /// # Panics
     /// If the group has not two elements.
@@ -150,13 +151,13 @@ impl SignedPermutation {
 }
 
 impl SymmetryMaps {
-    /// Builds the maps of a model.
+    /// Builds the maps of a model from the comparison of its sides.
     ///
     /// # Errors
     /// A text that names a joint, an actuator or a body without counterpart, or whose map is no
     /// signed permutation because its frame or the plane is askew.
     pub(crate) fn new(
-        snapshot: &Snapshot,
+        snapshot: &PosedModel,
         pairs: &Pairs,
         comparison: &Comparison,
         plane: &Plane,
@@ -205,7 +206,7 @@ impl SymmetryMaps {
     }
 }
 
-fn unmapped(snapshot: &Snapshot, kind: Kind, index: usize) -> String {
+fn unmapped(snapshot: &PosedModel, kind: Kind, index: usize) -> String {
     format!(
         "{kind} `{}` has no counterpart, or its map is no permutation with signs because its frame \
          or the plane is askew",
@@ -214,7 +215,7 @@ fn unmapped(snapshot: &Snapshot, kind: Kind, index: usize) -> String {
 }
 
 fn sensor_map(
-    snapshot: &Snapshot,
+    snapshot: &PosedModel,
     pairs: &Pairs,
     comparison: &Comparison,
 ) -> Option<SignedPermutation> {

@@ -53,7 +53,7 @@ impl Mirror {
         self.turn * direction
     }
 
-    /// Maps an axis of rotation, an angular velocity or a torque.
+    /// Returns the mirror image of an axis of rotation, an angular velocity or a torque.
     pub(crate) fn axial(&self, axis: DVec3) -> DVec3 {
         -(self.turn * axis)
     }
@@ -68,7 +68,7 @@ impl Mirror {
     }
 }
 
-/// Converts a quaternion (w, x, y, z).
+/// Converts MuJoCo's quaternion (w, x, y, z) to one of `glam`.
 pub(crate) fn quat(values: &[f64]) -> DQuat {
     DQuat::from_xyzw(values[1], values[2], values[3], values[0])
 }

@@ -10,7 +10,7 @@ pub(crate) fn are_mirror_names(one: &str, other: &str) -> bool {
         && differing.all(|pair| matches!(pair, ('l', 'r') | ('r', 'l')))
 }
 
-/// Returns `true` if the first of two mirror names is that of the left side.
+/// Returns `true` if the first of two names that differ by left and right is that of the left side.
 pub(crate) fn is_left(one: &str, other: &str) -> bool {
     let [one, other] = [one, other].map(sides_shortened);
     one.chars().zip(other.chars()).find(|(a, b)| a != b).is_some_and(|(a, _)| a == 'l')

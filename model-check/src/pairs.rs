@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::CheckError;
 use crate::mirror::Plane;
 use crate::names::are_mirror_names;
-use crate::snapshot::{Kind, Snapshot};
+use crate::snapshot::{Kind, PosedModel};
 
 /// Distance within which objects without names of sides are counterparts, as a share of the model's
 /// extent.
@@ -46,11 +46,11 @@ impl Corrections {
         })
     }
 
-    /// Returns the pairs of each kind as indices, in both directions.
+    /// Returns the corrected pairs of objects of each kind as indices, in both directions.
     ///
     /// # Errors
     /// [`CheckError::UnknownObject`].
-    pub(crate) fn indices(&self, snapshot: &Snapshot) -> Result<Forced, CheckError> {
+    pub(crate) fn indices(&self, snapshot: &PosedModel) -> Result<Forced, CheckError> {
         let mut forced = BTreeMap::new();
         for (&kind, pairs) in &self.pairs {
             let labels = (0..snapshot.count(kind)).map(|index| snapshot.label(kind, index));
@@ -72,7 +72,7 @@ impl Corrections {
     }
 }
 
-/// Counterparts of all objects.
+/// Counterparts of all objects of a model on its other side.
 pub(crate) struct Pairs {
     counterparts: [Vec<Option<usize>>; 8],
 }
@@ -80,7 +80,7 @@ pub(crate) struct Pairs {
 impl Pairs {
     /// Finds counterparts by the pairs `forced`, then by names, then by the distance of mirror
     /// images. Objects of bodies without counterparts have none either.
-    pub fn new(snapshot: &Snapshot, plane: &Plane, forced: &Forced) -> Self {
+    pub fn new(snapshot: &PosedModel, plane: &Plane, forced: &Forced) -> Self {
         let none = Kind::ALL.map(|kind| vec![None; snapshot.count(kind)]);
         let mut pairs = Self { counterparts: none };
         let finder = Finder { snapshot, plane, forced };
@@ -102,13 +102,14 @@ impl Pairs {
         pairs
     }
 
-    /// Returns the counterpart of an object, which is itself if it lies in the plane.
+    /// Returns the index of an object's counterpart, its own if it lies in the plane; `None` if it
+    /// has no counterpart.
     pub fn of(&self, kind: Kind, index: usize) -> Option<usize> {
         *self.counterparts[kind as usize].get(index)?
     }
 
     /// Returns the number of objects without counterparts, those that are only drawn included.
-    pub fn unpaired(&self) -> usize {
+    pub fn unpaired_count(&self) -> usize {
         self.counterparts.iter().flatten().filter(|other| other.is_none()).count()
     }
 
@@ -118,11 +119,11 @@ impl Pairs {
         counterparts[other] = Some(one);
     }
 
-    /// Returns the pairs of a kind, left first, each once.
+    /// Returns the indices of all pairs of counterparts of a kind, [left, right], each pair once.
     pub fn left_right_pairs(
         &self,
         kind: Kind,
-        snapshot: &Snapshot,
+        snapshot: &PosedModel,
         plane: &Plane,
     ) -> Vec<[usize; 2]> {
         let pairs = self.counterparts[kind as usize].iter().enumerate();
@@ -137,7 +138,7 @@ impl Pairs {
 }
 
 struct Finder<'a> {
-    snapshot: &'a Snapshot<'a>,
+    snapshot: &'a PosedModel<'a>,
     plane: &'a Plane,
     forced: &'a Forced,
 }

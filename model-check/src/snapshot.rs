@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::mirror::quat;
 
-/// Kind of object that is compared.
+/// Kind of a model's objects that the check compares.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[allow(missing_docs)]
@@ -57,7 +57,7 @@ impl fmt::Display for Kind {
 }
 
 /// Model with the poses of its bodies in the configuration `qpos0`.
-pub(crate) struct Snapshot<'a> {
+pub(crate) struct PosedModel<'a> {
     pub model: &'a Model,
     /// Position and orientation of each body in the world.
     frames: Vec<(DVec3, DQuat)>,
@@ -65,7 +65,7 @@ pub(crate) struct Snapshot<'a> {
     pub extent: f64,
 }
 
-impl<'a> Snapshot<'a> {
+impl<'a> PosedModel<'a> {
     pub fn new(model: &'a Model) -> Self {
         let mut snapshot =
             Self { model, frames: vec![(DVec3::ZERO, DQuat::IDENTITY)], extent: 0.0 };
@@ -131,7 +131,7 @@ impl<'a> Snapshot<'a> {
         self.model.object_name(kind.facts().1, index)
     }
 
-    /// Returns the name of an object, or its number and body.
+    /// Returns the name of an object in reports: without one in the model, its number and body.
     pub fn label(&self, kind: Kind, index: usize) -> String {
         match (self.name(kind, index), self.body(kind, index)) {
             (Some(name), _) => name.to_owned(),
@@ -160,7 +160,8 @@ impl<'a> Snapshot<'a> {
         Some(self.index(array, index))
     }
 
-    /// Returns the object that an actuator or a sensor acts on or observes.
+    /// Returns the object that an actuator acts on or a sensor observes; `None` for a target that
+    /// is not compared, such as a tendon.
     pub fn target(&self, kind: Kind, index: usize) -> Option<(Kind, usize)> {
         if kind == Kind::Sensor {
             let object = self.integer(IntegerArray::SensorObjtype, index).cast_unsigned();
@@ -215,7 +216,7 @@ impl<'a> Snapshot<'a> {
         matches!(self.joint_type(joint), raw::mjJNT_HINGE | raw::mjJNT_SLIDE)
     }
 
-    /// Returns `true` for geoms that can collide: the others are only drawn.
+    /// Returns `true` if a geom can collide with others, `false` if it is only drawn.
     pub fn collides(&self, geom: usize) -> bool {
         let mask = |array| self.integer(array, geom) != 0;
         let pairs = 0..self.model.as_raw().npair as usize;

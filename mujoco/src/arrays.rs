@@ -68,7 +68,7 @@ enum IntegerStart {
 }
 
 arrays! {
-    /// Array of numbers in `mjModel`, whose documentation describes it.
+    /// Array of numbers in `mjModel`; MuJoCo's documentation describes each of them.
     NumberArray, NumberStart, NUMBERS:
     ActuatorBiasprm = actuator_biasprm: [f64; nu, 10],
     ActuatorCtrlrange = actuator_ctrlrange: [f64; nu, 2],
@@ -110,7 +110,8 @@ arrays! {
 }
 
 arrays! {
-    /// Array of integers, indices or flags in `mjModel`, whose documentation describes it.
+    /// Array of integers, indices or flags in `mjModel`; MuJoCo's documentation describes each of
+    /// them.
     IntegerArray, IntegerStart, INTEGERS:
     ActuatorGaintype = actuator_gaintype: [i32; nu, 1],
     ActuatorTrnid = actuator_trnid: [i32; nu, 2],
@@ -137,7 +138,7 @@ arrays! {
     SiteBodyid = site_bodyid: [i32; nsite, 1],
 }
 
-/// Change of a row of an array of a model.
+/// New values for one row of an array of `mjModel`, for [`Model::edited`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct RowEdit {
     /// Array with the row.
@@ -149,7 +150,7 @@ pub struct RowEdit {
 }
 
 impl Model {
-    /// Returns the elements of an array, row after row.
+    /// Returns the elements of an array of the model, row after row.
     pub fn numbers(&self, array: NumberArray) -> &[f64] {
         let (NumberStart::f64(start), rows, width) = array.location(self.as_raw());
         // SAFETY: `mjxmacro.h`, which MuJoCo allocates by, gives the array these lengths, and
@@ -157,7 +158,7 @@ impl Model {
         unsafe { elements(start, rows * width) }
     }
 
-    /// Returns the element of an array with this index, row after row; flags are 0 or 1.
+    /// Returns element `index` of an array of the model, counted row after row; flags are 0 or 1.
     ///
     /// # Panics
     /// If the array has no such element.
@@ -182,8 +183,8 @@ impl Model {
         (!name.is_null()).then(|| unsafe { CStr::from_ptr(name) }.to_str().ok())?
     }
 
-    /// Returns a copy of the model with other values in some rows, and with the constants that
-    /// MuJoCo derives from them computed afresh. Ids are those of this model.
+    /// Returns a copy of the model with other values in some rows of its arrays, and with the
+    /// constants that MuJoCo derives from them computed afresh. Ids are those of this model.
     ///
     /// # Panics
     /// If a row does not exist, or has another length than the new values.

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::backend::Backend;
+use crate::backend::OpenGlBackend;
 use crate::ids::RendererId;
 
 /// Any error of this crate: of a model, a simulation or a renderer.
@@ -197,13 +197,13 @@ impl fmt::Display for Quantity {
     }
 }
 
-/// Returns [`SimError::WrongLength`] unless the length is `expected`.
+/// Returns [`SimError::WrongLength`] unless `got`, the length of a slice for `what`, is `expected`.
 pub(crate) fn check_length(what: Quantity, expected: usize, got: usize) -> Result<(), SimError> {
     let error = SimError::WrongLength { what, expected, got };
     (got == expected).then_some(()).ok_or(error)
 }
 
-/// Returns [`SimError::NotFinite`] for infinities and NaN.
+/// Returns [`SimError::NotFinite`] if one of the values of `what` is infinite or NaN.
 pub(crate) fn check_finite(what: Quantity, values: &[f64]) -> Result<(), SimError> {
     match values.iter().position(|value| !value.is_finite()) {
         None => Ok(()),
@@ -225,7 +225,7 @@ pub enum RenderError {
     )]
     NoContext {
         /// OpenGL backends that were tried, each with its error.
-        tried: Vec<(Backend, ContextError)>,
+        tried: Vec<(OpenGlBackend, ContextError)>,
     },
     /// Unknown backend in the environment variable `COVERS_GL`.
     #[error("COVERS_GL is `{got}`; it must be `egl` or `osmesa`, or unset")]
@@ -308,7 +308,7 @@ pub enum RenderError {
     )]
     MakeCurrentFailed {
         /// Backend of the renderer.
-        backend: Backend,
+        backend: OpenGlBackend,
         /// Error of the backend in making the context current.
         reason: ContextError,
     },
@@ -317,13 +317,13 @@ pub enum RenderError {
     #[error("the {backend} context that was current before cannot be made so again: {reason}")]
     RestoreContextFailed {
         /// Backend of the renderer.
-        backend: Backend,
+        backend: OpenGlBackend,
         /// Error of the backend in making the earlier context current again.
         reason: ContextError,
     },
 }
 
-/// Error of a [`Backend`] in making or using an OpenGL context.
+/// Error of a [`OpenGlBackend`] in making or using an OpenGL context.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ContextError {
@@ -380,6 +380,6 @@ pub enum ContextError {
     },
 }
 
-fn attempts(tried: &[(Backend, ContextError)]) -> String {
+fn attempts(tried: &[(OpenGlBackend, ContextError)]) -> String {
     tried.iter().map(|(backend, reason)| format!("\n  {backend}: {reason}")).collect()
 }

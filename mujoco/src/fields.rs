@@ -28,7 +28,7 @@ impl<S, T, const N: usize> ArrayField<S, T, N> {
         (self.count)(model) as usize
     }
 
-    /// Returns the rows of the array of `owner`.
+    /// Returns the rows of this array in `owner`, which belongs to `model`.
     ///
     /// # Safety
     /// MuJoCo must have made `owner` for `model`, and nobody may write to the array while the
@@ -42,7 +42,7 @@ impl<S, T, const N: usize> ArrayField<S, T, N> {
         }
     }
 
-    /// Returns the rows of the array of `owner` for writing.
+    /// Returns the rows of this array in `owner`, which belongs to `model`, for writing.
     ///
     /// # Safety
     /// MuJoCo must have made `owner` for `model`, and nobody may read or write the array while the
@@ -61,7 +61,7 @@ impl<S, T, const N: usize> ArrayField<S, T, N> {
 }
 
 impl<T, const N: usize> ArrayField<raw::mjModel, T, N> {
-    /// Returns the rows of an array of the model itself, for writing.
+    /// Returns the rows of this array in `model` itself, for writing.
     ///
     /// # Safety
     /// MuJoCo must have made `model`, and nobody may read or write the array while the result
@@ -100,7 +100,7 @@ macro_rules! fields {
     };
 }
 
-/// Arrays of `mjModel`.
+/// Arrays of `mjModel`, one [`ArrayField`] each.
 pub(crate) mod model {
     fields! { mjModel, "MJMODEL_POINTERS":
         ACTUATOR_CTRLLIMITED = actuator_ctrllimited: [u8; nu, 1],
@@ -144,7 +144,7 @@ pub(crate) mod model {
     }
 }
 
-/// Arrays of `mjData`.
+/// Arrays of `mjData`, one [`ArrayField`] each.
 pub(crate) mod data {
     fields! { mjData, "MJDATA_POINTERS":
         ACT = act: [f64; na, 1],

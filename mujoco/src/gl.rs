@@ -14,7 +14,7 @@ use std::ffi::{CStr, c_char, c_void};
 use std::mem;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
-use crate::backend::Backend;
+use crate::backend::OpenGlBackend;
 use crate::error::{ContextError, RenderError};
 use context::{Context, publish};
 use egl::{EglContext, Platform};
@@ -22,7 +22,7 @@ use osmesa::OsMesaContext;
 
 pub(crate) use context::PreviousContext;
 
-impl Backend {
+impl OpenGlBackend {
     /// Returns the backends that the environment variable `COVERS_GL` allows: `egl`, `osmesa`, or
     /// all if it is unset.
     ///
@@ -40,29 +40,29 @@ impl Backend {
     }
 }
 
-fn parse_choice(value: &str) -> Result<&'static [Backend], RenderError> {
+fn parse_choice(value: &str) -> Result<&'static [OpenGlBackend], RenderError> {
     match value {
-        "" => Ok(&Backend::ALL),
-        "egl" => Ok(&[Backend::EglSurfaceless, Backend::EglPbuffer]),
-        "osmesa" => Ok(&[Backend::OsMesa]),
+        "" => Ok(&OpenGlBackend::ALL),
+        "egl" => Ok(&[OpenGlBackend::EglSurfaceless, OpenGlBackend::EglPbuffer]),
+        "osmesa" => Ok(&[OpenGlBackend::OsMesa]),
         _ => Err(RenderError::UnknownBackend { got: value.into() }),
     }
 }
 
-/// OpenGL context, bound to one thread by `Renderer: !Send`.
+/// OpenGL context of a renderer; it stays on one thread, since `Renderer` is not `Send`.
 pub(crate) struct GlContext {
-    backend: Backend,
+    backend: OpenGlBackend,
     context: Box<dyn Context>,
 }
 
 impl GlContext {
     /// Creates an OpenGL context with the first backend that works, and makes it current.
-    pub(crate) fn new(backends: &[Backend]) -> Result<(Self, PreviousContext), RenderError> {
+    pub(crate) fn new(backends: &[OpenGlBackend]) -> Result<(Self, PreviousContext), RenderError> {
         Self::first_of(backends.iter().map(|&backend| (backend, backend.library())))
     }
 
     fn first_of(
-        candidates: impl Iterator<Item = (Backend, &'static str)>,
+        candidates: impl Iterator<Item = (OpenGlBackend, &'static str)>,
     ) -> Result<(Self, PreviousContext), RenderError> {
         let mut in_use = library_in_use();
         let mut tried = Vec::new();
@@ -79,7 +79,7 @@ impl GlContext {
     }
 
     fn open(
-        backend: Backend,
+        backend: OpenGlBackend,
         library: &str,
         in_use: Option<&str>,
     ) -> Result<(Self, PreviousContext), ContextError> {
@@ -88,9 +88,11 @@ impl GlContext {
             return Err(ContextError::LibraryInUse { in_use: loaded });
         }
         let context: Box<dyn Context> = match backend {
-            Backend::EglSurfaceless => Box::new(EglContext::new(library, Platform::Surfaceless)?),
-            Backend::EglPbuffer => Box::new(EglContext::new(library, Platform::Device)?),
-            Backend::OsMesa => Box::new(OsMesaContext::new(library)?),
+            OpenGlBackend::EglSurfaceless => {
+                Box::new(EglContext::new(library, Platform::Surfaceless)?)
+            }
+            OpenGlBackend::EglPbuffer => Box::new(EglContext::new(library, Platform::Device)?),
+            OpenGlBackend::OsMesa => Box::new(OsMesaContext::new(library)?),
         };
         let previous = context.make_current()?;
         let opened = Self { backend, context };
@@ -107,7 +109,7 @@ impl GlContext {
     }
 
     /// Returns the backend that provides the OpenGL context.
-    pub(crate) fn backend(&self) -> Backend {
+    pub(crate) fn backend(&self) -> OpenGlBackend {
         self.backend
     }
 
@@ -182,7 +184,7 @@ mod tests {
 
     #[test]
     fn no_backend_lists_attempts_and_packages() {
-        let candidates = Backend::ALL.map(|backend| (backend, "libNoSuchLibrary.so.1"));
+        let candidates = OpenGlBackend::ALL.map(|backend| (backend, "libNoSuchLibrary.so.1"));
         let Err(error) = GlContext::first_of(candidates.into_iter()) else {
             panic!("a library that does not exist gave a context");
         };
@@ -197,15 +199,16 @@ mod tests {
 
     #[test]
     fn choice_is_parsed() {
-        assert_eq!(parse_choice(""), Ok(Backend::ALL.as_slice()));
-        assert_eq!(parse_choice("osmesa"), Ok([Backend::OsMesa].as_slice()));
+        assert_eq!(parse_choice(""), Ok(OpenGlBackend::ALL.as_slice()));
+        assert_eq!(parse_choice("osmesa"), Ok([OpenGlBackend::OsMesa].as_slice()));
         assert_eq!(parse_choice("egl").unwrap().len(), 2);
         assert_eq!(parse_choice("glx"), Err(RenderError::UnknownBackend { got: "glx".into() }));
     }
 
     #[test]
     fn a_second_library_is_refused() {
-        let Err(reason) = GlContext::open(Backend::OsMesa, "libOSMesa.so.8", Some("libEGL.so.1"))
+        let Err(reason) =
+            GlContext::open(OpenGlBackend::OsMesa, "libOSMesa.so.8", Some("libEGL.so.1"))
         else {
             panic!("two OpenGL libraries in one process");
         };

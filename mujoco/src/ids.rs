@@ -54,7 +54,7 @@ pub trait ObjectKind: sealed::Sealed {
 }
 
 /// Kind of MuJoCo object with names of its own: all but mocap bodies, which have those of bodies.
-pub trait NamedKind: ObjectKind + sealed::Lookup {}
+pub trait NamedObjectKind: ObjectKind + sealed::Lookup {}
 
 mod sealed {
     use crate::raw;
@@ -103,7 +103,7 @@ macro_rules! named_kind {
                 model.$count
             }
         }
-        impl NamedKind for $kind {}
+        impl NamedObjectKind for $kind {}
     };
 }
 

@@ -65,7 +65,7 @@ mod state;
 mod vfs;
 
 pub use arrays::{IntegerArray, NumberArray, RowEdit};
-pub use backend::Backend;
+pub use backend::OpenGlBackend;
 pub use data::{Contact, Data};
 pub use error::{ContextError, ModelError, MujocoError, Quantity, RenderError, SimError};
 pub use gl::opengl_description;

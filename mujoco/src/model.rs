@@ -13,7 +13,7 @@ use crate::fields::model::{
 };
 use crate::ids::{
     Actuator, ActuatorId, Body, BodyId, Camera, Geom, GeomId, Id, Joint, JointId, Lookup, MocapId,
-    NamedKind, Site,
+    NamedObjectKind, Site,
 };
 use crate::load::{check_file_references, load};
 use crate::raw;
@@ -89,19 +89,19 @@ impl Model {
         Ok(Self { raw, warning, family: Arc::new(()) })
     }
 
-    /// Returns the model that owns `raw`, a copy of this one with other values.
+    /// Wraps `raw`, a copy of this model with other values, as a model of its own.
     pub(crate) fn relative(&self, raw: NonNull<raw::mjModel>) -> Self {
         Self { raw, warning: self.warning.clone(), family: Arc::new(()) }
     }
 
-    /// Returns the model that owns `raw`, a copy of this one with mirrored poses.
+    /// Wraps `raw`, a copy of this model with mirrored poses, as a model for the same renderers.
     pub(crate) fn reflection(&self, raw: NonNull<raw::mjModel>) -> Self {
         let mut model = self.relative(raw);
         model.family = Arc::clone(&self.family);
         model
     }
 
-    /// Returns `true` if both are the same model, or reflections of one another.
+    /// Returns `true` if both are one model, or copies of one with mirrored poses.
     pub(crate) fn is_of_family(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.family, &other.family)
     }
@@ -170,7 +170,7 @@ impl Model {
     }
 
     /// Returns the name of an object; `None` if the XML gives none.
-    pub fn name<K: NamedKind>(&self, id: Id<K>) -> Option<&str> {
+    pub fn name<K: NamedObjectKind>(&self, id: Id<K>) -> Option<&str> {
         let index = i32::try_from(id.index()).ok()?;
         // SAFETY: live model; MuJoCo returns NULL for an index out of range or an unnamed object.
         let name = unsafe { raw::mj_id2name(self.as_raw(), K::OBJECT.cast_signed(), index) };
@@ -292,7 +292,7 @@ impl Model {
         unsafe { self.raw.as_ref() }
     }
 
-    fn find<K: NamedKind>(&self, name: &str) -> Result<Id<K>, ModelError> {
+    fn find<K: NamedObjectKind>(&self, name: &str) -> Result<Id<K>, ModelError> {
         self.index_of::<K>(name).map(Id::new).ok_or_else(|| ModelError::UnknownName {
             kind: K::MJCF_NAME,
             name: name.into(),
@@ -300,7 +300,7 @@ impl Model {
         })
     }
 
-    fn index_of<K: NamedKind>(&self, name: &str) -> Option<usize> {
+    fn index_of<K: NamedObjectKind>(&self, name: &str) -> Option<usize> {
         // the empty name would match the first object that has none
         let c_name = CString::new(name).ok().filter(|name| !name.is_empty())?;
         // SAFETY: live model and NUL-terminated name; MuJoCo returns -1 where it finds nothing.
@@ -309,12 +309,12 @@ impl Model {
         usize::try_from(index).ok()
     }
 
-    fn names<K: NamedKind>(&self) -> impl Iterator<Item = &str> {
+    fn names<K: NamedObjectKind>(&self) -> impl Iterator<Item = &str> {
         let count = <K as Lookup>::count(self.as_raw()) as usize;
         (0..count).filter_map(|index| self.name(Id::<K>::new(index)))
     }
 
-    fn unnamed_of<K: NamedKind>(&self) -> Vec<String> {
+    fn unnamed_of<K: NamedObjectKind>(&self) -> Vec<String> {
         (0..<K as Lookup>::count(self.as_raw()) as usize)
             .filter(|&index| self.name(Id::<K>::new(index)).is_none())
             .map(|index| format!("{} {index}", K::MJCF_NAME))
@@ -377,7 +377,7 @@ pub enum JointType {
 }
 
 impl JointType {
-    /// Converts MuJoCo's `mjtJoint`, which has no fifth value.
+    /// Converts a value of MuJoCo's `mjtJoint`, which has four.
     pub(crate) fn from_raw(value: i32) -> Self {
         match value.cast_unsigned() {
             raw::mjJNT_FREE => Self::Free,

@@ -35,9 +35,9 @@ impl Model {
         Ok(self.reflection(copy))
     }
 
-    /// Returns a copy of the model in which everything but the world's cameras and lights stands
-    /// elsewhere, by `offset` (metres). Ids are those of this model, but a
-    /// [`Renderer`](crate::Renderer) of one does not draw the other.
+    /// Returns a copy of the model in which everything but the world's cameras and lights is moved
+    /// by `offset` (metres). Ids are those of this model, but a [`Renderer`](crate::Renderer) of
+    /// one does not draw the other.
     ///
     /// # Errors
     /// [`ModelError::FixedPoses`] for a model with keyframes, or with a weld or connect constraint
@@ -98,7 +98,7 @@ impl Model {
         Ok(())
     }
 
-    /// Returns a copy of the raw model, which the caller owns.
+    /// Returns a copy of the model's `mjModel`, which the caller owns.
     pub(crate) fn copied(&self) -> NonNull<raw::mjModel> {
         // SAFETY: a live model; MuJoCo allocates a copy where it is given none.
         let copy = unsafe { raw::mj_copyModel(ptr::null_mut(), self.as_raw()) };

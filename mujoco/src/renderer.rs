@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::backend::Backend;
+use crate::backend::OpenGlBackend;
 use crate::data::Data;
 use crate::error::RenderError;
 use crate::gl::{GlContext, PreviousContext};
@@ -93,7 +93,7 @@ impl Renderer {
         height: usize,
         options: RenderOptions,
     ) -> Result<Self, RenderError> {
-        Self::with_backends(model, width, height, options, Backend::allowed_by_env()?)
+        Self::with_backends(model, width, height, options, OpenGlBackend::allowed_by_env()?)
     }
 
     /// Creates a renderer with the first of the OpenGL backends `backends` that works.
@@ -105,7 +105,7 @@ impl Renderer {
         width: usize,
         height: usize,
         options: RenderOptions,
-        backends: &[Backend],
+        backends: &[OpenGlBackend],
     ) -> Result<Self, RenderError> {
         let sides = 1..=MAX_SIDE;
         if !sides.contains(&width) || !sides.contains(&height) {
@@ -143,7 +143,7 @@ impl Renderer {
     }
 
     /// Returns the backend of the renderer's OpenGL context.
-    pub fn backend(&self) -> Backend {
+    pub fn backend(&self) -> OpenGlBackend {
         self.gl.backend()
     }
 
@@ -292,7 +292,7 @@ impl Drop for Renderer {
     }
 }
 
-fn restore(backend: Backend, previous: PreviousContext) -> Result<(), RenderError> {
+fn restore(backend: OpenGlBackend, previous: PreviousContext) -> Result<(), RenderError> {
     previous.restore().map_err(|reason| RenderError::RestoreContextFailed { backend, reason })
 }
 
@@ -312,7 +312,7 @@ mod tests {
     fn renderer() -> (Data, Renderer) {
         let xml = r#"<mujoco><worldbody><camera name="top" pos="0 0 2"/></worldbody></mujoco>"#;
         let model = Arc::new(Model::from_xml(xml).unwrap());
-        let backends = [Backend::EglSurfaceless];
+        let backends = [OpenGlBackend::EglSurfaceless];
         let options = RenderOptions::default();
         let renderer = Renderer::with_backends(Arc::clone(&model), 12, 8, options, &backends);
         (Data::new(model), renderer.unwrap())

@@ -6,7 +6,7 @@ use std::ptr;
 use crate::error::ModelError;
 use crate::raw;
 
-/// Path of a folder that does not exist, which stands for that of all model files in memory. MuJoCo
+/// Path of a folder that does not exist, under which MuJoCo gets all model files in memory. MuJoCo
 /// strips it from names that it looks for in memory, and no such file can exist on the disk,
 /// because `/dev/null` is not a folder.
 pub(crate) const NONEXISTENT_FOLDER: &str = "/dev/null/";

@@ -7,9 +7,11 @@ use std::mem;
 use std::sync::Arc;
 
 use khronos_egl as egl;
-use mujoco::{Backdrop, Backend, CameraId, Data, Model, RenderError, RenderOptions, Renderer};
+use mujoco::{
+    Backdrop, CameraId, Data, Model, OpenGlBackend, RenderError, RenderOptions, Renderer,
+};
 
-const BACKENDS: [Backend; 1] = [Backend::EglSurfaceless];
+const BACKENDS: [OpenGlBackend; 1] = [OpenGlBackend::EglSurfaceless];
 const SCENE: &str = r#"<worldbody>
     <camera name="top" pos="0 0 2"/>
     <geom type="box" size=".6 .3 .1" rgba="0 1 0 1"/>

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use khronos_egl as egl;
 use mujoco::{
-    Backdrop, Backend, CameraView, Data, Mirror, Model, RenderError, RenderOptions, Renderer,
+    Backdrop, CameraView, Data, Mirror, Model, OpenGlBackend, RenderError, RenderOptions, Renderer,
 };
 
 const SCENE: &str = r#"<mujoco>
@@ -75,7 +75,7 @@ impl Program {
 }
 
 fn renderer(model: &Arc<Model>) -> Renderer {
-    let backends = [Backend::EglSurfaceless];
+    let backends = [OpenGlBackend::EglSurfaceless];
     Renderer::with_backends(Arc::clone(model), 12, 8, RenderOptions::default(), &backends).unwrap()
 }
 

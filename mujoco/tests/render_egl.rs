@@ -7,13 +7,13 @@ mod support;
 use std::sync::Arc;
 use std::thread;
 
-use mujoco::{Backdrop, Backend, Data, Model, RenderError, RenderOptions, Renderer};
+use mujoco::{Backdrop, Data, Model, OpenGlBackend, RenderError, RenderOptions, Renderer};
 
 /// Size of the images, in pixels. They are not square, or width and height could be exchanged.
 const WIDTH: usize = 12;
 const HEIGHT: usize = 8;
 
-const SURFACELESS: [Backend; 1] = [Backend::EglSurfaceless];
+const SURFACELESS: [OpenGlBackend; 1] = [OpenGlBackend::EglSurfaceless];
 
 const SCENE: &str = r#"<mujoco>
   <visual><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual>
@@ -31,7 +31,7 @@ fn rows_and_columns_are_where_they_belong_and_mirrored_scenes_give_mirror_images
 
 #[test]
 fn a_pixel_buffer_does_as_well() {
-    support::check_orientation(&[Backend::EglPbuffer]);
+    support::check_orientation(&[OpenGlBackend::EglPbuffer]);
 }
 
 #[test]

@@ -9,9 +9,9 @@ use std::ptr;
 use std::sync::Arc;
 
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW, Symbol};
-use mujoco::{Backend, ContextError, Data, Model, RenderError, RenderOptions, Renderer};
+use mujoco::{ContextError, Data, Model, OpenGlBackend, RenderError, RenderOptions, Renderer};
 
-const OSMESA: [Backend; 1] = [Backend::OsMesa];
+const OSMESA: [OpenGlBackend; 1] = [OpenGlBackend::OsMesa];
 
 #[test]
 fn rows_and_columns_are_where_they_belong_and_mirrored_scenes_give_mirror_images() {
@@ -21,12 +21,12 @@ fn rows_and_columns_are_where_they_belong_and_mirrored_scenes_give_mirror_images
 #[test]
 fn egl_is_refused_once_osmesa_draws() {
     let model = Arc::new(Model::from_xml("<mujoco><worldbody/></mujoco>").unwrap());
-    let new = |backends: &[Backend]| {
+    let new = |backends: &[OpenGlBackend]| {
         Renderer::with_backends(model.clone(), 8, 8, RenderOptions::default(), backends)
     };
     let first = new(&OSMESA).unwrap();
-    assert_eq!(first.backend(), Backend::OsMesa);
-    let Err(RenderError::NoContext { tried }) = new(&[Backend::EglSurfaceless]) else {
+    assert_eq!(first.backend(), OpenGlBackend::OsMesa);
+    let Err(RenderError::NoContext { tried }) = new(&[OpenGlBackend::EglSurfaceless]) else {
         panic!("two OpenGL libraries in one process");
     };
     let in_use = "libOSMesa.so.8".into();

@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 
 use envs::{
     Camera, Embodiment, EnvCommand, EnvError, EnvFailure, EnvSnapshot, Layout, ObservationsMut,
-    Randomisation, StepMut, View,
+    DomainRandomisation, StepMut, View,
 };
 use envs::{VecEnv, VecEnvSettings};
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2};
@@ -298,7 +298,7 @@ fn find_camera(fields: &str) -> PyResult<Camera> {
 }
 
 /// Returns the randomisation of a JSON object, with defaults for fields that it lacks.
-fn find_randomisation(fields: Option<&str>) -> PyResult<Option<Randomisation>> {
+fn find_randomisation(fields: Option<&str>) -> PyResult<Option<DomainRandomisation>> {
     let refused = |error| value_error(format!("setting `randomisation`: {error}"));
     fields.map(|fields| serde_json::from_str(fields).map_err(refused)).transpose()
 }

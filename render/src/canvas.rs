@@ -5,7 +5,7 @@ use super::font::for_each_pixel;
 /// Level (0 to 255) of all channels of a film's background.
 const WHITE: u8 = 255;
 
-/// RGB picture; what lies outside of it is not drawn.
+/// RGB picture to draw on; parts of shapes beyond its edges are not drawn.
 #[derive(Clone)]
 pub(super) struct Canvas {
     pub width: usize,
@@ -20,7 +20,7 @@ impl Canvas {
         Self { width, height, rgb: vec![WHITE; width * height * 3] }
     }
 
-    /// Mixes a colour into a pixel; a `share` of 1 replaces the pixel.
+    /// Blends a colour into a pixel; a `share` of 1 replaces the pixel's colour.
     pub fn dot(&mut self, [x, y]: [usize; 2], rgb: [u8; 3], share: f32) {
         if x < self.width && y < self.height {
             let pixel = &mut self.rgb[(y * self.width + x) * 3..][..3];
@@ -30,7 +30,7 @@ impl Canvas {
         }
     }
 
-    /// Mixes a colour into a rectangle.
+    /// Blends a colour into all pixels of a rectangle.
     pub fn shade(
         &mut self,
         [left, top]: [usize; 2],
@@ -43,12 +43,12 @@ impl Canvas {
         }
     }
 
-    /// Fills a rectangle.
+    /// Fills a rectangle with one colour.
     pub fn fill(&mut self, corner: [usize; 2], size: [usize; 2], rgb: [u8; 3]) {
         self.shade(corner, size, rgb, 1.0);
     }
 
-    /// Writes a line of text from its top left corner.
+    /// Draws a line of text whose top left corner is at `[left, top]`.
     pub fn write(&mut self, text: &str, [left, top]: [usize; 2], rgb: [u8; 3]) {
         for_each_pixel(text, |[x, y], cover| self.dot([left + x, top + y], rgb, cover));
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use experiments::RunError;
 use learner::LearnerError;
 
-/// Error while policies are filmed.
+/// Error of filming a run's policies.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RenderError {

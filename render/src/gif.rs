@@ -56,13 +56,13 @@ fn difference(before: &[u8], now: &[u8], width: usize) -> Frame<'static> {
     }
 }
 
-/// Delay between pictures (hundredths of a second), which makes 12.5 pictures per second. A
-/// decision lasts 0.125 s, so a film runs at about one and a half times the simulated speed.
+/// Delay between pictures of a film (hundredths of a second), which makes 12.5 pictures per second.
+/// A decision lasts 0.125 s, so a film runs at about one and a half times the simulated speed.
 pub(super) const DELAY_CENTISECONDS: u16 = 8;
-/// Delays for which the last picture stays before a film repeats.
+/// Time for which a film's last picture stays before the film repeats, in delays between pictures.
 pub(super) const HOLD_DELAYS: u16 = 12;
 
-/// Sequence of pictures of one size, one for each decision.
+/// Film: a sequence of pictures of one size, one for each decision of the policy.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Film {
     /// Width of the film's pictures (pixels).

@@ -9,7 +9,7 @@ use experiments::new_file::{NewFile, lowercase_extension};
 use super::gif::{self, Film};
 use super::mp4::Ffmpeg;
 
-/// File that does not exist yet, with the extension of a supported format.
+/// Output file of a film: it must not exist yet, and has the extension of a supported format.
 pub(super) struct OutputFile {
     file: NewFile,
     /// Encoder of an mp4; `None` for a GIF.

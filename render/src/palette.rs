@@ -5,7 +5,7 @@ use std::collections::HashMap;
 /// Colour of a pixel: levels of red, green and blue.
 type Rgb = [u8; 3];
 
-/// Palette of at most 255 colours, with the index of the colour that stands for each of a film's.
+/// Palette of at most 255 colours, with the index of the one that replaces each colour of a film.
 ///
 /// The colours are split as in P. Heckbert's median cut ("Color image quantization for frame buffer
 /// display", SIGGRAPH 1982, section 4.2), but the set with the largest sum of squared distances
@@ -20,7 +20,7 @@ impl Palette {
     /// Maximum number of colours of the palette; the index after them marks unchanged pixels.
     pub const MAX_COLOURS: usize = 255;
 
-    /// Chooses the palette of `pictures`, each `[.., 3]`.
+    /// Chooses the palette of a film from its pictures, each RGB bytes `[.., 3]`.
     pub fn from_pictures<'a>(pictures: impl IntoIterator<Item = &'a [u8]>) -> Self {
         let mut counts: HashMap<Rgb, u32> = HashMap::new();
         for picture in pictures {
@@ -48,7 +48,7 @@ impl Palette {
         palette
     }
 
-    /// Returns the levels of red, green and blue of every colour.
+    /// Returns the red, green and blue levels of the palette's colours, one colour after the other.
     pub fn rgb_bytes(&self) -> Vec<u8> {
         self.colours.concat()
     }

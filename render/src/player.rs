@@ -5,10 +5,10 @@ use rl::VectorEnv;
 use symmetry::D2;
 
 use experiments::cli::{ProgressBar, progress_bar};
-use experiments::colours::line_rgb;
+use experiments::colours::curve_rgb;
 use experiments::evaluation::Evaluator;
 use experiments::{Experiment, RunError, RunFolder, Stream, thread_pool};
-use learner::{Labels, Learner};
+use learner::{Learner, TaskLabel};
 
 use super::gif::encode_gif;
 use super::grid::{GridCell, GridRow, compose_grid};
@@ -17,7 +17,7 @@ use super::recorder::{EpisodeRecorder, View};
 /// Length, in decisions, of a film of [`film_groups`]: three seconds of simulated time.
 const DECISIONS: usize = 24;
 
-/// Choice of episodes and views to film.
+/// Settings of films of policies: groups, views, length and seed.
 pub(super) struct FilmSettings<'a> {
     pub groups: &'a [TaskGroup],
     pub views: &'a [View],
@@ -53,13 +53,13 @@ impl PolicyPlayer {
     /// As [`RunFolder::read_experiment`] and [`RunFolder::load_learner`].
     pub fn load(folder: &RunFolder, threads: usize) -> Result<Self, RunError> {
         let experiment = folder.read_experiment()?.with_threads(threads);
-        let (spec, labels) = (Stream::env_spec(&experiment.envs), Labels::default());
+        let (spec, labels) = (Stream::env_spec(&experiment.envs), TaskLabel::default());
         let learner = folder.load_learner(&experiment.learner, &spec, &labels)?;
         let evaluator = Evaluator::of_run(&experiment, &TaskRegistry::all(), labels)?;
         Ok(Self { experiment, learner, evaluator })
     }
 
-    /// Films one episode of each variant of the groups, each a step of `bar`.
+    /// Films one episode of each variant of the groups; each advances the progress bar by a step.
     ///
     /// # Errors
     /// Errors of the environments and the learner.
@@ -73,7 +73,7 @@ impl PolicyPlayer {
         films.inspect(|_| bar.inc(1)).collect()
     }
 
-    /// Films one episode of a variant.
+    /// Films one episode of a task variant, played by the policy that the learner chooses.
     ///
     /// # Errors
     /// Errors of the environments and the learner.
@@ -107,7 +107,7 @@ impl PolicyPlayer {
     fn colour(&self, group: TaskGroup) -> [u8; 3] {
         let schedule = &self.experiment.schedule;
         let number = schedule.group_index(group.name());
-        line_rgb(number.unwrap_or(schedule.groups.len()))
+        curve_rgb(number.unwrap_or(schedule.groups.len()))
     }
 
     /// Returns the rows of a grid: the variants of a group side by side, one row for each view, and

@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
 use experiments::sheet::{Picture, mark_goal};
-use experiments::{RunError, Stream, scale_vectors};
+use experiments::{RunError, Stream, scale_observation_vectors};
 
 use super::grid::GridCell;
 
@@ -99,7 +99,7 @@ impl EpisodeRecorder {
         })
     }
 
-    /// Returns the film of each view, up to a number of decisions of the episode.
+    /// Returns one film for each view, of at most `decisions` decisions of the episode.
     pub fn film_cells(&self, views: &[View], decisions: Option<usize>) -> Vec<GridCell> {
         let cell = |&view| {
             let ([width, height], frames) = self.filmed(view);
@@ -149,7 +149,7 @@ impl EpisodeRecorder {
         }
         self.renderer.compose_observation(&self.table, &picture, &self.first, &mut out.images);
         out.vectors.copy_from_slice(&self.table.observe()?);
-        scale_vectors(&mut out.vectors);
+        scale_observation_vectors(&mut out.vectors);
         if let Some(corner) = &mut self.corner {
             self.perspective.push(corner.render(&mut self.table)?);
         }

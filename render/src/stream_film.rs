@@ -8,7 +8,7 @@ use envs::{TaskGroup, TaskRegistry, TaskVariant};
 use symmetry::D2;
 
 use experiments::cli::ProgressBar;
-use experiments::colours::line_rgb;
+use experiments::colours::curve_rgb;
 use experiments::evaluation::mean;
 use experiments::{RolloutRow, RunData, RunError};
 
@@ -195,7 +195,7 @@ fn draw_curves(canvas: &mut Canvas, run: &RunData, newest: usize) {
 }
 
 fn colour(run: &RunData, group: &str) -> [u8; 3] {
-    run.experiment.schedule.group_index(group).map_or(INK, line_rgb)
+    run.experiment.schedule.group_index(group).map_or(INK, curve_rgb)
 }
 
 #[cfg(test)]
@@ -234,7 +234,7 @@ mod tests {
             let pixels = canvas.rgb.chunks_exact(3);
             pixels.filter(|pixel| **pixel == colour).count()
         };
-        let (first, second) = (line_rgb(0), line_rgb(1));
+        let (first, second) = (curve_rgb(0), curve_rgb(1));
         let resting =
             first.map(|level| (255.0 * (1.0 - RESTING) + f32::from(level) * RESTING).round() as u8);
         let (lit, rest) = (count(0, 0, first), count(0, 0, resting));

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::thread;
 
-/// Returns the first program of this name in `folders`, a list in the format of `PATH`.
+/// Returns the path of the first program `name` in `folders`, a list in the format of `PATH`.
 pub fn find_program(folders: &OsStr, name: &str) -> Option<PathBuf> {
     let mut programs = std::env::split_paths(folders).map(|folder| folder.join(name));
     programs.find(|program| program.is_file())

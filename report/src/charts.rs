@@ -1,6 +1,6 @@
 //! Charts of estimates with 95 % intervals, and performance profiles, as rliable draws them.
 
-use experiments::colours::{Stroke, line_colour, line_stroke};
+use experiments::colours::{LineStyle, curve_colour, curve_style};
 use experiments::evaluation::mean;
 
 use super::format::bracketed_interval;
@@ -17,7 +17,7 @@ const DOT: f64 = 5.0;
 /// Number of steps between the thresholds of a performance profile.
 const PROFILE_STEPS: u32 = 50;
 
-/// Estimate in `[0, 1]` with its name and 95 % interval.
+/// Estimate of a statistic, such as a method's mean success, in `[0, 1]`, with its 95 % interval.
 pub struct Estimate<'a> {
     /// Name of what is estimated, such as a method.
     pub name: &'a str,
@@ -27,39 +27,40 @@ pub struct Estimate<'a> {
     pub interval: Option<BootstrapInterval>,
 }
 
-/// Draws one row for each estimate: a dot, its interval as a line, and the figures. `chance` is a
-/// value to compare with, drawn as a vertical line.
+/// Draws estimates as an SVG chart with one row for each: a dot, its interval as a line, and both
+/// as numbers. `chance` is a value to compare with, drawn as a vertical line.
 pub fn interval_svg(
     title: &str,
     axis: &'static str,
     estimates: &[Estimate<'_>],
     chance: Option<f64>,
 ) -> String {
-    let mut drawing = SvgPlot::new_half_width(1.0, axis).with_sides(SIDES);
+    let mut drawing = SvgPlot::new_half_width(1.0, axis).with_side_margins(SIDES);
     let last = estimates.len().saturating_sub(1) as f64;
     let bounds = [-0.6, last + 0.6];
     drawing.begin_panel("", ROW * (last + 1.2), bounds, &[]);
     if let Some(chance) = chance {
         let line = bounds.map(|y| (chance, y));
-        drawing.add_line(&line, &Stroke { colour: TEXT_COLOUR, dashes: "3 3".to_owned() });
+        drawing.add_line(&line, &LineStyle { colour: TEXT_COLOUR, dashes: "3 3".to_owned() });
     }
     for (number, Estimate { name, value, interval }) in estimates.iter().enumerate() {
-        let (y, colour) = (last - number as f64, line_colour(number));
+        let (y, colour) = (last - number as f64, curve_colour(number));
         let figure = format!("{value:.3}{}", bracketed_interval(*interval, 2));
         if let Some(BootstrapInterval { low, high }) = interval {
-            drawing.add_wide_line(&[(*low, y), (*high, y)], &Stroke::solid(colour));
+            drawing.add_wide_line(&[(*low, y), (*high, y)], &LineStyle::solid(colour));
         }
         drawing.add_dot((*value, y), DOT, colour, &format!("{name}: {figure}"));
-        drawing.add_row_name(y, name);
-        drawing.add_row_figure(y, &figure);
+        drawing.add_row_label(y, name);
+        drawing.add_row_value(y, &figure);
     }
     drawing.into_svg(title)
 }
 
-/// Draws the success of all methods; of a single method that in each group and in all.
+/// Draws the success of each method as an SVG chart; for a single method, its success in each group
+/// and over all groups.
 pub fn success_svg(methods: &[MethodRuns], groups: &[String]) -> String {
     let [method] = methods else {
-        return methods_svg("Success of all methods", "success", methods, groups, mean);
+        return statistic_by_method_svg("Success of all methods", "success", methods, groups, mean);
     };
     let alone = groups.iter().map(|group| (group.as_str(), std::slice::from_ref(group)));
     let rows = alone.chain([("all groups", groups)]);
@@ -68,8 +69,9 @@ pub fn success_svg(methods: &[MethodRuns], groups: &[String]) -> String {
     interval_svg(&title, "success", &rows.collect::<Vec<_>>(), None)
 }
 
-/// Draws a statistic of the success of each method.
-pub fn methods_svg(
+/// Draws a statistic of each method's success, such as the mean, as an SVG chart with 95 %
+/// intervals.
+pub fn statistic_by_method_svg(
     title: &str,
     axis: &'static str,
     methods: &[MethodRuns],
@@ -91,13 +93,13 @@ fn estimate<'a>(
     Estimate { name, value: scores.pooled(statistic), interval }
 }
 
-/// Draws performance profiles: for each threshold the share of runs and groups whose success is
-/// above it, with a band of pointwise 95 % intervals (Agarwal et al., NeurIPS 2021).
+/// Draws performance profiles as SVG: for each threshold the share of runs and groups whose success
+/// is above it, with a band of pointwise 95 % intervals (Agarwal et al., NeurIPS 2021).
 pub fn profile_svg(methods: &[MethodRuns], scores: &[Scores]) -> String {
     let mut drawing = SvgPlot::new_half_width(1.0, "success of a run in a group is above")
-        .with_sides([64.0, 120.0]);
+        .with_side_margins([64.0, 120.0]);
     for (number, method) in methods.iter().enumerate() {
-        drawing.add_legend_entry(&method.name, &line_stroke(number));
+        drawing.add_legend_entry(&method.name, &curve_style(number));
     }
     drawing.begin_panel("share of runs and groups", 190.0, [-0.03, 1.03], &[0.0, 0.5, 1.0]);
     let thresholds = (0..=PROFILE_STEPS).map(|step| f64::from(step) / f64::from(PROFILE_STEPS));
@@ -112,11 +114,11 @@ pub fn profile_svg(methods: &[MethodRuns], scores: &[Scores]) -> String {
             line(&mut profile.iter().filter_map(|point| point.1.as_ref().map(bound)))
         };
         let [low, high] = [bounds(|interval| interval.low), bounds(|interval| interval.high)];
-        drawing.add_band(&low, &high, line_colour(number));
+        drawing.add_band(&low, &high, curve_colour(number));
     }
     for (number, profile) in profiles.iter().enumerate() {
         let shares = line(&mut profile.iter().map(|point| point.0));
-        drawing.add_line(&shares, &line_stroke(number));
+        drawing.add_line(&shares, &curve_style(number));
     }
     drawing.into_svg("Performance profiles")
 }

@@ -40,7 +40,8 @@ pub struct ReportOptions {
 }
 
 impl ReportOptions {
-    /// Writes what was asked for and prints the tables to `out`.
+    /// Prints the report's tables to `out`, and writes its files if a folder is given; or writes
+    /// TensorBoard events instead.
     ///
     /// # Errors
     /// Runs that cannot be read or compared, files that cannot be written, or an `out` that cannot

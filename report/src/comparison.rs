@@ -19,8 +19,8 @@ pub enum HypothesisOutcome {
 
 /// Comparison of the scores of two methods on the same task groups.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Comparison {
-    /// Mean score of the first method less that of the second.
+pub struct MethodComparison {
+    /// Mean score of the first method minus that of the second.
     pub mean_difference: f64,
     /// 95 % confidence interval of `mean_difference`; `None` for fewer than two seeds.
     pub difference_interval: Option<BootstrapInterval>,
@@ -29,8 +29,9 @@ pub struct Comparison {
     pub probability_of_improvement: (f64, Option<BootstrapInterval>),
 }
 
-impl Comparison {
-    /// Compares scores of two methods on the same groups.
+impl MethodComparison {
+    /// Compares two methods' scores on the same task groups; a positive difference means that `one`
+    /// scores higher than `other`.
     pub fn new(one: &Scores, other: &Scores) -> Self {
         Self {
             mean_difference: one.pooled(mean) - other.pooled(mean),
@@ -39,7 +40,8 @@ impl Comparison {
         }
     }
 
-    /// Returns the outcome of the hypothesis that the interval of the difference implies.
+    /// Returns the outcome of the hypothesis "the first method scores above the second": confirmed
+    /// if the interval of the difference lies above zero, refuted if below.
     pub fn outcome(&self) -> HypothesisOutcome {
         match self.difference_interval {
             None => HypothesisOutcome::TooFewSeeds,
@@ -51,7 +53,7 @@ impl Comparison {
 }
 
 impl HypothesisOutcome {
-    /// Returns the text that stands for the outcome in a table.
+    /// Returns the hypothesis outcome in words, for a table cell.
     pub fn label(self) -> &'static str {
         match self {
             Self::Confirmed => "above",
@@ -71,7 +73,7 @@ mod tests {
         let high = Scores(vec![vec![0.9, 1.0, 0.95], vec![0.8, 0.9, 0.85]]);
         let low = Scores(vec![vec![0.2, 0.1, 0.3], vec![0.4, 0.3, 0.35]]);
         let one = Scores(vec![vec![0.9], vec![0.8]]);
-        let verdict = |ours: &Scores, other: &Scores| Comparison::new(ours, other).outcome();
+        let verdict = |ours: &Scores, other: &Scores| MethodComparison::new(ours, other).outcome();
         assert_eq!(verdict(&high, &low), HypothesisOutcome::Confirmed);
         assert_eq!(verdict(&low, &high), HypothesisOutcome::Refuted);
         assert_eq!(verdict(&high, &high), HypothesisOutcome::Undecided);

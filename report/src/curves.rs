@@ -1,6 +1,6 @@
 //! Curves of runs over the stream, with the current group as background colour.
 
-use experiments::colours::{Stroke, line_stroke};
+use experiments::colours::{LineStyle, curve_style};
 
 use super::matching::own_policy_of_group;
 use super::method::MethodRuns;
@@ -19,19 +19,19 @@ const TALL_PANEL: f64 = 170.0;
 /// Height of a panel that shows the course alone (pixels).
 const LOW_PANEL: f64 = 90.0;
 
-/// Returns the label of an x axis that counts training decisions of a run, `what` they are and how
-/// many control steps each lasts.
-pub fn decisions_label(what: &str, run: &RunData) -> String {
+/// Returns the label of an x axis that counts training decisions of a run: `what`, and the number
+/// of control steps that each decision lasts.
+pub fn decisions_axis_label(what: &str, run: &RunData) -> String {
     format!("{what} ({} control steps each)", run.experiment.envs.control.action_repeat)
 }
 
 /// Draws one run as SVG: success and reward, rollouts as lines and evaluations as dots, the
 /// assigned policies, and the distances that the assignment rests on.
 pub fn run_svg(run: &RunData) -> String {
-    let mut drawing = SvgPlot::new(end(run), &decisions_label("decisions", run));
+    let mut drawing = SvgPlot::new(end(run), &decisions_axis_label("decisions", run));
     let groups = run.scored_groups();
     for (number, group) in groups.iter().enumerate() {
-        drawing.add_legend_entry(group, &line_stroke(number));
+        drawing.add_legend_entry(group, &curve_style(number));
     }
     // 3 % of room on either side keeps dots at 0 and 1 inside the frame
     drawing.begin_panel("success", TALL_PANEL, [-0.03, 1.03], &SUCCESS_TICKS);
@@ -48,7 +48,7 @@ pub fn run_svg(run: &RunData) -> String {
     visits(&mut drawing, run);
     for (row, [from, to]) in run.rollouts.iter().zip(spans(run)) {
         let policy = row.policy as f64;
-        drawing.add_line(&[(from, policy), (to, policy)], &Stroke::solid(TEXT_COLOUR));
+        drawing.add_line(&[(from, policy), (to, policy)], &LineStyle::solid(TEXT_COLOUR));
     }
     distances(&mut drawing, run);
     drawing.into_svg(&format!("Success, reward and policy of {}", run.name))
@@ -78,7 +78,7 @@ fn distances(drawing: &mut SvgPlot, run: &RunData) {
         }
     }
     let end = end(run);
-    drawing.add_line(&[(0.0, 1.0), (end, 1.0)], &Stroke::solid(TEXT_COLOUR));
+    drawing.add_line(&[(0.0, 1.0), (end, 1.0)], &LineStyle::solid(TEXT_COLOUR));
 }
 
 /// Returns the colour of each policy: that of the task group that it belongs to, if there is one.
@@ -94,9 +94,9 @@ fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
 }
 
 /// Draws one SVG for each seed, with a panel for each method that ran with it: success in each
-/// group as dots, and the mean over all groups, met or not yet met, as a line. The line of a method
-/// that forgets falls.
-pub fn seed_svgs(methods: &[MethodRuns]) -> Vec<(u64, String)> {
+/// group as dots, and the mean over all groups, visited or not yet visited, as a line. The line of
+/// a method that forgets falls.
+pub fn success_by_seed_svgs(methods: &[MethodRuns]) -> Vec<(u64, String)> {
     let runs = methods.iter().flat_map(|method| &method.runs);
     let mut seeds: Vec<u64> = runs.map(seed_of).collect();
     seeds.sort_unstable();
@@ -115,25 +115,27 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
         .filter_map(|method| Some((method.name.as_str(), &method.runs[run_of(method)?])))
         .collect();
     let longest = runs.iter().map(|(_, run)| end(run)).fold(0.0, f64::max);
-    let axis = runs.first().map_or_else(String::new, |(_, run)| decisions_label("decisions", run));
+    let axis =
+        runs.first().map_or_else(String::new, |(_, run)| decisions_axis_label("decisions", run));
     let mut drawing = SvgPlot::new(longest, &axis);
     let groups = runs.first().map_or_else(Vec::new, |(_, run)| run.scored_groups());
     for (number, group) in groups.iter().enumerate() {
-        drawing.add_legend_entry(group, &line_stroke(number));
+        drawing.add_legend_entry(group, &curve_style(number));
     }
     for (name, run) in runs {
         // more room than above, since this panel is lower and its dots are as large
         drawing.begin_panel(name, LOW_PANEL, [-0.05, 1.05], &SUCCESS_TICKS);
         visits(&mut drawing, run);
-        drawing.add_line(&success_over_stream(run), &Stroke::solid(TEXT_COLOUR));
+        drawing.add_line(&success_over_stream(run), &LineStyle::solid(TEXT_COLOUR));
         evaluations(&mut drawing, run, |row| row.success);
     }
     drawing.into_svg(&format!("Success of all methods, seed {seed}"))
 }
 
-/// Returns decisions and mean success over all task variants, for each evaluation of a run.
+/// Returns a point (training decisions, mean success over all task variants) for each evaluation of
+/// a run.
 pub fn success_over_stream(run: &RunData) -> Vec<(f64, f64)> {
-    run.evaluation_rollouts()
+    run.rollouts_before_evaluations()
         .map(|rollouts| {
             let rows: Vec<&ScoreRow> = run.scores_after(Some(rollouts)).collect();
             let successes: Vec<f64> = rows.iter().map(|row| row.success).collect();
@@ -153,7 +155,8 @@ fn spans(run: &RunData) -> impl Iterator<Item = [f64; 2]> {
     begins.zip(ends).map(|(from, to)| [from, to])
 }
 
-/// Returns the visits of a run to task groups: the group, the decisions from and to, the rollouts.
+/// Returns the visits of a run to task groups, each as its group, the decisions at its beginning
+/// and end, and its rollouts.
 fn visits_of(run: &RunData) -> Vec<(&str, [f64; 2], Vec<&RolloutRow>)> {
     let mut visits: Vec<(&str, [f64; 2], Vec<&RolloutRow>)> = Vec::new();
     for (row, [from, to]) in run.rollouts.iter().zip(spans(run)) {
@@ -182,7 +185,7 @@ fn rollouts(drawing: &mut SvgPlot, run: &RunData, value: fn(&RolloutRow) -> Opti
 }
 
 fn evaluations(drawing: &mut SvgPlot, run: &RunData, value: fn(&ScoreRow) -> f64) {
-    for rollouts in run.evaluation_rollouts() {
+    for rollouts in run.rollouts_before_evaluations() {
         for group in run.scored_groups() {
             let Some((decisions, y)) = run.mean_group_score_after(rollouts, group, value) else {
                 continue;
@@ -195,7 +198,7 @@ fn evaluations(drawing: &mut SvgPlot, run: &RunData, value: fn(&ScoreRow) -> f64
 }
 
 /// Returns the line style of a task group, which is equal in all drawings of a run.
-fn stroke_of(run: &RunData, group: &str) -> Stroke {
+fn stroke_of(run: &RunData, group: &str) -> LineStyle {
     let number = run.scored_groups().iter().position(|own| *own == group);
-    number.map_or(Stroke::solid(TEXT_COLOUR), line_stroke)
+    number.map_or(LineStyle::solid(TEXT_COLOUR), curve_style)
 }

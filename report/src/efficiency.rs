@@ -1,7 +1,7 @@
 //! Sample efficiency of methods: areas under learning curves, and decisions until a group is
 //! solved.
 
-use super::comparison::Comparison;
+use super::comparison::MethodComparison;
 use super::format::{bracketed_interval, empty_cell, method_cell};
 use super::method::MethodRuns;
 use super::statistics::{Scores, median, quantile};
@@ -51,13 +51,13 @@ impl SampleEfficiency {
     }
 }
 
-/// Returns the decisions spent in the group and the success in it, for each evaluation.
+/// Returns a point (decisions spent in the group, success in it) for each evaluation of a run.
 pub(super) fn success_curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
     let point = |rollouts| {
         let (_, success) = run.mean_group_score_after(rollouts, group, |row| row.success)?;
         Some((spent(run, group, rollouts) as f64, success))
     };
-    run.evaluation_rollouts().filter_map(point).collect()
+    run.rollouts_before_evaluations().filter_map(point).collect()
 }
 
 /// Returns the decisions spent in a group: those of the first `rollouts` rollouts that began in it.
@@ -68,9 +68,9 @@ fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
     own.map(|(row, start)| row.decisions - start).sum()
 }
 
-/// Returns the table of sample efficiency: for each group the methods, the largest area under the
-/// learning curve first; `None` if no run was scored during training.
-pub fn efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+/// Returns the table of sample efficiency, with the methods in each group ranked by the area under
+/// their learning curve, the largest first; `None` if no run was scored during training.
+pub fn sample_efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let caption = format!(
         "How fast methods learn: the area under mean-action success over the decisions spent in a \
          group, decisions until it is at least 0.9 in an evaluation, and until it is so in all that \
@@ -101,7 +101,7 @@ pub fn efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Tab
         for (number, method) in methods.iter().enumerate() {
             let [area, decisions, lasting] = scores(method, group);
             if area.min_seed_count() > 0 {
-                let compared = (number > 0).then(|| Comparison::new(&area, &first[0]));
+                let compared = (number > 0).then(|| MethodComparison::new(&area, &first[0]));
                 let mut row = vec![group.clone(), method_cell(&mut table, method)];
                 row.extend(area_cells(&area, compared, &first[0]));
                 row.extend(reached(&decisions));
@@ -133,14 +133,15 @@ fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
 /// method's, forward transfer, and the outcome of the comparison; dashes for the first method
 /// itself. Forward transfer is (A - B) / (1 - B) for mean areas A and B, where B is the first
 /// method's (Wolczyk et al., "Continual World", NeurIPS 2021, section 3.2).
-fn area_cells(area: &Scores, compared: Option<Comparison>, first: &Scores) -> [String; 4] {
+fn area_cells(area: &Scores, compared: Option<MethodComparison>, first: &Scores) -> [String; 4] {
     let (own, interval) = (area.pooled(mean), area.bootstrap_interval(mean));
     let room = 1.0 - first.pooled(mean);
-    let difference = |comparison: &Comparison| {
+    let difference = |comparison: &MethodComparison| {
         let bounds = bracketed_interval(comparison.difference_interval, 3);
         format!("{:+.3}{bounds}", comparison.mean_difference)
     };
-    let transfer = |comparison: &Comparison| format!("{:+.2}", comparison.mean_difference / room);
+    let transfer =
+        |comparison: &MethodComparison| format!("{:+.2}", comparison.mean_difference / room);
     [
         format!("{own:.3}{}", bracketed_interval(interval, 3)),
         compared.as_ref().map_or_else(empty_cell, difference),
@@ -150,7 +151,7 @@ fn area_cells(area: &Scores, compared: Option<Comparison>, first: &Scores) -> [S
 }
 
 /// Returns the cells of decisions to solve a group: median, 90th percentile, number of seeds that
-/// did.
+/// solved it.
 fn reached(decisions: &Scores) -> [String; 3] {
     // quantiles, not means: a seed that never gets there counts as infinite
     let all = decisions.0.concat();
@@ -228,7 +229,7 @@ mod tests {
             ..run(&["a", "a"], &[(0, 0.0), (1, success), (2, 1.0)])
         });
         let methods = MethodRuns::group_by_method(runs.to_vec()).unwrap();
-        let table = efficiency_table(&methods, &["a".to_owned()]).unwrap();
+        let table = sample_efficiency_table(&methods, &["a".to_owned()]).unwrap();
         let column = |index: usize| -> Vec<&str> {
             table.rows.iter().map(|row| row[index].as_str()).collect()
         };

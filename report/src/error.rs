@@ -22,7 +22,7 @@ pub enum ReportError {
         /// Differences of that run from the runs before it.
         differences: String,
     },
-    /// Runs of one name, whose TensorBoard events would go to one folder.
+    /// Two runs of the same name, whose TensorBoard events would go to one folder.
     #[error(
         "{} and {} have one name, and their events would go to one folder: give one of the runs \
          another name, or call the command for each with a folder of its own",

@@ -7,15 +7,15 @@ use super::table::Table;
 use experiments::RunData;
 use experiments::evaluation::mean;
 
-/// Returns the name of a method, with a footnote if its settings are not those of the preset of
-/// this name, and one for each run that is not finished.
+/// Returns a table cell with a method's name, with a footnote if its settings are not those of the
+/// preset of this name, and one for each run that is not finished.
 pub(super) fn method_cell(table: &mut Table, method: &MethodRuns) -> String {
     let unfinished = method.runs.iter().filter_map(unfinished_remark);
     let remarks = method.preset_match.warning.clone().into_iter().chain(unfinished);
     with_footnotes(table, &method.name, remarks)
 }
 
-/// Returns a name with the marks of footnotes.
+/// Adds footnotes to a table, and returns `name` followed by their marks.
 pub(super) fn with_footnotes(
     table: &mut Table,
     name: &str,
@@ -25,7 +25,7 @@ pub(super) fn with_footnotes(
     std::iter::once(name.to_owned()).chain(marks).collect::<Vec<_>>().join(" ")
 }
 
-/// Returns the progress of a run that is not finished; `None` for a finished one.
+/// Returns a footnote with the progress of an unfinished run; `None` for a finished one.
 pub(super) fn unfinished_remark(run: &RunData) -> Option<String> {
     let decisions = run.rollouts.last().map_or(0, |row| row.decisions);
     let all = run.experiment.schedule.total_decisions();
@@ -38,7 +38,8 @@ pub(super) fn unfinished_remark(run: &RunData) -> Option<String> {
     })
 }
 
-/// Returns the mean over the seeds that have a metric; a footnote with the reason if none has it.
+/// Returns a table cell with the mean over the seeds that have a metric; a dash and a footnote with
+/// the reason if none has it.
 pub(super) fn mean_cell(table: &mut Table, metrics: &[Result<f64, UndefinedReason>]) -> String {
     let known: Vec<f64> = metrics.iter().filter_map(|metric| metric.ok()).collect();
     match (known.is_empty(), metrics.first()) {
@@ -55,7 +56,7 @@ pub(super) fn bracketed_interval(interval: Option<BootstrapInterval>, digits: us
     })
 }
 
-/// Returns the mark of a cell without a number.
+/// Returns the dash that stands for a missing number in a table cell.
 pub(super) fn empty_cell() -> String {
     "-".to_owned()
 }

@@ -1,9 +1,9 @@
 //! Learning curves of methods, in one group or over the stream: mean over seeds, and a band from
 //! the lowest seed to the highest.
 
-use experiments::colours::{Stroke, line_stroke};
+use experiments::colours::{LineStyle, curve_style};
 
-use super::curves::{decisions_label, success_over_stream};
+use super::curves::{decisions_axis_label, success_over_stream};
 use super::efficiency::success_curve;
 use super::method::MethodRuns;
 use super::svg::{DOT_RADIUS, SvgPlot};
@@ -29,10 +29,10 @@ struct CurvePoint {
     high: f64,
 }
 
-/// Draws the mean-action success of every method over the decisions spent in a group as SVG; `None`
-/// if no method has scores at two numbers of decisions. The first of several evaluations with
-/// equally many decisions counts.
-pub fn group_curves_svg(methods: &[MethodRuns], group: &str) -> Option<String> {
+/// Draws learning curves in a task group as SVG: each method's success with mean actions over the
+/// decisions spent in the group; `None` if no method has scores at two numbers of decisions. The
+/// first of several evaluations with equally many decisions counts.
+pub fn group_learning_curves_svg(methods: &[MethodRuns], group: &str) -> Option<String> {
     let curve = |run: &RunData| {
         let mut curve = success_curve(run, group);
         // evaluations while other groups run add no decisions in this one
@@ -42,9 +42,9 @@ pub fn group_curves_svg(methods: &[MethodRuns], group: &str) -> Option<String> {
     curves_svg(methods, group, "decisions spent in the group", curve)
 }
 
-/// Draws the mean-action success of every method, averaged over all groups, over the decisions of
-/// the stream as SVG; `None` if no method was scored twice.
-pub fn stream_curves_svg(methods: &[MethodRuns]) -> Option<String> {
+/// Draws learning curves over the stream as SVG: each method's success with mean actions, averaged
+/// over all groups; `None` if no method was scored twice.
+pub fn stream_learning_curves_svg(methods: &[MethodRuns]) -> Option<String> {
     curves_svg(methods, "all groups", "decisions", success_over_stream)
 }
 
@@ -61,7 +61,7 @@ fn curves_svg(
     let lines = methods.iter().enumerate().map(|(number, method)| Line {
         method,
         is_first: number == 0,
-        stroke: line_stroke(number),
+        stroke: curve_style(number),
         points: mean_curve(&method.runs.iter().map(&curve).collect::<Vec<_>>()),
     });
     let lines: Vec<Line<'_>> = lines.collect();
@@ -70,8 +70,8 @@ fn curves_svg(
     }
     let last_points = lines.iter().filter_map(|line| line.points.last());
     let end = last_points.map(|point| point.spent).fold(0.0, f64::max);
-    let axis = decisions_label(axis, &methods[0].runs[0]);
-    let mut drawing = SvgPlot::new_half_width(end, &axis).with_sides(SIDES);
+    let axis = decisions_axis_label(axis, &methods[0].runs[0]);
+    let mut drawing = SvgPlot::new_half_width(end, &axis).with_side_margins(SIDES);
     for line in &lines {
         drawing.add_legend_entry(&line.method.name, &line.stroke);
     }
@@ -88,7 +88,7 @@ fn curves_svg(
         let last = line.points.last()?;
         Some((line.method.name.as_str(), (last.spent, last.mean), &line.stroke))
     });
-    drawing.add_names_at_ends(&ends.collect::<Vec<_>>());
+    drawing.add_curve_labels(&ends.collect::<Vec<_>>());
     Some(drawing.into_svg(&format!("Success in {name}")))
 }
 
@@ -96,7 +96,7 @@ fn curves_svg(
 struct Line<'a> {
     method: &'a MethodRuns,
     is_first: bool,
-    stroke: Stroke,
+    stroke: LineStyle,
     points: Vec<CurvePoint>,
 }
 
@@ -187,7 +187,7 @@ mod tests {
 
     fn drawing(methods: usize) -> String {
         let methods = MethodRuns::group_by_method((0..methods).map(scored).collect()).unwrap();
-        group_curves_svg(&methods, "goal-reach").unwrap()
+        group_learning_curves_svg(&methods, "goal-reach").unwrap()
     }
 
     /// Returns colour and dashes of each element of a class.
@@ -221,7 +221,7 @@ mod tests {
         let first = drawn.iter().position(is("polyline")).unwrap();
         let line = drawn[first];
         assert_eq!(attribute(line, "class"), Some("line wide"));
-        assert_eq!(attribute(line, "stroke"), Some(line_stroke(0).colour));
+        assert_eq!(attribute(line, "stroke"), Some(curve_style(0).colour));
         let wide = |tag: &&&str| attribute(tag, "class") == Some("line wide");
         assert_eq!(drawn.iter().filter(wide).count(), 1);
         assert!(drawn.iter().rposition(is("polygon")).unwrap() < first);

@@ -1,17 +1,17 @@
 //! Matching of policies to groups by the rollouts that they served.
 
-use experiments::{RolloutRow, acting_policy};
+use experiments::{RolloutRow, surviving_policy};
 
-/// Returns the policy that acts for `policy` after the last of these rollouts: the one that it was
-/// merged into, or `policy` itself.
+/// Returns the policy that `policy` was merged into by the end of `rollouts`, or `policy` itself if
+/// it was not merged.
 pub fn policy_after_merges(rollouts: &[RolloutRow], policy: usize) -> usize {
     let last = rollouts.last();
-    last.map_or(policy, |row| acting_policy(&row.merged_into, policy))
+    last.map_or(policy, |row| surviving_policy(&row.merged_into, policy))
 }
 
 /// Returns the policy that belongs to a group: the one that served the group in most of its
-/// rollouts, the first of equals. `None` if it served another group in more rollouts, or
-/// if no policy served the group.
+/// rollouts, on a tie the first; `None` if it served another group in more rollouts, or if no
+/// policy served the group.
 ///
 /// Merged policies count as one. Rollouts within which the group changed are left out.
 pub fn own_policy_of_group(rollouts: &[RolloutRow], group: &str) -> Option<usize> {

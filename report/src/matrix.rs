@@ -4,9 +4,9 @@ use super::matching::policy_after_merges;
 use super::svg::escape_xml;
 use experiments::RunData;
 
-/// Confusion matrix with counts `[groups][policies]` and a caption.
+/// Confusion matrix of task groups against policies: counts `[groups][policies]` and a caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct PolicyCountMatrix {
+pub struct PolicyConfusionMatrix {
     /// Sentence that says what the matrix counts.
     pub caption: String,
     /// Names of the matrix's columns: the policies.
@@ -15,7 +15,7 @@ pub struct PolicyCountMatrix {
     pub rows: Vec<(String, Vec<usize>)>,
 }
 
-impl PolicyCountMatrix {
+impl PolicyConfusionMatrix {
     /// Counts the rollouts of each group that each policy was trained on. Rollouts within which the
     /// group changed are left out.
     pub fn of_assignments(run: &RunData) -> Self {
@@ -26,9 +26,9 @@ impl PolicyCountMatrix {
         matrix
     }
 
-    /// Counts the policies that were recognised after the stream from the first frames of
-    /// `episodes` episodes of each group. The last column counts answers without a policy. `None`
-    /// if the run has no such answers.
+    /// Counts the answers of the recognition test after the stream: the policies that the learner
+    /// named when shown the first frames of `episodes` episodes of each group. The last column
+    /// counts answers without a policy. `None` if the run has no such answers.
     pub fn of_recognitions(run: &RunData, episodes: usize) -> Option<Self> {
         let caption =
             format!("The policy that was named when so many episodes were shown: {episodes}.");
@@ -55,7 +55,8 @@ impl PolicyCountMatrix {
         }
     }
 
-    /// Adds to one count. Groups that are not scored and policies that took no rollout have none.
+    /// Adds `times` to the count of a group in a column. Groups that are not scored and policies
+    /// that took no rollout have none.
     fn count(&mut self, group: &str, column: usize, times: usize) {
         let row = self.rows.iter_mut().find(|row| row.0 == group);
         if let Some(cell) = row.and_then(|row| row.1.get_mut(column)) {
@@ -63,7 +64,8 @@ impl PolicyCountMatrix {
         }
     }
 
-    /// Returns an HTML table whose cells are shaded by their share of the row.
+    /// Returns the confusion matrix as an HTML table whose cells are shaded by their share of the
+    /// row.
     pub fn html(&self) -> String {
         let names =
             self.columns.iter().map(|name| format!("<th scope=\"col\">{}</th>", escape_xml(name)));
@@ -105,7 +107,7 @@ mod tests {
 
     #[test]
     fn rollouts_of_one_group_are_counted() {
-        let matrix = PolicyCountMatrix::of_assignments(&run());
+        let matrix = PolicyConfusionMatrix::of_assignments(&run());
         assert_eq!(matrix.columns, ["policy 0", "policy 1"]);
         let rows = [("a".to_owned(), vec![2, 1]), ("b".to_owned(), vec![0, 1])];
         assert_eq!(matrix.rows, rows);
@@ -115,9 +117,9 @@ mod tests {
 
     #[test]
     fn answers_are_counted_where_somebody_asked() {
-        let matrix = PolicyCountMatrix::of_recognitions(&run(), 4).unwrap();
+        let matrix = PolicyConfusionMatrix::of_recognitions(&run(), 4).unwrap();
         let counts: Vec<&[usize]> = matrix.rows.iter().map(|row| &row.1[..]).collect();
         assert_eq!(counts, [[3, 0, 0], [0, 2, 4]]);
-        assert_eq!(PolicyCountMatrix::of_recognitions(&run(), 1), None);
+        assert_eq!(PolicyConfusionMatrix::of_recognitions(&run(), 1), None);
     }
 }

@@ -75,7 +75,8 @@ impl MethodRuns {
         Ok(())
     }
 
-    /// Returns a metric `[groups][seeds]` of these groups.
+    /// Returns the values `[groups][seeds]` of a metric in these task groups for all runs of the
+    /// method.
     pub fn scores(&self, groups: &[String], metric: fn(&GroupMetrics) -> f64) -> Scores {
         let of_group = |group: &String| -> Vec<f64> {
             let metrics = self.metrics.iter().flat_map(|metrics| &metrics.groups);

@@ -196,7 +196,7 @@ fn dormant(run: &RunData) -> Result<f64, UndefinedReason> {
 
 /// Returns the number of rollouts until a task group's last visit was over.
 fn end_of_last_visit(run: &RunData, group: &str) -> Result<usize, UndefinedReason> {
-    match visits::visit_ends(&run.rollouts, group).last() {
+    match visits::visit_end_rollouts(&run.rollouts, group).last() {
         None => Err(NOT_MET),
         Some(&end) if end == run.rollouts.len() => Err(ENDS),
         Some(&end) => Ok(end),

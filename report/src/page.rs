@@ -2,16 +2,16 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use experiments::colours::line_colour;
-use experiments::evaluation::{EPISODES_SHOWN, mean};
+use experiments::colours::curve_colour;
+use experiments::evaluation::{RECOGNITION_EPISODES, mean};
 use experiments::{GroupFilm, Provenance, RunData, TimingRow};
 use itertools::Itertools;
 use time::OffsetDateTime;
 
-use super::charts::{Estimate, interval_svg, methods_svg, profile_svg, success_svg};
-use super::comparison::Comparison;
+use super::charts::{Estimate, interval_svg, profile_svg, statistic_by_method_svg, success_svg};
+use super::comparison::MethodComparison;
 use super::format::{bracketed_interval, unfinished_remark};
-use super::matrix::PolicyCountMatrix;
+use super::matrix::PolicyConfusionMatrix;
 use super::method::MethodRuns;
 use super::metrics::{RunMetrics, UndefinedReason};
 use super::statistics::{Scores, interquartile_mean};
@@ -97,7 +97,7 @@ fn overview(methods: &[MethodRuns], groups: &[String]) -> String {
     ];
     let figures = figures
         .map(|(figure, meaning)| format!("<div><dt>{meaning}</dt><dd>{figure}</dd></div>\n"));
-    let curves = learning_curves::stream_curves_svg(methods)
+    let curves = learning_curves::stream_learning_curves_svg(methods)
         .map_or_else(String::new, |svg| chart_html(&svg));
     let film = methods.iter().flat_map(|method| &method.runs).find_map(|run| run.films.first());
     format!(
@@ -121,15 +121,20 @@ fn comparison(methods: &[MethodRuns], groups: &[String]) -> String {
     let of = |method: &MethodRuns| method.scores(groups, |group| group.success);
     let scores: Vec<Scores> = methods.iter().map(of).collect();
     let better = others.iter().zip(&scores[1..]).map(|(other, own)| {
-        let (value, interval) = Comparison::new(&scores[0], own).probability_of_improvement;
+        let (value, interval) = MethodComparison::new(&scores[0], own).probability_of_improvement;
         Estimate { name: &other.name, value, interval }
     });
     let title = format!("Probability that a run of {} is better than one of", first.name);
     let better =
         interval_svg(&title, "probability of improvement", &better.collect::<Vec<_>>(), Some(0.5));
     let middle = "Interquartile mean of success";
-    let middle =
-        methods_svg(middle, "interquartile mean of success", methods, groups, interquartile_mean);
+    let middle = statistic_by_method_svg(
+        middle,
+        "interquartile mean of success",
+        methods,
+        groups,
+        interquartile_mean,
+    );
     let charts = [middle, better, profile_svg(methods, &scores)].map(|svg| chart_html(&svg));
     format!("<div class=\"grid\">\n{}</div>\n", charts.concat())
 }
@@ -152,8 +157,9 @@ fn commands(runs: &[&RunData]) -> String {
 }
 
 fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
-    let drawings =
-        groups.iter().filter_map(|group| learning_curves::group_curves_svg(methods, group));
+    let drawings = groups
+        .iter()
+        .filter_map(|group| learning_curves::group_learning_curves_svg(methods, group));
     let drawings: String = drawings.map(|svg| chart_html(&svg)).collect();
     if drawings.is_empty() {
         return "<p>No learning curves: the runs were evaluated only at the end. \
@@ -180,10 +186,10 @@ fn tables_named(tables: &[(&str, Table)], names: &[&str]) -> String {
 
 /// Returns the curves of each seed; empty where runs were scored once, after the stream.
 fn each_seed(methods: &[MethodRuns], runs: &[&RunData]) -> String {
-    if runs.iter().all(|run| run.evaluation_rollouts().count() < 2) {
+    if runs.iter().all(|run| run.rollouts_before_evaluations().count() < 2) {
         return String::new();
     }
-    let seeds = curves::seed_svgs(methods).into_iter();
+    let seeds = curves::success_by_seed_svgs(methods).into_iter();
     let seeds = seeds.map(|(seed, svg)| format!("<h3>Seed {seed}</h3>\n{}", chart_html(&svg)));
     seeds.collect()
 }
@@ -196,10 +202,11 @@ fn each_run(methods: &[MethodRuns]) -> String {
 }
 
 fn of_run(run: &RunData, settings: &str, open: &str) -> String {
-    let mut matrices = vec![PolicyCountMatrix::of_assignments(run)];
-    matrices
-        .extend(EPISODES_SHOWN.iter().filter_map(|&n| PolicyCountMatrix::of_recognitions(run, n)));
-    let matrices: String = matrices.iter().map(PolicyCountMatrix::html).collect();
+    let mut matrices = vec![PolicyConfusionMatrix::of_assignments(run)];
+    matrices.extend(
+        RECOGNITION_EPISODES.iter().filter_map(|&n| PolicyConfusionMatrix::of_recognitions(run, n)),
+    );
+    let matrices: String = matrices.iter().map(PolicyConfusionMatrix::html).collect();
     let unfinished =
         unfinished_remark(run).map(|remark| format!("<p>{}.</p>\n", escape_xml(&remark)));
     format!(
@@ -264,7 +271,7 @@ fn time_bar(timings: &[TimingRow]) -> String {
     for (number, (name, seconds)) in
         parts.into_iter().chain([("the rest", rest.max(0.0))]).enumerate()
     {
-        let (share, colour) = (100.0 * seconds / total, line_colour(number));
+        let (share, colour) = (100.0 * seconds / total, curve_colour(number));
         bar += &format!(
             "<rect x=\"{from:.2}\" width=\"{share:.2}\" height=\"4\" fill=\"{colour}\"><title>{name}: \
              {seconds:.1} s, {share:.1} %</title></rect>"

@@ -5,7 +5,7 @@ use experiments::presets::Method;
 /// Groups of the paper, in the order of its columns.
 const GROUPS: [&str; 4] = ["plate-slide", "button-press", "drawer-close", "goal-reach"];
 
-/// Row of the paper's table. Success is in `[0, 1]`, reward in `[0, 500]`.
+/// Row of the paper's Table 1: a method's success in `[0, 1]` and reward in `[0, 500]`.
 pub struct PaperRow {
     /// Preset that corresponds to the method of the paper.
     pub method: Method,
@@ -16,14 +16,15 @@ pub struct PaperRow {
 }
 
 impl PaperRow {
-    /// Returns success and reward of a group; `None` for a group that is not in the paper.
+    /// Returns success and reward of a task group in this row; `None` for a group that is not in
+    /// the paper.
     pub fn group_success_and_reward(&self, name: &str) -> Option<(f64, f64)> {
         let column = GROUPS.iter().position(|group| *group == name)?;
         Some(self.groups[column])
     }
 }
 
-/// Returns the paper's row of a method; `None` for a method that is not in the paper.
+/// Returns a method's row of the paper's Table 1; `None` for a method that is not in the paper.
 pub fn paper_row(method: Method) -> Option<&'static PaperRow> {
     // the paper does not say how wide the networks of COVERS-CNN are: both widths get its row
     let method = match method {

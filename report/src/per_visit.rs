@@ -10,7 +10,7 @@ use experiments::evaluation::mean;
 /// Returns the table of success in each group after each visit to it, means over runs. It has a row
 /// for each method and a column for each group. `None` if no run was scored after a visit before
 /// the end of its stream.
-pub fn visits_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+pub fn success_per_visit_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
     let mut runs = methods.iter().flat_map(|method| &method.runs);
     // scores after the stream alone are in the table of results already
     if !runs.any(|run| groups.iter().any(|group| scored_within(run, group))) {
@@ -35,7 +35,7 @@ pub fn visits_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> 
 
 /// Returns `true` if a group was scored after one of its visits, before the stream was over.
 fn scored_within(run: &RunData, group: &str) -> bool {
-    visits::visit_ends(&run.rollouts, group)
+    visits::visit_end_rollouts(&run.rollouts, group)
         .into_iter()
         .any(|end| end < run.rollouts.len() && success(run, group, end).is_some())
 }
@@ -43,7 +43,7 @@ fn scored_within(run: &RunData, group: &str) -> bool {
 /// Returns the success in a group after each visit of the stream to it; `None` for visits that no
 /// evaluation followed.
 fn success_per_visit(run: &RunData, group: &str) -> Vec<Option<f64>> {
-    let ends = visits::visit_ends(&run.rollouts, group).into_iter();
+    let ends = visits::visit_end_rollouts(&run.rollouts, group).into_iter();
     ends.map(|end| success(run, group, end)).collect()
 }
 
@@ -89,7 +89,7 @@ mod tests {
         let table = |scores: &[(usize, f64)]| {
             let methods =
                 MethodRuns::group_by_method(vec![scored_run(&["a", "b", "a"], scores)]).unwrap();
-            super::visits_table(&methods, &["a".to_owned()]).map(|table| table.rows)
+            super::success_per_visit_table(&methods, &["a".to_owned()]).map(|table| table.rows)
         };
         assert_eq!(table(&[(0, 0.1), (2, 0.2), (3, 0.5)]), None);
         let rows = table(&[(1, 0.25), (3, 0.5)]);

@@ -7,7 +7,8 @@ use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError};
 use learner::overrides::differences;
 
-/// Result of comparing a run's settings with those of the presets.
+/// Method whose preset a run's settings are, if any, with a warning if there is none or the
+/// folder's name stands for another one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PresetMatch {
     /// Method whose preset the run has; `None` if the settings are no preset's.
@@ -18,8 +19,8 @@ pub struct PresetMatch {
 }
 
 impl PresetMatch {
-    /// Compares the settings of a run with the presets; `name` is that of its folder, up to the
-    /// seed.
+    /// Finds the preset that the settings of a run are equal to; `name` is that of its folder, up
+    /// to the seed.
     ///
     /// # Errors
     /// [`RunError`] for settings that cannot be compared.

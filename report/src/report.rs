@@ -79,13 +79,13 @@ impl Report {
                 (format!("{}-seed{seed}", method.name), curves::run_svg(run))
             })
         });
-        let seeds = curves::seed_svgs(&self.methods)
+        let seeds = curves::success_by_seed_svgs(&self.methods)
             .into_iter()
             .map(|(seed, drawing)| (format!("seed{seed}"), drawing));
         let groups = tables::common_groups(&self.methods);
         let success = ("success".to_owned(), charts::success_svg(&self.methods, &groups));
         let groups = groups.into_iter().filter_map(|group| {
-            let drawing = learning_curves::group_curves_svg(&self.methods, &group)?;
+            let drawing = learning_curves::group_learning_curves_svg(&self.methods, &group)?;
             Some((format!("learning-{group}"), drawing))
         });
         runs.chain(seeds).chain(groups).chain([success]).collect()

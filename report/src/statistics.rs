@@ -77,9 +77,9 @@ impl Scores {
         self.resampled(|scores| scores.pooled(statistic))
     }
 
-    /// Returns the 95 % interval of this method's mean less the other's. The bootstrap draws whole
-    /// runs: one learner made the scores of all its groups, so they are not independent. `None` for
-    /// fewer than two seeds.
+    /// Returns the 95 % interval of this method's mean score minus the other's. The bootstrap draws
+    /// whole runs: one learner made the scores of all its groups, so they are not independent.
+    /// `None` for fewer than two seeds.
     pub fn mean_difference_interval(&self, other: &Self) -> Option<BootstrapInterval> {
         pair_interval(self, other, |one, other| one.pooled(mean) - other.pooled(mean))
     }

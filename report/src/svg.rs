@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use experiments::colours::Stroke;
+use experiments::colours::LineStyle;
 use experiments::printable::escape_unprintable_lines;
 
 /// SVG colour of lines and dots that belong to no task group: the colour of the text.
@@ -31,7 +31,7 @@ pub const DOT_RADIUS: f64 = 3.5;
 /// Radius of a dot where a panel has many (pixels).
 pub const SMALL_DOT_RADIUS: f64 = 1.6;
 
-/// Drawing of panels one below the other over a common x axis.
+/// SVG drawing of panels, one below the other, with a common x axis.
 pub struct SvgPlot {
     /// SVG elements drawn so far.
     text: String,
@@ -68,7 +68,7 @@ impl SvgPlot {
 
     /// Sets the margins left and right of the panels (pixels), for texts of such a width. Call it
     /// first.
-    pub fn with_sides(mut self, sides: [f64; 2]) -> Self {
+    pub fn with_side_margins(mut self, sides: [f64; 2]) -> Self {
         self.sides = sides;
         self.legend[0] = sides[0];
         self
@@ -92,19 +92,19 @@ impl SvgPlot {
             fitted(name, height + 2.0 * GAP)
         ));
         for &tick in ticks {
-            self.add_row_name(tick, &tick.to_string());
+            self.add_row_label(tick, &tick.to_string());
         }
     }
 
-    /// Writes a text left of the panel, at a value of its y axis.
-    pub fn add_row_name(&mut self, y: f64, text: &str) {
+    /// Writes a text left of the panel, at height `y` of its y axis.
+    pub fn add_row_label(&mut self, y: f64, text: &str) {
         let (x, y) = (self.sides[0] - SPACE, self.y(y) + 4.0);
         let text = fitted(text, x);
         self.add(format_args!("<text x=\"{x}\" y=\"{y:.1}\" class=\"tick\">{text}</text>"));
     }
 
-    /// Writes a text right of the panel, at a value of its y axis.
-    pub fn add_row_figure(&mut self, y: f64, text: &str) {
+    /// Writes a text, such as a number, right of the panel, at height `y` of its y axis.
+    pub fn add_row_value(&mut self, y: f64, text: &str) {
         let (x, y) = (self.sides[0] + self.length + SPACE, self.y(y) + 4.0);
         let text = fitted(text, self.sides[1] - SPACE);
         self.add(format_args!("<text x=\"{x}\" y=\"{y:.1}\" class=\"figure\">{text}</text>"));
@@ -112,7 +112,7 @@ impl SvgPlot {
 
     /// Writes names of curves right of the panel, each with a line to the last point of its curve.
     /// Does nothing if the panel is too low for so many names.
-    pub fn add_names_at_ends(&mut self, curves: &[(&str, (f64, f64), &Stroke)]) {
+    pub fn add_curve_labels(&mut self, curves: &[(&str, (f64, f64), &LineStyle)]) {
         let [top, height] = self.panel;
         if NAME_HEIGHT * curves.len() as f64 > height + NAME_HEIGHT {
             return;
@@ -157,16 +157,16 @@ impl SvgPlot {
     }
 
     /// Adds a line through points to the panel.
-    pub fn add_line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
+    pub fn add_line(&mut self, points: &[(f64, f64)], stroke: &LineStyle) {
         self.polyline(points, stroke, "line");
     }
 
     /// Adds a line so wide that it shows on both sides of others that are drawn upon it.
-    pub fn add_wide_line(&mut self, points: &[(f64, f64)], stroke: &Stroke) {
+    pub fn add_wide_line(&mut self, points: &[(f64, f64)], stroke: &LineStyle) {
         self.polyline(points, stroke, "line wide");
     }
 
-    fn polyline(&mut self, points: &[(f64, f64)], stroke: &Stroke, class: &str) {
+    fn polyline(&mut self, points: &[(f64, f64)], stroke: &LineStyle, class: &str) {
         let (path, stroke) = (self.path(points.iter()), attributes(stroke));
         self.add(format_args!("<polyline points=\"{path}\" {stroke} class=\"{class}\"/>"));
     }
@@ -195,7 +195,7 @@ impl SvgPlot {
 
     /// Adds a name and its stroke to the legend, on a new line if the last one is full. Call it
     /// before the first [`Self::begin_panel`], which begins below the legend.
-    pub fn add_legend_entry(&mut self, name: &str, stroke: &Stroke) {
+    pub fn add_legend_entry(&mut self, name: &str, stroke: &LineStyle) {
         let [left, right] = self.sides;
         let end = left + self.length + right;
         let room = end - left - KEY - 2.0 * SPACE;
@@ -256,7 +256,7 @@ const STYLE: &str = "svg{color:#1b1f24}.paper{fill:#fff}text{fill:currentColor}\
     .band{stroke:none;fill-opacity:0.2}.tick{text-anchor:end}.leader{fill:none}.name,.below{text-anchor:middle}\
     @media(prefers-color-scheme:dark){svg{color:#d6dbe0}.paper{fill:#16191d}}";
 
-fn attributes(Stroke { colour, dashes }: &Stroke) -> String {
+fn attributes(LineStyle { colour, dashes }: &LineStyle) -> String {
     let dashes = match dashes.as_str() {
         "" => String::new(),
         dashes => format!(" stroke-dasharray=\"{dashes}\""),
@@ -322,7 +322,7 @@ pub fn escape_xml(text: &str) -> String {
 mod tests {
     use super::read::check_texts;
     use super::*;
-    use experiments::colours::line_stroke;
+    use experiments::colours::curve_style;
 
     #[test]
     fn ticks_are_round_and_few() {
@@ -342,7 +342,7 @@ mod tests {
         let mut drawing = SvgPlot::new(100.0, "decisions");
         drawing.begin_panel("first", 100.0, [0.0, 1.0], &[0.0, 1.0]);
         drawing.begin_panel("a < b", 50.0, [0.0, 500.0], &[]);
-        drawing.add_line(&[(0.0, 0.0), (100.0, 500.0)], &line_stroke(0));
+        drawing.add_line(&[(0.0, 0.0), (100.0, 500.0)], &curve_style(0));
         let text = drawing.into_svg("two");
         // the second panel begins at 34 + 100 + 14 and is 50 high
         assert!(text.contains("points=\"64.0,198.0 944.0,148.0\""), "{text}");
@@ -354,7 +354,7 @@ mod tests {
         for names in [vec!["covers"; 3], vec!["a-rather-long-name"; 24], vec![long.as_str(); 2]] {
             let mut drawing = SvgPlot::new_half_width(1.0, "decisions");
             for (number, name) in names.iter().enumerate() {
-                drawing.add_legend_entry(name, &line_stroke(number));
+                drawing.add_legend_entry(name, &curve_style(number));
             }
             drawing.begin_panel(names[0], 90.0, [0.0, 1.0], &[]);
             check_texts(&drawing.into_svg("names"), names.len());

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use experiments::evaluation::{DORMANCY_THRESHOLD, mean};
 
-use super::comparison::Comparison;
+use super::comparison::MethodComparison;
 use super::format::{
     bracketed_interval, empty_cell, mean_cell, method_cell, unfinished_remark, with_footnotes,
 };
@@ -21,8 +21,8 @@ const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-Wo
 /// Names of the tables that not every report has.
 pub const OPTIONAL_TABLE_NAMES: [&str; 4] = ["comparisons", "visits", "efficiency", "recognition"];
 
-/// Returns all tables of these methods, each with a name, for the groups that every run was scored
-/// on. The first method is compared with the others.
+/// Returns all tables of a report on these methods, each with a name, for the groups that every run
+/// was scored on. The first method is compared with the others.
 pub fn report_tables(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     let groups = common_groups(methods);
     let mut tables =
@@ -30,10 +30,10 @@ pub fn report_tables(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
     if methods.len() > 1 {
         tables.push(("comparisons", comparisons(methods, &groups)));
     }
-    if let Some(table) = per_visit::visits_table(methods, &groups) {
+    if let Some(table) = per_visit::success_per_visit_table(methods, &groups) {
         tables.push(("visits", table));
     }
-    if let Some(table) = efficiency::efficiency_table(methods, &groups) {
+    if let Some(table) = efficiency::sample_efficiency_table(methods, &groups) {
         tables.push(("efficiency", table));
     }
     tables.push(("variants", variants(methods, &groups)));
@@ -213,7 +213,7 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
         row.map(|row| row.average_success_and_reward.0)
     };
     for other in &methods[1..] {
-        let comparison = Comparison::new(&success(first), &success(other));
+        let comparison = MethodComparison::new(&success(first), &success(other));
         let (improvement, interval) = comparison.probability_of_improvement;
         let paper = printed(first).zip(printed(other));
         let against = method_cell(&mut table, other);

@@ -4,10 +4,10 @@ use std::iter::repeat_n;
 
 use experiments::RolloutRow;
 
-/// Returns the number of rollouts after which each visit of a group was over. The rows hold the
-/// first and the last group of a rollout alone, so a visit within one rollout that neither began
-/// nor ended it is missing.
-pub fn visit_ends(rollouts: &[RolloutRow], group: &str) -> Vec<usize> {
+/// Returns, for each visit to a task group, the number of rollouts of the run when it was over. The
+/// rows hold the first and the last group of a rollout alone, so a visit within one rollout that
+/// neither began nor ended it is missing.
+pub fn visit_end_rollouts(rollouts: &[RolloutRow], group: &str) -> Vec<usize> {
     let over = |index: usize| {
         let row = &rollouts[index];
         let next = rollouts.get(index + 1).map(|later| later.group.as_str());
@@ -31,7 +31,7 @@ mod tests {
             spans_switch: groups.len() > 1,
             ..RolloutRow::default()
         };
-        visit_ends(&rollouts.iter().map(row).collect::<Vec<_>>(), "a")
+        visit_end_rollouts(&rollouts.iter().map(row).collect::<Vec<_>>(), "a")
     }
 
     #[test]

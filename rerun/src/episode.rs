@@ -10,14 +10,14 @@ use covers::render::{EpisodeRecorder, PolicyPlayer, View};
 use crate::recording::{DECISION, Recording, refused};
 use crate::scene::Solids;
 
-/// Images of an episode, each with its entity path in the recording.
+/// Views of an episode that are recorded as images, each with its entity path below the variant's.
 pub(crate) const VIEWS: [(View, &str); 3] =
     [(View::Raw, "table/camera/raw"), (View::Mask, "mask"), (View::PolicyInput, "seen")];
 
 /// Names of the components of an action.
 const ACTION: [&str; 4] = ["x", "y", "z", "fingers"];
 
-/// Returns the entity path of a variant in the recording.
+/// Returns the entity path of a task variant in a Rerun recording.
 pub(crate) fn place(variant: TaskVariant) -> String {
     let element = variant.element.to_string().replace(' ', "-");
     format!("{}/{element}", variant.group)

@@ -8,14 +8,14 @@ use re_sdk::{AsComponents, RecordingStream, RecordingStreamBuilder};
 
 use covers::RunError;
 
-/// Timeline of the decisions of an episode.
+/// Name of the timeline that counts the decisions of an episode.
 pub(crate) const DECISION: &str = "decision";
-/// Timeline of the rollouts of the stream so far.
+/// Name of the timeline that counts the rollouts of the stream.
 pub(crate) const ROLLOUTS: &str = "rollouts";
-/// Timeline of the decisions of the stream so far.
+/// Name of the timeline that counts the decisions of the stream.
 pub(crate) const STREAM: &str = "stream";
 
-/// Recording that grows in memory.
+/// Rerun recording that grows in memory.
 pub(crate) struct Recording {
     path: PathBuf,
     stream: RecordingStream,
@@ -42,13 +42,13 @@ impl Recording {
         Ok(Self { path, stream, bytes })
     }
 
-    /// Returns the path of the file that the recording is for.
+    /// Returns the path of the file that the recording will be written to.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Sets the points on timelines of everything that this thread logs from here on, and removes
-    /// other timelines.
+    /// Sets the time of everything that this thread logs from here on, one index for each timeline,
+    /// and removes other timelines.
     pub fn at(&self, moments: &[(&'static str, usize)]) {
         self.stream.reset_time();
         for &(timeline, moment) in moments {
@@ -56,7 +56,7 @@ impl Recording {
         }
     }
 
-    /// Logs data at the current time.
+    /// Logs `what` at the entity path `place` for the current time.
     ///
     /// # Errors
     /// [`RunError::Write`] if Rerun's SDK refuses.
@@ -65,7 +65,7 @@ impl Recording {
         logged.map_err(refused(&self.path))
     }
 
-    /// Logs data that holds at all times.
+    /// Logs `what` at the entity path `place` for all times.
     ///
     /// # Errors
     /// [`RunError::Write`] if Rerun's SDK refuses.
@@ -74,7 +74,7 @@ impl Recording {
         logged.map_err(refused(&self.path))
     }
 
-    /// Returns the bytes of the file.
+    /// Ends the recording, and returns the bytes of its file.
     ///
     /// # Errors
     /// [`RunError::Write`] if the recording cannot be encoded.
@@ -85,7 +85,7 @@ impl Recording {
     }
 }
 
-/// Returns a conversion of errors of Rerun's SDK to errors of writing the file `path`.
+/// Returns a function that converts an error of Rerun's SDK to an error of writing the file `path`.
 pub(crate) fn refused<E: ToString>(path: &Path) -> impl FnOnce(E) -> RunError {
     move |error| RunError::Write { path: path.to_owned(), source: error.to_string().into() }
 }

@@ -13,7 +13,7 @@ use covers::RunError;
 
 use crate::recording::Recording;
 
-/// Shapes of one table, with the pose at which each was recorded last.
+/// Recorder of the shapes on one table, with the pose at which each was recorded last.
 pub(crate) struct Solids {
     place: String,
     last: Vec<Option<(DVec3, DMat3)>>,

@@ -4,12 +4,12 @@ use re_sdk_types::archetypes::{Scalars, SeriesLines, StateChange, StateConfigura
 use re_sdk_types::components::Color;
 
 use covers::RunError;
-use covers::experiments::colours::line_rgb;
+use covers::experiments::colours::curve_rgb;
 use covers::experiments::{RolloutRow, RunData};
 
 use crate::recording::{ROLLOUTS, Recording, STREAM};
 
-/// Records every rollout and evaluation.
+/// Records every rollout and evaluation in a run's tables.
 pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), RunError> {
     let (groups, policies) = (groups(run), policies(run));
     recording.state("stream/group", &lane(&groups))?;
@@ -32,7 +32,7 @@ pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), RunErro
         figures(run, row, recording)?;
         begin = row.decisions;
     }
-    for rollouts in run.evaluation_rollouts() {
+    for rollouts in run.rollouts_before_evaluations() {
         for (group, _) in &groups {
             let scored = run.mean_group_score_after(rollouts, group, |row| row.success);
             if let Some((decisions, success)) = scored {
@@ -70,7 +70,7 @@ const GREY: [u8; 3] = [0x80; 3];
 /// Returns the groups of the run with the colours that reports use.
 fn groups(run: &RunData) -> Vec<Value> {
     let plans = run.experiment.schedule.groups.iter().enumerate();
-    let named = plans.map(|(number, plan)| (plan.group.clone(), line_rgb(number)));
+    let named = plans.map(|(number, plan)| (plan.group.clone(), curve_rgb(number)));
     named.collect()
 }
 
@@ -80,7 +80,7 @@ fn policies(run: &RunData) -> Vec<Value> {
     let coloured = |policy| {
         let schedule = &run.experiment.schedule;
         let number = run.group_of_policy(policy).and_then(|group| schedule.group_index(group));
-        (policy_name(policy), number.map_or(GREY, line_rgb))
+        (policy_name(policy), number.map_or(GREY, curve_rgb))
     };
     (0..count.unwrap_or(0)).map(coloured).collect()
 }

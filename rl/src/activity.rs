@@ -17,7 +17,7 @@ pub struct UnitActivity {
 }
 
 /// A policy whose network can report the activations of its units.
-pub trait MeasureActivity: Actor {
+pub trait MeasureUnitActivity: Actor {
     /// Returns the summed activations of the ReLU units in all parts of the network, for the
     /// observations of N environments and their `memory`. Critics are evaluated at the mean
     /// actions.
@@ -32,12 +32,12 @@ pub trait MeasureActivity: Actor {
 }
 
 impl UnitActivity {
-    /// Wraps the summed outputs of the units of each ReLU, all over equally many samples.
+    /// Creates the activations from sums of each ReLU's outputs, all over equally many samples.
     pub(crate) fn from_layer_sums(layers: Vec<Vec<f64>>) -> Self {
         Self { layers }
     }
 
-    /// Adds the summed activations of the same units for other observations.
+    /// Adds `other`, the summed activations of the same units for other observations.
     pub fn add(&mut self, other: &Self) {
         // the default has no layers yet
         if self.layers.is_empty() {

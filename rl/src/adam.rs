@@ -92,7 +92,7 @@ impl Adam {
         }
     }
 
-    /// Restores moments and number of steps from a state whose first entries are those of
+    /// Restores Adam's moments and number of steps from a state whose first entries are those of
     /// [`Adam::save`].
     pub(crate) fn restore(&mut self, state: &AlgorithmState<'_>) {
         self.first_moment.copy_from_slice(state.tensors[0].1);

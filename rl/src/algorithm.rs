@@ -143,12 +143,12 @@ macro_rules! sums {
 
             const COUNT: usize = [$(stringify!($sum)),+].len();
 
-            /// Returns the sums in the order of the fields.
+            /// Returns the sums as an array, in the order of the fields.
             pub fn to_array(self) -> [f64; Self::COUNT] {
                 [$(self.$sum),+]
             }
 
-            /// Returns the sums from an array in the order of the fields.
+            /// Creates the sums from an array of them, in the order of the fields.
             pub fn from_array([$($sum),+]: [f64; Self::COUNT]) -> Self {
                 Self { $($sum),+ }
             }

@@ -91,8 +91,9 @@ impl RolloutBuffer {
         Ok(self)
     }
 
-    /// Appends one step: the observations acted on, the decisions, the transition, and the state
-    /// values of the final observations `[N]` (read only for truncated outcomes).
+    /// Appends one step of all environments: the observations before it, the policy's decisions,
+    /// the transition, and the state values of the final observations `[N]` (read only for
+    /// truncated outcomes).
     ///
     /// # Errors
     /// [`RlError::BufferFull`] past T steps, [`RlError::ShapeMismatch`] when an array does not fit,
@@ -228,7 +229,7 @@ impl RolloutBuffer {
         Ok(())
     }
 
-    /// Rejects a buffer shorter than an episode of `horizon` steps
+    /// Rejects a rollout buffer shorter than an episode of `horizon` steps
     /// ([`VectorEnv::horizon`](crate::VectorEnv::horizon)). For rollouts that begin with a reset:
     /// they would never reach an episode's late states.
     ///

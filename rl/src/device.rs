@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use equivariant::LayerSignature;
 use equivariant::gpu::{
-    BatchUniforms, BufferSlot, Device, GpuError, KernelDispatch, Passes, Plan, Program, Tensor,
-    WorkgroupCount,
+    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, Device, GpuError, KernelDispatch,
+    PassSelection, Tensor, WorkgroupCount,
 };
 use rand_chacha::ChaCha8Rng;
 
@@ -51,7 +51,7 @@ impl ObservationBuffers {
     /// Reserves GPU buffers for `observations` observations and for batches of `samples` samples in
     /// all; without images if the network has no image encoder.
     pub fn new(
-        plan: &mut Plan,
+        plan: &mut ComputePlan,
         network: &ActorCritic<f32>,
         observations: usize,
         samples: usize,
@@ -71,7 +71,7 @@ impl ObservationBuffers {
     /// Copies images `[N, H, W, C]` and vectors `[N, D]` to the GPU.
     pub fn write(
         self,
-        program: &Program,
+        program: &CompiledPlan,
         network: &ActorCritic<f32>,
         images: &[u8],
         vectors: &[f32],
@@ -91,7 +91,7 @@ impl ObservationBuffers {
 /// Adds the forward and backward pass of the network, on the observations of a batch, to the
 /// kernels in `plan`.
 pub(crate) fn add_network(
-    plan: &mut Plan,
+    plan: &mut ComputePlan,
     network: &ActorCritic<f32>,
     observation_buffers: ObservationBuffers,
 ) -> Result<NetworkOutputs, GpuError> {
@@ -135,7 +135,7 @@ pub(crate) fn add_network(
 /// Creates the GPU kernel that copies a batch's observations to the network's inputs; a network may
 /// have no image or no vector.
 fn gather_kernel(
-    plan: &mut Plan,
+    plan: &mut ComputePlan,
     observation_buffers: ObservationBuffers,
     image: Option<Tensor>,
     vector: Option<Tensor>,
@@ -160,12 +160,12 @@ fn gather_kernel(
 ///
 /// A call is one round trip to the GPU, or several if the batch exceeds the allocated samples. For
 /// few images it may take longer than on the CPU.
-pub struct DevicePolicy {
+pub struct GpuPolicy {
     policy: ActorCriticPolicy,
     /// Network whose passes were compiled for the GPU.
     network: Arc<ActorCritic<f32>>,
-    plan: Plan,
-    program: Program,
+    plan: ComputePlan,
+    program: CompiledPlan,
     observation_buffers: ObservationBuffers,
     /// GPU buffers of the mean actions `[N, A]`, components in irrep-major order, and of the state
     /// values `[N]`.
@@ -174,7 +174,7 @@ pub struct DevicePolicy {
     params_are_uploaded: bool,
 }
 
-impl DevicePolicy {
+impl GpuPolicy {
     /// Compiles the policy's network for a GPU, with buffers for `samples` observations at a time.
     ///
     /// # Errors
@@ -186,12 +186,12 @@ impl DevicePolicy {
         samples: usize,
     ) -> Result<Self, RlError> {
         require("samples", samples as f32, "at least 1", samples > 0)?;
-        let mut plan = Plan::new();
+        let mut plan = ComputePlan::new();
         let network = Arc::clone(policy.network());
         let observation_buffers = ObservationBuffers::new(&mut plan, &network, samples, samples);
         let outputs = add_network(&mut plan, &network, observation_buffers)?;
         let plan = plan.forward_only();
-        let program = Program::new(device, &plan, samples)?;
+        let program = CompiledPlan::new(device, &plan, samples)?;
         // sample i is observation i, with an advantage of 0 that nothing reads
         let identity: Vec<u32> = (0..samples as u32).flat_map(|i| [i, 0]).collect();
         program.write_words(observation_buffers.samples, &identity);
@@ -255,7 +255,7 @@ impl DevicePolicy {
         self.observation_buffers.write(&self.program, network, images, vectors);
         let samples = range.len();
         let batch = BatchUniforms { samples, ..BatchUniforms::default() };
-        self.program.submit(Passes::Forward, batch);
+        self.program.submit(PassSelection::Forward, batch);
         let [mean, value] = self.outputs;
         let requests = [(mean, samples * width), (value, samples)];
         let [means, values] = self.program.read_floats(requests)?;
@@ -271,11 +271,11 @@ impl DevicePolicy {
     }
 }
 
-impl_gaussian_policy!(DevicePolicy);
+impl_gaussian_policy!(GpuPolicy);
 
-impl fmt::Debug for DevicePolicy {
+impl fmt::Debug for GpuPolicy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("DevicePolicy")
+        f.debug_struct("GpuPolicy")
             .field("policy", &self.policy)
             .field("adapter", &self.program.device().adapter().name)
             .field("samples", &self.program.max_samples())

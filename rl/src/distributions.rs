@@ -56,7 +56,7 @@ pub(crate) struct ActionDistribution<'a> {
 }
 
 impl ActionDistribution<'_> {
-    /// Turns the standard normal numbers in `noise` `[A]` into the action that they determine.
+    /// Replaces the standard normal numbers in `noise` `[A]` by the action sampled with them.
     ///
     /// Choices are those with the largest sum of logit and Gumbel noise, which samples the
     /// categorical distribution (Gumbel, "Statistical theory of extreme values", 1954).
@@ -98,9 +98,9 @@ impl ActionDistribution<'_> {
         choice_ranges(self.choices).map(|part| choice_entropy(&log_softmax(&self.mean[part]))).sum()
     }
 
-    /// Writes the gradient with respect to `mean` to `d_mean`, and adds that with respect to
-    /// `log_std` to `d_log_std`, from the gradients with respect to the log-probability of `action`
-    /// and to the entropy.
+    /// Writes the gradient of a loss with respect to `mean` to `d_mean`, and adds that with respect
+    /// to `log_std` to `d_log_std`, from its gradients with respect to the log-probability of
+    /// `action` and to the entropy.
     pub fn backward(
         &self,
         action: &[f64],

@@ -47,7 +47,7 @@ impl EnvSpec {
         self.image_shape.iter().product()
     }
 
-    /// Returns the index of the choice of each one-hot vector in the discrete `action` `[A]`.
+    /// Returns the index of the choice in each one-hot vector of the discrete `action` `[A]`.
     pub fn chosen(&self, action: &[f32]) -> Vec<usize> {
         let first_one = |part: Range<usize>| action[part].iter().position(|&a| a == 1.0);
         choice_ranges(&self.choices).map(|part| first_one(part).unwrap_or(0)).collect()
@@ -62,9 +62,9 @@ impl EnvSpec {
         starting.zip(ends).map(|(start, end)| start..end)
     }
 
-    /// Changes a discrete action `[A]`, or numbers of its choices, between the basis of choices and
-    /// that of `action_irreps`, by an orthonormal transform that is its own inverse. Continuous
-    /// actions stay as they are.
+    /// Changes a discrete action `[A]`, logits of its choices or their gradient between the basis
+    /// of choices and that of `action_irreps`, by an orthonormal transform that is its own inverse.
+    /// Continuous actions stay as they are.
     pub(crate) fn change_action_basis(&self, action: &mut [f64]) {
         if self.choices.is_empty() {
             return;
@@ -149,7 +149,8 @@ impl EnvSpec {
     }
 }
 
-/// Returns the ranges of the one-hot vectors of `choices` in an action.
+/// Returns the range that each discrete action's one-hot vector takes up in an action vector, from
+/// the numbers of choices.
 pub(crate) fn choice_ranges(choices: &[usize]) -> impl Iterator<Item = Range<usize>> + '_ {
     choices.iter().scan(0, |end, &len| {
         *end += len;

@@ -26,7 +26,7 @@ pub enum RlError {
     #[cfg(feature = "wgpu")]
     #[error(
         "got a policy with a network of its own, expected a clone of the one that the device was \
-         prepared for; make a new DevicePolicy"
+         prepared for; make a new GpuPolicy"
     )]
     NetworkMismatch,
     /// A request for a [`SymmetryLoss`](crate::SymmetryLoss) on a GPU, where it is not available.
@@ -385,13 +385,13 @@ pub(crate) fn check_finite_at(
     if value.is_finite() { Ok(()) } else { Err(RlError::NotFinite { what, location, value }) }
 }
 
-/// Rejects arrays with infinities or NaN.
+/// Rejects the array `values` if it contains an infinity or NaN.
 pub(crate) fn check_all_finite(what: &'static str, values: &[f32]) -> Result<(), RlError> {
     let wrong = values.iter().find(|value| !value.is_finite());
     wrong.map_or(Ok(()), |&value| check_finite(what, f64::from(value)))
 }
 
-/// Rejects arrays `[N, width]` with infinities or NaN, and reports environment and component.
+/// Rejects `values` `[N, width]` with an infinity or NaN, and reports environment and component.
 pub(crate) fn check_rows_finite(
     what: &'static str,
     values: &[f32],
@@ -434,7 +434,7 @@ pub(crate) fn require(
     Err(RlError::InvalidSetting { name, value: f64::from(value), expected })
 }
 
-/// Rejects a number of a saved state that is not `allowed`.
+/// Rejects the number `name` of an algorithm's saved state unless its value is `allowed`.
 pub(crate) fn require_saved(
     name: &str,
     value: f64,

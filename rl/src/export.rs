@@ -105,7 +105,7 @@ pub trait ExportPolicy {
     fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError>;
 }
 
-/// Basis and order of the channels at the input or output of a chain of layers.
+/// Basis and order of the channels at the input or output of a chain of network layers.
 #[derive(Clone, Copy)]
 pub(crate) enum ChannelBasis<'a> {
     /// Channels in the basis of the regular representation, ordered by group element, then by
@@ -143,9 +143,9 @@ pub(crate) fn export_trunk(trunk: &Trunk<f32>, params: &[f32]) -> Result<Exporte
     };
     let fields = |layers: &Sequential<f32>| layers.out_shape().len() / group.order();
     let joined = [&trunk.encoder, &trunk.vector].map(|layers| layers.as_ref().map_or(0, fields));
-    let vector = trunk.encoder_params().end..trunk.num_params();
+    let vector = trunk.encoder_param_range().end..trunk.num_params();
     Ok(ExportedTrunk {
-        image: export(&trunk.encoder, trunk.encoder_params(), &channels)?,
+        image: export(&trunk.encoder, trunk.encoder_param_range(), &channels)?,
         vector: export(&trunk.vector, vector, &trunk.vector_order)?,
         joined: ChannelBasis::Joined(joined),
     })

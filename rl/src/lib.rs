@@ -62,18 +62,18 @@ mod trunk;
 #[cfg(feature = "wgpu")]
 pub use equivariant::gpu;
 
-pub use activity::{MeasureActivity, UnitActivity};
+pub use activity::{MeasureUnitActivity, UnitActivity};
 pub use adam::{Adam, ParamGroup, clip_global_norm};
 pub use algorithm::{Algorithm, AlgorithmState, Metrics};
 pub use buffer::RolloutBuffer;
 #[cfg(feature = "wgpu")]
-pub use device::DevicePolicy;
+pub use device::GpuPolicy;
 pub use encoder::EncoderSettings;
 pub use env::{EnvSpec, MAX_ABS_OBSERVATION, Observations, StepOutcome, Transition, VectorEnv};
 pub use error::{BoxedEnvError, RlError, SymmetryViolation, ValueLocation};
 pub use export::{Distribution, ExportPolicy, ExportedLayer, ExportedPolicy, PolicyOutput};
 pub use gae::{GaeInputs, gae};
-pub use network::{ActorCritic, Workspace};
+pub use network::{ActorCritic, ActorCriticWorkspace};
 pub use network_policy::{ActorCriticPolicy, NetworkPolicy};
 pub use network_settings::{CriticSettings, NetworkSettings};
 pub use normalisation::{NormalisationSettings, NormalisationState, NormalisedEnv};

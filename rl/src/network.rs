@@ -37,7 +37,7 @@ use crate::trunk::{
 /// an ordinary one of the same width, whose pooling does nothing.
 ///
 /// The network owns no weights. Parameters are one flat slice: the image encoder's
-/// ([`ActorCritic::encoder_params`]), then all others ([`ActorCritic::head_params`]), the last A of
+/// ([`ActorCritic::encoder_param_range`]), then all others ([`ActorCritic::head_param_range`]), the last A of
 /// which are log_std.
 pub struct ActorCritic<T> {
     pub(crate) trunk: Trunk<T>,
@@ -82,14 +82,14 @@ impl<T: Scalar> ActorCritic<T> {
     }
 
     /// Returns the range of the image encoder's parameters in the flat parameter slice.
-    pub fn encoder_params(&self) -> Range<usize> {
-        self.trunk.encoder_params()
+    pub fn encoder_param_range(&self) -> Range<usize> {
+        self.trunk.encoder_param_range()
     }
 
     /// Returns the range of all parameters but those of the image encoder in the flat parameter
     /// slice.
-    pub fn head_params(&self) -> Range<usize> {
-        self.encoder_params().end..self.num_params()
+    pub fn head_param_range(&self) -> Range<usize> {
+        self.encoder_param_range().end..self.num_params()
     }
 
     /// Returns F, the length of the invariant features: one per regular field of the group.
@@ -120,11 +120,11 @@ impl<T: Scalar> ActorCritic<T> {
     }
 
     pub(crate) fn param_ranges(&self) -> ParamRanges {
-        let mut layout = ParamAllocator::after(&self.trunk);
+        let mut layout = ParamAllocator::starting_after(&self.trunk);
         ParamRanges {
-            actor: layout.next(self.actor.num_params()),
-            critic: layout.next(self.critic.num_params()),
-            log_std: layout.next(self.action_order.len()),
+            actor: layout.allocate(self.actor.num_params()),
+            critic: layout.allocate(self.critic.num_params()),
+            log_std: layout.allocate(self.action_order.len()),
         }
     }
 }
@@ -160,7 +160,7 @@ fn critic<T: Scalar>(
 /// have K rows; after a pass over n samples, the first n rows are valid and the others left from
 /// earlier passes.
 #[derive(Clone, Debug)]
-pub struct Workspace<T> {
+pub struct ActorCriticWorkspace<T> {
     /// Mean actions, or logits of the choices, `[K, A]` of the last forward pass.
     pub mean: Vec<f64>,
     /// State values V(s) `[K]` of the last forward pass.
@@ -181,7 +181,7 @@ pub struct Workspace<T> {
     features_len: usize,
 }
 
-impl<T: Scalar> Workspace<T> {
+impl<T: Scalar> ActorCriticWorkspace<T> {
     /// Returns the invariant features `[n, F]` of the n samples of the last forward pass.
     pub fn features(&self) -> &[T] {
         &self.trunk.features()[..self.features_len]
@@ -190,9 +190,9 @@ impl<T: Scalar> Workspace<T> {
 
 impl<T: Scalar> ActorCritic<T> {
     /// Allocates a workspace for passes over up to `capacity` samples (K).
-    pub fn workspace(&self, capacity: usize) -> Workspace<T> {
+    pub fn workspace(&self, capacity: usize) -> ActorCriticWorkspace<T> {
         let action = self.action_order.len();
-        Workspace {
+        ActorCriticWorkspace {
             mean: vec![0.0; capacity * action],
             value: vec![0.0; capacity],
             log_std: vec![0.0; action],
@@ -217,7 +217,7 @@ impl<T: Scalar> ActorCritic<T> {
         slot: usize,
         image: &[u8],
         vector: &[f32],
-        workspace: &mut Workspace<T>,
+        workspace: &mut ActorCriticWorkspace<T>,
     ) {
         self.trunk.load_sample(slot, image, vector, &mut workspace.trunk);
     }
@@ -227,7 +227,7 @@ impl<T: Scalar> ActorCritic<T> {
     ///
     /// # Panics
     /// If `params` is not [`ActorCritic::num_params`] long or n is beyond the capacity.
-    pub fn forward(&self, params: &[T], n: usize, workspace: &mut Workspace<T>) {
+    pub fn forward(&self, params: &[T], n: usize, workspace: &mut ActorCriticWorkspace<T>) {
         let (ranges, w) = (self.param_ranges(), workspace);
         self.forward_features(params, n, w);
         w.actor.forward(&self.actor, &params[ranges.actor], n);
@@ -250,9 +250,14 @@ impl<T: Scalar> ActorCritic<T> {
 
     /// Returns the summed activations of the network's ReLU units for the n samples of the last
     /// forward pass.
-    pub(crate) fn unit_activity(&self, params: &[T], n: usize, w: &Workspace<T>) -> UnitActivity {
+    pub(crate) fn unit_activity(
+        &self,
+        params: &[T],
+        n: usize,
+        w: &ActorCriticWorkspace<T>,
+    ) -> UnitActivity {
         let ranges = self.param_ranges();
-        let own = &params[self.trunk.params()];
+        let own = &params[self.trunk.param_range()];
         let mut sums = self.trunk.unit_activation_sums(own, n, &w.trunk);
         sums.extend(w.actor.unit_activation_sums(&self.actor, &params[ranges.actor], n));
         sums.extend(w.critic.unit_activation_sums(&self.critic, &params[ranges.critic], n));
@@ -264,8 +269,13 @@ impl<T: Scalar> ActorCritic<T> {
     ///
     /// # Panics
     /// Like [`ActorCritic::forward`].
-    pub fn forward_features(&self, params: &[T], n: usize, workspace: &mut Workspace<T>) {
-        let (own, w) = (&params[self.trunk.params()], workspace);
+    pub fn forward_features(
+        &self,
+        params: &[T],
+        n: usize,
+        workspace: &mut ActorCriticWorkspace<T>,
+    ) {
+        let (own, w) = (&params[self.trunk.param_range()], workspace);
         self.trunk.forward(own, n, &mut w.trunk);
         w.actor.x.copy_from_slice(w.trunk.fields());
         self.trunk.pool(n, &mut w.trunk);
@@ -281,7 +291,7 @@ impl<T: Scalar> ActorCritic<T> {
         &self,
         params: &[T],
         n: usize,
-        workspace: &mut Workspace<T>,
+        workspace: &mut ActorCriticWorkspace<T>,
         dparams: &mut [T],
     ) {
         let (ranges, w) = (self.param_ranges(), workspace);
@@ -289,7 +299,7 @@ impl<T: Scalar> ActorCritic<T> {
         w.actor.backward(&self.actor, params, ranges.actor, n, dparams, true);
         w.critic.backward(&self.critic, params, ranges.critic, n, dparams, true);
         self.add_head_gradients(n, w);
-        let own = self.trunk.params();
+        let own = self.trunk.param_range();
         let (own, trunk) = (&params[own.clone()], &mut dparams[own]);
         self.trunk.backward(own, n, &mut w.trunk, trunk);
         for (sum, d) in dparams[ranges.log_std].iter_mut().zip(&w.d_log_std) {
@@ -299,7 +309,7 @@ impl<T: Scalar> ActorCritic<T> {
 
     /// Sums the gradients with respect to the inputs of actor and critic to the gradient with
     /// respect to the trunk's fields.
-    fn add_head_gradients(&self, n: usize, w: &mut Workspace<T>) {
+    fn add_head_gradients(&self, n: usize, w: &mut ActorCriticWorkspace<T>) {
         // written by the critic, then added to by the actor
         match self.settings().critic {
             CriticSettings::Pooled { .. } => {
@@ -312,7 +322,7 @@ impl<T: Scalar> ActorCritic<T> {
         }
     }
 
-    fn load_output_gradients(&self, n: usize, w: &mut Workspace<T>) {
+    fn load_output_gradients(&self, n: usize, w: &mut ActorCriticWorkspace<T>) {
         let width = self.action_order.len();
         let gradients = w.d_mean.chunks_exact_mut(width);
         for (dy, d) in w.actor.dy.chunks_exact_mut(width).zip(gradients).take(n) {
@@ -328,7 +338,7 @@ impl<T: Scalar> ActorCritic<T> {
     }
 }
 
-impl<T> HasTrunkWorkspace<T> for Workspace<T> {
+impl<T> HasTrunkWorkspace<T> for ActorCriticWorkspace<T> {
     fn trunk(&mut self) -> &mut TrunkWorkspace<T> {
         &mut self.trunk
     }
@@ -369,10 +379,10 @@ mod tests {
         let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(0));
         assert_eq!(params.len(), network.num_params());
         assert_eq!(
-            (network.encoder_params().start, network.encoder_params().end),
-            (0, network.head_params().start)
+            (network.encoder_param_range().start, network.encoder_param_range().end),
+            (0, network.head_param_range().start)
         );
-        assert_eq!((network.head_params().end, network.feature_dim()), (params.len(), 64));
+        assert_eq!((network.head_param_range().end, network.feature_dim()), (params.len(), 64));
         assert_eq!(params[params.len() - 4..], [-0.5; 4]);
         let actor_out =
             &params[network.param_ranges().actor.end - 4 * 32..network.param_ranges().actor.end];
@@ -442,7 +452,9 @@ mod tests {
         ActorCritic::new(&NetworkSettings::default(), &spec).unwrap()
     }
 
-    fn gradient(moved: impl Fn(Workspace<f32>) -> Workspace<f32>) -> Vec<f32> {
+    fn gradient(
+        moved: impl Fn(ActorCriticWorkspace<f32>) -> ActorCriticWorkspace<f32>,
+    ) -> Vec<f32> {
         let network = network();
         let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(0));
         let mut workspace = network.workspace(4);

@@ -9,7 +9,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::Group;
 
-use crate::activity::{MeasureActivity, UnitActivity};
+use crate::activity::{MeasureUnitActivity, UnitActivity};
 use crate::distributions::{ActionDistribution, standard_normals};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_all_finite, check_len, check_params_fit_network};
@@ -17,7 +17,7 @@ use crate::export::{
     ChannelBasis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, export_layers,
     export_trunk,
 };
-use crate::network::{ActorCritic, Workspace};
+use crate::network::{ActorCritic, ActorCriticWorkspace};
 use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::policy::{
     Actor, Decisions, EvaluateActions, FeatureExtractor, OnPolicyActor, ValueFunction,
@@ -62,7 +62,7 @@ impl<N, W> NetworkPolicy<N, W> {
         &self.params
     }
 
-    /// Returns all parameters of the policy, for an optimiser or a checkpoint to write.
+    /// Returns all parameters of the policy for writing, by an optimiser or from a checkpoint.
     pub fn params_mut(&mut self) -> &mut [f32] {
         &mut self.params
     }
@@ -99,8 +99,8 @@ where
         self.trunk().spec.action_irreps.len()
     }
 
-    /// Runs `forward` on chunks of the N observations, which fills a row of `outputs`, `row`
-    /// numbers long, for each; returns N.
+    /// Runs the network by calling `forward` for chunks of the N observations in parallel, which
+    /// writes a row of `outputs`, `row` numbers long, for each observation; returns N.
     pub(crate) fn infer(
         &mut self,
         observations: &Observations,
@@ -133,7 +133,7 @@ where
         let trunk = self.trunk();
         let (samples, width) = (observations.checked_num_samples(&trunk.spec)?, self.feature_dim());
         check_len("features", "[N, F]", out.len(), samples * width)?;
-        let params = &self.params[trunk.params()];
+        let params = &self.params[trunk.param_range()];
         self.chunks.map_rows(out, width, |range, buffers, rows| {
             let (n, pass) = (range.len(), buffers.trunk());
             trunk.load_all(observations, range, pass);
@@ -175,7 +175,7 @@ pub(crate) fn check_saved_params(params: &[f32], expected: usize) -> Result<(), 
 
 /// An [`ActorCritic`] with its parameters: a memoryless diagonal Gaussian policy that is exactly
 /// equivariant under the group of its settings.
-pub type ActorCriticPolicy = NetworkPolicy<ActorCritic<f32>, Workspace<f32>>;
+pub type ActorCriticPolicy = NetworkPolicy<ActorCritic<f32>, ActorCriticWorkspace<f32>>;
 
 impl ActorCriticPolicy {
     /// Builds the network for `spec` and samples its initial parameters with a generator seeded by
@@ -231,7 +231,9 @@ impl ActorCriticPolicy {
     /// and state value; returns N.
     fn run(&mut self, observations: &Observations) -> Result<usize, RlError> {
         let width = self.action_dim();
-        let forward = |chunk: Chunk<ActorCritic<f32>>, w: &mut Workspace<f32>, rows: &mut [f64]| {
+        let forward = |chunk: Chunk<ActorCritic<f32>>,
+                       w: &mut ActorCriticWorkspace<f32>,
+                       rows: &mut [f64]| {
             chunk.network.forward(chunk.params, chunk.range.len(), w);
             let outputs = w.mean.chunks_exact(width).zip(&w.value);
             for (row, (mean, &value)) in rows.chunks_exact_mut(width + 1).zip(outputs) {
@@ -448,7 +450,7 @@ impl ExportPolicy for ActorCriticPolicy {
     }
 }
 
-impl MeasureActivity for ActorCriticPolicy {
+impl MeasureUnitActivity for ActorCriticPolicy {
     fn unit_activity(&self, observations: &Observations, (): &()) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
         let samples = observations.checked_num_samples(network.spec())?;

@@ -120,9 +120,8 @@ impl NetworkSettings {
         }
     }
 
-    /// Returns settings of the network for images of 128 x 128 pixels of D. Wang et al.'s
-    /// SO(2)-equivariant agents with n = 64, see [`EncoderSettings::Pooled`], and the paper's
-    /// critic.
+    /// Returns the network settings of D. Wang et al.'s SO(2)-equivariant agents with n = 64, for
+    /// images of 128 x 128 pixels (see [`EncoderSettings::Pooled`]), with the critic of COVERS.
     pub fn so2_128() -> Self {
         Self {
             encoder: EncoderSettings::Pooled { fields: vec![8, 16, 32, 64], inner: [128, 64] },

@@ -77,8 +77,9 @@ impl Moments {
     }
 }
 
-/// Environments of `E` with observation vectors and rewards of order 1, as with
-/// Stable-Baselines3's `VecNormalize`: policies then train alike on rewards of 1e6 and of 1e-6.
+/// Wrapper of the environments `E` that scales observation vectors and rewards to order 1, as
+/// Stable-Baselines3's `VecNormalize` does: policies then train alike on rewards of 1e6 and of
+/// 1e-6.
 ///
 /// Trivial components are centred on their running mean and divided by their standard deviation;
 /// others, whose mean is zero by symmetry, are divided by their root mean square, so the
@@ -96,7 +97,7 @@ pub struct NormalisedEnv<E> {
 }
 
 impl<E: VectorEnv> NormalisedEnv<E> {
-    /// Normalises the environments `env`, with statistics that begin with the first step.
+    /// Wraps the environments `env`; the running statistics begin with the first step.
     ///
     /// # Errors
     /// [`RlError::InvalidSetting`] for a setting out of range.
@@ -117,17 +118,17 @@ impl<E: VectorEnv> NormalisedEnv<E> {
         self.is_training = is_training;
     }
 
-    /// Returns the environments without normalisation.
+    /// Returns the wrapped environments, whose observations and rewards are not normalised.
     pub fn inner_mut(&mut self) -> &mut E {
         &mut self.env
     }
 
-    /// Returns the running statistics.
+    /// Returns the running statistics of observation vectors and discounted returns.
     pub fn state(&self) -> &NormalisationState {
         &self.state
     }
 
-    /// Replaces the running statistics by saved ones.
+    /// Replaces the running statistics of the normalisation by saved ones.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] for statistics of vectors of another length.

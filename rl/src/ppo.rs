@@ -49,8 +49,8 @@ impl Ppo {
         Self::on_ranks(settings, policy, Ranks::default())
     }
 
-    /// Creates PPO as [`Ppo::new`] does, whose minibatches are shared by `ranks`, each of which
-    /// makes the same updates.
+    /// Creates PPO as [`Ppo::new`] does, for several processes (`ranks`) that each compute a share
+    /// of every minibatch and all make the same updates.
     ///
     /// # Errors
     /// Errors of [`Ppo::new`].

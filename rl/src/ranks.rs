@@ -30,7 +30,7 @@ pub trait Communicator: Send + Sync {
 pub struct Ranks(Option<Arc<dyn Communicator>>);
 
 impl Ranks {
-    /// Returns the ranks that `communicator` connects.
+    /// Creates the ranks, the processes of one run, that `communicator` connects.
     pub fn new(communicator: Arc<dyn Communicator>) -> Self {
         Self(Some(communicator))
     }
@@ -45,18 +45,19 @@ impl Ranks {
         self.rank_and_size().0 == 0
     }
 
-    /// Returns this rank's share of `count` items; sizes of shares differ by at most one.
+    /// Returns the range of this process's share of `count` items; share sizes differ by at most
+    /// one.
     pub fn share(&self, count: usize) -> Range<usize> {
         let (rank, size) = self.rank_and_size();
         rank * count / size..(rank + 1) * count / size
     }
 
-    /// Writes the rows that other ranks computed to an array of `count` rows, of which this rank
-    /// computed those of its share.
+    /// Completes an array of `count` rows, of which this process computed those of its share, with
+    /// the rows that the other processes computed.
     ///
     /// # Panics
     /// If `rows` cannot be divided into `count` rows, or ranks call it with different arrays.
-    pub fn gather_rows<T: Pod>(&self, count: usize, rows: &mut [T]) {
+    pub fn all_gather_rows<T: Pod>(&self, count: usize, rows: &mut [T]) {
         let Some(all) = &self.0 else { return };
         assert!(rows.len().is_multiple_of(count.max(1)), "{} values, {count} rows", rows.len());
         let (width, own) = (rows.len() / count.max(1), self.share(count));
@@ -64,17 +65,17 @@ impl Ranks {
         cast_slice_mut(rows).copy_from_slice(&gathered);
     }
 
-    /// Returns the numbers of all ranks, in their order.
-    pub fn gather_numbers(&self, own: u64) -> Vec<u64> {
+    /// Sends the number `own` to all processes; returns the numbers of all in the order of ranks.
+    pub fn all_gather_numbers(&self, own: u64) -> Vec<u64> {
         let (rank, size) = self.rank_and_size();
         let mut numbers = vec![0; size];
         numbers[rank] = own;
-        self.gather_rows(size, &mut numbers);
+        self.all_gather_rows(size, &mut numbers);
         numbers
     }
 
-    /// Adds the gradients of all chunks to `gradient`, of which this rank computes its share, and
-    /// returns what `f` returned, in chunk order
+    /// Adds the gradients of all chunks of a batch to `gradient`, each process computing its share
+    /// of the chunks by `f`, and returns the results of `f` in chunk order
     /// ([`ParallelChunks::accumulate_gradients`]).
     pub(crate) fn accumulate_gradients<W: Send, const K: usize>(
         &self,
@@ -86,10 +87,10 @@ impl Ranks {
         let num_params = gradient.len().max(1);
         let complete = |gradients: &mut [f32], own: Vec<[f64; K]>| {
             let count = gradients.len() / num_params;
-            self.gather_rows(count, gradients);
+            self.all_gather_rows(count, gradients);
             let mut results = vec![[0.0; K]; count];
             results[self.share(count)].copy_from_slice(&own);
-            self.gather_rows(count, results.as_flattened_mut());
+            self.all_gather_rows(count, results.as_flattened_mut());
             results
         };
         let share = |count| self.share(count);

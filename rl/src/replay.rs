@@ -22,7 +22,7 @@ use crate::rollout::Experience;
 /// Images are stored as bytes. An episode's observations are stored consecutively, so that each is
 /// stored once, although it ends one step and begins the next; still channels
 /// ([`ReplaySettings::still_channels`]) are stored once for each episode. Dropped steps stay in
-/// memory while they are [history](ReplayStep::earlier) of later ones of their episode.
+/// memory while they are [history](ReplayStep::step_before) of later ones of their episode.
 ///
 /// [`collect`](crate::collect) fills it; [`ReplayBuffer::push`] does the same by hand.
 #[derive(Clone)]
@@ -73,7 +73,7 @@ impl ReplayBuffer {
         })
     }
 
-    /// Records one step of N environments: the observations acted on, the actions `[N, A]` and the
+    /// Records one step of N environments: the observations before it, the actions `[N, A]` and the
     /// transition. After an error, nothing has changed.
     ///
     /// # Errors
@@ -115,9 +115,9 @@ impl ReplayBuffer {
     }
 
     /// Starts the newest experience, to which all steps recorded from now on belong:
-    /// [`ReplayBuffer::sample_indices`] takes a share of its steps from it. Before the first mark,
+    /// [`ReplayBuffer::sample_indices`] takes a share of its steps from it. Before the first call,
     /// all steps count as newest.
-    pub fn start_newest(&mut self) {
+    pub fn start_newest_experience(&mut self) {
         self.set_num_newest(0);
     }
 
@@ -127,7 +127,7 @@ impl ReplayBuffer {
     }
 
     /// Samples the indices of `batch` steps with replacement: a share `newest` in [0, 1], rounded,
-    /// from the newest experience ([`ReplayBuffer::start_newest`]), the others from all steps. If
+    /// from the newest experience ([`ReplayBuffer::start_newest_experience`]), the others from all steps. If
     /// there is no newest experience, all are drawn from all steps.
     ///
     /// # Panics
@@ -190,7 +190,7 @@ impl ReplayBuffer {
 
     /// Returns the number of bytes that the replay buffer has allocated.
     pub fn allocated_bytes(&self) -> usize {
-        let episodes = self.stored_episodes.iter().map(Episode::bytes).sum::<usize>();
+        let episodes = self.stored_episodes.iter().map(Episode::allocated_bytes).sum::<usize>();
         let spare = self.spare_images.iter().map(Vec::capacity).sum::<usize>();
         episodes + spare + self.step_order.capacity() * size_of::<StepId>()
     }
@@ -334,7 +334,7 @@ impl<A: Actor> Experience<A> for ReplayBuffer {
     }
 }
 
-/// Identifier of a recorded step, and of the observation that was acted on in it.
+/// Identifier of a recorded step, and of the observation for which its action was chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct StepId {
     /// Number of the episode that the step belongs to; episodes are numbered in the order in which
@@ -357,13 +357,13 @@ pub struct ReplayStep<'a> {
 
 impl<'a> ReplayStep<'a> {
     /// Returns the position of the step in its episode, from 0.
-    pub fn step(&self) -> usize {
+    pub fn index_in_episode(&self) -> usize {
         self.episode.removed + self.step
     }
 
-    /// Returns the identifier of the step and of the observation that was acted on in it.
+    /// Returns the identifier of the step and of the observation before it.
     pub(crate) fn index(&self) -> StepId {
-        StepId { episode: self.number, step: self.step() as u32 }
+        StepId { episode: self.number, step: self.index_in_episode() as u32 }
     }
 
     /// Returns the identifier of the observation after the step.
@@ -372,15 +372,15 @@ impl<'a> ReplayStep<'a> {
         StepId { episode, step: step + 1 }
     }
 
-    /// Writes the image `[H, W, C]` that was acted on in this step to `out`.
+    /// Writes the image `[H, W, C]` before the step, for which the action was chosen, to `out`.
     ///
     /// # Panics
     /// If the length of `out` is not that of an image.
-    pub fn image(&self, out: &mut [u8]) {
-        self.episode.image(self.sizes, self.step, out);
+    pub fn write_image(&self, out: &mut [u8]) {
+        self.episode.write_image(self.sizes, self.step, out);
     }
 
-    /// Returns the observation vector `[D]` that was acted on in this step.
+    /// Returns the observation vector `[D]` before the step, for which the action was chosen.
     pub fn vector(&self) -> &'a [f32] {
         row(&self.episode.vectors, self.step, self.sizes.vector)
     }
@@ -411,8 +411,8 @@ impl<'a> ReplayStep<'a> {
     ///
     /// # Panics
     /// If the length of `out` is not that of an image.
-    pub fn next_image(&self, out: &mut [u8]) {
-        self.episode.image(self.sizes, self.step + 1, out);
+    pub fn write_next_image(&self, out: &mut [u8]) {
+        self.episode.write_image(self.sizes, self.step + 1, out);
     }
 
     /// Returns the observation vector `[D]` after the step; where the episode ends, its final
@@ -421,16 +421,16 @@ impl<'a> ReplayStep<'a> {
         row(&self.episode.vectors, self.step + 1, self.sizes.vector)
     }
 
-    /// Returns the step that came `count` steps before this one; `None` if the episode begins
+    /// Returns the step `count` steps before this one in its episode; `None` if the episode begins
     /// later. At least 256 dropped steps of an episode longer than the buffer's capacity remain
     /// available.
-    pub fn earlier(&self, count: usize) -> Option<Self> {
+    pub fn step_before(&self, count: usize) -> Option<Self> {
         let step = self.step.checked_sub(count)?;
         Some(Self { step, ..*self })
     }
 
-    /// Returns the step that comes `count` steps later in the episode, among the steps that the
-    /// buffer holds; the first of them follows the last. The wrap-around makes the result uniformly
+    /// Returns the step `count` steps later among those of the episode that the buffer holds, in a
+    /// circle: the first of them follows the last. The wrap-around makes the result uniformly
     /// distributed if this step is.
     pub(crate) fn wrapping_later(&self, count: usize) -> Self {
         let first = self.episode.steps() - self.episode.num_held;

@@ -9,8 +9,8 @@ use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
 use crate::error::{RlError, check_len, check_rows_finite, require};
 use crate::policy::{Actor, ActorMemory};
 
-/// State of the collection from N environments between two rollouts: observations, running episodes
-/// and the actor's memory.
+/// State of the collection of experience from N environments between two rollouts: observations,
+/// running episodes and the actor's memory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RolloutState<M = ()> {
     /// Observations that the actor acts on next.
@@ -86,7 +86,7 @@ impl RolloutStats {
 }
 
 impl<M: ActorMemory> RolloutState<M> {
-    /// Starts an episode in every environment and creates a new memory of `actor`.
+    /// Starts an episode in every environment and creates an empty memory for `actor`.
     ///
     /// # Errors
     /// [`RlError::Environment`] when the reset fails, [`RlError::ShapeMismatch`] when it changes
@@ -246,8 +246,8 @@ pub trait Experience<A: Actor> {
         Ok(actions)
     }
 
-    /// Stores the step that the last actions led to: the observations `from` and the transition
-    /// `to`.
+    /// Stores the step that the last actions led to: the observations `from` before it and the
+    /// transition `to`.
     ///
     /// # Errors
     /// Errors of the actor, or an array that does not fit.
@@ -267,8 +267,8 @@ pub trait Experience<A: Actor> {
     }
 }
 
-/// Resets the environments and runs the first `rounds` episodes of each with the actor's mean
-/// actions.
+/// Resets the environments, runs the first `rounds` episodes of each with the actor's mean actions,
+/// and returns their statistics.
 ///
 /// Episodes must end, by termination or a time limit; otherwise the evaluation never returns.
 /// Counting the same number of episodes in every environment keeps short episodes from being

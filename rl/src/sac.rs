@@ -188,7 +188,7 @@ impl Sac {
     /// Returns the two parameter groups of the optimiser, image encoder and all others, with their
     /// learning rates in the next gradient step.
     fn groups(&self, network: &SacNetwork<f32>) -> [ParamGroup; 2] {
-        let encoder = network.trunk.encoder_params();
+        let encoder = network.trunk.encoder_param_range();
         let heads = encoder.end..network.num_params();
         let SacSettings { learning_rate, encoder_learning_rate, decay_steps, .. } = self.settings;
         let encoder_rate = encoder_learning_rate.unwrap_or(learning_rate);
@@ -230,7 +230,7 @@ impl<T: Scalar> Losses<'_, T> {
     /// observations.
     fn write_td_targets(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         for (slot, position) in range.clone().enumerate() {
-            let (step, _) = self.step(position);
+            let (step, _) = self.sampled_step(position);
             let min_qf_next_target = w.min_qf(slot).1 - self.alpha * w.log_pi[slot];
             // a truncated episode still has a next value, unlike a terminated one
             let continues = f64::from(u8::from(step.outcome() != StepOutcome::Terminated));

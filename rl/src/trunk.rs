@@ -107,22 +107,22 @@ impl<T: Scalar> Trunk<T> {
     }
 
     /// Returns the range of the image encoder's parameters in the network's flat parameter slice.
-    pub fn encoder_params(&self) -> Range<usize> {
+    pub fn encoder_param_range(&self) -> Range<usize> {
         0..self.encoder.as_ref().map_or(0, LayerSignature::num_params)
     }
 
     pub fn num_params(&self) -> usize {
         let vector = self.vector.as_ref();
-        self.encoder_params().end + vector.map_or(0, LayerSignature::num_params)
+        self.encoder_param_range().end + vector.map_or(0, LayerSignature::num_params)
     }
 
     /// Returns the range of the trunk's parameters in the network's flat parameter slice.
-    pub fn params(&self) -> Range<usize> {
+    pub fn param_range(&self) -> Range<usize> {
         0..self.num_params()
     }
 
     fn vector_params(&self) -> Range<usize> {
-        self.encoder_params().end..self.num_params()
+        self.encoder_param_range().end..self.num_params()
     }
 
     /// Returns `num_params` initial parameters for a whole network: the trunk's weights are random,
@@ -131,7 +131,7 @@ impl<T: Scalar> Trunk<T> {
         let mut params = vec![T::ZERO; num_params];
         if let Some(encoder) = &self.encoder {
             let gain = self.settings.encoder.last_layer_gain();
-            encoder.init_with_gain(rng, gain, &mut params[self.encoder_params()]);
+            encoder.init_with_gain(rng, gain, &mut params[self.encoder_param_range()]);
         }
         if let Some(vector) = &self.vector {
             vector.init(rng, &mut params[self.vector_params()]);
@@ -183,7 +183,7 @@ impl<T: Scalar> Trunk<T> {
         }
     }
 
-    /// Returns images `[N, H, W, C]`, each centred on an input of the encoder.
+    /// Returns the images `[N, H, W, C]`, each padded with black to the encoder's input size.
     #[cfg(feature = "wgpu")]
     pub fn centre_on_canvas<'i>(&self, images: &'i [u8]) -> Cow<'i, [u8]> {
         if self.canvas == self.spec.image_shape {
@@ -214,7 +214,7 @@ impl<T: Scalar> Trunk<T> {
     pub fn forward(&self, params: &[T], n: usize, workspace: &mut TrunkWorkspace<T>) {
         let (mut image, mut vector): (&[T], &[T]) = (&[], &[]);
         if let (Some(layers), Some(buffers)) = (&self.encoder, &mut workspace.image) {
-            image = buffers.forward(layers, &params[self.encoder_params()], n);
+            image = buffers.forward(layers, &params[self.encoder_param_range()], n);
         }
         if let (Some(layers), Some(buffers)) = (&self.vector, &mut workspace.vector) {
             vector = buffers.forward(layers, &params[self.vector_params()], n);
@@ -237,7 +237,11 @@ impl<T: Scalar> Trunk<T> {
     ) -> Vec<Vec<f64>> {
         let mut sums = Vec::new();
         if let (Some(layers), Some(buffers)) = (&self.encoder, &workspace.image) {
-            sums.extend(buffers.unit_activation_sums(layers, &params[self.encoder_params()], n));
+            sums.extend(buffers.unit_activation_sums(
+                layers,
+                &params[self.encoder_param_range()],
+                n,
+            ));
         }
         if let (Some(layers), Some(buffers)) = (&self.vector, &workspace.vector) {
             sums.extend(buffers.unit_activation_sums(layers, &params[self.vector_params()], n));
@@ -286,7 +290,7 @@ impl<T: Scalar> Trunk<T> {
             None => d_vector.copy_from_slice(sum),
         }
         if let (Some(layers), Some(buffers)) = (&self.encoder, &mut workspace.image) {
-            let own = self.encoder_params();
+            let own = self.encoder_param_range();
             buffers.backward(layers, &params[own.clone()], n, &mut dparams[own]);
         }
         if let (Some(layers), Some(buffers)) = (&self.vector, &mut workspace.vector) {
@@ -339,7 +343,7 @@ pub(crate) struct ParamAllocator(usize);
 
 impl ParamAllocator {
     /// Creates an allocator whose first range follows the parameters of `trunk`.
-    pub fn after<T: Scalar>(trunk: &Trunk<T>) -> Self {
+    pub fn starting_after<T: Scalar>(trunk: &Trunk<T>) -> Self {
         Self(trunk.num_params())
     }
 
@@ -347,7 +351,7 @@ impl ParamAllocator {
         Self(0)
     }
 
-    pub fn next(&mut self, len: usize) -> Range<usize> {
+    pub fn allocate(&mut self, len: usize) -> Range<usize> {
         self.0 += len;
         self.0 - len..self.0
     }

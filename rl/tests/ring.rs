@@ -31,8 +31,8 @@ fn fill(
 /// Returns `true` if a recorded step equals `step`.
 fn is(recorded: ReplayStep, step: &Step) -> bool {
     let [mut image, mut next] = [(); 2].map(|()| vec![0; 18]);
-    recorded.image(&mut image);
-    recorded.next_image(&mut next);
+    recorded.write_image(&mut image);
+    recorded.write_next_image(&mut next);
     image == step.seen.image()
         && next == step.next().image()
         && recorded.vector() == step.seen.vector()
@@ -40,7 +40,7 @@ fn is(recorded: ReplayStep, step: &Step) -> bool {
         && recorded.action() == step.seen.action()
         && recorded.reward() == step.seen.reward()
         && recorded.outcome() == step.outcome
-        && recorded.step() == step.seen.at
+        && recorded.index_in_episode() == step.seen.at
 }
 
 /// Compares every step that is held, and every step before it, with all steps ever taken.
@@ -55,10 +55,10 @@ fn check(replay: &ReplayBuffer, all: &[Step]) {
             let mut seen = step.seen;
             seen.at -= count;
             let outcome = StepOutcome::Running;
-            let earlier = recorded.earlier(count).unwrap();
+            let earlier = recorded.step_before(count).unwrap();
             assert!(is(earlier, &Step { seen, outcome }), "{i}, {count}");
         }
-        assert!(recorded.earlier(step.seen.at + 1).is_none(), "{i}");
+        assert!(recorded.step_before(step.seen.at + 1).is_none(), "{i}");
     }
 }
 
@@ -88,7 +88,7 @@ proptest! {
         let mut all = fill(&mut episodes, &mut replay, count, &resets);
         check(&replay, &all);
         if mark {
-            replay.start_newest();
+            replay.start_newest_experience();
         }
         let mut copy = ReplayBuffer::restore(settings(capacity), &spec(1), &replay.save()).unwrap();
         prop_assert_eq!(copy.save(), replay.save());
@@ -115,7 +115,7 @@ fn a_share_of_a_minibatch_is_the_newest_experience() {
     fill(&mut episodes, &mut replay, 20, &[]);
     // without a mark, all is the newest; right after one, nothing is
     assert_eq!(newest(&replay, 1.0, 0), 200);
-    replay.start_newest();
+    replay.start_newest_experience();
     let last_quarter = newest(&replay, 1.0, 30);
     assert!((25..75).contains(&last_quarter), "{last_quarter}");
     fill(&mut episodes, &mut replay, 5, &[]);
@@ -145,8 +145,11 @@ fn an_endless_episode_is_forgotten_from_its_front() {
         fill(&mut episodes, &mut replay, 200, &[]);
         most = most.max(replay.allocated_bytes());
         let oldest = replay.get(0);
-        let count = oldest.step().min(256);
-        assert_eq!(oldest.earlier(count).unwrap().step(), oldest.step() - count);
+        let count = oldest.index_in_episode().min(256);
+        assert_eq!(
+            oldest.step_before(count).unwrap().index_in_episode(),
+            oldest.index_in_episode() - count
+        );
     }
     let step = 12 + 5 * size_of::<f32>();
     assert!(most < 2000 * step, "{most}");

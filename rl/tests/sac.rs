@@ -31,7 +31,7 @@ fn busy() -> Run {
 
 fn learn(run: &mut Run, turns: usize) {
     for _ in 0..turns {
-        run.replay.start_newest();
+        run.replay.start_newest_experience();
         run.collect().unwrap();
         run.sac.update(&mut run.policy, &run.replay, &mut run.rng).unwrap();
     }
@@ -63,7 +63,7 @@ fn a_saved_learner_goes_on_to_the_same_bits() {
     learn(&mut run, 2);
     let mut twin = restored(&run);
     for each in [&mut run, &mut twin] {
-        each.replay.start_newest();
+        each.replay.start_newest_experience();
         each.collect().unwrap();
     }
     assert_eq!(twin.replay.save(), run.replay.save());

@@ -89,13 +89,13 @@ impl Hull {
         &self.capsules
     }
 
-    /// Returns the point that lies furthest in `direction`.
+    /// Returns the point of the hull that lies furthest in `direction`.
     pub(crate) fn support(&self, direction: DVec3) -> DVec3 {
         furthest(&self.points, |point| point.dot(direction))
     }
 }
 
-/// Returns the first of the points with the largest measure.
+/// Returns the point with the largest `measure`; on a tie the first.
 pub(crate) fn furthest(points: &[DVec3], measure: impl Fn(DVec3) -> f64) -> DVec3 {
     let mut best = (f64::NEG_INFINITY, DVec3::ZERO);
     for &point in points {
@@ -108,12 +108,12 @@ pub(crate) fn furthest(points: &[DVec3], measure: impl Fn(DVec3) -> f64) -> DVec
 }
 
 impl PlacedShape {
-    /// Returns capsules, in the world, that enclose the shape of a link at pose `link`: one, or up
+    /// Returns capsules, in the world, that enclose this shape of a link at pose `link`: one, or up
     /// to four around a hull.
     ///
-    /// It is exact for spheres and capsules. A cylinder gains a hemisphere at each end; the capsule
-    /// of a box lies along the box's longest axis and passes through its edges. Those of a hull lie
-    /// along x, y or z of its mesh.
+    /// They are exact for spheres and capsules. A cylinder gains a hemisphere at each end; the
+    /// capsule of a box lies along the box's longest axis and passes through its edges. Those of a
+    /// hull lie along x, y or z of its mesh.
     pub fn enclosing_capsules(&self, link: &Pose) -> Vec<Capsule> {
         let (half, radius) = match self.shape {
             Shape::Hull(ref hull) => {

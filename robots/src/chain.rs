@@ -105,9 +105,8 @@ impl Chain {
         tip
     }
 
-    /// Returns a point of the world, and the distance (metres) from it that the last joint's frame
-    /// keeps within in every configuration. The point is on the axis of the first joint, if that
-    /// turns.
+    /// Returns a point in the world, and a bound on the distance (metres) of the last joint's frame
+    /// from it in any configuration. The point is on the axis of the first joint, if that turns.
     pub(crate) fn reach_bound(&self) -> (DVec3, f64) {
         let mut base = self.joints[0].before;
         let mut links: Vec<DVec3> =

@@ -30,7 +30,7 @@ const HINGE_SPEED: f64 = 50.0;
 /// Inertia per mass (m^2), that of a mass 2 m away, beyond which its unit looks wrong.
 const INERTIA_PER_MASS: f64 = 4.0;
 
-/// Findings of [`RobotDescription::check`] and [`RobotFile::check`].
+/// Result of the check of a robot's description: its figures, and what is missing or looks wrong.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RobotCheck {
     /// Name of the robot.
@@ -73,7 +73,8 @@ pub struct RobotCheck {
     pub problems: Vec<String>,
 }
 
-/// Joint of a checked robot. Units are radians and newton metres, or metres and newtons of a slide.
+/// Moving joint of a checked robot, with its limits. Units are radians and newton metres, or metres
+/// and newtons of a slide.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct JointCheck {
     /// Name of the joint.
@@ -252,8 +253,8 @@ impl Chain {
         to_last + self.tip_in_last_joint().position.length()
     }
 
-    /// Returns the point (metres, world) from which [`Chain::reach`] counts: the first joint, or
-    /// where the next joint stands beside its axis if it turns.
+    /// Returns the point (metres, world) from which [`Chain::reach`] is measured: the first joint
+    /// or, if that turns, the point of its axis nearest to the next joint.
     pub fn reach_centre(&self) -> DVec3 {
         self.reach_bound().0
     }

@@ -139,7 +139,7 @@ pub struct TwistController {
 }
 
 impl TwistController {
-    /// Starts at rest in `posture` `[len]`, to which redundant joints return.
+    /// Creates a controller at rest in `posture` `[len]`, to which redundant joints return.
     ///
     /// # Errors
     /// [`ControlError::InvalidSetting`], [`ControlError::JointOutOfRange`],
@@ -174,7 +174,7 @@ impl TwistController {
         })
     }
 
-    /// Restarts at rest from `configuration` `[len]`, for instance from the measured one.
+    /// Restarts the controller at rest in `configuration` `[len]`, for instance the measured one.
     ///
     /// # Errors
     /// [`ControlError::JointOutOfRange`]; the controller is unchanged then.
@@ -209,7 +209,7 @@ impl TwistController {
         self.chain.tip_pose(&self.configuration)
     }
 
-    /// Returns the twist of the last tick, along the axes of the world.
+    /// Returns the twist with which the tip's reference moves now, along the axes of the world.
     pub fn twist(&self) -> Twist {
         self.twist
     }
@@ -247,7 +247,8 @@ impl TwistController {
         self.reference = self.tip_pose();
     }
 
-    /// Advances the references by `seconds`, in (0, 10], in steps of at most 25 ms.
+    /// Advances the references of joints and tip by `seconds`, in (0, 10], in steps of at most 25
+    /// ms.
     ///
     /// # Errors
     /// [`ControlError::CannotFollow`] if the arm cannot follow the tip's reference because it is at

@@ -51,7 +51,7 @@ pub struct Link {
     pub shapes: Vec<PlacedShape>,
 }
 
-/// Mass of a link, its centre and its inertia.
+/// Mass of a link, its centre of mass and its inertia tensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inertia {
     /// Mass (kg).
@@ -107,7 +107,7 @@ pub enum MotionKind {
     Slide,
 }
 
-/// Source of a joint's position.
+/// Source of a joint's position: the position vector, or another joint that it follows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PositionSource {
     /// Element of the position vector.
@@ -194,7 +194,7 @@ impl RobotDescription {
         })
     }
 
-    /// Returns the length of a position vector.
+    /// Returns the length of the robot's position vectors: the number of its free joints.
     pub fn num_dofs(&self) -> usize {
         self.num_dofs
     }
@@ -231,13 +231,13 @@ impl RobotDescription {
         joints.map(|(_, motion)| motion.range.map_or(0.0, nearest)).collect()
     }
 
-    /// Returns the pose of the root in the world: the identity, unless set by
+    /// Returns the pose of the root link in the world: the identity, unless set by
     /// [`RobotDescription::with_base_pose`].
     pub fn base_pose(&self) -> Pose {
         self.base_pose
     }
 
-    /// Returns this robot with its root at `base_pose` in the world.
+    /// Returns this robot with its root link at `base_pose` in the world.
     ///
     /// # Errors
     /// [`DescriptionError::NumberOutOfRange`] if `base_pose` is not finite, or its rotation no unit
@@ -321,8 +321,8 @@ impl RobotDescription {
         Ok(self)
     }
 
-    /// Returns this robot with `prefix` before the names of all links and joints, so that they can
-    /// be no names of a scene.
+    /// Returns this robot with `prefix` before the names of all links and joints, so that they
+    /// differ from all names of a scene.
     pub fn with_prefix(mut self, prefix: &str) -> Self {
         let links = self.links.iter_mut().map(|link| &mut link.name);
         let joints = self.joints.iter_mut().map(|joint| &mut joint.name);

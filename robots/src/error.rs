@@ -319,7 +319,7 @@ pub enum ControlError {
     #[error("the arm cannot follow to {miss}")]
     CannotFollow {
         /// Target, and the pose that was reached.
-        miss: TipMiss,
+        miss: MissedTarget,
     },
     /// A target beyond the length of the arm.
     #[error(
@@ -344,7 +344,7 @@ pub enum ControlError {
     )]
     NoSolution {
         /// Target, and the nearest pose that was reached.
-        miss: TipMiss,
+        miss: MissedTarget,
         /// Number of searches.
         searches: usize,
     },
@@ -364,9 +364,9 @@ pub enum ControlError {
     },
 }
 
-/// Tip that is not at its target.
+/// Target that the tip of an arm missed, and the pose that it reached instead.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TipMiss {
+pub struct MissedTarget {
     /// Target position of the tip (metres, world).
     pub target: DVec3,
     /// Position of the tip that was reached (metres, world).
@@ -380,7 +380,7 @@ pub struct TipMiss {
     pub joint: Option<String>,
 }
 
-impl fmt::Display for TipMiss {
+impl fmt::Display for MissedTarget {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { target, reached, distance, angle, joint } = self;
         write!(f, "{target}: it comes to {reached}, {distance} m and {angle} rad away")?;
@@ -391,7 +391,7 @@ impl fmt::Display for TipMiss {
     }
 }
 
-/// Fails with the errors, if there are any.
+/// Returns a single error as it is, and several as one [`DescriptionError::Several`].
 pub(crate) fn all(mut errors: Vec<DescriptionError>) -> Result<(), DescriptionError> {
     match errors.len() {
         0 => Ok(()),
@@ -400,7 +400,7 @@ pub(crate) fn all(mut errors: Vec<DescriptionError>) -> Result<(), DescriptionEr
     }
 }
 
-/// Returns [`ControlError::NotFinite`] unless `holds`.
+/// Returns [`ControlError::NotFinite`] for the quantity `what` unless `holds`.
 pub(crate) fn require_finite(
     holds: bool,
     what: &'static str,
@@ -413,7 +413,7 @@ pub(crate) fn require_finite(
     Err(ControlError::NotFinite { what, value })
 }
 
-/// Returns [`DescriptionError::NumberOutOfRange`] unless `holds`.
+/// Returns [`DescriptionError::NumberOutOfRange`] for the quantity `what` unless `holds`.
 pub(crate) fn require(
     holds: bool,
     place: impl Fn() -> String,
@@ -427,7 +427,7 @@ pub(crate) fn require(
     Err(DescriptionError::NumberOutOfRange { place: place(), what, value, expected })
 }
 
-/// Largest number in a robot's file, in any unit: larger ones are taken for mistakes.
+/// Largest number accepted in a robot's file, in any unit: larger ones are taken for mistakes.
 pub(crate) const MAX_NUMBER: f64 = 1e6;
 
 /// Rejects numbers that are not finite or exceed [`MAX_NUMBER`].

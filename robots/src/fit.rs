@@ -62,13 +62,13 @@ fn shape(radius: f64, length: f64) -> Shape {
     Shape::Sphere { radius }
 }
 
-/// Returns the corners of the bounding box of points.
+/// Returns the lowest and the highest corner of the bounding box of points.
 pub(crate) fn extent(points: &[DVec3]) -> [DVec3; 2] {
     let first = [DVec3::INFINITY, DVec3::NEG_INFINITY];
     points.iter().fold(first, |[low, high], &point| [low.min(point), high.max(point)])
 }
 
-/// Returns the volume of a capsule or sphere divided by pi.
+/// Returns the volume of a capsule or sphere, divided by pi; infinite for other shapes.
 pub(crate) fn volume(placed: &PlacedShape) -> f64 {
     match placed.shape {
         Shape::Capsule { radius, length } => radius * radius * (length + 4.0 / 3.0 * radius),

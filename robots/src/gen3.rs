@@ -8,7 +8,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use crate::description::RobotDescription;
 use crate::error::DescriptionError;
 
-/// URDF of the arm and its gripper.
+/// URDF of the Kinova Gen3 and its gripper.
 ///
 /// Links: `end_effector_link` is the flange, `tool_link` Kinova's own tool frame for this gripper
 /// (0.12 m from the flange), `pinch_link` the point between the pads (0.1443 m). Joints: `joint_1`
@@ -23,13 +23,14 @@ pub const HOME: [f64; 7] =
 /// straight down.
 pub const RETRACT: [f64; 7] =
     [0.0, -20.0 / 180.0 * PI, PI, -146.0 / 180.0 * PI, 0.0, -50.0 / 180.0 * PI, FRAC_PI_2];
-/// Joint positions (radians) of the arm stretched upwards.
+/// Joint positions (radians) of the Kinova Gen3 stretched upwards.
 pub const ZERO: [f64; 7] = [0.0; 7];
-/// Joint positions (radians) for work on a table: the tool points straight down, its frame 0.45 m
-/// in front of the base and 0.15 m above the base's plane. The fingers open sideways.
+/// Joint positions (radians) of the Kinova Gen3 for work on a table: the tool points straight down,
+/// its frame 0.45 m in front of the base and 0.15 m above the base's plane. The fingers open
+/// sideways.
 pub const WORK: [f64; 7] = [0.0, 0.537, PI, -1.761, 0.0, -0.844, FRAC_PI_2];
 
-/// Returns the arm with its base at the world's origin: x points forwards, z up.
+/// Returns the Kinova Gen3 with its base at the world's origin: x points forwards, z up.
 ///
 /// # Errors
 /// Never in practice: the tests of the crate parse [`URDF`].

@@ -96,7 +96,7 @@ impl RobotDescription {
         Ok(DVec3::AXES[along] * own[along].signum())
     }
 
-    /// Returns the indices of the links that hang on the link `link`, directly or not.
+    /// Returns the indices of all links below the link `link` in the tree.
     pub fn descendants(&self, link: usize) -> Range<usize> {
         // links are in depth-first order
         let after = (link + 1..self.links.len()).find(|&next| self.joints[next - 1].parent < link);

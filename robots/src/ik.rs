@@ -7,11 +7,11 @@ use glam::{DQuat, DVec3};
 
 use crate::chain::{Chain, ChainJoint};
 use crate::description::check_length;
-use crate::error::{ControlError, TipMiss, require_finite};
+use crate::error::{ControlError, MissedTarget, require_finite};
 use crate::pose::Pose;
 use crate::twist::Twist;
 
-/// Solver for joint velocities, with buffers that are reused from solve to solve.
+/// Solver for the joint velocities that move a tip as wanted, with buffers that are reused.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct JointVelocitySolver {
     orientation: OrientationConstraint,
@@ -128,7 +128,7 @@ pub enum OrientationConstraint {
 }
 
 impl OrientationConstraint {
-    /// Rejects an axis without a direction.
+    /// Rejects an [`OrientationConstraint::Axis`] that is zero or not finite.
     pub(crate) fn check(&self) -> Result<(), ControlError> {
         match self {
             Self::Axis(axis) if axis.try_normalize().is_none() => {
@@ -157,7 +157,7 @@ impl OrientationConstraint {
         Twist { linear, angular }
     }
 
-    /// Returns a twist of the tip without the rotation that is free.
+    /// Returns `twist` of the tip without the rotation that the constraint leaves free.
     pub(crate) fn constrained(&self, tip: &Pose, twist: Twist) -> Twist {
         let angular = match self {
             Self::Full => twist.angular,
@@ -168,7 +168,7 @@ impl OrientationConstraint {
     }
 }
 
-/// Settings of [`Chain::solve_ik_with`].
+/// Settings of the inverse kinematics of [`Chain::solve_ik_with`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IkSettings {
     /// Part of the target's orientation that a solution must have.
@@ -221,7 +221,7 @@ const PULLED_ITERATIONS: usize = 100;
 const LEAST_DAMPING: f64 = 1e-3;
 
 impl Chain {
-    /// Solves the inverse kinematics for all of a pose, with the default settings.
+    /// Solves the inverse kinematics for a full pose of the tip, with the default settings.
     ///
     /// # Errors
     /// Those of [`Chain::solve_ik_with`].
@@ -393,8 +393,8 @@ fn check_reach(
 /// Relative rounding of a distance that still counts as within reach.
 const REACH_TOLERANCE: f64 = 1e-9;
 
-/// Returns configuration `number`, from 1, of joints with these ranges: they are spread evenly over
-/// their ranges, of which half a turn (or as many metres) to either side of the seed is used.
+/// Returns configuration `number`, from 1, of a sequence that is spread evenly over `ranges`, of
+/// which half a turn (or as many metres) to either side of the seed is used.
 ///
 /// Point `number` of Roberts' sequence with the powers of 1/g, where g^(d + 1) = g + 1 for d joints
 /// (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
@@ -414,14 +414,14 @@ pub(crate) fn spread(ranges: &[Option<[f64; 2]>], seed: &[f64], number: usize) -
     joints.map(|(index, (&range, &start))| position(index, range, start)).collect()
 }
 
-/// Returns the distances (metres, radians) from `position` to the ends of a joint's range; infinite
-/// for a joint without limits.
+/// Returns the displacements (metres, radians) from `position` to the lower and the upper end of a
+/// joint's range; infinite for a joint without limits.
 pub(crate) fn range_margins(joint: &ChainJoint, position: f64) -> [f64; 2] {
     let [low, high] = joint.motion.range.unwrap_or([f64::NEG_INFINITY, f64::INFINITY]);
     [low - position, high - position]
 }
 
-/// Moves joints by `seconds` of their velocities, clamped to their ranges.
+/// Advances a configuration by `seconds` of joint velocities, clamped to the ranges of the joints.
 pub(crate) fn step_joints(
     joints: &[ChainJoint],
     configuration: &mut [f64],
@@ -450,13 +450,13 @@ pub(crate) fn check_joint_ranges(chain: &Chain, configuration: &[f64]) -> Result
     Ok(())
 }
 
-/// Returns how far the tip is from `target`, with a joint at the end of its range.
+/// Returns the distance of the tip from `target`, and a joint at the end of its range, if any.
 pub(crate) fn tip_miss(
     chain: &Chain,
     orientation: OrientationConstraint,
     configuration: &[f64],
     target: &Pose,
-) -> TipMiss {
+) -> MissedTarget {
     let tip = chain.tip_pose(configuration);
     let error = orientation.error(&tip, target);
     let mut joints = chain.joints().iter().zip(configuration);
@@ -464,7 +464,7 @@ pub(crate) fn tip_miss(
         let [low, high] = range_margins(joint, position);
         (-low).min(high) < LIMIT_TOLERANCE
     });
-    TipMiss {
+    MissedTarget {
         target: target.position,
         reached: tip.position,
         distance: error.linear.length(),

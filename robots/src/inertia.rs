@@ -22,7 +22,7 @@ const SMALL_MASS: f64 = 1e-3;
 /// Estimated inertia (m^2) of each kilogram: that of a ball with a radius of 5 cm.
 const INERTIA_PER_MASS: f64 = 1e-3;
 
-/// Inertia of a link that a simulation cannot take as the file states it.
+/// Finding about a link whose inertia in the file cannot be simulated as it is.
 pub(crate) struct InertiaFinding {
     /// Index of the link.
     pub(crate) link: usize,
@@ -33,7 +33,7 @@ pub(crate) struct InertiaFinding {
 }
 
 impl RobotDescription {
-    /// Returns the inertias of the links for a simulation, and those that are not the file's.
+    /// Returns the links' inertias for a simulation, and a finding for each that is not the file's.
     ///
     /// A link that a joint moves, or one that is fixed to it, must have a mass, and links that move
     /// must have possible inertias.
@@ -90,7 +90,7 @@ impl RobotDescription {
         (inertias, findings)
     }
 
-    /// Returns, for each link, the first of the links that are fixed to it, itself included.
+    /// Returns, for each link, the first link of the rigid body that it belongs to.
     pub(crate) fn rigid_bodies(&self) -> Vec<usize> {
         let mut bodies = vec![0];
         for (index, joint) in self.joints.iter().enumerate() {

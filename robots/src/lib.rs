@@ -31,7 +31,7 @@ pub use description::{
     Inertia, Joint, JointMotion, Link, MotionKind, PositionSource, RangeRestriction,
     RobotDescription,
 };
-pub use error::{ControlError, DescriptionError, TipMiss};
+pub use error::{ControlError, DescriptionError, MissedTarget};
 pub use ik::{IkSettings, OrientationConstraint};
 pub use kinematic_arm::KinematicArm;
 pub use mjcf::{LinkAddition, Mjcf, MjcfSettings, Servo, TouchingPairs};

@@ -34,7 +34,7 @@ const MAX_NESTED_LINKS: usize = 96;
 /// Number of postures in which links are tried for contacts.
 const POSTURES: usize = 32;
 
-/// Robot as MJCF.
+/// Robot converted to MJCF, MuJoCo's format.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mjcf {
     /// MJCF source.
@@ -43,7 +43,7 @@ pub struct Mjcf {
     pub excluded_pairs: TouchingPairs,
 }
 
-/// Pairs of links that touch, although no joint alone separates them.
+/// Pairs of links, more than one joint apart, that touch at rest or in most postures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TouchingPairs {
     /// Pairs that touch at rest ([`RobotDescription::rest_positions`]).
@@ -54,7 +54,7 @@ pub struct TouchingPairs {
 }
 
 impl TouchingPairs {
-    /// Returns all pairs.
+    /// Returns all pairs, those that touch at rest first.
     pub fn iter(&self) -> impl Iterator<Item = &[String; 2]> {
         self.at_rest.iter().chain(&self.in_most_postures)
     }

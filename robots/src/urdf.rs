@@ -24,7 +24,7 @@ use crate::pose::Pose;
 pub use names::MAX_LINKS;
 pub use xml::MAX_URDF_BYTES;
 
-/// Settings of reading a URDF file.
+/// Settings for reading a URDF file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UrdfSettings {
     /// Folders of ROS packages by name, for `package://NAME/PATH`. A mesh of such a package that is

@@ -14,12 +14,12 @@ const MOST_BYTES: u64 = 8 * MOST_VALUES as u64 + (1 << 16);
 
 const TOO_LARGE: &str = "it has more than 2^25 values";
 
-/// Open npz archive.
+/// Open npz archive, a zip file of NumPy arrays.
 pub(crate) struct Npz<R> {
     archive: ZipArchive<R>,
 }
 
-/// Array of numbers in row-major order.
+/// Array of numbers from an npz archive, in row-major order.
 #[derive(Debug)]
 pub(crate) struct Array {
     shape: Vec<usize>,
@@ -27,7 +27,7 @@ pub(crate) struct Array {
 }
 
 impl Array {
-    /// Returns the values at these indices of the leading axes.
+    /// Returns the part of the array at these indices of its leading axes.
     pub(crate) fn row(&self, indices: &[usize]) -> &[f64] {
         let start =
             indices.iter().zip(&self.shape).fold(0, |start, (index, size)| start * size + index);
@@ -146,7 +146,7 @@ fn values(name: &str, kind: &str, bytes: &[u8]) -> Result<Vec<f64>, String> {
     }
 }
 
-/// Describes an error of the file system.
+/// Returns the error message for a file that cannot be read, with the system's reason.
 pub(crate) fn unreadable(error: std::io::Error) -> String {
     format!("it cannot be read: {error}")
 }

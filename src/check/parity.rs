@@ -70,7 +70,8 @@ const STEP_DEVIATION: f64 = 5e-12;
 const REPLAY_DEVIATION: f64 = 1e-4;
 
 impl ParityRow {
-    /// Returns `true` if something was compared and all values are within their bounds; NaN is not.
+    /// Returns `true` if something was compared and all deviations are within their bounds; NaN is
+    /// not.
     pub fn passes(&self) -> bool {
         let steps = [self.reward_steps, self.physics_steps, self.replay_steps];
         !steps.contains(&0)
@@ -82,7 +83,8 @@ impl ParityRow {
     }
 }
 
-/// Compares every recording (`ENGINE_TASK_POLICY.npz`) of `folder`.
+/// Compares this simulation with every recording of Meta-World (`ENGINE_TASK_POLICY.npz`) in
+/// `folder`.
 ///
 /// # Errors
 /// [`RunError::Read`] with the file and the problem; errors of MuJoCo.

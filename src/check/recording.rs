@@ -96,7 +96,7 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    /// Parses the task from a file's name.
+    /// Parses the task from the name of a recording's file.
     pub(crate) fn task_of_file(path: &Path) -> Result<TaskGroup, String> {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         let task = stem.split('_').nth(1).unwrap_or_default();
@@ -188,12 +188,13 @@ impl Recording {
         self.action.row(&[episode, step])[3]
     }
 
-    /// Returns `true` if the success condition held after a step.
+    /// Returns `true` if the success condition held after a recorded step.
     pub(crate) fn success(&self, episode: usize, step: usize) -> bool {
         self.info.row(&[episode, step])[0] != 0.0
     }
 
-    /// Returns the largest difference of a step's reward, or of one of its terms, from `ours`.
+    /// Returns the largest difference between the simulated reward `ours` of a step, or one of its
+    /// terms, and the recorded one.
     pub(crate) fn reward_deviation(&self, episode: usize, step: usize, ours: &StepReward) -> f64 {
         let info = self.info.row(&[episode, step]);
         let reward = ours.reward - self.reward.row(&[episode, step])[0];
@@ -203,7 +204,7 @@ impl Recording {
         largest_deviation(deviations.chain([reward]).map(f64::abs))
     }
 
-    /// Returns `true` if a mesh touched anything during a step.
+    /// Returns `true` if a convex mesh touched anything during a recorded step.
     pub(crate) fn meshes_touch(&self, episode: usize, step: usize) -> bool {
         self.mesh_contact.row(&[episode, step])[0] != 0.0
     }
@@ -227,7 +228,7 @@ pub(crate) fn npz_files(folder: &Path) -> Result<Vec<PathBuf>, String> {
     Ok(files)
 }
 
-/// Returns the largest deviation of a list; zero without any, and NaN if one of them is NaN.
+/// Returns the largest of these deviations; zero for none, and NaN if one of them is NaN.
 pub(crate) fn largest_deviation(deviations: impl IntoIterator<Item = f64>) -> f64 {
     // `f64::max` ignores NaN, which would hide broken values
     let larger = |most: f64, one: f64| if most.is_nan() || most >= one { most } else { one };

@@ -10,7 +10,7 @@ use experiments::cli::print_escaped;
 use experiments::evaluation::{Evaluator, OwnPolicies};
 use experiments::{Experiment, RunError, RunFolder, Stream};
 use learner::disk::{LocalDisk, write_atomically};
-use learner::{Labels, Learner};
+use learner::{Learner, TaskLabel};
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::D2;
 
@@ -37,7 +37,7 @@ pub struct ExportOptions {
 }
 
 impl ExportOptions {
-    /// Writes the files, and prints their names and sizes to `out`.
+    /// Writes the files of the exported policy, and prints their names and sizes to `out`.
     ///
     /// # Errors
     /// A run without policies, or an output folder that exists; a policy that does not exist, or
@@ -50,7 +50,7 @@ impl ExportOptions {
         let folder = RunFolder::from_path(&self.run_folder);
         let run = folder.read_experiment()?;
         let spec = Stream::env_spec(&run.envs);
-        let labels = Labels::default();
+        let labels = TaskLabel::default();
         let (mut learner, own) = folder.load_with_own_policies(&run.learner, &spec, &labels)?;
         let index = match self.policy.parse() {
             Ok(index) => index,
@@ -91,7 +91,7 @@ fn policy_of_group(
     run: &Experiment,
     learner: &mut dyn Learner,
     own: &OwnPolicies,
-    labels: Labels,
+    labels: TaskLabel,
 ) -> Result<usize, RunError> {
     let tasks = TaskRegistry::all();
     let variant = run.schedule.select_groups(Some(group), &tasks)?[0].variants()[0];

@@ -4,7 +4,7 @@ use envs::ExtraView;
 use rl::{Distribution, ExportedLayer, ExportedPolicy};
 use serde_json::{Map, Value, json};
 
-use experiments::{Experiment, VECTOR_INPUTS};
+use experiments::{Experiment, VECTOR_INPUT_SCALING};
 
 use super::weights::network_parts;
 
@@ -43,7 +43,7 @@ fn inputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
     let pictures = [&["the picture"], beside].concat();
     let pictures = pictures.iter().map(|own| format!("red, green, blue of {own}"));
     let [height, width, channels] = policy.spec.image_shape;
-    let components = VECTOR_INPUTS.map(|input| {
+    let components = VECTOR_INPUT_SCALING.map(|input| {
         json!({
             "name": input.name, "unit": input.unit,
             "offset": input.offset, "factor": input.factor,

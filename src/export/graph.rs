@@ -2,8 +2,9 @@
 
 use prost::Message;
 
-/// Element types of ONNX tensors, numbered as in `TensorProto.DataType`.
+/// Element type `float` of ONNX tensors, by its number in `TensorProto.DataType`.
 pub const FLOAT_TYPE: i64 = 1;
+/// Element type `uint8` of ONNX tensors, by its number in `TensorProto.DataType`.
 pub const UINT8_TYPE: i64 = 2;
 const INT64: i32 = 7;
 /// Types of ONNX attributes, numbered as in `AttributeProto.AttributeType`.
@@ -132,7 +133,7 @@ struct Side {
 
 /// Operators and constants of an ONNX graph, in the order in which they run.
 #[derive(Default)]
-pub struct Graph {
+pub struct OnnxGraph {
     nodes: Vec<Node>,
     constants: Vec<Tensor>,
 }
@@ -145,7 +146,7 @@ pub enum Attribute {
     Ints(&'static str, Vec<i64>),
 }
 
-impl Graph {
+impl OnnxGraph {
     /// Adds an operator to the graph whose single output has the name `output`, and returns that
     /// name.
     pub fn add_node(
@@ -187,8 +188,8 @@ impl Graph {
         name.to_owned()
     }
 
-    /// Serialises the model with these inputs and outputs, given by name, element type, and the
-    /// dimensions after the batch.
+    /// Serialises the graph as an ONNX model with these inputs and outputs, given by name, element
+    /// type, and the dimensions after the batch.
     pub fn into_model_bytes(
         self,
         about: &str,

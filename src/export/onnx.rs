@@ -2,13 +2,13 @@
 
 use rl::{Distribution, ExportedLayer, ExportedPolicy};
 
-use super::graph::{Attribute, FLOAT_TYPE, Graph, UINT8_TYPE};
+use super::graph::{Attribute, FLOAT_TYPE, OnnxGraph, UINT8_TYPE};
 
 /// Serialises an ONNX model that maps `image` `[B, H, W, C]` (bytes) and `vector` `[B, D]` to
 /// `action` `[B, A]`, `log_std` `[B, A]` and, if the policy has a critic, `value` `[B]`, for a
 /// batch of B.
 pub(super) fn onnx_model(policy: &ExportedPolicy, about: &str) -> Vec<u8> {
-    let mut graph = Graph::default();
+    let mut graph = OnnxGraph::default();
     let image = policy.image.as_ref().map(|layers| {
         let planes = planes(&mut graph);
         let top = chain(&mut graph, "image", layers, planes, Operators::Maps);
@@ -51,7 +51,7 @@ enum Operators {
 
 /// Adds ONNX operators that turn image bytes `[B, H, W, C]` into floats `[B, C, H, W]` in
 /// `[-0.5, 0.5]`.
-fn planes(graph: &mut Graph) -> String {
+fn planes(graph: &mut OnnxGraph) -> String {
     let scale = graph.add_float_constant("image.scale", &[], &[1.0 / 255.0]);
     let middle = graph.add_float_constant("image.middle", &[], &[0.5]);
     let cast =
@@ -63,7 +63,7 @@ fn planes(graph: &mut Graph) -> String {
 }
 
 fn chain(
-    graph: &mut Graph,
+    graph: &mut OnnxGraph,
     part: &str,
     layers: &[ExportedLayer],
     input: String,
@@ -77,7 +77,7 @@ fn chain(
 }
 
 fn add_layer(
-    graph: &mut Graph,
+    graph: &mut OnnxGraph,
     name: &str,
     layer: &ExportedLayer,
     input: &str,
@@ -119,7 +119,7 @@ fn add_layer(
 }
 
 /// Adds an operator that concatenates vectors along their components.
-fn joined(graph: &mut Graph, name: &str, parts: &[String]) -> String {
+fn joined(graph: &mut OnnxGraph, name: &str, parts: &[String]) -> String {
     match parts {
         [alone] => alone.clone(),
         _ => {
@@ -131,7 +131,7 @@ fn joined(graph: &mut Graph, name: &str, parts: &[String]) -> String {
 
 /// Adds operators for the invariant features: the maximum of each regular field (one component per
 /// group element) over the elements.
-fn features(graph: &mut Graph, parts: &[String], order: usize) -> String {
+fn features(graph: &mut OnnxGraph, parts: &[String], order: usize) -> String {
     let mut pool = |part: &String| {
         // 0 keeps the batch dimension, -1 takes the remaining components
         let shape = graph.add_int_constant(&format!("{part}.by_element"), &[0, order as i64, -1]);
@@ -144,7 +144,7 @@ fn features(graph: &mut Graph, parts: &[String], order: usize) -> String {
 }
 
 /// Adds the outputs `action` and `log_std` of the policy to the graph.
-fn distribution(graph: &mut Graph, policy: &ExportedPolicy, input: String) {
+fn distribution(graph: &mut OnnxGraph, policy: &ExportedPolicy, input: String) {
     let actor = chain(graph, "actor", &policy.actor, input, Operators::Vectors);
     let width = policy.spec.action_irreps.len();
     match &policy.distribution {

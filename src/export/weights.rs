@@ -33,7 +33,8 @@ pub(super) fn safetensors_weights(
     serialize(arrays, path)
 }
 
-/// Returns the name and layers of each part of a policy, and `true` if they run on feature maps.
+/// Returns the name and layers of each part of a policy's network, and `true` for a part that runs
+/// on feature maps.
 pub(super) fn network_parts(
     policy: &ExportedPolicy,
 ) -> Vec<(&'static str, &[ExportedLayer], bool)> {

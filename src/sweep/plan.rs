@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError};
-use learner::overrides::{self, Override, parse_json, read_json};
+use learner::overrides::{self, SettingOverride, parse_json, read_json};
 
 /// Largest number of jobs of a plan.
 const MAX_JOBS: usize = 100_000;
@@ -161,7 +161,7 @@ impl SweepPlan {
 struct Arm<'a> {
     suffix: String,
     text: Vec<&'a str>,
-    set: Vec<Override>,
+    set: Vec<SettingOverride>,
 }
 
 impl<'a> Arm<'a> {
@@ -195,7 +195,7 @@ fn folder_part(name: &str) -> Result<&str, RunError> {
 }
 
 impl SweepJob {
-    /// Returns the path of the job's folder.
+    /// Returns the path of the job's run folder in the folder `runs`.
     pub fn folder_path(&self, runs: &Path) -> PathBuf {
         runs.join(&self.folder_name)
     }

@@ -50,12 +50,13 @@ impl D2 {
         self.bits() & 2 != 0
     }
 
-    /// Returns the point to which a point moves, both relative to the centre in any unit of length.
+    /// Returns the point to which the group element moves the point (x, y), both relative to the
+    /// centre and in any unit of length.
     pub fn apply_xy(self, [x, y]: [f64; 2]) -> [f64; 2] {
         [if self.flips_x() { -x } else { x }, if self.flips_y() { -y } else { y }]
     }
 
-    /// Returns the row and column to which a pixel of a `height` x `width` image moves.
+    /// Returns the row and column to which the element moves a pixel of a `height` x `width` image.
     ///
     /// # Panics
     /// If the pixel lies outside the image.
@@ -76,7 +77,7 @@ impl D2 {
         )
     }
 
-    /// Returns a transformed copy of a channels-last image `[height, width, channels]`.
+    /// Returns a channels-last image `[height, width, channels]` transformed by the element.
     ///
     /// Only pixels move; [`FieldType::transform_channels`](crate::FieldType::transform_channels)
     /// changes the signs of channels.
@@ -113,8 +114,8 @@ impl D2 {
     }
 }
 
-/// Returns the product of two elements of D2, or of two of its irreps, as bits: bits add modulo
-/// two.
+/// Returns the bits of the product of two elements of D2, or of two of its irreps, from the bits of
+/// both: their exclusive or.
 pub(crate) fn product(a: usize, b: usize) -> usize {
     a ^ b
 }

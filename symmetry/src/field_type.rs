@@ -37,7 +37,7 @@ impl FieldType {
         }
     }
 
-    /// Creates a field type as [`FieldType::new`] does; `None` if there are too many channels.
+    /// Creates a field type as [`FieldType::new`] does; `None` for more than `MAX_DIM` channels.
     pub(crate) const fn try_new(group: Group, multiplicities: [usize; 4]) -> Option<FieldType> {
         // subtracted from the maximum, since a sum could overflow; `for` is not allowed in const fn
         let (mut left, mut a) = (FieldType::MAX_DIM, 0);
@@ -51,8 +51,8 @@ impl FieldType {
         Some(FieldType::restricted(group, multiplicities))
     }
 
-    /// Returns the direct sum with `count` copies of `other`, which must have the same group.
-    /// `None` if there are too many channels.
+    /// Returns the direct sum of this field type and `count` copies of `other`, which must have the
+    /// same group. `None` for more than `MAX_DIM` channels.
     pub(crate) fn plus_copies_of(&self, other: FieldType, count: usize) -> Option<FieldType> {
         let mut multiplicities = self.multiplicities;
         for (sum, of_one) in multiplicities.iter_mut().zip(other.multiplicities) {
@@ -211,7 +211,7 @@ impl Add for FieldType {
 }
 
 /// Returns the permutation that sorts channels with the given irreps into irrep-major order under
-/// `group`: entry `i` is the natural index of irrep-major channel `i`.
+/// `group`: entry `i` is the index in `irreps` of irrep-major channel `i`.
 ///
 /// Channels of one irrep keep their order.
 ///

@@ -106,7 +106,7 @@ impl fmt::Display for Group {
     }
 }
 
-/// Error of parsing a text that names no symmetry group, with the text.
+/// Error of parsing the name of a symmetry group; holds the text, which names none.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ParseGroupError(pub String);
 

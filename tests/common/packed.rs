@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use covers::presets::{Budget, Method};
-use covers::{CheckpointExtent, Experiment, Labels, RunFolder, Stream};
+use covers::{CheckpointExtent, Experiment, RunFolder, Stream, TaskLabel};
 use envs::Embodiment;
 
 use super::scratch::Scratch;
@@ -21,7 +21,7 @@ pub fn small(method: Method) -> Experiment {
 impl Scratch {
     /// A folder as `covers pack` makes it.
     pub fn pack(&self, experiment: &Experiment) -> PathBuf {
-        let (spec, labels) = (Stream::env_spec(&experiment.envs), Labels::default());
+        let (spec, labels) = (Stream::env_spec(&experiment.envs), TaskLabel::default());
         let learner = experiment.learner.new_learner(&spec, &labels).unwrap();
         let folder = self.0.join("packed");
         let extent = CheckpointExtent::Policies { episodes_per_policy: 100 };

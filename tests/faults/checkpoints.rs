@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use covers::presets::Method;
-use covers::{Experiment, Labels, LearnerError, Run, RunError, RunFolder, Stream};
+use covers::{Experiment, LearnerError, Run, RunError, RunFolder, Stream, TaskLabel};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -69,7 +69,7 @@ fn a_checkpoint_under_a_higher_number_is_passed_over_and_named() {
     let experiment = RunFolder::from_path(&folder).read_experiment().unwrap();
     let spec = Stream::env_spec(&experiment.envs);
     let learner = RunFolder::from_path(&folder)
-        .load_learner(&experiment.learner, &spec, &Labels::default())
+        .load_learner(&experiment.learner, &spec, &TaskLabel::default())
         .unwrap();
     assert_eq!(learner.policy_count(), 2, "an evaluation passes it over, too");
     let run = resume(&folder).unwrap();

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use experiments::RunError;
 
-/// Error while the progress of a run is followed.
+/// Error of watching the progress of a run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WatchError {

@@ -140,7 +140,7 @@ fn events(run: &RunData) -> Vec<(Moment, RunEvent<'_>)> {
     });
     // skip an evaluation that is still being written: it has fewer rows than there are variants
     let variants = run.experiment.schedule.groups.len() * D2::ALL.len();
-    let evaluations = run.evaluation_rollouts().filter_map(|rollouts| {
+    let evaluations = run.rollouts_before_evaluations().filter_map(|rollouts| {
         let scores: Vec<&ScoreRow> = run.scores_after(Some(rollouts)).collect();
         let decisions = scores.first()?.decisions;
         let whole = scores.len() >= variants;

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use experiments::RunData;
-use experiments::schedule::Clock;
+use experiments::schedule::StreamClock;
 
 /// Number of latest rollouts whose times give the current speed.
 const RECENT: usize = 20;
@@ -25,7 +25,7 @@ pub(super) struct StreamProgress {
 }
 
 impl StreamProgress {
-    /// Returns the progress of a run after its first `rollouts` rollouts.
+    /// Returns the progress and the speed of a run after its first `rollouts` rollouts.
     pub fn after_rollouts(run: &RunData, rollouts: usize) -> Self {
         let timed = &run.timings[..rollouts.min(run.timings.len())];
         let recent = &timed[timed.len().saturating_sub(RECENT)..];
@@ -39,8 +39,8 @@ impl StreamProgress {
         let newest = rollouts.checked_sub(1).and_then(|newest| run.rollouts.get(newest));
         // a discarded rollout takes time but does not advance a clock that counts turns
         let (done, advanced) = match schedule.clock {
-            Clock::EnvironmentTime => (newest.map_or(0, |row| row.decisions), decisions),
-            Clock::LearnerIterations => {
+            StreamClock::EnvironmentTime => (newest.map_or(0, |row| row.decisions), decisions),
+            StreamClock::LearnerIterations => {
                 (rollouts.saturating_mul(turn), (recent.len() * turn) as f64)
             }
         };
@@ -83,7 +83,7 @@ mod tests {
             (stream / 2, 0)
         );
         // second looks do not bring the end nearer where the stream counts turns
-        run.experiment.schedule.clock = Clock::LearnerIterations;
+        run.experiment.schedule.clock = StreamClock::LearnerIterations;
         let turn = run.experiment.learner.rollout_steps();
         let after_turns = StreamProgress::after_rollouts(&run, 2);
         assert_eq!(

@@ -56,7 +56,7 @@ impl VectorEnv for FilmedStream {
     }
 }
 
-/// Learner and its stream.
+/// Demonstration: a learner, and the stream of tasks that it trains on.
 pub struct Demo {
     env: FilmedStream,
     learner: Covers,
@@ -117,7 +117,7 @@ impl Demo {
         Ok(record)
     }
 
-    /// Returns the images `[T, 4, 48, 48, 3]` of the latest rollout.
+    /// Returns the images `[T, 4, 48, 48, 3]` of the first four environments in the latest rollout.
     pub fn film(&self) -> &[u8] {
         &self.env.film
     }
@@ -135,7 +135,7 @@ impl Demo {
         Ok(present(&observations.images).collect())
     }
 
-    /// Inserts a visit to a task group of `rounds` rollouts, which begins within two iterations.
+    /// Inserts a visit of `rounds` rollouts to a task group, which begins within two iterations.
     ///
     /// # Errors
     /// [`RlError::Environment`] for a group that the world does not have.

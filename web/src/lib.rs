@@ -9,7 +9,7 @@ use symmetry::D2;
 use wasm_bindgen::JsError;
 use wasm_bindgen::prelude::wasm_bindgen;
 
-/// Demonstration as an object of JavaScript.
+/// Interface of the demonstration for JavaScript.
 #[wasm_bindgen]
 pub struct Session(Demo);
 
@@ -32,12 +32,12 @@ impl Session {
         Ok(serde_json::to_string(&self.0.learn()?)?)
     }
 
-    /// Returns the images `[T, 4, 48, 48, 3]` of the latest rollout, as bytes.
+    /// Returns the images `[T, 4, 48, 48, 3]` of the first four environments in the latest rollout.
     pub fn film(&self) -> Vec<u8> {
         self.0.film().to_vec()
     }
 
-    /// Returns an image `[48, 48, 3]` of a task group, as bytes.
+    /// Returns the first image `[48, 48, 3]` of an episode of a task group, as bytes.
     ///
     /// # Errors
     /// A group that the world does not have.
@@ -45,8 +45,9 @@ impl Session {
         Ok(self.0.picture(group)?)
     }
 
-    /// Inserts a visit to a task group, which begins within two iterations. The variant is the
-    /// two bits of an element of D2 (bit 0 mirrors x, bit 1 mirrors y), or missing for random ones.
+    /// Inserts a visit of `rounds` rollouts to a task group, which begins within two iterations.
+    /// The variant is the two bits of an element of D2 (bit 0 mirrors x, bit 1 mirrors y), or
+    /// missing for random ones.
     ///
     /// # Errors
     /// A group that the world does not have.

@@ -17,7 +17,7 @@ const REACH: f32 = 0.95;
 // The reward there is exp(-10 * 0.06), about 0.55.
 const NEAR: f32 = 0.06;
 
-/// State of one environment: task group, scene, positions of hand and object, and pictures.
+/// State of an environment's current episode: task group, scene, hand, object, and pictures.
 #[derive(Clone, Debug)]
 pub(crate) struct Episode {
     group: TaskGroup,
@@ -92,8 +92,8 @@ impl Episode {
         mirrored(self.variant, action.map(|a| a / most))
     }
 
-    /// Writes the picture `[48, 48, 6]` and the hand's position (x, y), both mirrored by the
-    /// episode's element of D2.
+    /// Writes the observation, the picture `[48, 48, 6]` and the hand's position (x, y), both
+    /// mirrored by the episode's element of D2.
     pub fn show(&self, image: &mut [u8], vector: &mut [f32]) {
         for (at, pixel) in image.chunks_exact_mut(6).enumerate() {
             // every variant is its own inverse, so the source is where the pixel goes

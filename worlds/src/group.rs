@@ -83,7 +83,7 @@ impl HandDynamics {
 const PERIOD: f32 = 1000.0;
 
 impl TaskGroup {
-    /// Returns the group with the colours of its object after `rounds` rounds of the stream.
+    /// Returns the group with the colours that its object has drifted to after `rounds` rounds.
     pub(crate) fn after(mut self, rounds: usize) -> Self {
         let share = (std::f32::consts::TAU * rounds as f32 / PERIOD).sin();
         for (colour, drift) in self.appearance.colour.iter_mut().zip(self.colour_drift) {

@@ -12,7 +12,7 @@ use crate::scene::{
 
 /// Property in which the task groups of a world can differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Property {
+pub enum GroupProperty {
     /// Colour of the object.
     Colour,
     /// Outline of the object.
@@ -76,7 +76,7 @@ struct Spec {
     name: &'static str,
     /// Least and largest default number of task groups.
     num_groups: [usize; 2],
-    properties: &'static [Property],
+    properties: &'static [GroupProperty],
     nuisance: Nuisance,
 }
 
@@ -101,8 +101,8 @@ impl WorldKind {
     ];
 
     const fn spec(self) -> Spec {
-        use Property::{Colour, Dynamics, Form, Ground, Reward, Shape, Target};
-        const APPEARANCE: &[Property] = &[Colour, Shape, Form, Target];
+        use GroupProperty::{Colour, Dynamics, Form, Ground, Reward, Shape, Target};
+        const APPEARANCE: &[GroupProperty] = &[Colour, Shape, Form, Target];
         let values: (_, _, _, Nuisance) = match self {
             Self::Appearance => ("appearance", [8, 8], APPEARANCE, unchanged),
             Self::Shape => ("shape", [8, 8], &[Shape, Target], unchanged),
@@ -130,16 +130,16 @@ impl WorldKind {
     }
 
     /// Returns the properties in which the task groups of this kind of world differ.
-    pub const fn properties(self) -> &'static [Property] {
+    pub const fn properties(self) -> &'static [GroupProperty] {
         self.spec().properties
     }
 
-    /// Returns the change of the scene in the course of a stream.
+    /// Returns the change of the scene in the course of a stream, which requires no new policies.
     pub(crate) const fn nuisance(self) -> Nuisance {
         self.spec().nuisance
     }
 
-    /// Returns a random default number of task groups, which is fixed for some kinds of worlds.
+    /// Returns a random number of task groups in the default range of this kind of world.
     pub(crate) fn draw_num_groups(self, rng: &mut ChaCha8Rng) -> usize {
         let [least, most] = self.spec().num_groups;
         // a draw would change the worlds of kinds with a fixed number
@@ -150,12 +150,12 @@ impl WorldKind {
     pub(crate) const fn max_num_groups(self) -> usize {
         match self.properties() {
             // values of a property are drawn without repetition
-            [property] | [property, Property::Target] => property.num_values(),
+            [property] | [property, GroupProperty::Target] => property.num_values(),
             _ => 16,
         }
     }
 
-    /// Returns `number` random task groups.
+    /// Returns `number` random task groups of this kind of world.
     pub(crate) fn draw_groups(self, number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
         let mut groups = match *self.properties() {
             [] => vec![draw_group(draw_appearance(rng), rng); number],
@@ -164,7 +164,7 @@ impl WorldKind {
                 let values = property.draw(number, rng).into_iter();
                 values.map(|value| property.set(common, value)).collect()
             }
-            [property, Property::Target] => {
+            [property, GroupProperty::Target] => {
                 let mut common = draw_appearance(rng);
                 (common.texture, common.num_copies, common.half_size) = (Texture::Plain, 1, 0.18);
                 let values = property.draw(number, rng).into_iter();
@@ -182,7 +182,7 @@ impl WorldKind {
     }
 }
 
-impl Property {
+impl GroupProperty {
     /// Returns the number of values that the property can have.
     const fn num_values(self) -> usize {
         match self {

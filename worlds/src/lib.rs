@@ -41,7 +41,7 @@ mod world;
 
 pub use appearance::{Appearance, Shape, Texture};
 pub use group::{HandDynamics, RewardFunction, TaskGroup};
-pub use kind::{Property, WorldKind};
+pub use kind::{GroupProperty, WorldKind};
 pub use scene::Scene;
 pub use stream::{DEFAULT_HORIZON, StreamError, TaskStream, Visit};
 pub use world::World;

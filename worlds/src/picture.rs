@@ -21,8 +21,8 @@ const HAND: Appearance = Appearance {
     num_copies: 1,
 };
 
-/// Rendered picture `[48, 48, 3]`, not yet clipped to 0..=255; row 0 is the largest y, column 0 the
-/// least x.
+/// Rendered picture `[48, 48, 3]` of a world from above, not yet clipped to 0..=255; row 0 is the
+/// largest y, column 0 the least x.
 #[derive(Clone, Debug)]
 pub(crate) struct Picture(Vec<f32>);
 

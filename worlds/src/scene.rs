@@ -25,7 +25,7 @@ pub struct Scene {
     pub reward_scale: f32,
 }
 
-/// Change of the scene that calls for no other policy: a function that returns the scene at the
+/// Change of the scene that requires no other policy: a function that returns the scene at the
 /// beginning of a stream of tasks and at the largest change.
 pub(crate) type Nuisance = fn(Scene, &mut ChaCha8Rng) -> [Scene; 2];
 
@@ -33,29 +33,29 @@ pub(crate) fn unchanged(scene: Scene, _: &mut ChaCha8Rng) -> [Scene; 2] {
     [scene; 2]
 }
 
-/// Moves objects away from the centre of the picture, or towards it.
+/// Returns the scene before and after objects move away from the picture's centre, or towards it.
 pub(crate) fn move_object(scene: Scene, rng: &mut ChaCha8Rng) -> [Scene; 2] {
     let ranges = if rng.random() { [[0.1, 0.2], [0.4, 0.5]] } else { [[0.4, 0.5], [0.1, 0.2]] };
     ranges.map(|object_range| Scene { object_range, ..scene })
 }
 
-/// Makes pictures brighter or darker.
+/// Returns the scene before and after pictures become brighter or darker.
 pub(crate) fn change_light(scene: Scene, rng: &mut ChaCha8Rng) -> [Scene; 2] {
     [scene, Scene { brightness: if rng.random() { 1.3 } else { 0.6 }, ..scene }]
 }
 
-/// Changes each channel of the ground's colour by a random amount.
+/// Returns the scene before and after the ground's colour channels change by random amounts.
 pub(crate) fn tint_ground(scene: Scene, rng: &mut ChaCha8Rng) -> [Scene; 2] {
     let ground = scene.ground.map(|level| level + rng.random_range(-35.0..35.0));
     [scene, Scene { ground, ..scene }]
 }
 
-/// Sets the range of factors on rewards: from 0.01 to 100.
+/// Returns the scene and a copy with reward scale 100; visits draw scales from 0.01 to 100.
 pub(crate) fn rescale_rewards(scene: Scene, _: &mut ChaCha8Rng) -> [Scene; 2] {
     [scene, Scene { reward_scale: 100.0, ..scene }]
 }
 
-/// Raises the camera's noise.
+/// Returns the scene before and after the camera's noise increases to 20 levels.
 pub(crate) fn raise_noise(scene: Scene, _: &mut ChaCha8Rng) -> [Scene; 2] {
     [scene, Scene { noise_amplitude: 20.0, ..scene }]
 }

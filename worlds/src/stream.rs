@@ -113,7 +113,7 @@ impl TaskStream {
         })
     }
 
-    /// Fixes the variant of D2 of every episode of all visits so far.
+    /// Mirrors all episodes of all visits so far by one element of D2 instead of a random one.
     #[must_use]
     pub fn with_variant(mut self, variant: D2) -> Self {
         for visit in &mut self.visits {
@@ -144,8 +144,8 @@ impl TaskStream {
         self.visit_of_round(round).group
     }
 
-    /// Inserts a visit that begins after the round that runs, and ends the one that it interrupts.
-    /// The visits after that stay as they are.
+    /// Inserts a visit that begins after the current round and shortens the visit that it
+    /// interrupts. Later visits stay as they are.
     ///
     /// # Errors
     /// [`StreamError::UnknownGroup`] for a group that the world does not have.

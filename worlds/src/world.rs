@@ -71,7 +71,7 @@ impl World {
         if self.kind.properties().is_empty() { 1 } else { self.groups.len() }
     }
 
-    /// Returns the index of the first of the groups that are equal to `group`.
+    /// Returns the smallest index of a task group that equals the one with index `group`.
     pub fn first_equal_group(&self, group: usize) -> usize {
         if self.kind.properties().is_empty() { 0 } else { group }
     }

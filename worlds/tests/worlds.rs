@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::D2;
-use worlds::{Property, Scene, StreamError, TaskGroup, TaskStream, Visit, World, WorldKind};
+use worlds::{GroupProperty, Scene, StreamError, TaskGroup, TaskStream, Visit, World, WorldKind};
 
 const SEEDS: std::ops::Range<u64> = 1000..1020;
 
@@ -15,16 +15,16 @@ fn visits(groups: &[usize], rounds: usize) -> Vec<Visit> {
 }
 
 /// Returns each property of a group as text; offset and radius are the target's and the reward's.
-fn properties(group: &TaskGroup) -> [(Property, String); 7] {
+fn properties(group: &TaskGroup) -> [(GroupProperty, String); 7] {
     let look = &group.appearance;
     [
-        (Property::Colour, format!("{:?}", look.colour)),
-        (Property::Shape, format!("{:?}", look.shape)),
-        (Property::Form, format!("{:?}", (look.half_size, look.texture, look.num_copies))),
-        (Property::Ground, format!("{:?}", group.ground_tint)),
-        (Property::Target, format!("{:?}", group.reward.offset)),
-        (Property::Reward, format!("{:?}", group.reward.radius)),
-        (Property::Dynamics, format!("{:?}", group.dynamics)),
+        (GroupProperty::Colour, format!("{:?}", look.colour)),
+        (GroupProperty::Shape, format!("{:?}", look.shape)),
+        (GroupProperty::Form, format!("{:?}", (look.half_size, look.texture, look.num_copies))),
+        (GroupProperty::Ground, format!("{:?}", group.ground_tint)),
+        (GroupProperty::Target, format!("{:?}", group.reward.offset)),
+        (GroupProperty::Reward, format!("{:?}", group.reward.radius)),
+        (GroupProperty::Dynamics, format!("{:?}", group.dynamics)),
     ]
 }
 
@@ -40,7 +40,7 @@ fn equal_seeds_draw_equal_worlds_and_groups_differ_where_their_kind_says() {
                 for other in &world.groups[..i] {
                     let both = properties(group).into_iter().zip(properties(other));
                     let differ = both.filter(|(a, b)| a != b).map(|(one, _)| one.0);
-                    let differ: Vec<Property> = differ.collect();
+                    let differ: Vec<GroupProperty> = differ.collect();
                     // two groups may share some of a long list of properties, not all
                     let few = kind.properties().len() <= 2;
                     assert!(differ == kind.properties() || !few && !differ.is_empty(), "{kind:?}");

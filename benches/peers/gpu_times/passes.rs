@@ -2,7 +2,9 @@
 
 use std::error::Error;
 
-use equivariant::gpu::{BatchUniforms, BufferSlot, Device, Passes, Plan, Program};
+use equivariant::gpu::{
+    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, Device, PassSelection,
+};
 use equivariant::{Layer, LayerSignature};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -12,7 +14,7 @@ use crate::networks::network;
 
 /// Program of a network, and the buffer that it writes last.
 struct Bench {
-    program: Program,
+    program: CompiledPlan,
     last: BufferSlot,
     batch: BatchUniforms,
 }
@@ -21,7 +23,7 @@ impl Bench {
     fn new(
         device: &Device,
         name: &str,
-        passes: Passes,
+        passes: PassSelection,
         samples: usize,
     ) -> Result<Bench, Box<dyn Error>> {
         let (size, fields, pooled): (usize, &[usize], bool) = match name {
@@ -32,12 +34,12 @@ impl Bench {
             _ => return Err(format!("got the network `{name}`").into()),
         };
         let network = network(size, fields, pooled)?;
-        let mut plan = Plan::new();
+        let mut plan = ComputePlan::new();
         let x = plan.add_input(network.in_shape());
         let y = plan.add_layer(&network, x)?;
-        let trains = passes == Passes::All;
+        let trains = passes == PassSelection::All;
         let plan = if trains { plan } else { plan.forward_only() };
-        let program = Program::new(device, &plan, samples)?;
+        let program = CompiledPlan::new(device, &plan, samples)?;
         let mut params = vec![0.0; network.num_params()];
         network.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
         program.write_floats(plan.params_buffer(), &plan.params_to_device_order(&params));
@@ -53,7 +55,7 @@ impl Bench {
     }
 }
 
-/// Returns the milliseconds of a training pass or of a forward pass.
+/// Returns the mean milliseconds of a training pass or a forward pass of a network on a GPU.
 pub fn time(
     device: &Device,
     network: &str,
@@ -61,8 +63,8 @@ pub fn time(
     batch: usize,
 ) -> Result<f64, Box<dyn Error>> {
     let passes = match task {
-        "training" => Passes::All,
-        "decisions" => Passes::Forward,
+        "training" => PassSelection::All,
+        "decisions" => PassSelection::Forward,
         _ => return Err(format!("got the task `{task}`").into()),
     };
     let bench = Bench::new(device, network, passes, batch)?;
@@ -75,18 +77,18 @@ pub fn time(
     })
 }
 
-/// Returns the names and microseconds of the kernels of a training pass, after passes that warm up
-/// the device.
+/// Returns the name and the microseconds of each GPU kernel of a training pass, after passes that
+/// warm up the device.
 pub fn kernels(device: &Device, network: &str, batch: usize) -> Result<String, Box<dyn Error>> {
-    let bench = Bench::new(device, network, Passes::All, batch)?;
+    let bench = Bench::new(device, network, PassSelection::All, batch)?;
     milliseconds(|runs| {
         for _ in 0..runs {
-            bench.program.submit(Passes::All, bench.batch);
+            bench.program.submit(PassSelection::All, bench.batch);
         }
         bench.program.read_floats([(bench.last, 1)])?;
         Ok(())
     })?;
-    let times = bench.program.kernel_seconds(Passes::All, bench.batch)?;
+    let times = bench.program.kernel_seconds(PassSelection::All, bench.batch)?;
     let times = times.iter();
     let words =
         times.map(|(name, seconds)| format!("{} {:.2}", name.replace(' ', "_"), 1e6 * seconds));

@@ -6,9 +6,8 @@ use equivariant::gpu::Device;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, Decisions, DevicePolicy, EncoderSettings, EnvSpec,
-    NetworkSettings, Observations, OnPolicyActor, Ppo, PpoSettings, RlError, RolloutBuffer,
-    RolloutState, collect,
+    ActorCriticPolicy, Algorithm, Decisions, EncoderSettings, EnvSpec, GpuPolicy, NetworkSettings,
+    Observations, OnPolicyActor, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, collect,
 };
 
 use crate::milliseconds;
@@ -17,7 +16,8 @@ use crate::noise::{HORIZON, Noise, spec};
 /// Largest number of observations on the device at a time.
 const AT_A_TIME: usize = 512;
 
-/// Returns the milliseconds of an update of a policy that is `width` times as wide as the presets'.
+/// Returns the mean milliseconds of a PPO update of a policy whose network is `width` times as wide
+/// as the presets'.
 pub fn update(device: &Device, width: usize, place: &str) -> Result<f64, Box<dyn Error>> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut env = Noise::new();
@@ -48,12 +48,12 @@ pub fn update(device: &Device, width: usize, place: &str) -> Result<f64, Box<dyn
     on(place, &mut run)
 }
 
-/// Returns the milliseconds of the decisions for a batch of observations.
+/// Returns the mean milliseconds in which a policy decides on `num_envs` observations.
 pub fn decide(device: &Device, num_envs: usize, place: &str) -> Result<f64, Box<dyn Error>> {
     let spec = EnvSpec { num_envs, ..spec() };
     let mut policy = ActorCriticPolicy::new(&NetworkSettings::default(), &spec, 0)?;
     if place == "gpu" {
-        let mut there = DevicePolicy::new(policy, device, num_envs.min(AT_A_TIME))?;
+        let mut there = GpuPolicy::new(policy, device, num_envs.min(AT_A_TIME))?;
         return decisions(&mut there, &spec);
     }
     on(place, &mut || decisions(&mut policy, &spec).map_err(|error| error.to_string()))

@@ -1,7 +1,8 @@
 //! Simple baselines: groupings by one description of first pictures.
 
 use cluster::{
-    Alternative, Candidate, Decision, Frames, SourceSamples, assign_by_threshold, joint_test,
+    AlternativeHypothesis, CandidateFeatures, Decision, FrameFeatures, SourceSamples,
+    assign_by_threshold, joint_test,
 };
 use evidence::{RecogniserSettings, Trajectory};
 use learner::{
@@ -39,8 +40,8 @@ fn mean_image(spec: &EnvSpec, trajectory: &Trajectory) -> Vec<f32> {
     means.collect()
 }
 
-/// Grouping that takes the policy with the least different descriptions, or a new one if these
-/// differ too much. Without second rollouts, trials and merges.
+/// Simple grouping rule for comparison: it takes the policy whose descriptions of first images
+/// differ least, or a new one if they differ too much. Without second rollouts, trials and merges.
 pub struct Baseline {
     rule: Rule,
     untrained: ActorCriticPolicy,
@@ -57,7 +58,7 @@ impl Baseline {
 
     /// Returns descriptions of the first pictures, which but for rounding are equal for mirror
     /// images.
-    fn describe(&mut self, episodes: Episodes<'_>) -> Result<Frames, LearnerError> {
+    fn describe(&mut self, episodes: Episodes<'_>) -> Result<FrameFeatures, LearnerError> {
         let Episodes { spec, trajectories, .. } = episodes;
         let points: Vec<f32> = match self.rule {
             Rule::Histogram => trajectories.iter().flat_map(|t| histogram(spec, t)).collect(),
@@ -74,15 +75,15 @@ impl Baseline {
             }
         };
         let dim = points.len() / trajectories.len().max(1);
-        Ok(Frames::new(points, 1, dim)?)
+        Ok(FrameFeatures::new(points, 1, dim)?)
     }
 
     /// Returns the policy whose descriptions differ least by a permutation test, or a new one. A
     /// policy is rejected at the levels of the learner's own rule: `doubt` for the exact p-value
     /// and `level` for that of the fitted tail.
-    fn test(&self, clouds: Vec<Candidate>, seed: u64) -> Result<Decision, LearnerError> {
+    fn test(&self, clouds: Vec<CandidateFeatures>, seed: u64) -> Result<Decision, LearnerError> {
         let tests = clouds.into_par_iter().map(|clouds| {
-            let source = SourceSamples { clouds, alternative: Alternative::TwoSided };
+            let source = SourceSamples { clouds, alternative: AlternativeHypothesis::TwoSided };
             let stages = [self.settings.permutations / 4, self.settings.permutations];
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             // a test that is far from significant may end early
@@ -114,8 +115,8 @@ impl Grouping for Baseline {
     ) -> Result<GroupingDecision, LearnerError> {
         let rollout = self.describe(data.episodes())?;
         let clouds = self.memories.iter().map(|memory| {
-            let buffer = Frames::new(memory.clone(), 1, rollout.dim())?;
-            Ok(Candidate { buffer, rollout: rollout.clone() })
+            let buffer = FrameFeatures::new(memory.clone(), 1, rollout.dim())?;
+            Ok(CandidateFeatures { buffer, rollout: rollout.clone() })
         });
         let clouds = clouds.collect::<Result<Vec<_>, LearnerError>>()?;
         Ok(match self.rule {

@@ -8,7 +8,7 @@ use worlds::{World, WorldKind};
 
 use crate::trial::ROUNDS;
 
-/// Worlds of one row, with the stream and the policies in them.
+/// Kind of world, stream or policies that one row of a table tests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Case {
     Kind(WorldKind),
@@ -70,7 +70,7 @@ pub fn range(word: &str) -> Result<RangeInclusive<usize>, String> {
 }
 
 impl Plan {
-    /// Returns streams from one rollout a visit to thirty.
+    /// Returns five plans of streams, whose visits last from one rollout to thirty.
     pub fn streams() -> [Self; 5] {
         [(60, 1), (240, 1), (60, 2), (60, 3), (16, 30)].map(|(visits, rollouts)| Self {
             visits: Some(visits),
@@ -83,7 +83,7 @@ impl Plan {
     }
 }
 
-/// Rule of assignment.
+/// Rule by which a rollout is assigned to a policy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ValueEnum)]
 pub enum Rule {
     /// The learner's own rule.

@@ -13,7 +13,7 @@ use crate::{Answer, Job};
 /// Version of the study. Results of two versions do not belong in one table.
 pub const VERSION: u32 = 9;
 
-/// Counts of one world, in the order of the file's columns.
+/// Counts of right and wrong assignments in one world, in the order of the file's columns.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     pub version: u32,
@@ -47,7 +47,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Creates a record of a world without counts.
+    /// Creates the record of a job's world, with all counts at zero.
     pub fn new(job: &Job) -> Self {
         let rounds = job.plan.rounds();
         Self {
@@ -61,7 +61,8 @@ impl Record {
         }
     }
 
-    /// Returns `true` for a record of the row of `job`.
+    /// Returns `true` if the record has the kind of worlds and the rule of `job`, so both belong to
+    /// one row of the table.
     pub fn is_like(&self, job: &Job) -> bool {
         self.kind == job.case.name() && self.rule == job.rule
     }
@@ -100,7 +101,7 @@ impl Results {
         Ok(Self { file: shared, known })
     }
 
-    /// Returns the record of a world, if the file had it when it was opened.
+    /// Returns the record of a job's world; `None` if the file did not hold it when it was opened.
     pub fn known(&self, job: &Job) -> Option<&Record> {
         let own = Record::new(job);
         let is_own =
@@ -108,7 +109,7 @@ impl Results {
         self.known.iter().filter(is_own).find(|record| record.is_like(job))
     }
 
-    /// Adds a line to the file, and flushes it.
+    /// Appends a record to the results file, if there is one, and flushes it.
     pub fn add(&self, record: &Record) -> Answer<()> {
         let Some(file) = &self.file else {
             return Ok(());
@@ -125,7 +126,7 @@ pub const HEADER: &str = "| worlds | rule | number | as many policies as groups 
 | learnt by the wrong policy | rollouts a turn | policies merged | slowest decisions |\n\
 |---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
-/// Returns the line of the table for one rule in worlds of one kind.
+/// Returns the Markdown line of the results table for one rule in worlds of one kind.
 pub fn row(Job { case, rule, .. }: &Job, records: &[&Record]) -> String {
     let count = |holds: fn(&Record) -> bool| records.iter().filter(|r| holds(r)).count() as f64;
     let worlds = |holds| 100.0 * count(holds) / records.len().max(1) as f64;

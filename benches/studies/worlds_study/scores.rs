@@ -24,7 +24,7 @@ impl Served {
     }
 
     /// Returns `true` if the policy served this group most, and no other policy served the group
-    /// more. The first of equals counts.
+    /// more. On a tie the first one counts.
     fn is_pair(&self, policy: usize, group: usize) -> bool {
         let by_group = self.0[policy].iter().copied();
         let by_policy = self.0.iter().map(|served| served[group]);
@@ -32,7 +32,7 @@ impl Served {
     }
 }
 
-/// Returns the index of the largest number above zero, the first of equals.
+/// Returns the index of the largest number above zero, on a tie the first; `None` if there is none.
 fn most(numbers: impl Iterator<Item = usize>) -> Option<usize> {
     let numbers = numbers.enumerate().filter(|&(_, number)| number > 0);
     let index = numbers.min_by_key(|&(_, number)| Reverse(number));
@@ -61,7 +61,7 @@ fn judge(outcome: &Outcome) -> Vec<Judged> {
     judged.collect()
 }
 
-/// Counts the outcome of one world.
+/// Counts right and wrong assignments in the outcome of one world.
 pub fn record(job: &Job, outcome: &Outcome) -> Record {
     let judged = judge(outcome);
     let served = Served::of(outcome);

@@ -5,15 +5,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use learner::{
-    CommonSettings, Grouping, GroupingSettings, Handover, IterationReport, Learner, NewPolicyInit,
-    PolicyCollection, PolicyCollectionSettings, Training,
+    CommonSettings, Grouping, GroupingSettings, IterationReport, Learner, NewPolicyInit,
+    PolicyCollection, PolicyCollectionSettings, RolloutHandover, Training,
 };
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, AlgorithmState, BoxedEnvError, Decisions, EnvSpec, ExportPolicy, ExportedPolicy,
-    FeatureExtractor, MeasureActivity, Observations, OnPolicyActor, PolicyOutput, RlError,
+    FeatureExtractor, MeasureUnitActivity, Observations, OnPolicyActor, PolicyOutput, RlError,
     RolloutBuffer, Transition, UnitActivity, ValueFunction, VectorEnv,
 };
 use serde::{Deserialize, Serialize};
@@ -24,7 +24,7 @@ use crate::cases::{Case, Rule, TURN};
 use crate::{Answer, Job};
 
 pub const ENVS: usize = 5;
-/// Number of rounds of a rollout, which has 20 episodes.
+/// Number of rounds of a rollout, in each of which every environment runs one episode.
 pub const ROUNDS: usize = 4;
 pub const HORIZON: usize = 20;
 /// Number of visits of each group, unless the plan sets the number of all visits.
@@ -45,7 +45,7 @@ pub struct Turn {
     pub learnt: [Option<usize>; ROUNDS],
 }
 
-/// Outcome of one world.
+/// Outcome of a learner's whole stream in one world.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
     pub distinct: usize,
@@ -58,7 +58,8 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Returns the policy that a policy was merged into in the end, or itself.
+    /// Returns the policy that `policy` was merged into by the end of the stream, or `policy`
+    /// itself if it was not merged.
     pub fn now(&self, policy: usize) -> usize {
         let next = |&index: &usize| self.merged_into.get(index).copied().flatten();
         let merges = std::iter::successors(Some(policy), next);
@@ -70,7 +71,7 @@ impl Outcome {
         self.merged_into.iter().flatten().count()
     }
 
-    /// Returns the number of policies that are left.
+    /// Returns the number of policies that are left after all merges.
     pub fn left(&self) -> usize {
         self.policies - self.merged()
     }
@@ -157,7 +158,7 @@ fn visits(job: &Job, world: &World, rng: &mut ChaCha8Rng) -> Vec<Visit> {
 pub struct Trial {
     rounds: usize,
     env: Environments,
-    learner: PolicyCollection<StandIns>,
+    learner: PolicyCollection<StandInSettings>,
     outcome: Outcome,
 }
 
@@ -178,10 +179,10 @@ impl Trial {
         })));
         // a baseline, as the paper's rule, trains the assigned policy on the rollout as it is
         let (handover, grouping): (_, Box<dyn Grouping>) = match job.rule {
-            Rule::Evidence => (Handover::CollectAgain, GroupingSettings::default().build()?),
-            rule => (Handover::Reuse, Box::new(Baseline::new(rule, &spec, seed)?)),
+            Rule::Evidence => (RolloutHandover::CollectAgain, GroupingSettings::default().build()?),
+            rule => (RolloutHandover::Reuse, Box::new(Baseline::new(rule, &spec, seed)?)),
         };
-        let settings = StandIns { seed, handover, bed: Some(bed.clone()) };
+        let settings = StandInSettings { seed, handover, bed: Some(bed.clone()) };
         Ok(Self {
             rounds,
             learner: PolicyCollection::with_grouping(settings, &spec, grouping)?,
@@ -236,17 +237,17 @@ const EXPLORATION: f32 = 0.3;
 /// Number of the latest iterations that determine a policy's skill.
 const MEMORY: usize = 8;
 
-/// Settings of a learner whose policies are stand-ins.
+/// Settings of a learner whose policies are scripted stand-ins.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StandIns {
+pub struct StandInSettings {
     seed: u64,
-    handover: Handover,
+    handover: RolloutHandover,
     #[serde(skip)]
     bed: Option<Shared>,
 }
 
-/// Stand-in for a policy. It acts for the group that it was trained on most of late, and its skill
-/// grows with the number of these iterations.
+/// Scripted expert that stands in for a policy: it acts for the group that it was trained on most
+/// in its latest iterations, and its skill grows with their number.
 #[derive(Clone, Debug, Default)]
 pub struct StandIn {
     learnt: Vec<usize>,
@@ -255,11 +256,11 @@ pub struct StandIn {
     bed: Option<Shared>,
 }
 
-/// Training of a [`StandIn`].
-pub struct Lessons(Option<Shared>);
+/// Training of a [`StandIn`], which takes the place of an optimiser.
+pub struct StandInTraining(Option<Shared>);
 
-impl PolicyCollectionSettings for StandIns {
-    type Training = Lessons;
+impl PolicyCollectionSettings for StandInSettings {
+    type Training = StandInTraining;
 
     fn common(&self) -> CommonSettings {
         CommonSettings {
@@ -289,12 +290,12 @@ impl PolicyCollectionSettings for StandIns {
         RolloutBuffer::new(spec, steps)
     }
 
-    fn new_training(&self, _: &EnvSpec, _: &StandIn) -> Result<Lessons, RlError> {
-        Ok(Lessons(self.bed.clone()))
+    fn new_training(&self, _: &EnvSpec, _: &StandIn) -> Result<StandInTraining, RlError> {
+        Ok(StandInTraining(self.bed.clone()))
     }
 }
 
-impl Training for Lessons {
+impl Training for StandInTraining {
     type Policy = StandIn;
     type Rollout = RolloutBuffer;
 
@@ -430,7 +431,7 @@ impl FeatureExtractor for StandIn {
     }
 }
 
-impl MeasureActivity for StandIn {
+impl MeasureUnitActivity for StandIn {
     fn unit_activity(&self, _: &Observations, (): &()) -> Result<UnitActivity, RlError> {
         Ok(UnitActivity::default())
     }

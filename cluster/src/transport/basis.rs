@@ -14,7 +14,7 @@ pub(crate) const NONE: u32 = u32::MAX;
 /// Rounding error of a reduced cost, as a fraction of the largest node price: a few last bits.
 const PRICE_TOLERANCE: f64 = 1e-14;
 
-/// Arc (source, sink) that enters the basis because it lowers the cost.
+/// Arc (source, sink) that enters the basis in a pivot because it lowers the cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Entering {
     pub(crate) source: u32,
@@ -24,8 +24,8 @@ pub(crate) struct Entering {
     pub(crate) reduced: f64,
 }
 
-/// Spanning tree of sources and sinks, with the flows of its arcs and the prices of its nodes. The
-/// children of a node form a doubly linked list.
+/// Basis of the network simplex method: a spanning tree of sources and sinks, with the flows of its
+/// arcs and the prices of its nodes. The children of a node form a doubly linked list.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Basis {
     sources: usize,
@@ -42,7 +42,7 @@ pub(crate) struct Basis {
 }
 
 impl Basis {
-    /// Removes all arcs and sets the numbers of sources and sinks.
+    /// Removes all arcs of the spanning tree and sets the numbers of sources and sinks.
     pub(crate) fn reset(&mut self, sources: usize, sinks: usize) {
         let nodes = sources + sinks;
         self.sources = sources;
@@ -121,7 +121,7 @@ impl Basis {
         }
     }
 
-    /// Calls `f(source, sink, flow)` for each arc, in the order of their lower nodes.
+    /// Calls `f(source, sink, flow)` for each arc of the tree, in the order of the child nodes.
     pub(crate) fn for_each_arc(&self, mut f: impl FnMut(usize, usize, Mass)) {
         for node in (0..self.nodes() as u32).filter(|&node| !self.is_root(node)) {
             let (source, sink) = self.arc(node);
@@ -151,8 +151,8 @@ impl Basis {
     }
 
     /// Brings the arc `entering` into the basis: sends as much flow as fits around the cycle that
-    /// it closes, drops the arc that runs empty, and moves the prices of the part that changes
-    /// sides.
+    /// it closes, drops the arc whose flow becomes 0, and shifts the prices of the subtree cut off
+    /// by it.
     pub(crate) fn pivot(&mut self, entering: Entering) {
         let source = entering.source;
         let sink = entering.sink + self.sources as u32;

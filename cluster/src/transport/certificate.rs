@@ -1,17 +1,17 @@
 //! Proof of optimality of a transport plan, independent of the solver that made it.
 
-use super::problem::{Certificate, TransportPlan};
+use super::problem::{OptimalityCertificate, TransportPlan};
 use super::problem::{Weights, check};
 use crate::check::{check_len, check_range};
 use crate::error::{ClusterError, Result};
 
-/// Rounding allowance of a certificate of optimality, as a fraction of the largest cost or
-/// potential in magnitude, whichever is less (of one, for masses).
+/// Rounding error that the check of a transport plan's optimality allows: a fraction of the whole
+/// mass for masses, otherwise of the largest cost or potential in magnitude, whichever is less.
 pub const RELATIVE_TOLERANCE: f64 = 1e-12;
 
-/// Largest `gap + violation` of a certificate, as a fraction of the transport plan's cost in
-/// magnitude. See [`certify`] for what negative costs and given weights are held to where that cost
-/// is close to zero.
+/// Largest accepted `gap + violation` of a certificate, by which the transport plan's cost may
+/// exceed the optimum, as a fraction of that cost in magnitude. See [`certify`] for what negative
+/// costs and given weights are held to where that cost is close to zero.
 pub const MAX_RELATIVE_GAP: f64 = 1e-9;
 
 /// Largest magnitude of a potential that is compared with costs: far beyond those of any plan.
@@ -62,20 +62,20 @@ pub fn certify(
     sources: Weights,
     sinks: Weights,
     plan: &TransportPlan,
-) -> Result<Certificate> {
+) -> Result<OptimalityCertificate> {
     check(cost, sources, sinks)?;
     certify_into(&mut Scratch::default(), cost, sources, sinks, plan)
 }
 
-/// Checks the optimality of `plan` as [`certify`] does, for weights and costs that were checked, in
-/// memory that is reused.
+/// Checks that a transport plan is optimal, as [`certify`] does, for weights and costs that were
+/// checked before; reuses the memory `scratch`.
 pub(crate) fn certify_into(
     scratch: &mut Scratch,
     cost: &[f64],
     sources: Weights,
     sinks: Weights,
     plan: &TransportPlan,
-) -> Result<Certificate> {
+) -> Result<OptimalityCertificate> {
     check_lengths(plan, sources.len(), sinks.len())?;
     let marginal_error = check_marginals(scratch, sources, sinks, plan)?;
     let largest = |values: &[f64]| values.iter().fold(0.0_f64, |top, v| top.max(v.abs()));
@@ -88,7 +88,7 @@ pub(crate) fn certify_into(
     let gap = check_gap(cost, sources, sinks, plan, tolerance)?;
     let equal = matches!((sources, sinks), (Weights::Uniform(_), Weights::Uniform(_)));
     check_precision(cost, plan, equal, gap + violation, last_bit)?;
-    Ok(Certificate { marginal_error, violation, gap })
+    Ok(OptimalityCertificate { marginal_error, violation, gap })
 }
 
 fn check_lengths(plan: &TransportPlan, n: usize, m: usize) -> Result<()> {

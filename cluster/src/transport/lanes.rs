@@ -9,14 +9,15 @@ use pulp::Arch;
 /// Number of running minima of a scan: two vectors of AVX-512, four of AVX2.
 const LANES: usize = 16;
 
-/// Scan for the smallest reduced cost over rows of a cost matrix.
+/// Vectorised searches for the smallest reduced cost in rows of a cost matrix.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Lanes {
     arch: Arch,
 }
 
 impl Lanes {
-    /// Returns the index `j` of the smallest `row[j] + prices[j]`; `None` if all are infinite.
+    /// Returns the sink `j` of least cost plus price, `row[j] + prices[j]`; `None` if all are
+    /// infinite.
     pub(crate) fn nearest(self, row: &[f64], prices: &[f64]) -> Option<usize> {
         self.arch.dispatch(
             #[inline(always)]
@@ -30,7 +31,7 @@ impl Lanes {
         )
     }
 
-    /// Returns the smallest `rows[i][j] + prices[j] - own[i]` over whole rows.
+    /// Returns the smallest reduced cost `rows[i][j] + prices[j] - own[i]` in rows of costs.
     pub(crate) fn minimum(self, rows: &[f64], prices: &[f64], own: &[f64]) -> f64 {
         self.arch.dispatch(
             #[inline(always)]
@@ -38,8 +39,8 @@ impl Lanes {
         )
     }
 
-    /// Returns the index `j` at which `row[j] + prices[j] - own` is the value `least` that
-    /// [`minimum`](Self::minimum) found.
+    /// Returns the sink `j` whose reduced cost `row[j] + prices[j] - own` is `least`, the value
+    /// that [`minimum`](Self::minimum) found; `None` if the row has no such sink.
     pub(crate) fn position(
         self,
         row: &[f64],
@@ -53,7 +54,8 @@ impl Lanes {
         )
     }
 
-    /// Returns the smallest `costs[k] + prices[sinks[k]]` and its index `k`.
+    /// Returns the least cost plus price in a list of sinks, `costs[k] + prices[sinks[k]]`, and
+    /// `k`.
     pub(crate) fn gathered(self, costs: &[f64], sinks: &[u32], prices: &[f64]) -> (f64, usize) {
         self.arch.dispatch(
             #[inline(always)]

@@ -50,7 +50,7 @@ impl SubAssign for Mass {
     }
 }
 
-/// Supplies of the sources and demands of the sinks.
+/// Supplies of the sources and demands of the sinks of a transport problem.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Balance {
     /// Supply or demand of each node, sources first.
@@ -60,7 +60,7 @@ pub(crate) struct Balance {
 }
 
 impl Balance {
-    /// Computes the supplies and demands for weights that have been checked.
+    /// Computes the supplies and demands from the weights of sources and sinks, which were checked.
     pub(crate) fn fill(&mut self, sources: Weights, sinks: Weights) {
         let (n, m) = (sources.len(), sinks.len());
         self.masses.clear();

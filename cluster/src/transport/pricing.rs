@@ -14,8 +14,8 @@ const SHORT: usize = 32;
 /// Number of sources whose shortlists are priced for one pivot.
 const SHORT_SOURCES: usize = 8;
 
-/// Block pricing, cyclic over the sources: it chooses the best arc of the next block that has an
-/// arc of negative reduced cost.
+/// Block pricing of the network simplex method, cyclic over the sources: it chooses the arc of
+/// least reduced cost in the next block that has a negative one.
 ///
 /// Wide matrices are priced through *shortlists*, the sinks that were best for each source when its
 /// list was made. When no list has an arc of negative reduced cost, the lists of sources that have

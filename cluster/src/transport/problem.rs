@@ -12,7 +12,7 @@ pub const MAX_COST: f64 = 1e100;
 /// enough for a thousand.
 const SUM_TOLERANCE: f64 = 1e-6;
 
-/// Weights of one side of a transport problem.
+/// Weights of the points on one side of a transport problem, all sources or all sinks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Weights<'a> {
     /// Equal weights of as many points as the number says.
@@ -111,16 +111,17 @@ fn check_weights(sides: [(&'static str, Weights); 2]) -> Result<()> {
     }
 }
 
-/// Checks the weights of two clouds, `x` of `n` points and `y` of `m`.
+/// Checks the weights `a` of the cloud `x` of `n` points and `b` of the cloud `y` of `m`: one
+/// finite number of at least 0 for each point, of sum one.
 pub(crate) fn check_weights_of(a: Weights, n: usize, b: Weights, m: usize) -> Result<()> {
     check_weights([("x", a), ("y", b)])?;
     check_len("weights of x", a.len(), n)?;
     check_len("weights of y", b.len(), m)
 }
 
-/// Mass that goes from one source to one sink.
+/// Entry of a transport plan: the mass that goes from one source to one sink.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Entry {
+pub struct PlanEntry {
     /// Index of the source, a row of the cost matrix, in `0..n`.
     pub source: usize,
     /// Index of the sink, a column of the cost matrix, in `0..m`.
@@ -137,13 +138,13 @@ pub struct TransportPlan {
     pub cost: f64,
     /// Positive entries of `gamma`, at most `n + m - 1`; each (source, sink) pair occurs at most
     /// once.
-    pub entries: Vec<Entry>,
+    pub entries: Vec<PlanEntry>,
     /// Dual potentials `u` of the sources, `[n]`.
     pub source_potentials: Vec<f64>,
     /// Dual potentials `v` of the sinks, `[m]`; `u_i + v_j <= c_ij` for all pairs.
     pub sink_potentials: Vec<f64>,
     /// Precision to which the potentials prove the transport plan optimal.
-    pub certificate: Certificate,
+    pub certificate: OptimalityCertificate,
     /// Number of pivots of the simplex method.
     pub pivots: usize,
 }
@@ -152,7 +153,7 @@ pub struct TransportPlan {
 ///
 /// The value of a plan exceeds the optimum by at most `gap + violation`, in the costs' unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Certificate {
+pub struct OptimalityCertificate {
     /// Largest deviation of a row or column sum of the transport plan from its weight, as a
     /// fraction of all mass.
     pub marginal_error: f64,

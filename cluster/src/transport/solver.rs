@@ -4,7 +4,7 @@ use super::basis::Basis;
 use super::certificate::{Scratch, certify_into};
 use super::mass::Balance;
 use super::pricing::Pricing;
-use super::problem::{Entry, TransportPlan};
+use super::problem::{PlanEntry, TransportPlan};
 use super::problem::{Weights, check};
 use super::start::Start;
 use crate::error::{ClusterError, Result};
@@ -17,12 +17,13 @@ const COARSER: f64 = 16.0;
 /// fewer than 20, and squared distances on a line need 60.
 const PIVOTS_PER_NODE: usize = 1000;
 
-/// Solves the transport problem with the row-major costs `[n, m]`; entries may be negative.
+/// Solves the transport problem from n sources to m sinks with the row-major cost matrix `cost`
+/// `[n, m]`, whose entries may be negative.
 ///
 /// The answer is exact up to rounding and carries its own proof; see [`certify`](crate::certify).
 /// Huge costs that forbid a pair do not reduce the precision: if they would, the problem is solved
 /// again with such costs lowered. Among costs that the optimum uses, differences below some 1e-14
-/// of the largest are lost in rounding. [`Solver`] reuses its memory from problem to problem.
+/// of the largest are lost in rounding. [`TransportSolver`] reuses its memory from problem to problem.
 ///
 /// # Errors
 /// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a
@@ -40,19 +41,19 @@ const PIVOTS_PER_NODE: usize = 1000;
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
 pub fn transport(cost: &[f64], sources: Weights, sinks: Weights) -> Result<TransportPlan> {
-    let mut solver = Solver::default();
+    let mut solver = TransportSolver::default();
     solver.solve(cost, sources, sinks)?;
     Ok(solver.plan)
 }
 
-/// Network simplex method with memory that is reused: solving a problem no larger than an earlier
-/// one allocates nothing.
+/// Solver of transport problems by the network simplex method, with memory that is reused: solving
+/// a problem no larger than an earlier one allocates nothing.
 ///
 /// G. B. Dantzig, "Application of the simplex method to a transportation problem" (1951), on a
 /// spanning tree of sources and sinks; weights are exact integers, perturbed against degeneracy, so
 /// the method cannot cycle. Answers depend on the problem alone.
 #[derive(Clone, Debug, Default)]
-pub struct Solver {
+pub struct TransportSolver {
     balance: Balance,
     basis: Basis,
     start: Start,
@@ -63,7 +64,7 @@ pub struct Solver {
     lowered: Vec<f64>,
 }
 
-impl Solver {
+impl TransportSolver {
     /// Creates a solver that has allocated nothing yet.
     pub fn new() -> Self {
         Self::default()
@@ -184,7 +185,7 @@ impl Solver {
             // arcs that carry infinitesimals alone are part of the basis, not of the plan
             if flow.units > 0 {
                 let mass = flow.units as f64 / balance.total as f64;
-                plan.entries.push(Entry { source, sink, mass });
+                plan.entries.push(PlanEntry { source, sink, mass });
                 cost_in_units +=
                     flow.units as f64 * cost[source * self.basis.sink_prices().len() + sink];
             }
@@ -202,7 +203,7 @@ mod tests {
     fn each_basic_flow_is_positive_and_all_are_balanced() {
         // equal and zero weights on tied costs, where nothing but the perturbation keeps the basis
         // from degeneracy
-        let (zeros, mut solver) = ([0.0, 0.25, 0.25, 0.0, 0.5, 0.0], Solver::new());
+        let (zeros, mut solver) = ([0.0, 0.25, 0.25, 0.0, 0.5, 0.0], TransportSolver::new());
         let cost: Vec<f64> = (0..30 * 30).map(|k| (k * k % 11 % 3) as f64).collect();
         let (equal, given) = (Weights::Uniform(30), Weights::Given(&zeros));
         for (a, b) in [(equal, equal), (given, equal), (equal, given), (given, given)] {

@@ -4,7 +4,7 @@ use super::basis::Basis;
 use super::lanes::Lanes;
 use super::mass::Mass;
 
-/// Builder of a first basis (a spanning tree), which sends mass along one arc after another.
+/// Builder of the simplex method's first basis (spanning tree): sends mass along arc after arc.
 ///
 /// Each shipment is as large as its ends allow, so it exhausts one of them. It never exhausts both
 /// but at the very end, because no proper subset of nodes balances. The exhausted node hangs below
@@ -19,9 +19,9 @@ pub(crate) struct Start {
 }
 
 impl Start {
-    /// Builds the first basis of a problem from its costs and masses. Column means stand in for the
-    /// sinks' potentials: they remove the part of a sink's costs that all sources share. The mass
-    /// goes, source by source, to the sink of least cost plus price.
+    /// Builds the first basis of a transport problem from its costs and masses. Column means stand
+    /// in for the sinks' potentials: they remove the part of a sink's costs that all sources share.
+    /// The mass goes, source by source, to the sink of least cost plus price.
     pub(crate) fn build(&mut self, basis: &mut Basis, cost: &[f64], masses: &[Mass], sinks: usize) {
         let sources = masses.len() - sinks;
         self.prices.clear();

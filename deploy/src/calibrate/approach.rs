@@ -64,7 +64,8 @@ pub struct RestingHand {
     pub state: RobotState,
 }
 
-/// Waits until the hand rests and copies a picture of that into `rgb`. Returns the arm's state.
+/// Waits until the hand rests and copies a camera picture of it at rest into `rgb`. Returns the
+/// arm's state.
 ///
 /// # Errors
 /// [`DeployError::Robot`], [`DeployError::Rig`]; [`DeployError::HandNotAtRest`] for a hand that

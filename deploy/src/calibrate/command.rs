@@ -86,8 +86,8 @@ impl FromStr for Triple {
 }
 
 impl CalibrateOptions {
-    /// Calibrates the camera of a simulated rig, writes the file and prints the result with its
-    /// uncertainty to `out`.
+    /// Calibrates the camera of a simulated rig, writes the calibration file and prints the result
+    /// with its uncertainty to `out`.
     ///
     /// # Errors
     /// As [`calibrate`]; a file and an `out` that cannot be written to.

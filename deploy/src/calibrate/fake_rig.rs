@@ -7,9 +7,9 @@ use envs::{Camera, Embodiment, HAND_TARGET_START};
 use glam::{DQuat, DVec3};
 use inpainting::Calibration;
 use rl::BoxedEnvError;
-use robots::{Command, ControlError, Pose, Robot, RobotState, TipMiss};
+use robots::{Command, ControlError, MissedTarget, Pose, Robot, RobotState};
 
-use crate::rig::{Rig, SetUp, TaskVerdict, Trial};
+use crate::rig::{Rig, TaskVerdict, Trial, TrialSetUp};
 use crate::{SimulatedRig, SimulationSettings};
 
 /// Rig with an arm without dynamics over a grey table.
@@ -56,7 +56,7 @@ impl Robot for FakeRig {
         let tip = &mut self.state.tip;
         if command.twist.linear.z > 0.0 && tip.position.z > 0.24 {
             let [target, reached] = [tip.position; 2];
-            let miss = TipMiss { target, reached, distance: 0.1, angle: 0.0, joint: None };
+            let miss = MissedTarget { target, reached, distance: 0.1, angle: 0.0, joint: None };
             return Err(ControlError::CannotFollow { miss });
         }
         tip.position += 0.025 * command.twist.linear;
@@ -70,8 +70,8 @@ impl Robot for FakeRig {
 }
 
 impl Rig for FakeRig {
-    fn set_up(&mut self, _: &Trial) -> Result<SetUp, BoxedEnvError> {
-        Ok(SetUp {
+    fn set_up(&mut self, _: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
+        Ok(TrialSetUp {
             background: vec![100; 3 * 640 * 480],
             parked_state: self.state.clone(),
             goal: None,

@@ -160,7 +160,7 @@ impl MaskCheck {
         self.comparisons.len() >= Self::MIN_POSES && self.passes_in_visited_poses()
     }
 
-    /// Returns `true` if the mask fits in the poses that were visited, however few.
+    /// Returns `true` if the mask fits the arm in the poses that were visited, however few.
     pub(super) fn passes_in_visited_poses(&self) -> bool {
         let hidden = |row: &MaskComparison| row.uncovered_share <= Self::MAX_UNCOVERED_SHARE;
         self.comparisons.iter().all(hidden) && self.mean_iou() >= Self::MIN_MEAN_IOU

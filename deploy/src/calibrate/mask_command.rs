@@ -38,7 +38,8 @@ pub struct CheckMaskOptions {
 }
 
 impl CheckMaskOptions {
-    /// Runs the check and prints a row for each pose to `out`. Returns `true` if the mask holds.
+    /// Checks the mask on a simulated rig and prints a row for each pose of the arm to `out`.
+    /// Returns `true` if the mask hides the arm.
     ///
     /// # Errors
     /// As [`MaskCheck::measure`]; folders and an `out` that cannot be written to.
@@ -52,7 +53,7 @@ impl CheckMaskOptions {
         self.check(&deployment, &mut rig, &arm, out)
     }
 
-    /// Runs the check on your own rig; `arm` is the model of its robot. `--faults` has no effect.
+    /// Checks the mask on your own rig; `arm` is the model of its robot. `--faults` has no effect.
     ///
     /// # Errors
     /// As [`CheckMaskOptions::run`], and `--fault`, which only a simulated rig can set.

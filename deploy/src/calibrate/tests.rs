@@ -15,7 +15,7 @@ use super::file::CalibrationFile;
 use super::mask::MaskCheck;
 use super::measure::{CalibrateSettings, calibrate};
 use crate::faults::FaultAmount;
-use crate::rig::{Rig, SetUp, TaskVerdict, Trial};
+use crate::rig::{Rig, TaskVerdict, Trial, TrialSetUp};
 use crate::tests::pretrained;
 use crate::{DeployError, FaultLevel, RigOptions, SimulatedRig, SimulationSettings};
 
@@ -91,7 +91,7 @@ impl Robot for Misplaced {
 }
 
 impl Rig for Misplaced {
-    fn set_up(&mut self, trial: &Trial) -> Result<SetUp, BoxedEnvError> {
+    fn set_up(&mut self, trial: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
         self.0.set_up(trial)
     }
 

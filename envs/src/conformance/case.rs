@@ -12,10 +12,10 @@ use crate::error::EnvError;
 use crate::scene::Scene;
 use crate::tabletop::{ACTION_DIM, StepResult, TableTop, VECTOR_DIM};
 
-/// Outcome of a conformance rule: `None`, or a description of the violation.
+/// Outcome of testing a conformance rule: `None` if it holds, or a description of the violation.
 pub(super) type RuleResult = Result<Option<String>, EnvError>;
 
-/// Returns the description `finding()` of a violation if `holds` is `false`.
+/// Returns the description `finding()` of a rule's violation, or `None` if the rule `holds`.
 pub(super) fn unless(holds: bool, finding: impl FnOnce() -> String) -> Option<String> {
     (!holds).then(finding)
 }
@@ -103,10 +103,10 @@ impl RandomActions {
     }
 }
 
-/// Everything that a learner observes of one decision, as bits for exact comparison.
+/// Vector observation, reward and flags of one decision, as bits for exact comparison.
 pub(super) type Bits = ([u32; VECTOR_DIM], u64, [bool; 3]);
 
-/// Takes `decisions` random decisions in `table` and returns all that a learner observes.
+/// Takes `decisions` random decisions in `table` and returns the outcome of each, without pictures.
 pub(super) fn run(
     table: &mut TableTop,
     actions: &mut RandomActions,

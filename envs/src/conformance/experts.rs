@@ -50,7 +50,7 @@ impl fmt::Display for VariantName {
 
 /// Results of the scripted expert on one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ExpertRow {
+pub struct ExpertResult {
     /// Variant on which the expert was tested.
     #[serde(flatten)]
     pub variant: VariantName,
@@ -64,7 +64,7 @@ pub struct ExpertRow {
     pub mean_return: f64,
 }
 
-impl ExpertRow {
+impl ExpertResult {
     /// Returns the share of successful episodes, in `[0, 1]`.
     pub fn success_rate(&self) -> f64 {
         self.successes as f64 / self.episodes as f64
@@ -87,7 +87,7 @@ pub fn measure_expert(
     element: D2,
     control: Control,
     seeds: u64,
-) -> Result<ExpertRow, EnvError> {
+) -> Result<ExpertResult, EnvError> {
     check_seeds(seeds)?;
     let mut table = TableTop::new(Arc::clone(scene), control)?;
     // one environment for all episodes, which do not depend on those before
@@ -100,7 +100,7 @@ pub fn measure_expert(
         }
         total += reward;
     }
-    Ok(ExpertRow {
+    Ok(ExpertResult {
         variant: VariantName::new(scene, element),
         episodes: seeds,
         successes: seeds - failed_seeds.len() as u64,

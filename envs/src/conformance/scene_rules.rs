@@ -32,7 +32,7 @@ pub(super) fn names(case: &Case) -> RuleResult {
     Ok(unless(holds, found))
 }
 
-/// Checks that pictures show the moved object, or the gripper in tasks without an object.
+/// Checks that pictures change if the task's object moves, or the gripper in tasks without one.
 pub(super) fn moving_pictures(case: &Case) -> RuleResult {
     if case.scene.object_body.is_some() { moving_object(case) } else { moving_mark(case) }
 }

@@ -30,7 +30,7 @@ const HELD: usize = 5;
 
 /// Deviation of a variant from the mirror image of its canonical twin.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SymmetryRow {
+pub struct SymmetryDeviation {
     /// Variant that was compared with its canonical twin.
     #[serde(flatten)]
     pub variant: VariantName,
@@ -55,7 +55,7 @@ pub struct SymmetryRow {
     pub return_ratio: f64,
 }
 
-impl SymmetryRow {
+impl SymmetryDeviation {
     /// Returns `true` if the returns agree within 3 % and, with an exactly symmetric embodiment,
     /// pictures mirror bit for bit and motion agrees within 1e-9 m (1e-6 m from the first contact
     /// on).
@@ -81,7 +81,7 @@ pub fn measure_symmetry(
     scene: &Arc<Scene>,
     element: D2,
     seeds: u64,
-) -> Result<SymmetryRow, EnvError> {
+) -> Result<SymmetryDeviation, EnvError> {
     check_seeds(seeds)?;
     let mut twins = Twins::new(Arc::clone(scene), element, element)?;
     twins.compare(seeds)?;
@@ -99,7 +99,7 @@ struct Twins {
     renderer: SceneRenderer,
     pictures: [Vec<u8>; 2],
     touched: bool,
-    row: SymmetryRow,
+    row: SymmetryDeviation,
 }
 
 /// Source of the actions in the canonical environment: the scripted expert or random numbers.
@@ -113,7 +113,7 @@ impl Twins {
     fn new(scene: Arc<Scene>, element: D2, of_actions: D2) -> Result<Self, EnvError> {
         let control = scene.layout.control();
         let pixels = scene.camera.size * scene.camera.size * RGB_CHANNELS;
-        let row = SymmetryRow {
+        let row = SymmetryDeviation {
             variant: VariantName::new(&scene, element),
             exact: scene.embodiment.mirrors_exactly(),
             free_deviation: 0.0,
@@ -248,7 +248,7 @@ mod tests {
     use crate::embodiment::Embodiment;
     use crate::task::TaskGroup;
 
-    fn row(embodiment: Embodiment, element: D2, of_actions: D2) -> SymmetryRow {
+    fn row(embodiment: Embodiment, element: D2, of_actions: D2) -> SymmetryDeviation {
         let scene = Scene::new(TaskGroup::PLATE_SLIDE, embodiment, Camera::default()).unwrap();
         let mut twins = Twins::new(Arc::new(scene), element, of_actions).unwrap();
         twins.compare(1).unwrap();

@@ -34,9 +34,9 @@ const TIP: f64 = 0.01875;
 /// Largest distance of the hand's target from the hand (metres), tuned for decisions at 8 Hz: with
 /// 28 to 33 mm some pucks stay short of their goal, with 35 mm one button of 300 was not pressed.
 pub(super) const LEAD: f64 = 0.034;
-/// Acceleration of the hand (m/s^2): what the arm's hard limit of 4.94 rad/s^2 for its first four
-/// joints allows at 0.4 m from an axis. With the driver's default of 0.4 m/s^2 the hand needs 13 cm
-/// to stop from the speed of a full action (0.32 m/s), and overshoots its targets.
+/// Maximum acceleration of the hand (m/s^2): that which the arm's hard limit of 4.94 rad/s^2 for
+/// its first four joints allows at 0.4 m from an axis. With the driver's default of 0.4 m/s^2 the
+/// hand needs 13 cm to stop from the speed of a full action (0.32 m/s), and overshoots its targets.
 pub(super) const ACCELERATION: f64 = 2.0;
 
 impl KinovaGen3 {
@@ -83,7 +83,7 @@ impl KinovaGen3 {
     }
 }
 
-/// Returns the arm, built on first use.
+/// Returns the arm of the Kinova Gen3, built on first use.
 pub(crate) fn made() -> Result<&'static Arm, EnvError> {
     static ARM: OnceLock<Arm> = OnceLock::new();
     if let Some(arm) = ARM.get() {

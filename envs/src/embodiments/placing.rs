@@ -38,7 +38,7 @@ const DOWN: DQuat = DQuat::from_xyzw(0.0, 1.0, 0.0, 0.0);
 /// Constraint that leaves the rotation about the vertical free.
 const AROUND_Z: OrientationConstraint = OrientationConstraint::Axis(DVec3::Z);
 
-/// Pose of an arm's base, and the way the arm works there.
+/// Pose of an arm's base at the table, with a posture for work and the hand's reach from there.
 #[derive(Clone, Debug)]
 pub(super) struct BasePlacement {
     /// Pose of the base.
@@ -177,7 +177,7 @@ impl BaseSearch<'_> {
     }
 }
 
-/// Returns the rotation of a gripper that is mounted so many quarter turns about the hand's z.
+/// Returns the rotation of a gripper mounted `quarter_turns` quarter turns about the hand's z axis.
 pub(super) fn gripper_rotation(quarter_turns: usize) -> DQuat {
     DQuat::from_rotation_z(quarter_turns as f64 * FRAC_PI_2)
 }

@@ -13,11 +13,11 @@ use crate::task::{
     EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
 };
 
-/// Task of sliding a block over the table to a mark.
+/// Task of sliding a block over the table to a marked goal.
 #[derive(Clone, Copy, Debug)]
 pub struct Push;
 
-/// Task of carrying a block to a mark in the air, which the vector observation contains.
+/// Task of carrying a block to a marked goal in the air, which the vector observation contains.
 #[derive(Clone, Copy, Debug)]
 pub struct PickPlace;
 

@@ -11,9 +11,9 @@ const IN_LINE: f64 = 0.005;
 /// Reward of the place of the fingers from which on closing them pays.
 const CAGED: f64 = 0.97;
 
-/// Returns the reward in `[0, 1]` of fingers around the object and of the finger action `finger`,
-/// in Meta-World's dense form. It is full for pads whose distances from the object along y are in
-/// `[low, high]` (metres).
+/// Returns Meta-World's dense caging reward in `[0, 1]`, for finger pads on both sides of the
+/// object and the finger action `finger` that closes them. It is full for pads whose distances from
+/// the object along y are in `[low, high]` (metres).
 pub(super) fn caging_reward(
     start: &EpisodeStart,
     now: &Measurement,
@@ -28,8 +28,8 @@ pub(super) fn caging_reward(
     with_pads(beside, start, now, finger)
 }
 
-/// Returns the reward of [`caging_reward`] for pads that must each be on its own side of the
-/// object.
+/// Returns the caging reward in `[0, 1]`, see [`caging_reward`], for finger pads each of which must
+/// be on its own side of the object.
 pub(super) fn sided_caging_reward(
     start: &EpisodeStart,
     now: &Measurement,
@@ -58,13 +58,13 @@ fn with_pads([right, left]: [f64; 2], start: &EpisodeStart, now: &Measurement, f
 /// Height by which an object is lifted (metres).
 const LIFTED: f64 = 0.01;
 
-/// Returns `true` if the object is within `reach` of the fingertips (metres).
+/// Returns `true` if the object is within `reach` (metres) of fingertips that are not fully closed.
 pub(super) fn is_held(now: &Measurement, reach: f64) -> bool {
     // as in Meta-World, fingers that closed on nothing hold nothing
     now.object.distance(now.tcp) < reach && now.aperture > 0.0
 }
 
-/// Returns `true` if the object is above its start.
+/// Returns `true` if the object is more than 1 cm above its position at the start of the episode.
 pub(super) fn is_lifted(start: &EpisodeStart, now: &Measurement) -> bool {
     now.object.z - LIFTED > start.placement.object.z
 }
@@ -80,8 +80,8 @@ const HEIGHT_TOLERANCE: f64 = 0.03;
 /// hangs some millimetres low or high.
 const DOWN: f64 = 0.02;
 
-/// Returns the next place of a hand that is to come down to `aim` from `clearance` above it
-/// (metres): up, over, then down. `None` once it is there.
+/// Returns the next target of a hand that is to come down to `aim` from `clearance` (metres) above
+/// it: up, over, then down. `None` once it is there.
 pub(super) fn come_down(hand: DVec3, aim: DVec3, clearance: f64) -> Option<DVec3> {
     let over = aim + clearance * DVec3::Z;
     let beside = (hand - aim).truncate().length();
@@ -95,7 +95,7 @@ pub(super) fn come_down(hand: DVec3, aim: DVec3, clearance: f64) -> Option<DVec3
     }
 }
 
-/// Returns `true` if the hand is within `reach` of `aim` in the plane, and not above it (metres).
+/// Returns `true` if the hand is within `reach` (metres) of `aim` horizontally, and not above it.
 pub(super) fn is_down_at(hand: DVec3, aim: DVec3, reach: f64) -> bool {
     (hand - aim).truncate().length() < reach && hand.z - aim.z < HEIGHT_TOLERANCE
 }
@@ -116,8 +116,9 @@ const FIRST_WAY: f64 = 0.02;
 /// Way of an object that follows the hand (metres).
 const FOLLOWS: f64 = 0.005;
 
-/// Returns the command for an object to be taken with the hand at `grip`, and then carried with the
-/// hand to `to`. `moved` is the object's way from its start that the fingers are to cause (metres).
+/// Returns the command of an expert that takes an object with the hand at `grip`, and then carries
+/// it with the hand to `to`. `moved` is the object's way from its start that the fingers are to
+/// cause (metres).
 pub(super) fn take_and_carry(
     now: &Measurement,
     grip: DVec3,

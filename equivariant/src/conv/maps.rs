@@ -86,7 +86,7 @@ impl<'a, T: Real> FeatureMapsMut<'a, T> {
     }
 }
 
-/// Counter of pixels over several images.
+/// Position of a pixel in a sequence of images, for loops over all of their pixels.
 pub(crate) struct PixelCursor {
     pub image: usize,
     pub pixel: usize,

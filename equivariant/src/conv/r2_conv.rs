@@ -17,7 +17,8 @@ use crate::window::SlidingWindow;
 /// layout together; a larger image is alone.
 const PIXELS_CONVERTED_AT_ONCE: usize = 64;
 
-/// Convolution that commutes with the group of its types, with a bias on the trivial irrep.
+/// Steerable convolution: it commutes with the symmetry group of its field types, and has a bias on
+/// the trivial irrep.
 ///
 /// The kernel obeys k(g t) = rho_out(g) k(t) rho_in(g)^-1 (Cohen and Welling, "Steerable CNNs",
 /// ICLR 2017). Between irreps a and b that is w(g t) = a(g) b(g) w(t): the signs of the irrep a b.
@@ -80,11 +81,11 @@ impl R2Conv {
     ///
     /// # Errors
     /// When the groups of the types differ or the map is not square.
-    pub fn whole_map(shape: Shape, out_type: FieldType) -> Result<R2Conv, LayerError> {
+    pub fn flattening(shape: Shape, out_type: FieldType) -> Result<R2Conv, LayerError> {
         let Shape { height, width, .. } = shape;
         if height != width {
             return Err(LayerError::InvalidSetting {
-                layer: "R2Conv::whole_map",
+                layer: "R2Conv::flattening",
                 setting: "map",
                 got: format!("of {height} x {width} pixels"),
                 expected: "a square one",
@@ -101,7 +102,7 @@ impl R2Conv {
         self
     }
 
-    /// Returns the layer as an ordinary convolution.
+    /// Returns an ordinary convolution equal to the layer, for checks and export.
     pub fn as_ordinary_conv(&self) -> OrdinaryConv<'_> {
         OrdinaryConv {
             layer_name: "R2Conv",

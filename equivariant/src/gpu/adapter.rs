@@ -36,7 +36,7 @@ impl fmt::Display for AdapterKind {
     }
 }
 
-/// Description of a GPU adapter by its driver.
+/// Description of a GPU adapter, as its driver reports it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Adapter {
     /// Name of the adapter's hardware, such as `NVIDIA H100 80GB HBM3`.

@@ -51,14 +51,14 @@ impl ChannelLayout {
         self
     }
 
-    /// Returns the layout of these fields as the first ones of the direct sum of two maps, whose
-    /// layout is `sum`.
+    /// Returns the layout of these fields in the direct sum of two maps, if they are those of its
+    /// first map; the sum's own layout is `sum`.
     pub fn first_of_sum(&self, sum: &ChannelLayout) -> ChannelLayout {
         self.clone().moved_to(sum.dim, sum.starts.clone())
     }
 
-    /// Returns the layout of these fields as the last ones of the direct sum of two maps, whose
-    /// layout is `sum`.
+    /// Returns the layout of these fields in the direct sum of two maps, if they are those of its
+    /// second map; the sum's own layout is `sum`.
     pub fn last_of_sum(&self, sum: &ChannelLayout) -> ChannelLayout {
         let ends = sum.starts.iter().zip(&sum.counts).map(|(start, count)| start + count);
         let starts = ends.zip(&self.counts).map(|(end, count)| end - count);

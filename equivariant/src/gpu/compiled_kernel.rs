@@ -49,7 +49,7 @@ impl CompiledKernel {
         self.dispatch.label
     }
 
-    /// Records a dispatch of the kernel for a batch of `samples` samples.
+    /// Records a dispatch of the kernel in a compute pass, for a batch of `samples` samples.
     pub fn record(&self, samples: usize, pass: &mut wgpu::ComputePass) {
         let groups = self.dispatch.workgroups.num_workgroups(samples);
         // larger dispatches fill a plane, because every dimension has a limit

@@ -201,7 +201,8 @@ fn record_error(first_error: &FirstError, error: GpuError) {
     }
 }
 
-/// Locks a mutex, also a poisoned one: no code under these locks leaves a value half written.
+/// Locks a mutex, even if a thread panicked while it held the lock: no code that holds a lock in
+/// this crate leaves a value half written.
 pub(crate) fn lock_even_if_poisoned<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,6 +1,6 @@
 //! GPU kernels with the buffers on which they run.
 
-/// Index of a GPU buffer among those of a [`Plan`](crate::gpu::Plan).
+/// Index of a GPU buffer among those of a [`ComputePlan`](crate::gpu::ComputePlan).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BufferSlot(pub(crate) usize);
 

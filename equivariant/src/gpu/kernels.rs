@@ -10,13 +10,13 @@ mod product;
 mod window;
 
 use crate::gpu::error::GpuError;
-use crate::gpu::plan::{Plan, Tensor};
+use crate::gpu::plan::{ComputePlan, Tensor};
 use crate::layers::Concat;
 use crate::layers::layer::{Layer, LayerKind};
 use crate::shape::Shape;
 use crate::steerable::hadamard::permuted_field_order_and_count;
 
-impl Plan {
+impl ComputePlan {
     /// Adds a layer, or the layers of a chain, to the compute plan and returns the output map. A
     /// ReLU after a layer with weights is fused into that layer's kernels.
     ///
@@ -77,7 +77,7 @@ fn is_fusable_relu(layer: &dyn Layer<f32>, shape: Shape) -> bool {
 /// Adds the kernels of one layer from map `x` to map `y` to a compute plan, with a ReLU after it if
 /// `with_relu`.
 fn add(
-    plan: &mut Plan,
+    plan: &mut ComputePlan,
     layer: &dyn Layer<f32>,
     x: &Tensor,
     y: &Tensor,

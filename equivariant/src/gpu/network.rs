@@ -5,15 +5,15 @@ use std::fmt;
 use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
 use crate::gpu::kernel_dispatch::BufferSlot;
-use crate::gpu::plan::{Plan, Tensor};
-use crate::gpu::program::{BatchUniforms, Passes, Program};
+use crate::gpu::plan::{ComputePlan, Tensor};
+use crate::gpu::program::{BatchUniforms, CompiledPlan, PassSelection};
 use crate::layers::layer::Layer;
 
 /// Layer on a GPU, with memory for the passes of a batch. It computes the same as
 /// [`Layer::forward`] and [`Layer::backward`], up to rounding.
-pub struct Network {
-    program: Program,
-    plan: Plan,
+pub struct GpuLayer {
+    program: CompiledPlan,
+    plan: ComputePlan,
     /// Description of the layer, for error messages.
     name: String,
     x: Tensor,
@@ -26,14 +26,14 @@ pub struct Network {
 
 /// Gradients of a network on a GPU, from one backward pass.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Gradients {
+pub struct LayerGradients {
     /// Gradient with respect to the input, `[N, H, W, C]` (samples, height, width, channels).
     pub input: Vec<f32>,
     /// Gradient with respect to the parameters, in the layer's order of parameters.
     pub params: Vec<f32>,
 }
 
-impl Network {
+impl GpuLayer {
     /// Compiles the kernels of a layer and allocates memory for batches of up to `samples` samples.
     ///
     /// # Errors
@@ -47,16 +47,16 @@ impl Network {
         device: &Device,
         layer: &dyn Layer<f32>,
         samples: usize,
-    ) -> Result<Network, GpuError> {
+    ) -> Result<GpuLayer, GpuError> {
         assert!(samples > 0, "{layer}: got 0 samples, expected at least 1");
-        let mut plan = Plan::new();
+        let mut plan = ComputePlan::new();
         let x = plan.add_tensor(layer.in_shape());
         let y = plan.add_layer(layer, x)?;
         let [Some(dx), Some(dy)] = [x.gradient, y.gradient] else {
             unreachable!("both ends have gradients")
         };
-        Ok(Network {
-            program: Program::new(device, &plan, samples)?,
+        Ok(GpuLayer {
+            program: CompiledPlan::new(device, &plan, samples)?,
             plan,
             name: layer.to_string(),
             x,
@@ -98,7 +98,7 @@ impl Network {
     ///
     /// # Panics
     /// When `x` is empty, is not whole samples, or has more samples than
-    /// [`max_samples`](Network::max_samples).
+    /// [`max_samples`](GpuLayer::max_samples).
     pub fn forward(&mut self, x: &[f32]) -> Result<Vec<f32>, GpuError> {
         let each = self.x.shape.len();
         let (got, most) = (x.len(), self.max_samples());
@@ -110,7 +110,7 @@ impl Network {
         );
         self.last_samples = got / each;
         self.program.write_floats(self.x.values, x);
-        self.submit(Passes::Forward);
+        self.submit(PassSelection::Forward);
         let len = self.last_samples * self.y.shape.len();
         let [y] = self.program.read_floats([(self.y.values, len)])?;
         Ok(y)
@@ -123,19 +123,19 @@ impl Network {
     ///
     /// # Panics
     /// When `dy` does not hold as many samples as the last forward pass had.
-    pub fn backward(&mut self, dy: &[f32]) -> Result<Gradients, GpuError> {
+    pub fn backward(&mut self, dy: &[f32]) -> Result<LayerGradients, GpuError> {
         self.check_len("dy", dy.len(), self.last_samples * self.y.shape.len());
         let [into, out_of] = self.gradients;
         self.program.write_floats(out_of, dy);
-        self.submit(Passes::Backward);
+        self.submit(PassSelection::Backward);
         let input = (into, self.last_samples * self.x.shape.len());
         let params = (self.plan.params_gradient_buffer(), self.plan.num_device_params());
         let [input, params] = self.program.read_floats([input, params])?;
         let params = self.plan.params_from_device_order(&params);
-        Ok(Gradients { input, params })
+        Ok(LayerGradients { input, params })
     }
 
-    fn submit(&self, passes: Passes) {
+    fn submit(&self, passes: PassSelection) {
         let batch = BatchUniforms { samples: self.last_samples, ..BatchUniforms::default() };
         self.program.submit(passes, batch);
     }
@@ -146,8 +146,8 @@ impl Network {
     }
 }
 
-impl fmt::Debug for Network {
+impl fmt::Debug for GpuLayer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Network({} on {})", self.name, self.program.device().adapter().name)
+        write!(f, "GpuLayer({} on {})", self.name, self.program.device().adapter().name)
     }
 }

@@ -52,14 +52,14 @@ pub(crate) enum SharedBuffer {
 }
 
 /// Compute plan of a GPU: the buffers and kernels of networks that run together, from which a
-/// [`Program`](crate::gpu::Program) is compiled.
+/// [`CompiledPlan`](crate::gpu::CompiledPlan) is compiled.
 ///
 /// Layers are added one after the other. Parameters are stored in the order of the kernels, with
 /// zeros where a WGSL vector has no parameter;
-/// [`params_to_device_order`](Plan::params_to_device_order) converts parameters of the CPU to this
-/// order and [`params_from_device_order`](Plan::params_from_device_order) converts them back.
+/// [`params_to_device_order`](ComputePlan::params_to_device_order) converts parameters of the CPU to this
+/// order and [`params_from_device_order`](ComputePlan::params_from_device_order) converts them back.
 #[derive(Debug)]
-pub struct Plan {
+pub struct ComputePlan {
     /// Lengths of all GPU buffers, by slot.
     pub(crate) buffer_lengths: Vec<BufferLength>,
     /// Buffers of constants with their contents.
@@ -79,16 +79,16 @@ const FOLDED: BufferSlot = BufferSlot(2);
 /// Slot of the GPU buffer [`SharedBuffer::PartialGradients`].
 const PARTIAL: BufferSlot = BufferSlot(3);
 
-impl Default for Plan {
-    fn default() -> Plan {
-        Plan::new()
+impl Default for ComputePlan {
+    fn default() -> ComputePlan {
+        ComputePlan::new()
     }
 }
 
-impl Plan {
+impl ComputePlan {
     /// Creates a compute plan without layers.
-    pub fn new() -> Plan {
-        Plan {
+    pub fn new() -> ComputePlan {
+        ComputePlan {
             buffer_lengths: vec![BufferLength::default(); 4],
             constant_tables: Vec::new(),
             forward: Vec::new(),
@@ -113,8 +113,8 @@ impl Plan {
         self.param_positions.len()
     }
 
-    /// Returns the number of kernels of the forward pass, and of the backward pass with the kernels
-    /// after it.
+    /// Returns two numbers of GPU kernels: those of the forward pass, and those of the backward
+    /// pass with the ones that run after it.
     pub fn num_kernels(&self) -> [usize; 2] {
         [self.forward.len(), self.backward_kernels().count()]
     }
@@ -127,7 +127,7 @@ impl Plan {
     /// Converts parameters from the order of the layers to the order of the kernels.
     ///
     /// # Panics
-    /// When there are more or fewer than [`num_params`](Plan::num_params).
+    /// When there are more or fewer than [`num_params`](ComputePlan::num_params).
     pub fn params_to_device_order(&self, params: &[f32]) -> Vec<f32> {
         let (got, expected) = (params.len(), self.num_params());
         assert!(got == expected, "got {got} parameters, expected {expected}");
@@ -139,10 +139,10 @@ impl Plan {
     }
 
     /// Converts parameters from the order of the kernels to the order of the layers, the reverse of
-    /// [`params_to_device_order`](Plan::params_to_device_order).
+    /// [`params_to_device_order`](ComputePlan::params_to_device_order).
     ///
     /// # Panics
-    /// When there are fewer than [`num_device_params`](Plan::num_device_params).
+    /// When there are fewer than [`num_device_params`](ComputePlan::num_device_params).
     pub fn params_from_device_order(&self, on_device: &[f32]) -> Vec<f32> {
         self.param_positions.iter().map(|&position| on_device[position as usize]).collect()
     }
@@ -202,7 +202,7 @@ impl Plan {
     /// Drops the backward pass, the kernels after it, and the buffers that only these kernels use,
     /// such as gradients. Call it after all layers were added.
     #[must_use]
-    pub fn forward_only(mut self) -> Plan {
+    pub fn forward_only(mut self) -> ComputePlan {
         self.backward.clear();
         self.final_kernels.clear();
         let buffers = self.forward.iter().flat_map(|kernel| &kernel.buffers);
@@ -275,12 +275,12 @@ mod tests {
     fn a_forward_plan_has_no_gradients() {
         let [from, to] = [3, 2].map(|fields| Group::D2.regular_type(fields));
         let conv = R2Conv::new(from, to, SlidingWindow::new(4, 2, 1), [8, 8]).unwrap();
-        let mut plan = Plan::new();
+        let mut plan = ComputePlan::new();
         let x = plan.add_tensor(conv.in_shape());
         let y = plan.add_layer(&conv, x).unwrap();
         let ([forward, backward], params) = (plan.num_kernels(), plan.num_device_params());
         assert!(forward > 0 && backward > 0);
-        let words = |planned: &Plan, slot: BufferSlot| {
+        let words = |planned: &ComputePlan, slot: BufferSlot| {
             let BufferLength { fixed_len, len_per_sample } = planned.buffer_lengths[slot.0];
             fixed_len + len_per_sample
         };

@@ -4,7 +4,7 @@ use crate::gpu::compiled_kernel::CompiledKernel;
 use crate::gpu::device::Device;
 use crate::gpu::error::GpuError;
 use crate::gpu::kernel_dispatch::BufferSlot;
-use crate::gpu::plan::{BufferLength, Plan};
+use crate::gpu::plan::{BufferLength, ComputePlan};
 use crate::gpu::timer::KernelTimer;
 
 /// Number of bytes of a [`BatchUniforms`] in the memory layout of the kernels.
@@ -24,9 +24,9 @@ pub struct BatchUniforms {
     pub extra_numbers: [f32; 4],
 }
 
-/// Selection of the network passes that a [`Program`] runs on the GPU.
+/// Selection of the network passes that a [`CompiledPlan`] runs on the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Passes {
+pub enum PassSelection {
     /// Forward pass of the networks only.
     Forward,
     /// Backward pass, and the kernels of the compute plan that run after it.
@@ -37,7 +37,7 @@ pub enum Passes {
 
 /// Compute plan that is compiled for a GPU, with memory for batches of up to some number of
 /// samples.
-pub struct Program {
+pub struct CompiledPlan {
     device: Device,
     samples: usize,
     uniform: wgpu::Buffer,
@@ -46,20 +46,24 @@ pub struct Program {
     backward: Vec<CompiledKernel>,
 }
 
-impl Program {
+impl CompiledPlan {
     /// Compiles the kernels of a compute plan and allocates its buffers, filled with zeros except
     /// for constants.
     ///
     /// # Errors
     /// [`GpuError::BufferTooLarge`] before anything is allocated when the batch is too large for
     /// the adapter, [`GpuError::DeviceLost`] and [`GpuError::CommandFailed`].
-    pub fn new(device: &Device, plan: &Plan, samples: usize) -> Result<Program, GpuError> {
+    pub fn new(
+        device: &Device,
+        plan: &ComputePlan,
+        samples: usize,
+    ) -> Result<CompiledPlan, GpuError> {
         plan.check_limits(device.adapter(), samples)?;
         let buffer = |length: &BufferLength| device.allocate_storage(length.bytes(samples));
         let buffers: Vec<wgpu::Buffer> = plan.buffer_lengths.iter().map(buffer).collect();
         let uniform = device.allocate_uniform(BATCH_BYTES);
         let kernel = |kernel| CompiledKernel::new(device, kernel, &uniform, &buffers);
-        let program = Program {
+        let program = CompiledPlan {
             device: device.clone(),
             samples,
             forward: plan.forward.iter().map(kernel).collect(),
@@ -84,7 +88,7 @@ impl Program {
         self.samples
     }
 
-    /// Writes numbers to the front of a GPU buffer, before commands that are submitted later run.
+    /// Writes `numbers` to the front of a GPU buffer; commands that are submitted later read them.
     ///
     /// # Panics
     /// When there are more numbers than the buffer holds.
@@ -92,7 +96,8 @@ impl Program {
         self.write_bytes(slot, bytemuck::cast_slice(numbers));
     }
 
-    /// Writes integers to the front of a GPU buffer, before commands that are submitted later run.
+    /// Writes 32-bit integers to the front of a GPU buffer; commands that are submitted later read
+    /// them.
     ///
     /// # Panics
     /// When there are more numbers than the buffer holds.
@@ -100,8 +105,8 @@ impl Program {
         self.write_bytes(slot, bytemuck::cast_slice(words));
     }
 
-    /// Writes bytes to the front of a GPU buffer, before commands that are submitted later run:
-    /// four to a word, the first one lowest. The last word is padded with zeros.
+    /// Writes bytes to the front of a GPU buffer, four to a word, the first one lowest; commands
+    /// that are submitted later read them. The last word is padded with zeros.
     ///
     /// # Panics
     /// When there are more bytes than the buffer holds.
@@ -121,11 +126,11 @@ impl Program {
     }
 
     /// Submits passes over a batch to the GPU in one command buffer. They run after earlier
-    /// submissions; [`read_floats`](Program::read_floats) waits for them.
+    /// submissions; [`read_floats`](CompiledPlan::read_floats) waits for them.
     ///
     /// # Panics
     /// When the batch has more samples than there is memory for.
-    pub fn submit(&self, passes: Passes, batch: BatchUniforms) {
+    pub fn submit(&self, passes: PassSelection, batch: BatchUniforms) {
         let (got, most) = (batch.samples, self.samples);
         assert!(got <= most, "got a batch of {got} samples, expected at most {most}");
         self.write_batch(batch);
@@ -166,17 +171,17 @@ impl Program {
 
     /// Runs passes over a batch kernel by kernel and returns name and seconds of each kernel, in
     /// the order of execution, by the device's clock. Kernels do not overlap here, so the sum may
-    /// exceed the time of [`submit`](Program::submit).
+    /// exceed the time of [`submit`](CompiledPlan::submit).
     ///
     /// # Errors
     /// [`GpuError::CommandFailed`] if the adapter has no timestamps, and the errors of
-    /// [`read_floats`](Program::read_floats).
+    /// [`read_floats`](CompiledPlan::read_floats).
     ///
     /// # Panics
     /// When the batch has more samples than there is memory for.
     pub fn kernel_seconds(
         &self,
-        passes: Passes,
+        passes: PassSelection,
         batch: BatchUniforms,
     ) -> Result<Vec<(&'static str, f64)>, GpuError> {
         assert!(
@@ -197,11 +202,11 @@ impl Program {
         Ok(commands.iter().map(|c| c.label()).zip(seconds).collect())
     }
 
-    fn kernels(&self, passes: Passes) -> impl Iterator<Item = &CompiledKernel> {
+    fn kernels(&self, passes: PassSelection) -> impl Iterator<Item = &CompiledKernel> {
         let (forward, backward) = match passes {
-            Passes::Forward => (&self.forward[..], &[][..]),
-            Passes::Backward => (&[][..], &self.backward[..]),
-            Passes::All => (&self.forward[..], &self.backward[..]),
+            PassSelection::Forward => (&self.forward[..], &[][..]),
+            PassSelection::Backward => (&[][..], &self.backward[..]),
+            PassSelection::All => (&self.forward[..], &self.backward[..]),
         };
         forward.iter().chain(backward)
     }

@@ -317,7 +317,7 @@ impl LayerSignature for FusedChain {
         own + passes.max().unwrap_or(0)
     }
 
-    fn keeps_scratch(&self) -> bool {
+    fn backward_reads_scratch(&self) -> bool {
         self.saved_len(1) > 0
     }
 }

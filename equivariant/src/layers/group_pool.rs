@@ -115,7 +115,7 @@ fn first_maximum<T: Scalar, const G: usize>(values: [T; G]) -> (usize, T) {
 }
 
 /// Returns an example of [`GroupMaxPool`] for the tests that run on every kind of layer.
-pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let pool = GroupMaxPool::new(Shape::image(2, 3, group.regular_type(4)))?;
     Ok(vec![TestLayer::exact("group max-pool", pool)])
 }

@@ -113,9 +113,9 @@ impl Gru {
         }
     }
 
-    /// Runs N sequences of up to L vectors with `in` channels, `x` `[L, N, in]`, where sequence i
-    /// has its `lengths[i]` steps at the end; [`GruWorkspace::last_states`] then returns the last
-    /// states.
+    /// Runs the unit on N sequences of up to L vectors with `in` channels, `x` `[L, N, in]`, where
+    /// sequence i has its `lengths[i]` steps at the end; [`GruWorkspace::last_states`] then returns
+    /// the last states.
     ///
     /// Earlier rows of a sample are ignored but must be finite. An empty sequence leaves the state
     /// at zero.
@@ -137,8 +137,8 @@ impl Gru {
         self.forward_shared_inputs(params, x, &input_indices, lengths, workspace);
     }
 
-    /// Runs sequences whose steps share input vectors, as [`Gru::forward`] runs sequences with
-    /// vectors of their own.
+    /// Runs the unit on sequences whose steps share input vectors, as [`Gru::forward`] does on
+    /// sequences with vectors of their own.
     ///
     /// Step l of sample i reads row `input_indices[l, i]` of `x` `[M, in]`, for `input_indices`
     /// `[L, N]`; sample i has its `lengths[i]` steps at the end and ignores earlier ones. The input

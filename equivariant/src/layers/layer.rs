@@ -50,7 +50,7 @@ pub trait LayerSignature: fmt::Display + Send + Sync {
 
     /// Returns `true` if the layer's `backward` reads values that its `forward` saved in the
     /// scratch memory.
-    fn keeps_scratch(&self) -> bool {
+    fn backward_reads_scratch(&self) -> bool {
         false
     }
 
@@ -91,7 +91,7 @@ pub trait Layer<T: Scalar>: LayerSignature {
     /// respect to the input into `dx`, if given.
     ///
     /// `x` and `y` are those of the forward pass and `dy` is the gradient with respect to `y`. If
-    /// the layer [keeps its scratch](LayerSignature::keeps_scratch), `scratch` must be unchanged
+    /// the layer [keeps its scratch](LayerSignature::backward_reads_scratch), `scratch` must be unchanged
     /// since `forward` of the same samples, or a clone of it.
     ///
     /// # Panics
@@ -320,7 +320,7 @@ pub(crate) fn mark_scratch_filled<T: Scalar>(
     samples: usize,
     scratch: &mut Scratch<T>,
 ) {
-    if layer.keeps_scratch() {
+    if layer.backward_reads_scratch() {
         scratch.origin = ScratchOrigin { samples, layer_key: layer.scratch_key() };
     }
 }
@@ -332,7 +332,7 @@ pub(crate) fn take_filled_scratch<'a, T: Scalar>(
     samples: usize,
     scratch: &'a mut Scratch<T>,
 ) -> &'a mut [T] {
-    if layer.keeps_scratch() {
+    if layer.backward_reads_scratch() {
         check_filled(layer, samples, scratch.origin);
     } else {
         // this pass may overwrite values that another layer saved here

@@ -43,7 +43,7 @@ impl Linear {
         Ok(Linear { in_type, out_type, irrep_weights: IrrepWeights::new(cols, out_type) })
     }
 
-    /// Returns the layer as an ordinary convolution of one tap.
+    /// Returns an ordinary convolution of one tap equal to the layer, for checks and export.
     pub fn as_ordinary_conv(&self) -> OrdinaryConv<'_> {
         OrdinaryConv {
             layer_name: "Linear",
@@ -111,7 +111,7 @@ impl fmt::Display for Linear {
 }
 
 /// Returns examples of [`Linear`] for the tests that run on every kind of layer.
-pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = FieldType::new(group, [2, 1, 3, 0]);
     let lacking = FieldType::new(group, [1, 2, 0, 2]);
     let from_mixed = Linear::new(mixed, group.regular_type(4))?;

@@ -149,7 +149,7 @@ impl fmt::Display for MaxPool {
 }
 
 /// Returns examples of [`MaxPool`] for the tests that run on every kind of layer.
-pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let pool = |height, width, fields, [size, stride, padding]: [usize; 3]| {
         let kernel = SlidingWindow::new(size, stride, padding);
         MaxPool::new(Shape::image(height, width, fields), kernel)

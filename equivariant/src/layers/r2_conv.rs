@@ -89,7 +89,7 @@ impl fmt::Display for R2Conv {
 }
 
 /// Returns examples of [`R2Conv`] for the tests that run on every kind of layer.
-pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let conv = |from, to, [size, stride, padding]: [usize; 3], image| {
         R2Conv::new(from, to, SlidingWindow::new(size, stride, padding), image)
     };
@@ -98,7 +98,7 @@ pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>
     let lacking = FieldType::new(group, [1, 2, 0, 2]);
     let first = conv(group.trivial_type(6), regular(4), [4, 2, 1], [6, 8])?;
     let even = conv(regular(8), regular(2), [2, 2, 0], [4, 6])?;
-    let flatten = R2Conv::whole_map(Shape::image(3, 3, regular(2)), mixed)?;
+    let flatten = R2Conv::flattening(Shape::image(3, 3, regular(2)), mixed)?;
     Ok(vec![
         TestLayer::approximate("4x4/2", first),
         TestLayer::approximate("3x3", conv(regular(2), regular(3), [3, 1, 0], [3, 3])?),

@@ -123,7 +123,7 @@ fn backward_pixels<T: Scalar, const G: usize>(n: usize, x: &[T], dy: &[T], dx: &
 }
 
 /// Returns examples of [`Relu`] for the tests that run on every kind of layer.
-pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let image = Shape::image;
     let trivial = Shape::vector(group.trivial_type(5));
     Ok(vec![

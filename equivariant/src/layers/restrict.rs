@@ -161,7 +161,7 @@ impl fmt::Display for Restrict {
 }
 
 /// Returns restrictions to smaller groups for the tests that run on every kind of layer.
-pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let mixed = Shape::image(3, 2, FieldType::new(group, [2, 1, 3, 0]));
     let regular = Shape::image(2, 4, group.regular_type(3));
     let sub = match group {

@@ -133,9 +133,9 @@ impl<T: Scalar> Sequential<T> {
         })
     }
 
-    /// Runs [`forward`](Layer::forward) on images `[N, H, W, C]` of bytes, with bitwise the same
-    /// result as on the numbers that [`pixel_byte_to_float`](crate::pixel_byte_to_float) makes of
-    /// the bytes.
+    /// Runs [`forward`](Layer::forward) on images `[N, H, W, C]` of bytes; the result is bitwise
+    /// equal to that on the numbers that [`pixel_byte_to_float`](crate::pixel_byte_to_float) makes
+    /// of the bytes.
     ///
     /// Bytes are converted where they are read, so the converted image is never stored.
     ///
@@ -162,8 +162,8 @@ impl<T: Scalar> Sequential<T> {
         mark_scratch_filled(self, samples, scratch);
     }
 
-    /// Runs the backward pass of [`forward_from_bytes`](Sequential::forward_from_bytes), with
-    /// bitwise the same result as [`backward`](Layer::backward). Bytes have no gradient.
+    /// Runs the backward pass of [`forward_from_bytes`](Sequential::forward_from_bytes); the result
+    /// is bitwise equal to that of [`backward`](Layer::backward). Bytes have no gradient.
     ///
     /// # Panics
     /// As `forward_from_bytes` and `backward`.
@@ -214,7 +214,7 @@ impl<T: Scalar> Sequential<T> {
         let mut y = Some(y);
         let mut input = x;
         for (i, (layer, range)) in self.stages().enumerate() {
-            let layer_scratch = if layer.keeps_scratch() {
+            let layer_scratch = if layer.backward_reads_scratch() {
                 take_front_padded(&mut parts.kept, layer.scratch_len(samples))
             } else {
                 &mut parts.shared[..layer.scratch_len(samples)]
@@ -264,7 +264,7 @@ impl<T: Scalar> Sequential<T> {
                 dy: if i + 1 == self.stages.len() { args.dy } else { &output_gradient[..out_len] },
                 dx,
                 dparams: &mut args.dparams[range],
-                scratch: if layer.keeps_scratch() {
+                scratch: if layer.backward_reads_scratch() {
                     take_back_padded(&mut parts.kept, layer.scratch_len(samples))
                 } else {
                     &mut parts.shared[..layer.scratch_len(samples)]
@@ -299,7 +299,7 @@ impl<T: Scalar> Sequential<T> {
             inner.map(|(layer, _)| round_up_to_cache_line(samples * layer.out_shape().len()));
         let scratch = |kept| {
             let layers = self.stages().map(|(layer, _)| layer);
-            let chosen = layers.filter(move |layer| layer.keeps_scratch() == kept);
+            let chosen = layers.filter(move |layer| layer.backward_reads_scratch() == kept);
             chosen.map(move |layer| round_up_to_cache_line(layer.scratch_len(samples)))
         };
         ScratchSizes {
@@ -349,7 +349,7 @@ impl<T: Scalar> LayerSignature for Sequential<T> {
         sizes.activations + sizes.kept + 2 * sizes.gradient + sizes.shared
     }
 
-    fn keeps_scratch(&self) -> bool {
+    fn backward_reads_scratch(&self) -> bool {
         true
     }
 

@@ -125,7 +125,7 @@ impl<T: Scalar> LayerSignature for BranchSum<T> {
         lens.sum::<usize>() + samples * self.in_shape().len()
     }
 
-    fn keeps_scratch(&self) -> bool {
+    fn backward_reads_scratch(&self) -> bool {
         true
     }
 
@@ -204,7 +204,7 @@ impl<T: Scalar> fmt::Debug for BranchSum<T> {
 }
 
 /// Returns examples of [`BranchSum`] for the tests that run on every kind of layer.
-pub(super) fn sample_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
+pub(super) fn test_layers<T: Scalar>(group: Group) -> Result<Vec<TestLayer<T>>, LayerError> {
     let shape = Shape::image(4, 3, group.regular_type(2));
     let same = SlidingWindow::new(3, 1, 1);
     let conv = || R2Conv::new(shape.fields, shape.fields, same, [4, 3]);

@@ -6,7 +6,7 @@ use crate::simd::interleave::{first_n, first_n_mut};
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::patches::{PatchGeometry, TapOrbit};
 
-/// Orbit of taps in one block of channels.
+/// Indices of an orbit of taps and of the block of channels in which it is folded.
 #[derive(Clone, Copy)]
 pub(crate) struct OrbitBlock {
     pub orbit: usize,

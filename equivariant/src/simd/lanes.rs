@@ -2,8 +2,8 @@
 
 use crate::real::{Real, exceeds_or_is_nan};
 
-/// Instruction set of convolutions in single precision; variants are in ascending order of width.
-/// The default is the widest that the CPU has.
+/// CPU instruction set for convolutions in single precision; variants are in ascending order of
+/// width. The default is the widest that the CPU has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum InstructionSet {
     /// Instructions that every CPU has.
@@ -41,7 +41,7 @@ pub(crate) const LANES: usize = 16;
 /// Block of sixteen numbers, the unit that kernels load and store.
 pub(crate) type Block<T> = [T; LANES];
 
-/// Arithmetic on sixteen lanes of one instruction set.
+/// Arithmetic on vectors of sixteen numbers (lanes) with one CPU instruction set.
 ///
 /// Lanes come in groups of G = 1, 2 or 4 neighbours, one lane for each irrep.
 pub(crate) trait Lanes<T>: Copy {
@@ -81,7 +81,7 @@ pub(crate) trait Lanes<T>: Copy {
     fn max_with_mask(self, best: Self::V, v: Self::V) -> (Self::V, u16);
 }
 
-/// Computation that is written once for all instruction sets.
+/// Computation that is written once, generically, for all CPU instruction sets.
 pub(crate) trait WithLanes<T> {
     /// Runs the computation on an instruction set.
     fn run<L: Lanes<T>>(self, lanes: L);

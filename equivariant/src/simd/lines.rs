@@ -127,7 +127,8 @@ impl FoldedLines {
         }
     }
 
-    /// Writes the transpose of [`fold`](FoldedLines::fold) to one image.
+    /// Applies the transpose of [`fold`](FoldedLines::fold), which takes gradients of the folded
+    /// lines to the gradient of one image, and overwrites `image` with it.
     pub fn unfold<T: Real>(&self, lines: &[T], image: &mut [T]) {
         let len = self.row_len();
         image.fill(T::ZERO);

@@ -279,7 +279,8 @@ impl PatchGeometry {
         }
     }
 
-    /// Writes the transpose of [`write_blocked`](PatchGeometry::write_blocked) to one image.
+    /// Applies the transpose of [`write_blocked`](PatchGeometry::write_blocked), which takes the
+    /// gradient of a blocked image to that of the image, and overwrites `image` with it.
     #[inline(always)]
     pub fn read_blocked<T: Real>(&self, blocked: &[T], image: &mut [T]) {
         if let Some(lines) = &self.folded_lines {

@@ -229,8 +229,8 @@ impl<T: Real> GradientTile<'_, T> {
     }
 }
 
-/// Returns the gradient with respect to N folds of R output pixels: sums over the groups of dy
-/// `[block][row]`, with w `[group of dy][N]`.
+/// Returns the gradient with respect to N folds (signed sums of taps) of R output pixels: the
+/// product of the output gradient dy `[block][row]` with the weights w `[group of dy][N]`.
 #[inline(always)]
 pub(crate) fn fold_gradients<
     T: Real,

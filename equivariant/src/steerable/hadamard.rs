@@ -49,9 +49,9 @@ pub fn hadamard_transform<T: Real>(group: Group, channels: &mut [T]) {
 }
 
 /// Returns the number of channels per field and the number of fields of a field type with a basis
-/// that the group permutes.
+/// that the group permutes; `None` for a type without one.
 ///
-/// Trivial channels are fields of order 1. The result is `None` for other types.
+/// Trivial channels are fields of order 1.
 pub(crate) fn permuted_field_order_and_count(fields: FieldType) -> Option<(usize, usize)> {
     if fields.is_trivial() {
         return Some((1, fields.dim()));

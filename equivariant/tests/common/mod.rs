@@ -7,7 +7,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use equivariant::{
     Concat, FieldType, Group, Layer, LayerError, Linear, MaxPool, R2Conv, Relu, Scalar, Scratch,
-    Sequential, Shape, SlidingWindow, sample_layers,
+    Sequential, Shape, SlidingWindow, test_layers,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use safetensors::SafeTensors;
@@ -23,7 +23,7 @@ pub fn layers<T: Scalar>() -> Vec<(String, Box<dyn Layer<T>>)> {
 
 /// Returns examples and chains of one group.
 pub fn layers_of<T: Scalar>(group: Group) -> Vec<(&'static str, Box<dyn Layer<T>>)> {
-    let single = sample_layers(group).unwrap().into_iter();
+    let single = test_layers(group).unwrap().into_iter();
     let mut layers: Vec<_> = single.map(|of| (of.name, of.layer)).collect();
     layers.push(("sequential", Box::new(network(group))));
     layers.push(("nested", Box::new(nested(group))));

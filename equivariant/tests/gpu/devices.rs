@@ -1,6 +1,6 @@
 //! Adapters, limits and lost devices.
 
-use equivariant::gpu::{Device, GpuError, Network, available_adapters};
+use equivariant::gpu::{Device, GpuError, GpuLayer, available_adapters};
 use equivariant::{BackwardArgs, Group, Layer, LayerSignature, Relu, Scalar, Shape};
 
 fn relu() -> Relu {
@@ -33,7 +33,7 @@ fn an_adapter_that_is_not_there_is_refused_with_those_that_are() {
 fn a_batch_that_the_adapter_cannot_hold_is_refused() {
     let device = Device::open(None).unwrap();
     let samples = device.adapter().max_binding_bytes as usize / (4 * relu().in_shape().len()) + 1;
-    let error = Network::new(&device, &relu(), samples).unwrap_err();
+    let error = GpuLayer::new(&device, &relu(), samples).unwrap_err();
     let bytes = (samples * 4 * relu().in_shape().len()) as u64;
     match error {
         GpuError::BufferTooLarge { needed, limit, .. } => {
@@ -41,23 +41,23 @@ fn a_batch_that_the_adapter_cannot_hold_is_refused() {
         }
         other => unreachable!("{other}"),
     }
-    Network::new(&device, &relu(), 1).unwrap();
+    GpuLayer::new(&device, &relu(), 1).unwrap();
 }
 
 #[test]
 fn a_lost_device_is_an_error() {
     let device = Device::open(None).unwrap();
-    let mut network = Network::new(&device, &relu(), 1).unwrap();
+    let mut network = GpuLayer::new(&device, &relu(), 1).unwrap();
     let x = vec![1.0; relu().in_shape().len()];
     network.forward(&x).unwrap();
     device.close();
     let lost = |error| matches!(error, GpuError::DeviceLost { .. });
     assert!(lost(network.forward(&x).unwrap_err()));
     assert!(lost(network.backward(&x).unwrap_err()));
-    assert!(lost(Network::new(&device, &relu(), 1).unwrap_err()));
+    assert!(lost(GpuLayer::new(&device, &relu(), 1).unwrap_err()));
     // other devices are not affected
     let other = Device::open(None).unwrap();
-    Network::new(&other, &relu(), 1).unwrap().forward(&x).unwrap();
+    GpuLayer::new(&other, &relu(), 1).unwrap().forward(&x).unwrap();
 }
 
 /// Layer of another crate.
@@ -94,7 +94,7 @@ impl<T: Scalar> Layer<T> for Foreign {
 #[test]
 fn a_layer_of_another_crate_is_refused_by_name() {
     let device = Device::open(None).unwrap();
-    let error = Network::new(&device, &Foreign, 1).unwrap_err();
+    let error = GpuLayer::new(&device, &Foreign, 1).unwrap_err();
     assert_eq!(error, GpuError::UnsupportedLayer { layer: "Foreign".to_owned() });
 }
 
@@ -104,6 +104,6 @@ fn a_layer_of_another_crate_is_refused_by_name() {
 )]
 fn half_a_sample_is_refused() {
     let device = Device::open(None).unwrap();
-    let mut network = Network::new(&device, &relu(), 2).unwrap();
+    let mut network = GpuLayer::new(&device, &relu(), 2).unwrap();
     let _ = network.forward(&vec![0.0; relu().in_shape().len() / 2]);
 }

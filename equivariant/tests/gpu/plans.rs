@@ -1,6 +1,8 @@
 //! Networks that branch and join, and kernels of other crates.
 
-use equivariant::gpu::{BatchUniforms, KernelDispatch, Passes, Plan, Program, WorkgroupCount};
+use equivariant::gpu::{
+    BatchUniforms, CompiledPlan, ComputePlan, KernelDispatch, PassSelection, WorkgroupCount,
+};
 use equivariant::{Group, LayerSignature, Linear, Shape};
 
 use crate::common::{concat, normal};
@@ -17,16 +19,16 @@ fn sums_of_maps_and_their_gradients_are_those_of_the_cpu() {
     for group in Group::ALL {
         let concat = concat(group);
         let [a, b] = concat.in_shapes();
-        let mut plan = Plan::new();
+        let mut plan = ComputePlan::new();
         let inputs = [a, b].map(|shape| plan.add_tensor(shape));
         let y = plan.add_concat(&concat, inputs);
-        let program = Program::new(device(), &plan, 4).unwrap();
+        let program = CompiledPlan::new(device(), &plan, 4).unwrap();
         let [x_a, x_b] = [(a, 1), (b, 2)].map(|(shape, seed)| normal(SAMPLES * shape.len(), seed));
         let dy: Vec<f32> = normal(SAMPLES * y.shape.len(), 3);
         program.write_floats(inputs[0].values, &x_a);
         program.write_floats(inputs[1].values, &x_b);
         program.write_floats(y.gradient.unwrap(), &dy);
-        program.submit(Passes::All, batch());
+        program.submit(PassSelection::All, batch());
         let mut expected = vec![0.0; dy.len()];
         concat.forward(&x_a, &x_b, &mut expected);
         let [sum] = program.read_floats([(y.values, dy.len())]).unwrap();
@@ -42,11 +44,11 @@ fn sums_of_maps_and_their_gradients_are_those_of_the_cpu() {
 fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
     let types = [Group::D2.regular_type(2), Group::D2.regular_type(1)];
     let layer = Linear::new(types[0], types[1]).unwrap();
-    let mut plan = Plan::new();
+    let mut plan = ComputePlan::new();
     let x = plan.add_tensor(Shape::vector(types[0]));
     let [first, second] = plan.add_fork(x);
     let ends = [first, second].map(|branch| plan.add_layer(&layer, branch).unwrap());
-    let program = Program::new(device(), &plan, SAMPLES).unwrap();
+    let program = CompiledPlan::new(device(), &plan, SAMPLES).unwrap();
     assert_eq!(plan.num_params(), 2 * layer.num_params());
     // one layer passes the gradient on, the other its triple
     let params: Vec<f32> = normal(layer.num_params(), 1);
@@ -57,7 +59,7 @@ fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
     for y in ends {
         program.write_floats(y.gradient.unwrap(), &dy);
     }
-    program.submit(Passes::All, batch());
+    program.submit(PassSelection::All, batch());
     let slots = [x, first].map(|x| (x.gradient.unwrap(), SAMPLES * 8));
     let [sum, branch_gradient] = program.read_floats(slots).unwrap();
     assert!(branch_gradient.iter().any(|&d| d.abs() > 0.1));
@@ -68,7 +70,7 @@ fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
 
 #[test]
 fn a_kernel_of_somebody_else_sees_the_batch() {
-    let mut plan = Plan::new();
+    let mut plan = ComputePlan::new();
     let y = plan.add_input(Shape::vector(Group::C1.trivial_type(1)));
     let kernel = KernelDispatch::new("mine", 1, WorkgroupCount::threads_per_sample(1))
         .add_output_buffer("y", "f32", y.values);
@@ -80,11 +82,11 @@ fn a_kernel_of_somebody_else_sees_the_batch() {
          }",
     );
     plan.add_final_kernel(kernel);
-    let program = Program::new(device(), &plan, 100).unwrap();
+    let program = CompiledPlan::new(device(), &plan, 100).unwrap();
     for (samples, start) in [(100, 7), (70, 20)] {
         let extra_numbers = [0.0, 0.0, 0.0, 0.5];
         let batch = BatchUniforms { samples, start, extra_numbers, ..BatchUniforms::default() };
-        program.submit(Passes::Backward, batch);
+        program.submit(PassSelection::Backward, batch);
     }
     let [y] = program.read_floats([(y.values, 100)]).unwrap();
     assert_eq!([y[0], y[69], y[70], y[99]], [20.5, 89.5, 77.5, 106.5]);
@@ -94,9 +96,9 @@ fn a_kernel_of_somebody_else_sees_the_batch() {
 fn bytes_are_words_whose_last_one_is_filled_up() {
     let numbers = [1.5_f32, -2.25];
     let bytes = numbers.map(f32::to_le_bytes).concat();
-    let mut plan = Plan::new();
+    let mut plan = ComputePlan::new();
     let slot = plan.add_buffer(2, 0);
-    let program = Program::new(device(), &plan, 1).unwrap();
+    let program = CompiledPlan::new(device(), &plan, 1).unwrap();
     for len in 0..=bytes.len() {
         program.write_floats(slot, &[7.0, 7.0]);
         program.write_bytes(slot, &bytes[..len]);

@@ -1,6 +1,6 @@
 //! Every layer on the device against the CPU's.
 
-use equivariant::gpu::{GpuError, Network};
+use equivariant::gpu::{GpuError, GpuLayer};
 use equivariant::{
     Group, Layer, LayerKind, Relu, Sequential, equivariance_error, equivariance_error_of_fn,
 };
@@ -37,14 +37,14 @@ fn layers_without_kernels_are_refused_by_name() {
         let name = layer.to_string();
         let expected = name.starts_with("Sum(") || name.starts_with("Restrict(");
         assert!(expected, "{name}");
-        let error = Network::new(device(), layer.as_ref(), 1).unwrap_err();
+        let error = GpuLayer::new(device(), layer.as_ref(), 1).unwrap_err();
         let layer = layer.to_string();
         assert_eq!(error, GpuError::UnsupportedLayer { layer });
     }
 }
 
-fn network(layer: &dyn Layer<f32>, params: &[f32]) -> Network {
-    let mut network = Network::new(device(), layer, 5).unwrap();
+fn network(layer: &dyn Layer<f32>, params: &[f32]) -> GpuLayer {
+    let mut network = GpuLayer::new(device(), layer, 5).unwrap();
     network.set_params(params);
     network
 }
@@ -120,11 +120,11 @@ fn convolutions_are_exactly_equivariant() {
 fn a_relu_after_weights_takes_no_kernel_of_its_own() {
     let first = conv(Group::D2.trivial_type(3), Group::D2.regular_type(2), [4, 2, 1], [8, 8]);
     let relu = boxed(Relu::new(first.out_shape()));
-    let alone = Network::new(device(), relu.as_ref(), 1).unwrap();
+    let alone = GpuLayer::new(device(), relu.as_ref(), 1).unwrap();
     assert_eq!(alone.num_kernels(), [1, 1]);
     let net = Sequential::new(vec![first, relu]).unwrap();
     // fold and product; the gradient of the weights and its sum; that of the patches and the unfold
-    let fused = Network::new(device(), &net, 1).unwrap();
+    let fused = GpuLayer::new(device(), &net, 1).unwrap();
     assert_eq!(fused.num_kernels(), [2, 4]);
 }
 

@@ -10,7 +10,7 @@ use serde::Serialize;
 /// deep reinforcement learning", ICML 2023, section 3).
 pub const DORMANCY_THRESHOLD: f64 = 0.025;
 
-/// Dormant units of one policy's network, over the observations of an evaluation.
+/// Number of dormant units (mean output almost zero) of one policy's network in an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct DormantUnits {
     /// Index of the policy whose network units are counted.

@@ -13,10 +13,10 @@ use learner::Learner;
 
 use super::Evaluator;
 
-/// Numbers of episodes whose first frames the learner is shown when it is asked for a policy. With
-/// each number it is asked
+/// Numbers of episodes from whose first frames the learner must name the policy of a task group.
+/// With each number it is asked
 /// [`EvaluationPlan::recognition_repeats`](crate::EvaluationPlan::recognition_repeats) times.
-pub const EPISODES_SHOWN: [usize; 3] = [1, 4, 20];
+pub const RECOGNITION_EPISODES: [usize; 3] = [1, 4, 20];
 
 /// Number of the ChaCha stream for the seeds of shown episodes, next to that of the learner's
 /// draws.
@@ -41,8 +41,8 @@ pub struct Recognition {
 
 impl Evaluator {
     /// Shows the learner the first frames of 1, 4 and 20 episodes of a variant, `looks` times each,
-    /// and counts its answers. Each time the episodes are different; they depend on the
-    /// evaluation's seed alone.
+    /// and counts how often it names each policy. Each time the episodes are different; they depend
+    /// on the evaluation's seed alone.
     ///
     /// # Errors
     /// Errors of the environments or the learner.
@@ -58,7 +58,7 @@ impl Evaluator {
         let mut seeds = ChaCha8Rng::seed_from_u64(self.seed);
         seeds.set_stream(EPISODES);
         let mut found = Vec::new();
-        for episodes in EPISODES_SHOWN {
+        for episodes in RECOGNITION_EPISODES {
             let mut answers: BTreeMap<Option<usize>, usize> = BTreeMap::new();
             for _ in 0..looks {
                 let seed: u64 = seeds.random();

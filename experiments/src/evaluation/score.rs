@@ -79,7 +79,7 @@ pub struct GroupScore {
     pub own_policy_score: Option<PolicyScore>,
 }
 
-/// Averages the scores of each task group, in the order in which the groups appear.
+/// Averages the scores of the variants of each task group, in the order in which the groups appear.
 pub fn average_by_group(scores: &[Score]) -> Vec<GroupScore> {
     let groups: Vec<TaskGroup> = scores.iter().map(|score| score.group).unique().collect();
     let of = |group| scores.iter().filter(move |score| score.group == group);

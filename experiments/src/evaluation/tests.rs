@@ -104,7 +104,7 @@ fn shown(method: Method, seeds: [u64; 2], mut spy: Spy) -> Vec<Observations> {
     run.envs.camera = Camera::default();
     run.evaluation.seed = seeds[1];
     let tasks = TaskRegistry::standard();
-    let labels = Labels::default();
+    let labels = TaskLabel::default();
     let mut evaluator = Evaluator::of_run(&run.with_threads(1), &tasks, labels).unwrap();
     let [variant, ..] = evaluator.variants()[..] else { panic!() };
     let none = OwnPolicies::default();
@@ -153,7 +153,7 @@ fn what_the_learner_draws_is_not_what_places_the_episodes() {
 #[test]
 fn a_policy_that_has_not_changed_is_not_played_again() {
     let run = Budget::Smoke.experiment(Method::Covers).with_threads(1);
-    let (tasks, labels) = (TaskRegistry::standard(), Labels::default());
+    let (tasks, labels) = (TaskRegistry::standard(), TaskLabel::default());
     let mut evaluator = Evaluator::of_run(&run, &tasks, labels).unwrap();
     let [first, second, ..] = evaluator.variants()[..] else { panic!() };
     let mut spy = Spy::default();
@@ -182,7 +182,7 @@ fn a_policy_that_has_not_changed_is_not_played_again() {
 #[test]
 fn a_groups_own_policy_plays_the_same_episodes_where_another_one_was_chosen() {
     let run = Budget::Smoke.experiment(Method::Covers).with_threads(1);
-    let (tasks, labels) = (TaskRegistry::standard(), Labels::default());
+    let (tasks, labels) = (TaskRegistry::standard(), TaskLabel::default());
     let mut evaluator = Evaluator::of_run(&run, &tasks, labels).unwrap();
     let variant = evaluator.variants()[0];
     let group = variant.group.name().to_owned();

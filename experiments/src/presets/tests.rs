@@ -135,7 +135,7 @@ fn the_slim_network_has_as_many_parameters_as_the_equivariant_one() {
 fn randomised_pictures_without_close_ups_are_all_that_a_preset_changes() {
     for budget in Budget::value_variants() {
         let mut run = budget.experiment(Method::CoversRandomised);
-        assert_eq!(run.envs.randomisation, Some(Randomisation::NOMINAL));
+        assert_eq!(run.envs.randomisation, Some(DomainRandomisation::NOMINAL));
         let covers = budget.experiment(Method::Covers);
         run.envs = run.envs.without_randomisation();
         run.envs.camera = covers.envs.camera;

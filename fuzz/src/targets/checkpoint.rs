@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
-use covers::{CheckpointExtent, Covers, Labels, Learner, LearnerSettings, OffPolicy};
+use covers::{CheckpointExtent, Covers, Learner, LearnerSettings, OffPolicy, TaskLabel};
 use rl::{EnvSpec, VectorEnv};
 use serde_json::Value;
 
@@ -27,7 +27,7 @@ fn read(input: &[u8]) -> Option<Reading> {
     let file = sealed(envelope, arrays, parts.next()?)?;
     let settings = &LEARNERS[usize::from(kind) % LEARNERS.len()];
     let others = small_settings(settings, envelope);
-    let (spec, labels) = (clock().spec().clone(), Labels::default());
+    let (spec, labels) = (clock().spec().clone(), TaskLabel::default());
     in_file("checkpoint", &file, |path| {
         measured(|| {
             accepted(settings.load_for_acting(path, &spec, &labels))
@@ -66,7 +66,7 @@ fn checkpoints() -> Vec<Vec<u8>> {
 
 /// Returns files of a learner before its first rollout, after two, and packed.
 fn seeds_of((kind, settings): (usize, &LearnerSettings)) -> Option<Vec<Vec<u8>>> {
-    let mut learner = settings.new_learner(clock().spec(), &Labels::default()).ok()?;
+    let mut learner = settings.new_learner(clock().spec(), &TaskLabel::default()).ok()?;
     let save = |any: &dyn Learner, extent| {
         let bytes = any.to_checkpoint_bytes(Path::new("seed"), extent, "{}").ok()?;
         seed(kind, &bytes)

@@ -1,8 +1,8 @@
 //! Smallest learners of every kind and grouping, and tiny environments for them.
 
 use covers::{
-    CoversSettings, GroupingSettings, Handover, Learner, LearnerSettings, NewPolicyInit,
-    OffPolicySettings,
+    CoversSettings, GroupingSettings, Learner, LearnerSettings, NewPolicyInit, OffPolicySettings,
+    RolloutHandover,
 };
 use rl::{
     BoxedEnvError, ContextSettings, CriticSettings, EncoderSettings, EnvSpec, NetworkSettings,
@@ -33,7 +33,7 @@ fn of_covers() -> [CoversSettings; 4] {
         grouped(GroupingSettings::Oracle),
         grouped(GroupingSettings::Single),
         CoversSettings {
-            handover: Handover::Reuse,
+            handover: RolloutHandover::Reuse,
             new_policy: NewPolicyInit::Copy,
             ..grouped(THRESHOLD)
         },

@@ -12,7 +12,7 @@ use covers::check::Check;
 use covers::cli::{StreamOptions, TrainOptions};
 use covers::commands::Command;
 use covers::presets::{Budget, Method};
-use covers::{Experiment, LearnerSettings, Override};
+use covers::{Experiment, LearnerSettings, SettingOverride};
 use envs::{Embodiment, TaskRegistry};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -106,7 +106,7 @@ fn read_overrides(input: &[u8]) -> Option<Reading> {
     let text = std::str::from_utf8(input).ok()?;
     let experiment = EXPERIMENT.clone();
     measured(|| {
-        let set: Result<Vec<Override>, _> = text.lines().map(str::parse).collect();
+        let set: Result<Vec<SettingOverride>, _> = text.lines().map(str::parse).collect();
         accepted(set.and_then(|set| covers::apply_overrides(&set, experiment)))
     })
 }

@@ -11,8 +11,8 @@ type Matrix = [[f64; UNKNOWNS]; UNKNOWNS];
 /// others are unknown, too. Beyond it, the result is mostly rounding.
 const MAX_INFLATION: f64 = 1e12;
 
-/// Normal equations of least squares: matrix and right-hand side. Only the first `free` unknowns
-/// take part.
+/// Normal equations of a hand-eye calibration's least squares: matrix and right-hand side. Only the
+/// first `free` unknowns take part.
 #[derive(Clone, Debug)]
 pub(super) struct NormalEquations {
     matrix: Matrix,
@@ -21,8 +21,7 @@ pub(super) struct NormalEquations {
 }
 
 impl NormalEquations {
-    /// Creates normal equations without data for the first `free` unknowns; the others are held at
-    /// 0.
+    /// Creates empty normal equations for the first `free` unknowns; the others are held at 0.
     pub fn new(free: usize) -> Self {
         Self { matrix: [[0.0; UNKNOWNS]; UNKNOWNS], right: [0.0; UNKNOWNS], free }
     }
@@ -53,8 +52,8 @@ impl NormalEquations {
         Some(unknowns)
     }
 
-    /// Returns the variances of the unknowns for values of variance 1; unknowns that are held have
-    /// 0. `None` if the equations do not determine all unknowns.
+    /// Returns the variances of the unknowns if the equations' values have variance 1; unknowns
+    /// that are held have 0. `None` if the equations do not determine all unknowns.
     pub fn variances(&self) -> Option<Vector> {
         let scale = self.scale()?;
         let factor = self.factor(&scale, 0.0)?;

@@ -22,7 +22,7 @@ pub(super) fn rotated(calibration: &Calibration, quarters: usize) -> Calibration
 
 /// Estimate of the unknowns of a hand-eye calibration, and its residuals.
 #[derive(Clone, Debug)]
-pub(super) struct Fit<'a> {
+pub(super) struct HandEyeFit<'a> {
     calibration: Calibration,
     settings: HandEyeSettings,
     /// Estimate of the ball's offset in the hand; the given one if it is known.
@@ -33,7 +33,7 @@ pub(super) struct Fit<'a> {
     cost: f64,
 }
 
-impl<'a> Fit<'a> {
+impl<'a> HandEyeFit<'a> {
     /// Creates the first estimate, with an unknown offset at zero and the focal lengths as given;
     /// `None` if a ball would be out of sight.
     pub fn new(
@@ -67,10 +67,10 @@ impl<'a> Fit<'a> {
         cost.is_finite().then_some(fit)
     }
 
-    /// Returns the same estimate with the residuals of other sightings; `None` if one of their
-    /// balls would be out of sight.
-    pub fn with_sightings<'b>(&self, sightings: &'b [BallSighting]) -> Option<Fit<'b>> {
-        Fit::at(self.calibration, self.settings, self.guess, sightings)
+    /// Returns this estimate with the residuals of other sightings of the ball; `None` if it would
+    /// be out of sight in one of them.
+    pub fn with_sightings<'b>(&self, sightings: &'b [BallSighting]) -> Option<HandEyeFit<'b>> {
+        HandEyeFit::at(self.calibration, self.settings, self.guess, sightings)
     }
 
     /// Returns the camera that was fitted.
@@ -98,14 +98,15 @@ impl<'a> Fit<'a> {
         self.cost
     }
 
-    /// Returns a copy in which the ball's current offset is held.
+    /// Returns a copy of the fit in which the ball's offset is held at its estimate.
     pub fn with_known_offset(&self) -> Self {
         let offset = BallOffset::Known(self.guess);
         Self { settings: HandEyeSettings { ball_offset: offset, ..self.settings }, ..self.clone() }
     }
 
-    /// Returns a copy in which the focal length is one of the unknowns, or held.
-    pub fn with_free_focal(&self, estimate_focal: bool) -> Self {
+    /// Returns a copy of the fit in which the focal length is an unknown if `estimate_focal`, else
+    /// held.
+    pub fn with_focal_estimation(&self, estimate_focal: bool) -> Self {
         Self {
             settings: HandEyeSettings { estimate_focal_length: estimate_focal, ..self.settings },
             ..self.clone()
@@ -138,7 +139,7 @@ impl<'a> Fit<'a> {
         (self.cost / self.degrees_of_freedom()).sqrt()
     }
 
-    /// Returns the normal equations of a Gauss-Newton step.
+    /// Returns the normal equations of the next Gauss-Newton step of the hand-eye calibration.
     pub fn normal_equations(&self) -> NormalEquations {
         let mut equations = NormalEquations::new(self.free());
         let seen = self.sightings.iter().zip(&self.residuals);
@@ -174,8 +175,8 @@ impl<'a> Fit<'a> {
         })
     }
 
-    /// Returns the estimate after a step of the unknowns; `None` if a ball would then be out of
-    /// sight.
+    /// Returns the estimate with its unknowns changed by `step`; `None` if a ball would then be out
+    /// of sight.
     pub fn after_step(&self, step: &Vector) -> Option<Self> {
         let turn = DQuat::from_scaled_axis(DVec3::from_slice(&step[..3]));
         let old = DQuat::from_mat3(&self.calibration.extrinsics.rotation);
@@ -197,7 +198,7 @@ impl<'a> Fit<'a> {
         Self::at(calibration, self.settings, guess, self.sightings)
     }
 
-    /// Returns the residuals of all arm poses.
+    /// Returns the residual of the ball in each arm pose.
     pub fn residuals(&self) -> Vec<Residual> {
         let pairs = self.sightings.iter().zip(&self.residuals);
         let residual = |(sighting, [right, down]): (&BallSighting, &[f64; 2])| {
@@ -228,21 +229,22 @@ impl<'a> Fit<'a> {
     /// arm's accuracy and the ball's outline explain.
     fn limit(&self, sighting: &BallSighting) -> f64 {
         let ball = sighting.hand_position + sighting.hand_rotation * self.guess;
-        let depth = self.calibration.without_distortion().world_to_camera(ball).z;
+        let depth = self.calibration.to_pinhole().world_to_camera(ball).z;
         let of_arm =
             self.calibration.intrinsics.focal_lengths[0] * self.settings.arm_position_sd / depth;
         LIMIT_SIGMAS * of_arm.hypot(OUTLINE_SD)
     }
 
-    /// Returns all residuals with their limits (pixels).
-    pub fn limited_residuals(&self) -> impl Iterator<Item = (Residual, f64)> {
+    /// Returns the residual of each arm pose, and the largest one (pixels) that counts as noise
+    /// there.
+    pub fn residuals_with_limits(&self) -> impl Iterator<Item = (Residual, f64)> {
         let limits = self.sightings.iter().map(|sighting| self.limit(sighting));
         self.residuals().into_iter().zip(limits)
     }
 
     /// Returns `true` if all residuals can be noise: none is beyond its limit.
     pub fn is_within_limits(&self) -> bool {
-        self.limited_residuals().all(|(residual, limit)| residual.distance_px <= limit)
+        self.residuals_with_limits().all(|(residual, limit)| residual.distance_px <= limit)
     }
 }
 
@@ -251,7 +253,8 @@ pub(super) const LIMIT_SIGMAS: f64 = 4.0;
 /// Standard deviation (pixels) of the middle of a ball that is found by its outline.
 pub(super) const OUTLINE_SD: f64 = 0.2;
 
-/// Settings of [`HandEyeCalibration::solve`](super::HandEyeCalibration::solve).
+/// Settings of a hand-eye calibration, see
+/// [`HandEyeCalibration::solve`](super::HandEyeCalibration::solve).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandEyeSettings {
     /// Position of the ball in the hand's frame.

@@ -64,7 +64,7 @@ impl EvidenceGrouping {
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
         let found = self.recogniser.recognise(summaries, rng)?;
-        let best = match found.most_probable().filter(|_| found.is_typical()) {
+        let best = match found.most_probable().filter(|_| found.fits_any_policy()) {
             Some(policy) => policy,
             None => {
                 let merged = self.recogniser.merged_into().into_iter().enumerate();

@@ -1,6 +1,6 @@
 //! Trait of all groupings, with their requests and decisions.
 
-use cluster::{Assignment, Candidate, Decision, Evidence, PairwiseComparison};
+use cluster::{Assignment, CandidateFeatures, Decision, Evidence, TwoPolicyComparison};
 use evidence::{Trajectory, Trial};
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
@@ -103,10 +103,10 @@ pub trait AssignmentData {
     ///
     /// # Errors
     /// Errors of a network.
-    fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError>;
+    fn clouds(&mut self) -> Result<Vec<CandidateFeatures>, LearnerError>;
 
     /// Returns two comparisons of the rollout with two policies, by their first frames of at most
-    /// `most` episodes each: in the present features of the first policy, and in those of the
+    /// `most` episodes each: in the current features of the first policy, and in those of the
     /// second.
     ///
     /// # Errors
@@ -115,7 +115,7 @@ pub trait AssignmentData {
         &mut self,
         policies: [usize; 2],
         most: usize,
-    ) -> Result<[PairwiseComparison; 2], LearnerError>;
+    ) -> Result<[TwoPolicyComparison; 2], LearnerError>;
 
     /// Returns the whole episodes of the rollout.
     fn episodes(&self) -> Episodes<'_>;
@@ -174,7 +174,7 @@ impl From<Assignment> for GroupingDecision {
 }
 
 impl GroupingDecision {
-    /// Returns a final decision without evidence.
+    /// Returns a final decision for `policy`, without evidence or trial.
     pub fn of(policy: Decision) -> Self {
         Self {
             policy,

@@ -29,12 +29,12 @@ impl Grouping for SinglePolicyGrouping {
     }
 }
 
-/// Ground-truth label of the present task group: a run writes it, and an oracle grouping reads it.
+/// Ground-truth label of the current task group: a run writes it, and an oracle grouping reads it.
 #[derive(Clone, Debug, Default)]
-pub struct Labels(Arc<Mutex<Option<String>>>);
+pub struct TaskLabel(Arc<Mutex<Option<String>>>);
 
-impl Labels {
-    /// Sets the label of the task group from here on.
+impl TaskLabel {
+    /// Sets the label of the task group that the environments show from now on.
     pub fn set(&self, group: &str) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(group.to_owned());
     }
@@ -49,14 +49,14 @@ impl Labels {
 /// groupings receive no labels.
 #[derive(Debug)]
 pub struct OracleGrouping {
-    labels: Labels,
+    labels: TaskLabel,
     /// Label of the task group of each policy.
     known: Vec<String>,
 }
 
 impl OracleGrouping {
     /// Creates a grouping that reads the labels written by a run.
-    pub(crate) fn new(labels: Labels) -> Self {
+    pub(crate) fn new(labels: TaskLabel) -> Self {
         Self { labels, known: Vec::new() }
     }
 
@@ -118,7 +118,7 @@ pub(super) fn unlabelled() -> LearnerError {
 
 #[cfg(test)]
 mod tests {
-    use cluster::{Candidate, PairwiseComparison};
+    use cluster::{CandidateFeatures, TwoPolicyComparison};
     use rand::SeedableRng;
 
     use super::*;
@@ -130,7 +130,7 @@ mod tests {
     struct Blind;
 
     impl AssignmentData for Blind {
-        fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
+        fn clouds(&mut self) -> Result<Vec<CandidateFeatures>, LearnerError> {
             panic!("an oracle does not compare")
         }
 
@@ -138,7 +138,7 @@ mod tests {
             &mut self,
             _: [usize; 2],
             _: usize,
-        ) -> Result<[PairwiseComparison; 2], LearnerError> {
+        ) -> Result<[TwoPolicyComparison; 2], LearnerError> {
             panic!("an oracle does not compare")
         }
 
@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn every_label_has_a_policy_and_recognition_creates_none() {
-        let labels = Labels::default();
+        let labels = TaskLabel::default();
         let mut oracle = OracleGrouping::new(labels.clone());
         let message = ask(&mut oracle, ROLLOUT).unwrap_err().to_string();
         assert!(message.contains("a grouping without labels"), "{message}");

@@ -7,7 +7,7 @@ use crate::error::LearnerError;
 
 use super::evidence::EvidenceGrouping;
 use super::grouping::Grouping;
-use super::oracle::{Labels, OracleGrouping, SinglePolicyGrouping, unlabelled};
+use super::oracle::{OracleGrouping, SinglePolicyGrouping, TaskLabel, unlabelled};
 use super::threshold::ThresholdGrouping;
 
 /// Choice of a grouping, which assigns rollouts to policies.
@@ -55,12 +55,12 @@ impl GroupingSettings {
     pub fn build(&self) -> Result<Box<dyn Grouping>, LearnerError> {
         match self {
             Self::Oracle => Err(unlabelled()),
-            _ => self.build_with(&Labels::default()),
+            _ => self.build_with(&TaskLabel::default()),
         }
     }
 
     /// Creates the grouping for a run that writes `labels`.
-    pub(crate) fn build_with(&self, labels: &Labels) -> Result<Box<dyn Grouping>, LearnerError> {
+    pub(crate) fn build_with(&self, labels: &TaskLabel) -> Result<Box<dyn Grouping>, LearnerError> {
         Ok(match *self {
             Self::Evidence(settings) => Box::new(EvidenceGrouping::new(settings)?),
             Self::Threshold { threshold } => Box::new(ThresholdGrouping::new(threshold)?),

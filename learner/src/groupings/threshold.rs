@@ -1,6 +1,6 @@
 //! Grouping by the 1-Wasserstein distance of invariant features.
 
-use cluster::{assign_by_threshold, energy_margin};
+use cluster::{assign_by_threshold, energy_distance_margin};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::LearnerError;
@@ -15,8 +15,8 @@ pub struct ThresholdGrouping {
 }
 
 impl ThresholdGrouping {
-    /// Creates a grouping with the largest distance within a task group (`d_epsilon`), in the
-    /// features' unit.
+    /// Creates a grouping in which a rollout belongs to a policy up to the distance `threshold`
+    /// (the paper's `d_epsilon`), in the features' unit.
     ///
     /// # Errors
     /// A threshold that is negative or not finite.
@@ -57,7 +57,7 @@ pub(super) fn nearest_policy(
     let mut policies = policies.into_iter();
     let mut best = policies.next().unwrap_or(0);
     for policy in policies {
-        if energy_margin(&data.comparisons([best, policy], MAX_COMPARED)?)? < 0.0 {
+        if energy_distance_margin(&data.comparisons([best, policy], MAX_COMPARED)?)? < 0.0 {
             best = policy;
         }
     }
@@ -66,7 +66,7 @@ pub(super) fn nearest_policy(
 
 #[cfg(test)]
 mod tests {
-    use cluster::{Candidate, Frames, PairwiseComparison};
+    use cluster::{CandidateFeatures, FrameFeatures, TwoPolicyComparison};
     use rand::{RngExt, SeedableRng};
 
     use super::*;
@@ -82,10 +82,10 @@ mod tests {
     impl TwoFeatures {
         const SCALES: [[f32; 2]; 2] = [[1.0, 1.0], [0.2, 1.0]];
 
-        fn frames(&self, policy: usize, points: &[[f32; 2]]) -> Frames {
+        fn frames(&self, policy: usize, points: &[[f32; 2]]) -> FrameFeatures {
             let [x, y] = Self::SCALES[policy];
             let seen = points.iter().flat_map(|p| [x * p[0], y * p[1]]);
-            Frames::new(seen.collect(), 1, 2).unwrap()
+            FrameFeatures::new(seen.collect(), 1, 2).unwrap()
         }
 
         fn known(&self, policy: usize) -> Vec<[f32; 2]> {
@@ -98,7 +98,7 @@ mod tests {
     }
 
     impl AssignmentData for TwoFeatures {
-        fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
+        fn clouds(&mut self) -> Result<Vec<CandidateFeatures>, LearnerError> {
             panic!("two policies at a time are compared")
         }
 
@@ -106,8 +106,8 @@ mod tests {
             &mut self,
             policies: [usize; 2],
             _: usize,
-        ) -> Result<[PairwiseComparison; 2], LearnerError> {
-            Ok(policies.map(|policy| PairwiseComparison {
+        ) -> Result<[TwoPolicyComparison; 2], LearnerError> {
+            Ok(policies.map(|policy| TwoPolicyComparison {
                 rollout: self.frames(policy, &[self.seen]),
                 policies: policies.map(|other| self.frames(policy, &self.known(other))),
             }))

@@ -9,9 +9,11 @@ mod settings;
 
 pub use checkpoint::read_checkpoint_note;
 pub use episodes::{Rollout, StepView};
-pub use settings::{CommonSettings, Handover, NewPolicyInit, PolicyCollectionSettings, Training};
+pub use settings::{
+    CommonSettings, NewPolicyInit, PolicyCollectionSettings, RolloutHandover, Training,
+};
 
-use cluster::{Candidate, PairwiseComparison, Reservoir};
+use cluster::{CandidateFeatures, Reservoir, TwoPolicyComparison};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, RlError, RolloutState, RolloutStats, VectorEnv};
@@ -108,8 +110,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Err(LearnerError::invalid("policy", index, "the index of a policy that was created"))
     }
 
-    /// Returns the number of episodes whose first frames policy `index` keeps, the size of its `B`;
-    /// `None` for a policy that does not exist.
+    /// Returns the number of episodes whose first frames policy `index` keeps, the size of the
+    /// paper's buffer `B`; `None` for a policy that does not exist.
     pub fn buffered_episodes(&self, index: usize) -> Option<usize> {
         let entry = self.policies.get(index)?;
         Some(entry.buffer.episodes().len())
@@ -159,9 +161,9 @@ impl<'a, S: PolicyCollectionSettings> CandidateClouds<'a, S> {
 }
 
 impl<S: PolicyCollectionSettings> AssignmentData for CandidateClouds<'_, S> {
-    fn clouds(&mut self) -> Result<Vec<Candidate>, LearnerError> {
+    fn clouds(&mut self) -> Result<Vec<CandidateFeatures>, LearnerError> {
         let clouds = self.policies.iter_mut().map(|entry| {
-            Ok(Candidate {
+            Ok(CandidateFeatures {
                 buffer: embed_first_frames(&mut entry.policy, entry.buffer.episodes())?,
                 rollout: embed_first_frames(&mut entry.policy, self.frames)?,
             })
@@ -173,7 +175,7 @@ impl<S: PolicyCollectionSettings> AssignmentData for CandidateClouds<'_, S> {
         &mut self,
         indices: [usize; 2],
         most: usize,
-    ) -> Result<[PairwiseComparison; 2], LearnerError> {
+    ) -> Result<[TwoPolicyComparison; 2], LearnerError> {
         let (mut policies, buffers): (Vec<_>, Vec<_>) = self
             .policies
             .iter_mut()
@@ -182,10 +184,10 @@ impl<S: PolicyCollectionSettings> AssignmentData for CandidateClouds<'_, S> {
                 (&mut entry.policy, &kept[..kept.len().min(most)])
             })
             .unzip();
-        let mut compare = |index: usize| -> Result<PairwiseComparison, LearnerError> {
+        let mut compare = |index: usize| -> Result<TwoPolicyComparison, LearnerError> {
             let policy = &mut *policies[index];
             let [first, second] = indices.map(|other| embed_first_frames(policy, buffers[other]));
-            Ok(PairwiseComparison {
+            Ok(TwoPolicyComparison {
                 rollout: embed_first_frames(policy, self.frames)?,
                 policies: [first?, second?],
             })

@@ -13,7 +13,8 @@ use serde::{Deserialize, Serialize};
 use crate::groupings::GroupingSettings;
 
 use super::collection::{
-    CommonSettings, Handover, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Training,
+    CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, RolloutHandover,
+    Training,
 };
 use super::device::LearningDevice;
 
@@ -47,7 +48,7 @@ pub struct CoversSettings {
     /// with the number of rollouts.
     pub buffer_episodes: Option<usize>,
     /// Treatment of a rollout that is assigned to a policy other than the one that collected it.
-    pub handover: Handover,
+    pub handover: RolloutHandover,
     /// Initial parameters of a new policy.
     pub new_policy: NewPolicyInit,
     /// Seed of all random numbers of the learner.
@@ -70,7 +71,7 @@ impl Default for CoversSettings {
             rollout_steps: 500,
             noise_correlation: 0.0,
             buffer_episodes: Some(100),
-            handover: Handover::default(),
+            handover: RolloutHandover::default(),
             new_policy: NewPolicyInit::default(),
             seed: 0,
             device: LearningDevice::default(),
@@ -80,9 +81,9 @@ impl Default for CoversSettings {
 }
 
 impl CoversSettings {
-    /// Returns the paper's method and hyper-parameters, read literally (section 4, Algorithm 1 and
-    /// appendix). Its network takes pictures of 128 x 128 pixels: set the camera's size, too, or
-    /// put another network.
+    /// Returns the settings of COVERS as published: the paper's method and hyper-parameters, read
+    /// literally (section 4, Algorithm 1 and appendix). Its network takes pictures of 128 x 128
+    /// pixels: set the camera's size, too, or put another network.
     pub fn paper() -> Self {
         Self {
             network: NetworkSettings::so2_128(),
@@ -91,7 +92,7 @@ impl CoversSettings {
             first_frames: 4,
             rollout_steps: 1000,
             buffer_episodes: None,
-            handover: Handover::Reuse,
+            handover: RolloutHandover::Reuse,
             new_policy: NewPolicyInit::Random,
             ..Self::default()
         }

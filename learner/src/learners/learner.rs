@@ -186,12 +186,12 @@ impl fmt::Display for Metric {
 pub struct Metrics(Vec<(String, Metric)>);
 
 impl Metrics {
-    /// Adds a number for the whole learner under a name.
+    /// Adds one number for the whole learner to the logged values, under a name.
     pub fn add_number(&mut self, name: impl Into<String>, value: f64) {
         self.0.push((name.into(), Metric::Number(value)));
     }
 
-    /// Adds one number for each policy under a name.
+    /// Adds a list with one number for each policy to the logged values, under a name.
     pub fn add_per_policy(
         &mut self,
         name: impl Into<String>,
@@ -201,7 +201,7 @@ impl Metrics {
         self.0.push((name.into(), values));
     }
 
-    /// Returns the logged value of this name.
+    /// Returns the value that was logged under a name; `None` if there is none.
     pub fn metric(&self, name: &str) -> Option<&Metric> {
         self.iter().find(|(own, _)| *own == name).map(|(_, m)| m)
     }
@@ -227,8 +227,8 @@ const TEST_COLUMNS: [TestColumn; 5] = [
     ("tail_p_values", |test| test.tail_p_value),
 ];
 
-/// Returns the names of the log columns with one number for each policy, also while there is one
-/// policy only.
+/// Returns the names of the log columns that list one number for each policy, even while there is
+/// only one policy.
 pub fn per_policy_column_names() -> impl Iterator<Item = &'static str> {
     let tests = TEST_COLUMNS.into_iter().map(|(name, _)| name);
     [DISTANCES, MERGED_INTO].into_iter().chain(tests)
@@ -239,7 +239,7 @@ pub fn per_policy_column_names() -> impl Iterator<Item = &'static str> {
 const MAX_DISCARDED: usize = 16;
 
 impl IterationReport {
-    /// Returns `true` if one more rollout may be left undecided and discarded.
+    /// Returns `true` if the iteration may leave one more rollout undecided and discard it.
     pub(super) fn may_discard(&self) -> bool {
         self.discarded < MAX_DISCARDED
     }

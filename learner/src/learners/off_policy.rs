@@ -19,7 +19,8 @@ use crate::error::LearnerError;
 use crate::groupings::GroupingSettings;
 
 use super::collection::{
-    CommonSettings, Handover, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Training,
+    CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, RolloutHandover,
+    Training,
 };
 use super::tensor_file::{Tensor, TensorFile};
 use staged_rollout::StagedRollout;
@@ -72,9 +73,9 @@ pub struct OffPolicySettings {
 }
 
 impl OffPolicySettings {
-    /// Returns the settings of CLEAR as COVERS compares with it (Liu et al., CoRL 2023, appendix).
-    /// They have one ordinary policy and one replay of 200,000 steps, the newest of which are drawn
-    /// more often. The paper does not say which those are, nor how often.
+    /// Returns the settings of the baseline CLEAR, as in the paper of COVERS (Liu et al., CoRL
+    /// 2023, appendix). They have one ordinary policy and one replay of 200,000 steps, the newest
+    /// of which are drawn more often. The paper does not say which those are, nor how often.
     pub fn clear() -> Self {
         Self {
             network: NetworkSettings { group: Group::C1, ..NetworkSettings::default() },
@@ -106,9 +107,9 @@ impl OffPolicySettings {
         settings
     }
 
-    /// Returns the settings of 3RL as COVERS compares with it: CLEAR with a context of the last
-    /// five steps. Windows (sequences of consecutive steps of a minibatch) are longer, since their
-    /// steps share the observations that contexts read.
+    /// Returns the settings of the baseline 3RL, as in the paper of COVERS: CLEAR with a recurrent
+    /// context of the last five steps. Windows (sequences of consecutive steps of a minibatch) are
+    /// longer, since their steps share the observations that contexts read.
     pub fn three_rl() -> Self {
         let clear = Self::clear();
         Self {
@@ -118,8 +119,8 @@ impl OffPolicySettings {
         }
     }
 
-    /// Returns the settings of equivariant policies under COVERS's grouping, each with a replay
-    /// buffer of its own, whose steps are transformed by random group elements.
+    /// Returns the settings of the method `equi-sac`: equivariant policies under COVERS's grouping,
+    /// each with a replay buffer whose steps are transformed by random group elements.
     pub fn equi_sac() -> Self {
         let clear = Self::clear();
         Self {
@@ -192,7 +193,7 @@ impl PolicyCollectionSettings for OffPolicySettings {
             first_frames: self.first_frames,
             rollout_steps: self.rollout_steps,
             buffer_episodes: self.buffer_episodes,
-            handover: Handover::Reuse,
+            handover: RolloutHandover::Reuse,
             new_policy: self.new_policy,
             seed: self.seed,
         }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::error::LearnerError;
-use crate::groupings::{GroupingSettings, Labels};
+use crate::groupings::{GroupingSettings, TaskLabel};
 
 use super::collection::{CommonSettings, PolicyCollection, PolicyCollectionSettings};
 use super::covers::CoversSettings;
@@ -54,7 +54,7 @@ impl LearnerSettings {
     pub fn new_learner(
         &self,
         spec: &EnvSpec,
-        labels: &Labels,
+        labels: &TaskLabel,
     ) -> Result<Box<dyn Learner>, LearnerError> {
         each!(self, settings => {
             let grouping = settings.grouping.build_with(labels)?;
@@ -62,27 +62,27 @@ impl LearnerSettings {
         })
     }
 
-    /// Reads a learner from a checkpoint that [`Learner::save`] wrote, for acting and recognition,
-    /// and its note.
+    /// Reads a learner and the caller's note from a checkpoint that [`Learner::save`] wrote, for
+    /// acting and recognition without further training.
     ///
     /// # Errors
     /// [`LearnerError::Read`] for a file that is missing, damaged, of a learner of other settings,
     /// or of other environments.
-    pub fn load_for_acting(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
+    pub fn load_for_acting(&self, path: &Path, spec: &EnvSpec, labels: &TaskLabel) -> Loaded {
         self.read(path, spec, labels, false)
     }
 
-    /// Reads a learner from a checkpoint that [`Learner::save`] wrote, for further training with
-    /// the same bits.
+    /// Reads a learner and the caller's note from a checkpoint that [`Learner::save`] wrote, for
+    /// further training that gives bit-identical results.
     ///
     /// # Errors
     /// Errors of [`LearnerSettings::load_for_acting`], and [`LearnerError::PoliciesOnlyCheckpoint`]
     /// for a file of [`CheckpointExtent::Policies`](super::CheckpointExtent::Policies).
-    pub fn load_for_training(&self, path: &Path, spec: &EnvSpec, labels: &Labels) -> Loaded {
+    pub fn load_for_training(&self, path: &Path, spec: &EnvSpec, labels: &TaskLabel) -> Loaded {
         self.read(path, spec, labels, true)
     }
 
-    fn read(&self, path: &Path, spec: &EnvSpec, labels: &Labels, whole: bool) -> Loaded {
+    fn read(&self, path: &Path, spec: &EnvSpec, labels: &TaskLabel, whole: bool) -> Loaded {
         each!(self, settings => {
             let (learner, note) =
                 PolicyCollection::read_with_labels(path, spec, settings, labels, whole)?;
@@ -155,12 +155,12 @@ impl LearnerSettings {
     }
 
     /// Returns the processes that share the updates of policies.
-    pub fn ranks(&self) -> &Ranks {
+    pub fn process_ranks(&self) -> &Ranks {
         each!(self, settings => &settings.ranks)
     }
 
-    /// Takes over the removed grouping `calibrated` from the settings of a run of an earlier
-    /// version, if `self` has the grouping that replaces it.
+    /// Replaces the grouping by that of `run` if that is the removed grouping `calibrated` of
+    /// earlier versions and `self` has its successor.
     pub fn take_removed_grouping(&mut self, run: &Self) {
         if let removed @ GroupingSettings::Removed(_) = run.grouping()
             && matches!(self.grouping(), GroupingSettings::Evidence(_))

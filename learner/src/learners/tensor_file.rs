@@ -43,13 +43,13 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    /// Makes an array of single-precision numbers.
+    /// Creates a named array of single-precision numbers for a checkpoint.
     pub fn floats(name: String, shape: Vec<usize>, values: &[f32]) -> Self {
         let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         Self { name, dtype: Dtype::F32, shape, bytes }
     }
 
-    /// Makes an array of whole numbers.
+    /// Creates a named array of whole numbers for a checkpoint.
     pub fn integers(name: String, shape: Vec<usize>, values: &[u64]) -> Self {
         let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         Self { name, dtype: Dtype::U64, shape, bytes }
@@ -73,7 +73,7 @@ impl Tensor {
         }
     }
 
-    /// Makes an array of bytes.
+    /// Creates a named array of bytes for a checkpoint.
     pub fn bytes(name: String, shape: Vec<usize>, bytes: Vec<u8>) -> Self {
         Self { name, dtype: Dtype::U8, shape, bytes }
     }
@@ -178,7 +178,8 @@ pub struct TensorFile<'a> {
 }
 
 impl<'a> TensorFile<'a> {
-    /// Opens the bytes of the file at `path`, after verifying the checksum.
+    /// Parses `bytes`, the checkpoint file at `path`, into header and arrays; verifies its
+    /// checksum.
     pub fn open<H: DeserializeOwned>(
         path: &'a Path,
         bytes: &'a [u8],
@@ -199,12 +200,12 @@ impl<'a> TensorFile<'a> {
         Ok((header, Self { path, file }))
     }
 
-    /// Returns the error of a file whose contents do not fit together.
+    /// Returns the error of a checkpoint file whose contents contradict each other.
     pub fn damaged(&self, problem: String) -> LearnerError {
         LearnerError::damaged_file(self.path, problem)
     }
 
-    /// Returns shape and values of an array of single-precision numbers, all of them finite.
+    /// Returns shape and values of the single-precision array called `name`, all values finite.
     pub fn floats(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), LearnerError> {
         let tensor = self.tensor(name, Dtype::F32)?;
         let (numbers, _) = tensor.data().as_chunks::<4>();
@@ -216,20 +217,20 @@ impl<'a> TensorFile<'a> {
         Ok((tensor.shape().to_vec(), values))
     }
 
-    /// Returns the values of an array of whole numbers.
+    /// Returns the values of the array of whole numbers called `name`.
     pub fn integers(&self, name: &str) -> Result<Vec<u64>, LearnerError> {
         let tensor = self.tensor(name, Dtype::U64)?;
         let (numbers, _) = tensor.data().as_chunks::<8>();
         Ok(numbers.iter().map(|b| u64::from_le_bytes(*b)).collect())
     }
 
-    /// Returns shape and values of an array of bytes.
+    /// Returns shape and values of the array of bytes called `name`.
     pub fn bytes(&self, name: &str) -> Result<(Vec<usize>, Vec<u8>), LearnerError> {
         let tensor = self.tensor(name, Dtype::U8)?;
         Ok((tensor.shape().to_vec(), tensor.data().to_vec()))
     }
 
-    /// Returns an array of bytes as text.
+    /// Returns the array of bytes called `name` as UTF-8 text.
     pub fn text(&self, name: &str) -> Result<String, LearnerError> {
         let text = String::from_utf8(self.bytes(name)?.1);
         text.map_err(|error| self.damaged(format!("`{name}` is no text: {error}")))

@@ -17,7 +17,7 @@ pub(super) trait Context {
     fn function(&self, name: &CStr) -> *const c_void;
 }
 
-/// OpenGL context of the embedding program that was current before one of this crate's.
+/// OpenGL context of the embedding program, current until this crate made its own current.
 ///
 /// If none was current, or one of this crate's, there is nothing to restore: a context of this
 /// crate stays current, so that the next picture of the same renderer needs no switch.
@@ -56,21 +56,22 @@ pub(super) fn is_ours(context: *mut c_void) -> bool {
     LAST.get() == context
 }
 
-/// Forgets an OpenGL context before it is destroyed, since a foreign context may get its address.
+/// Stops treating the address `context` as an OpenGL context of this crate before that is
+/// destroyed, since a foreign context may get the address.
 pub(super) fn forget(context: *mut c_void) {
     if is_ours(context) {
         remember(ptr::null_mut());
     }
 }
 
-/// Makes an OpenGL library that has provided a context visible to MuJoCo.
+/// Makes the symbols of the loaded OpenGL library `library` visible to MuJoCo.
 pub(super) fn publish(library: &str) -> Result<(), ContextError> {
     // SAFETY: the library is loaded already; this only widens the visibility of its symbols.
     let visible = unsafe { Library::open(Some(library), RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE) };
     visible.map(|_| ()).map_err(library_error(library))
 }
 
-/// Linux's flag to keep a library loaded after its last handle closes.
+/// Flag of `dlopen` on Linux: the library stays loaded after its last handle closes.
 pub(super) const RTLD_NODELETE: c_int = 0x1000;
 
 pub(super) fn library_error<E: Display>(library: &str) -> impl FnOnce(E) -> ContextError {

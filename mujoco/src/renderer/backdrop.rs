@@ -70,9 +70,9 @@ impl Renderer {
         Ok(())
     }
 
-    /// Draws the same bits as [`Renderer::render`] with the view of `backdrop`, but renders only
-    /// the geoms that joints move. The others are copied from the backdrop, and the whole picture
-    /// is copied from the last one if no geom has moved since.
+    /// Draws the picture from the view of `backdrop`, bit for bit as [`Renderer::render`] does, but
+    /// renders only the geoms that joints move. The others are copied from the backdrop, and the
+    /// whole picture is copied from the last one if no geom has moved since.
     ///
     /// The other geoms must not have moved since the backdrop was drawn, for instance by setting a
     /// mocap body. Everything is rendered if any geom is transparent, if there are shadows or

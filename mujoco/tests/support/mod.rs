@@ -6,7 +6,7 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use mujoco::{Backend, Data, Model, RenderOptions, Renderer};
+use mujoco::{Data, Model, OpenGlBackend, RenderOptions, Renderer};
 
 /// Size of the images, in pixels. They are not square, or width and height could be exchanged.
 const WIDTH: usize = 64;
@@ -20,13 +20,13 @@ const YELLOW: [f64; 3] = [1.0, 1.0, 0.0];
 type Prop = (&'static str, &'static str, [f64; 2], f64, [f64; 3]);
 
 /// Runs all checks.
-pub fn check_pictures(backends: &[Backend]) {
+pub fn check_pictures(backends: &[OpenGlBackend]) {
     check_orientation(backends);
     check_mirrored_scenes(backends);
 }
 
 /// Row 0 is the largest y, column 0 the smallest x, and channels are red, green, blue.
-pub fn check_orientation(backends: &[Backend]) {
+pub fn check_orientation(backends: &[OpenGlBackend]) {
     let boxes: [Prop; 4] = [
         ("box", ".1 .1 .1", [0.5, 0.0], 0.0, RED),
         ("box", ".1 .1 .1", [-0.5, 0.0], 0.0, GREEN),
@@ -49,7 +49,7 @@ pub fn check_orientation(backends: &[Backend]) {
 /// Round props stand upright: MuJoCo cuts a round shape into quads and OpenGL each quad into two
 /// triangles, along a diagonal that does not mirror. Under light from above the quads of a lying
 /// shape are not shaded uniformly along the cut, and pixels there differ by a few levels.
-fn check_mirrored_scenes(backends: &[Backend]) {
+fn check_mirrored_scenes(backends: &[OpenGlBackend]) {
     let original = draw(&props(1.0, 1.0), backends);
     for (sign_x, sign_y) in [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
         let expected = mirrored(&original, sign_x < 0.0, sign_y < 0.0);
@@ -75,7 +75,7 @@ fn props(sign_x: f64, sign_y: f64) -> [Prop; 6] {
     })
 }
 
-fn draw(props: &[Prop], backends: &[Backend]) -> Vec<u8> {
+fn draw(props: &[Prop], backends: &[OpenGlBackend]) -> Vec<u8> {
     let model = Arc::new(Model::from_xml(&scene(props)).unwrap());
     let camera = model.camera("top").unwrap();
     let mut data = Data::new(model.clone());

@@ -26,8 +26,8 @@ const SCORE_COLUMNS: [&str; 6] =
 /// Time of events before the first rollout.
 const START: EventTime = EventTime { step: 0, learning_seconds: 0.0 };
 
-/// Writes the event file of each run, finished or not, to a folder of the run's name in `folder`,
-/// and returns the paths. Existing event files are replaced.
+/// Writes a TensorBoard event file for each run, finished or not, to a folder of the run's name in
+/// `folder`, and returns the paths. Existing event files are replaced.
 ///
 /// # Errors
 /// [`RunError::NoRun`] for a folder without a run, [`ReportError::DuplicateRunName`] for two runs

@@ -100,14 +100,14 @@ impl EventFile {
         });
     }
 
-    /// Adds an event with one number.
+    /// Adds an event to the file with the number `value` under the name `tag`.
     pub fn add_scalar(&mut self, time: EventTime, tag: &str, value: f64) {
         let value =
             Value { tag: tag.to_owned(), simple_value: Some(value as f32), ..Value::default() };
         self.value(time, value);
     }
 
-    /// Adds an event with an image from the bytes of a PNG file of size `[height, width]`.
+    /// Adds an event to the file with an image, the bytes of a PNG file of size `[height, width]`.
     pub fn add_image(&mut self, time: EventTime, tag: &str, [height, width]: [u32; 2], png: &[u8]) {
         let image = Image {
             height: height as i32,
@@ -119,8 +119,8 @@ impl EventFile {
         self.value(time, value);
     }
 
-    /// Adds an event with the histogram of numbers. Each number has a bucket of its own that ends
-    /// at it, so nothing is lost. No event is added for an empty slice.
+    /// Adds an event to the file with the histogram of some numbers. Each number has a bucket of
+    /// its own that ends at it, so nothing is lost. No event is added for an empty slice.
     pub fn add_histogram(&mut self, time: EventTime, tag: &str, values: &[f64]) {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);

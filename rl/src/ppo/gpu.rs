@@ -1,7 +1,8 @@
 //! PPO updates on a GPU: a plan of kernels for the network, the loss and the optimiser.
 
 use equivariant::gpu::{
-    BatchUniforms, BufferSlot, GpuError, KernelDispatch, Passes, Plan, Program, WorkgroupCount,
+    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuError, KernelDispatch, PassSelection,
+    WorkgroupCount,
 };
 use rand_chacha::ChaCha8Rng;
 
@@ -33,7 +34,7 @@ pub(super) struct GpuBackend {
 struct CompiledUpdate {
     size: UpdateSize,
     update_plan: UpdatePlan,
-    program: Program,
+    program: CompiledPlan,
 }
 
 /// Minibatches of all epochs of an update, in order.
@@ -119,8 +120,11 @@ impl CompiledUpdate {
         size: UpdateSize,
     ) -> Result<Self, GpuError> {
         let update_plan = UpdatePlan::new(update.policy.network(), update.settings, size)?;
-        let program =
-            Program::new(device, &update_plan.plan, update.settings.minibatch.min(size.rollout))?;
+        let program = CompiledPlan::new(
+            device,
+            &update_plan.plan,
+            update.settings.minibatch.min(size.rollout),
+        )?;
         Ok(Self { size, update_plan, program })
     }
 
@@ -158,7 +162,7 @@ impl CompiledUpdate {
                 index,
                 extra_numbers: [encoder / first, heads / first, second.sqrt(), 0.0],
             };
-            self.program.submit(Passes::All, batch);
+            self.program.submit(PassSelection::All, batch);
         }
     }
 
@@ -257,9 +261,9 @@ struct UpdateSize {
     minibatches: usize,
 }
 
-/// Kernels of a PPO update in a [`Plan`] for a GPU, and the buffers that they share with the CPU.
+/// Kernels of a PPO update in a [`ComputePlan`] for a GPU, and the buffers that they share with the CPU.
 struct UpdatePlan {
-    plan: Plan,
+    plan: ComputePlan,
     buffers: UpdateBuffers,
     /// GPU buffers of Adam's first and second moment.
     moments: [BufferSlot; 2],
@@ -283,7 +287,7 @@ impl UpdatePlan {
         settings: &PpoSettings,
         size: UpdateSize,
     ) -> Result<Self, GpuError> {
-        let mut plan = Plan::new();
+        let mut plan = ComputePlan::new();
         let buffers = UpdateBuffers::new(&mut plan, network, size);
         let outputs = add_network(&mut plan, network, buffers.observation_buffers)?;
         let loss = loss(&plan, network, settings, buffers, &outputs)?;
@@ -301,7 +305,7 @@ impl UpdatePlan {
 }
 
 impl UpdateBuffers {
-    fn new(plan: &mut Plan, network: &ActorCritic<f32>, size: UpdateSize) -> Self {
+    fn new(plan: &mut ComputePlan, network: &ActorCritic<f32>, size: UpdateSize) -> Self {
         let spec = network.spec();
         Self {
             observation_buffers: ObservationBuffers::new(plan, network, size.rollout, size.samples),
@@ -312,7 +316,7 @@ impl UpdateBuffers {
 }
 
 fn loss(
-    plan: &Plan,
+    plan: &ComputePlan,
     network: &ActorCritic<f32>,
     settings: &PpoSettings,
     buffers: UpdateBuffers,
@@ -352,7 +356,7 @@ fn loss(
 /// Creates the two GPU kernels for the norm of the gradient: partial sums of squares, and their
 /// total.
 fn norms(
-    plan: &Plan,
+    plan: &ComputePlan,
     settings: &PpoSettings,
     buffers: UpdateBuffers,
     squares: BufferSlot,
@@ -379,7 +383,7 @@ fn norms(
 
 /// Creates the GPU kernel for a step of Adam.
 fn optimiser(
-    plan: &Plan,
+    plan: &ComputePlan,
     settings: &PpoSettings,
     log: BufferSlot,
     moments: [BufferSlot; 2],

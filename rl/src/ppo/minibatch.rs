@@ -9,7 +9,7 @@ use crate::adam::{Adam, ParamGroup};
 use crate::buffer::RolloutBuffer;
 use crate::distributions::ActionDistribution;
 use crate::error::{RlError, check_finite};
-use crate::network::{ActorCritic, Workspace};
+use crate::network::{ActorCritic, ActorCriticWorkspace};
 use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, PpoTotals};
@@ -25,7 +25,7 @@ const TRAINING_CHUNK: usize = 8;
 /// estimate above any limit, which ends the update before a step on it.
 pub(super) const MAX_LOG_RATIO: f64 = 60.0;
 
-/// A device, CPU or GPU, that computes losses and gradients of the minibatches of an update.
+/// A device, CPU or GPU, that computes losses and gradients of the minibatches of a PPO update.
 pub(super) trait Backend: Send + Sync {
     /// Returns the summed losses of a minibatch and the gradient of their mean with respect to the
     /// parameters; `None` if the device queues the minibatch and takes its step itself.
@@ -79,8 +79,8 @@ impl<'a> Update<'a> {
         let group = |range, rate: f32| ParamGroup { range, learning_rate: rate * self.rate_factor };
         let (network, settings) = (self.policy.network(), self.settings);
         [
-            group(network.encoder_params(), settings.encoder_learning_rate),
-            group(network.head_params(), settings.head_learning_rate),
+            group(network.encoder_param_range(), settings.encoder_learning_rate),
+            group(network.head_param_range(), settings.head_learning_rate),
         ]
     }
 
@@ -109,7 +109,7 @@ impl<'a> Update<'a> {
     }
 }
 
-/// One recorded decision of a rollout.
+/// One recorded decision of a rollout: action, log-probability, advantage and return.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Decision<'a> {
     /// Action that was executed, `[A]`.
@@ -131,7 +131,7 @@ pub(super) struct NetworkOutput<'a> {
     pub value: f64,
 }
 
-/// A minibatch of B decisions of a rollout.
+/// A minibatch of B decisions of a rollout, as input of one gradient step of PPO.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Minibatch<'a> {
     pub buffer: &'a RolloutBuffer,
@@ -157,7 +157,7 @@ impl Minibatch<'_> {
         network: &ActorCritic<T>,
         params: &[T],
         range: Range<usize>,
-        workspace: &mut Workspace<T>,
+        workspace: &mut ActorCriticWorkspace<T>,
         gradient: &mut [T],
     ) -> LossSums {
         for (slot, &i) in self.indices[range.clone()].iter().enumerate() {
@@ -180,7 +180,7 @@ impl Minibatch<'_> {
 
     /// Sums the loss terms of the decisions at positions `range`, and writes the gradients with
     /// respect to the network's outputs to the workspace.
-    fn loss<T>(&self, range: Range<usize>, w: &mut Workspace<T>) -> LossSums {
+    fn loss<T>(&self, range: Range<usize>, w: &mut ActorCriticWorkspace<T>) -> LossSums {
         let width = w.log_std.len();
         // the mean is over the whole minibatch, not the chunk: chunk gradients are only added
         let scale = 1.0 / self.indices.len() as f64;
@@ -214,7 +214,7 @@ impl Minibatch<'_> {
 /// The CPU as a [`Backend`]: chunks run in parallel, and their gradients are added in a fixed
 /// order.
 pub(super) struct CpuBackend {
-    chunks: ParallelChunks<f32, Workspace<f32>>,
+    chunks: ParallelChunks<f32, ActorCriticWorkspace<f32>>,
     gradient: Vec<f32>,
     ranks: Ranks,
 }

@@ -9,7 +9,7 @@ use symmetry::{D2, Group};
 use crate::buffer::RolloutBuffer;
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, require, require_weight};
-use crate::network::{ActorCritic, Workspace};
+use crate::network::{ActorCritic, ActorCriticWorkspace};
 use crate::ppo::stats::LossWeights;
 
 /// Loss for a policy whose outputs break a symmetry: the regularisers of data-regularised
@@ -82,7 +82,7 @@ impl AugmentedSamples {
         network: &ActorCritic<T>,
         params: &[T],
         indices: &[usize],
-        w: &mut Workspace<T>,
+        w: &mut ActorCriticWorkspace<T>,
     ) {
         self.store_targets(network.spec(), indices, w);
         for (slot, &i) in indices.iter().enumerate() {
@@ -94,7 +94,7 @@ impl AugmentedSamples {
 
     /// Stores the targets of the transformed samples in `d_mean` and `d_value`, which a forward
     /// pass does not write: the last pass's means, transformed, and its values.
-    fn store_targets<T>(&self, spec: &EnvSpec, indices: &[usize], w: &mut Workspace<T>) {
+    fn store_targets<T>(&self, spec: &EnvSpec, indices: &[usize], w: &mut ActorCriticWorkspace<T>) {
         let width = spec.action_irreps.len();
         for (slot, &i) in indices.iter().enumerate() {
             for (a, irrep) in spec.action_irreps.iter().enumerate() {
@@ -112,7 +112,7 @@ pub(super) fn symmetry_loss<T>(
     n: usize,
     weights: &LossWeights,
     scale: f64,
-    w: &mut Workspace<T>,
+    w: &mut ActorCriticWorkspace<T>,
 ) -> f64 {
     let width = w.log_std.len();
     let scale = weights.symmetry * scale;
@@ -173,7 +173,9 @@ mod tests {
 
     /// Returns parameters that are not small, a workspace after a pass over the original samples,
     /// and the transformed samples.
-    fn observed(network: &ActorCritic<f64>) -> (Vec<f64>, Workspace<f64>, AugmentedSamples) {
+    fn observed(
+        network: &ActorCritic<f64>,
+    ) -> (Vec<f64>, ActorCriticWorkspace<f64>, AugmentedSamples) {
         let (buffer, mut workspace) = (buffer(), network.workspace(B));
         let mut params = network.init_params(&mut rng());
         params[network.num_params() - 3..].copy_from_slice(&[-0.3, 0.2, -0.6]);

@@ -161,7 +161,7 @@ impl Episode {
     }
 
     /// Writes image `t` of the episode, in 0..=T, as the environment returned it.
-    pub fn image(&self, sizes: &Sizes, t: usize, out: &mut [u8]) {
+    pub fn write_image(&self, sizes: &Sizes, t: usize, out: &mut [u8]) {
         let moving = &self.moving[t * sizes.moving_len()..][..sizes.moving_len()];
         let channels = sizes.moving + sizes.still;
         // channel by channel: a copy for every pixel would be a call for a few bytes each
@@ -177,7 +177,7 @@ impl Episode {
     }
 
     /// Returns the number of bytes allocated for the episode.
-    pub fn bytes(&self) -> usize {
+    pub fn allocated_bytes(&self) -> usize {
         let floats = [&self.vectors, &self.actions, &self.rewards].map(Vec::capacity);
         let bytes = self.still.capacity() + self.moving.capacity();
         bytes + floats.iter().sum::<usize>() * size_of::<f32>() + size_of::<Self>()

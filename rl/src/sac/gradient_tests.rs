@@ -91,7 +91,8 @@ fn check_gradient(network: SacNetwork<f64>) {
     let ranges = case.network.param_ranges();
     let actors = ranges.actor_reader.start..ranges.actor.end;
     let (_, gradient, _) = case.run(3, &replay);
-    let from = if case.network.context().is_some() { case.network.trunk.params().end } else { 0 };
+    let from =
+        if case.network.context().is_some() { case.network.trunk.param_range().end } else { 0 };
     let mut params = case.params.clone();
     let scale = gradient.iter().fold(1.0, |m: f64, g| m.max(g.abs()));
     // a wrong formula is wrong nearly everywhere
@@ -189,7 +190,7 @@ fn seen(replay: &ReplayBuffer, step: usize) -> Observations {
     let both = [0, 1].map(|env| replay.get(2 * step + env));
     let mut seen = Observations::new(&spec);
     for (image, held) in seen.images.chunks_mut(spec.image_len()).zip(both) {
-        held.image(image);
+        held.write_image(image);
     }
     seen.vectors = both.map(|held| held.vector()).concat();
     seen

@@ -54,7 +54,7 @@ impl<T: Scalar> Losses<'_, T> {
         self.run_policy_actions(&range, w);
         sums.add(&self.actor_loss(n, w));
         sums.cloning_loss = self.actor_backward(&range, w, gradient);
-        let (own, params) = (&mut gradient[trunk.params()], &self.params[trunk.params()]);
+        let (own, params) = (&mut gradient[trunk.param_range()], &self.params[trunk.param_range()]);
         trunk.backward(params, n, &mut w.current, own);
         sums
     }
@@ -86,7 +86,7 @@ impl<T: Scalar> Losses<'_, T> {
         let (own, reader) = (&self.params[ranges.reader.clone()], &network.reader);
         reader.forward(own, fields, &w.gru_inputs, &w.context_steps[0], &mut w.critic_reader);
         for (slot, position) in range.clone().enumerate() {
-            let (step, g) = self.step(position);
+            let (step, g) = self.sampled_step(position);
             let action = self.action(step, g);
             let row = &mut w.actions[slot * width..(slot + 1) * width];
             row.iter_mut().zip(action).for_each(|(to, a)| *to = a.into());
@@ -226,7 +226,7 @@ impl<T: Scalar> Losses<'_, T> {
             let (action, d_action) = (&w.actions[own.clone()], &w.d_actions[own]);
             let output = &w.output[both];
             tanh_gaussian_gradient(output, noise, action, d_action, d_log_pi, d_output);
-            let (step, g) = self.step(position);
+            let (step, g) = self.sampled_step(position);
             let done = self.action(step, g);
             for ((d, &mean), taken) in d_output.iter_mut().zip(output).zip(done) {
                 let (mean, taken) = (mean.tanh(), f64::from(taken));
@@ -249,7 +249,7 @@ impl<T: Scalar> Losses<'_, T> {
 
 impl<'a, T: Scalar> Losses<'a, T> {
     /// Returns the step at a position of the minibatch, and the group element that transforms it.
-    pub fn step(&self, position: usize) -> (ReplayStep<'a>, D2) {
+    pub fn sampled_step(&self, position: usize) -> (ReplayStep<'a>, D2) {
         let (index, offset) = self.minibatch.steps[position];
         let step = self.replay.get(index).wrapping_later(offset);
         (step, self.minibatch.elements[position])
@@ -272,27 +272,27 @@ impl<'a, T: Scalar> Losses<'a, T> {
         w.observation_keys.clear();
         w.observation_positions.clear();
         for (slot, position) in range.clone().enumerate() {
-            let (step, g) = self.step(position);
-            step.image(&mut w.image);
+            let (step, g) = self.sampled_step(position);
+            step.write_image(&mut w.image);
             load_transformed(network, slot, g, step.vector(), &mut w.image, &mut w.current);
             w.observation_keys.push((step.index(), g));
         }
         for position in range.clone() {
-            let (step, g) = self.step(position);
+            let (step, g) = self.sampled_step(position);
             if let Some(slot) = w.locate((step.next_index(), g), n) {
-                step.next_image(&mut w.image);
+                step.write_next_image(&mut w.image);
                 let vector = step.next_vector();
                 load_transformed(network, slot, g, vector, &mut w.image, &mut w.others);
             }
             for earlier in earlier_steps(network, step) {
                 if let Some(slot) = w.locate((earlier.index(), g), n) {
-                    earlier.image(&mut w.image);
+                    earlier.write_image(&mut w.image);
                     let vector = earlier.vector();
                     load_transformed(network, slot, g, vector, &mut w.image, &mut w.others);
                 }
             }
         }
-        let params = &self.params[network.trunk.params()];
+        let params = &self.params[network.trunk.param_range()];
         let others = w.observation_keys.len() - n;
         network.trunk.forward(params, n, &mut w.current);
         network.trunk.forward(params, others, &mut w.others);
@@ -317,7 +317,7 @@ impl<'a, T: Scalar> Losses<'a, T> {
         let mut sources = w.observation_positions.iter().copied();
         for (slot, position) in range.clone().enumerate() {
             let own = slot * width..(slot + 1) * width;
-            let (step, g) = self.step(position);
+            let (step, g) = self.sampled_step(position);
             let copied = w.next_fields[own].iter_mut();
             copied.zip(fields_of(sources.next().unwrap_or_default())).for_each(|(to, &x)| *to = x);
             if reader.length() == 0 {
@@ -352,7 +352,7 @@ fn earlier_steps<'r, T: Scalar>(
     network: &SacNetwork<T>,
     step: ReplayStep<'r>,
 ) -> impl Iterator<Item = ReplayStep<'r>> + use<'r, T> {
-    (1..=network.reader.length()).map_while(move |count| step.earlier(count))
+    (1..=network.reader.length()).map_while(move |count| step.step_before(count))
 }
 
 /// Loads an observation, transformed by the group element `g`, into a slot of `pass`; `image` holds

@@ -181,10 +181,10 @@ impl<T: Scalar> SacNetwork<T> {
     }
 
     pub(super) fn param_ranges(&self) -> SacParamRanges {
-        let mut layout = ParamAllocator::after(&self.trunk);
+        let mut layout = ParamAllocator::starting_after(&self.trunk);
         SacParamRanges {
-            actor_reader: layout.next(self.reader.num_params()),
-            actor: layout.next(self.actor.num_params()),
+            actor_reader: layout.allocate(self.reader.num_params()),
+            actor: layout.allocate(self.actor.num_params()),
             critics: self.critic_param_ranges(layout),
         }
     }
@@ -196,8 +196,8 @@ impl<T: Scalar> SacNetwork<T> {
 
     fn critic_param_ranges(&self, mut layout: ParamAllocator) -> CriticParamRanges {
         CriticParamRanges {
-            reader: layout.next(self.reader.num_params()),
-            twins: [(); 2].map(|()| layout.next(self.critic.num_params())),
+            reader: layout.allocate(self.reader.num_params()),
+            twins: [(); 2].map(|()| layout.allocate(self.critic.num_params())),
         }
     }
 }

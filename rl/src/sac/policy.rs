@@ -7,7 +7,7 @@ use equivariant::absolute_activation_sums;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::activity::{MeasureActivity, UnitActivity};
+use crate::activity::{MeasureUnitActivity, UnitActivity};
 use crate::distributions::{
     TANH_LOG_STD_BOUNDS, sample_tanh_gaussian, squash_log_std, standard_normals,
 };
@@ -122,7 +122,7 @@ impl SacForwardBuffers {
         let Chunk { network, range, .. } = chunk;
         let (ranges, n) = (network.param_ranges(), range.len());
         let of = |part| &chunk.params[part];
-        network.trunk.forward(of(network.trunk.params()), n, &mut self.trunk);
+        network.trunk.forward(of(network.trunk.param_range()), n, &mut self.trunk);
         self.load_memory(chunk, memory);
         let fields = network.trunk.fields(n, &self.trunk);
         let own = of(ranges.actor_reader);
@@ -329,7 +329,7 @@ impl ActorMemory for History {
     }
 }
 
-impl MeasureActivity for SacPolicy {
+impl MeasureUnitActivity for SacPolicy {
     /// Returns the activations of the encoder, the actor and both critics.
     fn unit_activity(
         &self,
@@ -343,7 +343,7 @@ impl MeasureActivity for SacPolicy {
         network.trunk.load_all(observations, 0..samples, &mut w.trunk);
         let chunk = Chunk { network: &**network, params, range: 0..samples };
         w.decide(&chunk, memory);
-        let own = &params[network.trunk.params()];
+        let own = &params[network.trunk.param_range()];
         let mut sums = network.trunk.unit_activation_sums(own, samples, &w.trunk);
         let actor = &params[network.param_ranges().actor];
         sums.extend(w.actor.unit_activation_sums(&network.actor, actor, samples));

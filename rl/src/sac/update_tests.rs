@@ -153,7 +153,7 @@ fn the_image_encoder_learns_at_its_own_rate() {
         let (before, replay) = (policy.params().to_vec(), fixtures::replay());
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         sac.step(&mut policy, &replay, &mut rng, &mut SacTotals::default()).unwrap();
-        let encoder = policy.network().trunk.encoder_params();
+        let encoder = policy.network().trunk.encoder_param_range();
         let pairs = policy.params().iter().zip(&before);
         let steps: Vec<f32> = pairs.map(|(new, old)| (new - old).abs()).collect();
         let largest = |some: &[f32]| some.iter().copied().fold(0.0, f32::max);
@@ -244,7 +244,7 @@ fn a_share_of_the_windows_begins_with_the_newest_steps() {
             newest += begin.filter(|(index, _)| *index >= 8).count();
         }
         // nothing has come since
-        replay.start_newest();
+        replay.start_newest_experience();
         minibatch.sample(&settings, &replay, &mut rng);
         assert_eq!(minibatch.steps.len(), 6);
         newest as f64 / SAMPLES as f64

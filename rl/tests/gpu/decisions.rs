@@ -4,8 +4,8 @@ use equivariant::gpu::{Device, GpuError};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, CriticSettings, Decisions, DevicePolicy, EncoderSettings,
-    EnvSpec, NetworkSettings, Observations, OnPolicyActor, Ppo, PpoSettings, RlError,
+    Actor, ActorCriticPolicy, Algorithm, CriticSettings, Decisions, EncoderSettings, EnvSpec,
+    GpuPolicy, NetworkSettings, Observations, OnPolicyActor, Ppo, PpoSettings, RlError,
     RolloutBuffer, ValueFunction, VectorEnv,
 };
 use symmetry::{D2, Group, Irrep};
@@ -59,8 +59,8 @@ fn policy(network: &NetworkSettings) -> ActorCriticPolicy {
     ActorCriticPolicy::new(network, &spec(OBSERVATIONS), 2).unwrap()
 }
 
-fn there(network: &NetworkSettings) -> DevicePolicy {
-    DevicePolicy::new(policy(network), device(), SAMPLES).unwrap()
+fn there(network: &NetworkSettings) -> GpuPolicy {
+    GpuPolicy::new(policy(network), device(), SAMPLES).unwrap()
 }
 
 fn observations() -> Observations {
@@ -165,7 +165,7 @@ fn a_rollout_is_collected_and_an_update_is_taken_over() {
     };
     let env = PointReach::new(9, 1);
     let on_cpu = ActorCriticPolicy::new(&network, env.spec(), 2).unwrap();
-    let on_gpu = DevicePolicy::new(on_cpu.clone(), device(), 4).unwrap();
+    let on_gpu = GpuPolicy::new(on_cpu.clone(), device(), 4).unwrap();
     let mut run = OnPolicyRun::new(env.clone(), on_cpu, EPISODE + 3);
     let mut run_there = OnPolicyRun::new(env, on_gpu, EPISODE + 3);
     run.collect();
@@ -227,10 +227,10 @@ fn the_same_bits_come_twice() {
 #[test]
 fn what_does_not_fit_is_refused() {
     let network = networks().swap_remove(0);
-    let error = DevicePolicy::new(policy(&network), device(), 0).unwrap_err();
+    let error = GpuPolicy::new(policy(&network), device(), 0).unwrap_err();
     assert!(error.to_string().contains("samples"), "{error}");
     let most = device().adapter().max_binding_bytes as usize;
-    let too_many = DevicePolicy::new(policy(&network), device(), most).unwrap_err();
+    let too_many = GpuPolicy::new(policy(&network), device(), most).unwrap_err();
     assert!(matches!(too_many, RlError::Gpu(GpuError::BufferTooLarge { .. })), "{too_many}");
     let mut short = observations();
     short.vectors.pop();
@@ -242,7 +242,7 @@ fn what_does_not_fit_is_refused() {
 #[test]
 fn a_lost_device_is_an_error() {
     let own = Device::open(None).unwrap();
-    let mut there = DevicePolicy::new(policy(&networks()[0]), &own, SAMPLES).unwrap();
+    let mut there = GpuPolicy::new(policy(&networks()[0]), &own, SAMPLES).unwrap();
     let mut values = vec![0.0; OBSERVATIONS];
     there.values(&observations(), &mut values).unwrap();
     own.close();

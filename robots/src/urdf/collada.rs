@@ -18,8 +18,8 @@ const MAX_NESTED: usize = 64;
 /// Maximum number of nodes and numbers that are read, since a file may place a geometry many times.
 const MAX_READ: usize = 1 << 25;
 
-/// Returns the points (metres) of all geometries where the scene places them, and a note if the
-/// file has another up axis than z.
+/// Returns the points (metres) of all geometries of a COLLADA file, where its scene places them,
+/// and a note if the file has another up axis than z.
 pub(super) fn points(text: &str) -> Result<(Vec<DVec3>, Option<&'static str>), String> {
     let found = parse(text, "COLLADA", |root| {
         let unit = unit(root)?;

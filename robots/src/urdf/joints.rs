@@ -11,8 +11,8 @@ use super::{Report, UrdfSettings};
 use crate::description::{Joint, JointMotion, MotionKind, PositionSource};
 use crate::error::{DescriptionError, MAX_NUMBER};
 
-/// Converts the joints, in the tree's order, and looks up followed joints. Returns the joints with
-/// the number of free ones. `lines` are those of the joints.
+/// Converts the joints of a URDF, in the tree's order, and looks up the joints that others follow.
+/// Returns the joints with the number of free ones. `lines` are those of the joints.
 pub(super) fn joints(
     file: &urdf_rs::Robot,
     tree: &Tree,

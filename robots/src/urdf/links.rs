@@ -10,7 +10,7 @@ use crate::description::{Inertia, Link};
 use crate::fit::MIN_SHAPE_SIZE;
 use crate::pose::Pose;
 
-/// Converts a link, which starts at `line`.
+/// Converts a link of a URDF, whose element starts at `line`.
 pub(super) fn link(
     stated: &urdf_rs::Link,
     line: usize,
@@ -74,7 +74,7 @@ fn primitive_shape(geometry: &Geometry, repair: bool) -> Option<Shape> {
     })
 }
 
-/// Converts an `<origin>`.
+/// Converts the `<origin>` of a URDF element to a pose.
 pub(super) fn pose(origin: &urdf_rs::Pose) -> Pose {
     Pose::from_xyz_rpy(*origin.xyz, *origin.rpy)
 }

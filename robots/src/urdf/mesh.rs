@@ -16,7 +16,7 @@ const MAX_BYTES: usize = 64 << 20;
 /// Number of folders that are searched for packages: the URDF's own and those above it.
 const SEARCHED: usize = 6;
 
-/// Reader of the meshes that a URDF names.
+/// Reader of the mesh files that a URDF names.
 pub(super) struct Meshes<'a> {
     settings: &'a UrdfSettings,
     /// The URDF's folder and those above it, nearest first, without symbolic links. Empty for a
@@ -27,7 +27,8 @@ pub(super) struct Meshes<'a> {
 }
 
 impl<'a> Meshes<'a> {
-    /// Prepares to read the meshes of a URDF in `folder`.
+    /// Creates a reader of the meshes of a URDF in `folder`, which is `None` for a URDF that is no
+    /// file.
     ///
     /// # Errors
     /// [`DescriptionError::InvalidFolder`] for a folder of the settings that does not exist.

@@ -9,8 +9,9 @@ const ROUNDING: f64 = 1e-6;
 /// Range of a hinge without limits: no number of a file is larger.
 const ENDLESS: [f64; 2] = [-MAX_NUMBER, MAX_NUMBER];
 
-/// Reduces the ranges of free joints until every follower stays within its own range. Returns the
-/// reductions, in order. A follower that cannot loses its range, and `note` gets its index.
+/// Reduces the ranges of free joints until each joint that follows one stays in its own range.
+/// Returns the reductions, in order. A follower that cannot loses its range, and `note` gets its
+/// index.
 pub(super) fn restrict(
     joints: &mut [Joint],
     mut note: impl FnMut(usize, String),

@@ -28,7 +28,8 @@ pub(super) fn check_counts(file: &urdf_rs::Robot) -> Result<(), DescriptionError
     })
 }
 
-/// Reports names that are empty, too long, unprintable or not unique. `true` if there are none.
+/// Reports names in a URDF that are empty, too long, unprintable or not unique; returns `true` if
+/// there are none.
 pub(super) fn check(file: &urdf_rs::Robot, cleaned: &Cleaned, report: &mut Report) -> bool {
     let before = report.errors.len();
     // a robot may go without a name

@@ -18,8 +18,8 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    /// Builds the tree. Fails with all errors of `report` if links and joints form none, or have
-    /// invalid names.
+    /// Builds the tree of a file's links and joints. Fails with all errors of `report` if links and
+    /// joints form none, or have invalid names.
     pub(super) fn new(
         file: &urdf_rs::Robot,
         cleaned: &Cleaned,

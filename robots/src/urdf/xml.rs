@@ -31,7 +31,7 @@ const OLD_XACRO: [&str; 6] = ["if", "include", "insert_block", "macro", "propert
 /// the first unexpanded xacro expression on.
 const MAX_QUOTED: usize = 80;
 
-/// Decodes a file: UTF-16, UTF-8, or else Latin-1.
+/// Decodes the bytes of a text file: UTF-16, UTF-8, or else Latin-1.
 pub(super) fn decode(bytes: Vec<u8>) -> String {
     let wide = |read: fn([u8; 2]) -> u16| {
         let units: Vec<u16> = bytes.as_chunks().0.iter().map(|&unit| read(unit)).collect();
@@ -47,15 +47,15 @@ pub(super) fn decode(bytes: Vec<u8>) -> String {
     }
 }
 
-/// File that `urdf-rs` reads, with the lines of its links and joints in the original.
+/// URDF as `urdf-rs` accepts it, with the line numbers of its links and joints in the original.
 pub(super) struct Cleaned {
     pub(super) text: String,
     pub(super) link_lines: Vec<usize>,
     pub(super) joint_lines: Vec<usize>,
 }
 
-/// Cleans a URDF. Missing and invalid values are reported and replaced, so that the rest can be
-/// checked, too.
+/// Rewrites a URDF as `urdf-rs` accepts it. Missing and invalid values are reported and replaced,
+/// so that the rest can be checked, too.
 ///
 /// # Errors
 /// [`DescriptionError::FileTooLong`], [`DescriptionError::Xacro`] for a template,

@@ -94,7 +94,7 @@ fn visits(figure: &CurveQuantity, run: &RunData) -> Vec<Line> {
 fn evaluations(figure: &CurveQuantity, run: &RunData) -> Vec<Line> {
     let plans = run.experiment.schedule.groups.iter();
     let line = |group: &str| {
-        let points = run.evaluation_rollouts().filter_map(|rollouts| {
+        let points = run.rollouts_before_evaluations().filter_map(|rollouts| {
             let (decisions, value) = run.mean_group_score_after(rollouts, group, figure.score)?;
             Some((decisions as f64, value)).filter(|(_, value)| value.is_finite())
         });

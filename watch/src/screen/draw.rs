@@ -13,7 +13,7 @@ use experiments::sheet::Picture;
 use experiments::text::format_number;
 
 use super::panels::{
-    draw_groups, draw_picture, draw_rollout_strips, fit_picture, group_colour, groups_width,
+    draw_groups, draw_picture, draw_rollout_strips, fit_picture, group_colour, groups_table_width,
     policy_colour,
 };
 use super::{StreamProgress, curves, distances};
@@ -160,7 +160,7 @@ fn medium(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
         curves::draw_curve(&curves::REWARD, shown.run, frame, top);
     }
     framed_strips(shown.run, frame, middle);
-    if area.width >= groups_width(shown.run) + DISTANCES {
+    if area.width >= groups_table_width(shown.run) + DISTANCES {
         both_tables(shown.run, frame, bottom);
     } else {
         draw_groups(shown.run, frame, bottom);
@@ -186,7 +186,7 @@ fn both_curves(run: &RunData, frame: &mut Frame, area: Rect) {
 }
 
 fn both_tables(run: &RunData, frame: &mut Frame, area: Rect) {
-    let columns = [Constraint::Length(groups_width(run)), Constraint::Fill(1)];
+    let columns = [Constraint::Length(groups_table_width(run)), Constraint::Fill(1)];
     let [left, right] = Layout::horizontal(columns).areas(area);
     draw_groups(run, frame, left);
     distances::draw_distances(run, frame, right);

@@ -10,7 +10,7 @@ use ratatui::text::Span;
 use ratatui::widgets::{Axis, Block, Borders, Cell, Chart, Dataset, GraphType, Row, Table};
 
 use experiments::RunData;
-use experiments::colours::line_rgb;
+use experiments::colours::curve_rgb;
 use experiments::evaluation;
 use experiments::sheet::Picture;
 use experiments::text::format_number;
@@ -24,13 +24,13 @@ const LARGEST_RATIO: f64 = 4.0;
 /// Width of the names in front of the strips of rollouts (terminal columns).
 const NAMES: u16 = 7;
 
-/// Returns the colour of a group by its place in the schedule, as in reports.
+/// Returns the colour of a task group, by its place in the run's schedule, as in reports.
 pub fn group_colour(run: &RunData, group: &str) -> Color {
     let number = run.experiment.schedule.group_index(group);
-    number.map(line_rgb).map_or(Color::Reset, |[r, g, b]| Color::Rgb(r, g, b))
+    number.map(curve_rgb).map_or(Color::Reset, |[r, g, b]| Color::Rgb(r, g, b))
 }
 
-/// Returns the colour of a policy: that of the group for which it was created.
+/// Returns the colour of a policy, which is that of the task group for which it was created.
 pub fn policy_colour(run: &RunData, policy: usize) -> Color {
     let group = run.group_of_policy(policy);
     group.map_or(Color::Reset, |group| group_colour(run, group))
@@ -50,8 +50,8 @@ fn text_on(colour: Color) -> Style {
 /// Widths of the columns of figures in the table of groups (terminal columns).
 const FIGURES: [u16; 5] = [8, 6, 6, 7, 6];
 
-/// Returns the width of the table of groups with its frame (terminal columns): no name is cut.
-pub fn groups_width(run: &RunData) -> u16 {
+/// Returns the width of the table of groups with its frame (terminal columns): all names fit.
+pub fn groups_table_width(run: &RunData) -> u16 {
     // a gap before each figure, and the frame
     names_width(run) + FIGURES.iter().map(|width| width + 1).sum::<u16>() + 2
 }
@@ -170,8 +170,8 @@ fn ratios(run: &RunData, policy: usize) -> Vec<(f64, f64)> {
     rows.collect()
 }
 
-/// Returns the largest part of an area that has the aspect ratio of a picture. A cell shows two
-/// pixels, one above the other.
+/// Returns the largest part of a terminal area that has the aspect ratio of a picture. A cell shows
+/// two pixels, one above the other.
 pub fn fit_picture(picture: &Picture, area: Rect) -> Rect {
     let (width, height) = (picture.width.max(1), picture.height.max(1));
     let (across, down) = (usize::from(area.width), 2 * usize::from(area.height));

@@ -34,8 +34,8 @@ const INTERRUPTED: u8 = (SIGNALLED + SIGINT as usize) as u8;
 /// Exit code after SIGHUP.
 const HUNG_UP: u8 = (SIGNALLED + SIGHUP as usize) as u8;
 
-/// Shows the run of another process until the user quits. Returns the exit code: 0 after `q`, 128
-/// plus its number after a signal.
+/// Shows on the terminal, until the user quits, a run that another process trains. Returns the exit
+/// code: 0 after `q`, 128 plus its number after a signal.
 ///
 /// # Errors
 /// A terminal that is gone, tables that cannot be read.
@@ -52,7 +52,7 @@ pub(crate) fn watch_run(mut snapshot: RunSnapshot) -> Result<u8, RunError> {
     }
 }
 
-/// Trains to the end of the run or until the user quits, with the screen in a second thread.
+/// Trains to the end of the run or until the user quits; a second thread shows the screen.
 ///
 /// # Errors
 /// Errors of the run; a terminal that is gone, in which case the run is saved first.

@@ -45,7 +45,7 @@ impl Screen {
         Ok(screen)
     }
 
-    /// Redraws the screen.
+    /// Redraws the whole screen with what `draw` puts on its frame.
     ///
     /// # Errors
     /// [`RunError::Write`] if the terminal is gone.

@@ -9,7 +9,7 @@ use ratatui::style::Color;
 use symmetry::D2;
 
 use super::draw::{ScreenContents, draw_run_screen};
-use experiments::colours::line_rgb;
+use experiments::colours::curve_rgb;
 use experiments::presets::{Budget, Method};
 use experiments::sheet::Picture;
 use experiments::{RolloutRow, RunData, ScoreRow, TimingRow};
@@ -79,7 +79,7 @@ fn lines(buffer: &Buffer) -> Vec<String> {
 }
 
 fn colour(number: usize) -> Color {
-    let [r, g, b] = line_rgb(number);
+    let [r, g, b] = curve_rgb(number);
     Color::Rgb(r, g, b)
 }
 

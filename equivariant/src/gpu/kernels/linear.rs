@@ -7,7 +7,7 @@ use crate::gpu::kernels::partial::sum_partial_gradients;
 use crate::gpu::kernels::pointwise::kernel_per_field;
 use crate::gpu::kernels::product::Product;
 use crate::gpu::kernels::window::{sum_over_taps, windows};
-use crate::gpu::plan::{Plan, SharedBuffer, Tensor};
+use crate::gpu::plan::{ComputePlan, SharedBuffer, Tensor};
 use crate::steerable::dense::OrdinaryConv;
 use crate::window::SlidingWindow;
 
@@ -38,7 +38,13 @@ struct Linear<'a> {
 }
 
 /// Adds the kernels of a convolution or linear layer, with a ReLU after it if `with_relu`.
-pub(super) fn add(plan: &mut Plan, dense: &OrdinaryConv, x: &Tensor, y: &Tensor, with_relu: bool) {
+pub(super) fn add(
+    plan: &mut ComputePlan,
+    dense: &OrdinaryConv,
+    x: &Tensor,
+    y: &Tensor,
+    with_relu: bool,
+) {
     let linear = Linear::new(plan, dense, x, y, with_relu);
     let fold = linear.folded.map(|folded| linear.fold_kernel(plan, folded));
     let forward = fold.into_iter().chain([linear.forward(plan)]).collect();
@@ -54,7 +60,7 @@ pub(super) fn add(plan: &mut Plan, dense: &OrdinaryConv, x: &Tensor, y: &Tensor,
 
 impl<'a> Linear<'a> {
     fn new(
-        plan: &mut Plan,
+        plan: &mut ComputePlan,
         dense: &'a OrdinaryConv<'a>,
         x: &Tensor,
         y: &Tensor,
@@ -93,7 +99,7 @@ impl<'a> Linear<'a> {
     }
 
     /// Returns the kernel that folds the patches: signed sums of the input over each orbit of taps.
-    fn fold_kernel(&self, plan: &mut Plan, folded: BufferSlot) -> KernelDispatch {
+    fn fold_kernel(&self, plan: &mut ComputePlan, folded: BufferSlot) -> KernelDispatch {
         let orbits = self.folds.num_orbits();
         let kernel = self
             .kernel_on_windows("fold", self.out_pixels() * orbits)
@@ -135,13 +141,13 @@ impl<'a> Linear<'a> {
         .add_u32_constants([("ENTRIES", self.folds.fields_per_patch)])
     }
 
-    fn add_weights(&self, kernel: KernelDispatch, plan: &Plan) -> KernelDispatch {
+    fn add_weights(&self, kernel: KernelDispatch, plan: &ComputePlan) -> KernelDispatch {
         kernel
             .add_input_buffer("weights", "Field", plan.params_buffer())
             .add_u32_constants([("BASE", self.first_param)])
     }
 
-    fn forward(&self, plan: &Plan) -> KernelDispatch {
+    fn forward(&self, plan: &ComputePlan) -> KernelDispatch {
         let (rows, cols) = (DynamicDim::PerSample(self.out_pixels()), self.output.num_fields());
         let product = self.product(rows, cols, DynamicDim::Fixed(self.folds.fields_per_patch));
         let kernel = self.add_patch_reader(product.kernel("forward"));
@@ -186,7 +192,7 @@ impl<'a> Linear<'a> {
         }
     }
 
-    fn weight_gradient(&self, plan: &mut Plan, dy: BufferSlot) -> Vec<KernelDispatch> {
+    fn weight_gradient(&self, plan: &mut ComputePlan, dy: BufferSlot) -> Vec<KernelDispatch> {
         let cols = self.output.num_fields();
         let mut product = self.product(
             DynamicDim::Fixed(self.folds.fields_per_patch + 1),
@@ -230,7 +236,7 @@ impl<'a> Linear<'a> {
 
     fn input_gradient(
         &self,
-        plan: &mut Plan,
+        plan: &mut ComputePlan,
         dy: BufferSlot,
         dx: BufferSlot,
     ) -> Vec<KernelDispatch> {
@@ -257,7 +263,12 @@ impl<'a> Linear<'a> {
     }
 
     /// Returns the kernel that sums the gradients of the folded patches into `dx`.
-    fn unfold_kernel(&self, plan: &mut Plan, folded: BufferSlot, dx: BufferSlot) -> KernelDispatch {
+    fn unfold_kernel(
+        &self,
+        plan: &mut ComputePlan,
+        folded: BufferSlot,
+        dx: BufferSlot,
+    ) -> KernelDispatch {
         let kernel = self.kernel_on_windows("unfold", self.x.shape.num_pixels());
         let kernel = sum_over_taps(kernel, "window_at")
             .add_input_buffer("taps", "Tap", plan.add_constant_table(self.folds.tap_table()))

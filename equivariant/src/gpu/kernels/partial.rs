@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use crate::gpu::kernel_dispatch::{BufferSlot, DynamicDim, KernelDispatch, WorkgroupCount};
 use crate::gpu::kernels::product::dim_function;
-use crate::gpu::plan::Plan;
+use crate::gpu::plan::ComputePlan;
 
 /// Returns the GPU kernel that sums the gradients of the parameters `params` over the `parts` parts
 /// of the batch.
 pub(super) fn sum_partial_gradients(
-    plan: &Plan,
+    plan: &ComputePlan,
     partial: BufferSlot,
     parts: DynamicDim,
     params: Range<usize>,

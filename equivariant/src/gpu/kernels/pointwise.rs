@@ -2,7 +2,7 @@
 
 use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupCount};
-use crate::gpu::plan::{Plan, Tensor};
+use crate::gpu::plan::{ComputePlan, Tensor};
 use crate::steerable::hadamard::permuted_field_order_and_count;
 
 /// Returns a GPU kernel that runs one thread per pixel and field of a feature map.
@@ -20,7 +20,8 @@ pub(super) fn kernel_per_field(
     .add_wgsl(include_str!("../wgsl/each_field.wgsl"))
 }
 
-/// Returns the channel layout of a map's fields that the group permutes in the regular basis.
+/// Returns the channel layout of a map's fields in the regular basis, whose components the group
+/// permutes; other fields keep the layout of the irrep basis.
 pub(super) fn permuted_channels(x: &Tensor) -> ChannelLayout {
     let fields = x.shape.fields;
     match permuted_field_order_and_count(fields) {
@@ -44,7 +45,7 @@ impl<'a> Map<'a> {
 
 /// Adds the forward and the backward kernel of a layer without parameters. The first computes y
 /// from x, the second the gradient with respect to x from x and the gradient with respect to y.
-pub(super) fn passes(plan: &mut Plan, x: Map, y: Map, kernels: [KernelDispatch; 2]) {
+pub(super) fn passes(plan: &mut ComputePlan, x: Map, y: Map, kernels: [KernelDispatch; 2]) {
     let [forward, backward] =
         kernels.map(|kernel| x.channels.add_input_map(kernel, "x", x.tensor.values));
     let forward = y.channels.add_output_map(forward, "y", y.tensor.values);
@@ -55,7 +56,7 @@ pub(super) fn passes(plan: &mut Plan, x: Map, y: Map, kernels: [KernelDispatch; 
 }
 
 /// Adds the GPU kernels of a ReLU from map `x` to map `y`.
-pub(super) fn relu(plan: &mut Plan, x: &Tensor, y: &Tensor) {
+pub(super) fn relu(plan: &mut ComputePlan, x: &Tensor, y: &Tensor) {
     let channels = permuted_channels(x);
     let texts = [
         ("relu", include_str!("../wgsl/relu.wgsl")),
@@ -68,7 +69,7 @@ pub(super) fn relu(plan: &mut Plan, x: &Tensor, y: &Tensor) {
 }
 
 /// Adds the GPU kernels of a maximum over the group from map `x` to map `y`.
-pub(super) fn group_max_pool(plan: &mut Plan, x: &Tensor, y: &Tensor) {
+pub(super) fn group_max_pool(plan: &mut ComputePlan, x: &Tensor, y: &Tensor) {
     let [of_x, of_y] = [x, y].map(|map| ChannelLayout::for_type(map.shape.fields));
     let texts = [
         ("group max-pool", include_str!("../wgsl/group_max_pool.wgsl")),

@@ -18,8 +18,8 @@ use cluster::Decision;
 use evidence::Trajectory;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Experience, ExportPolicy, ExportedPolicy, MeasureActivity, Observations, PolicyOutput, RlError,
-    RolloutState, UnitActivity, VectorEnv, collect,
+    Experience, ExportPolicy, ExportedPolicy, MeasureUnitActivity, Observations, PolicyOutput,
+    RlError, RolloutState, UnitActivity, VectorEnv, collect,
 };
 use web_time::Instant;
 
@@ -156,7 +156,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
 }
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
-    /// Collects `N_s` decisions with the current policy (line 5).
+    /// Collects a rollout of `N_s` decisions with the current policy (line 5 of Algorithm 1).
     pub(super) fn roll_out(
         &mut self,
         env: &mut dyn VectorEnv,
@@ -178,7 +178,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         }
     }
 
-    /// Takes the first frames of the rollout's episodes (line 6).
+    /// Returns the first frames of the collected rollout's episodes (line 6 of Algorithm 1).
     pub(super) fn observe_rollout(&self) -> Result<ObservedEpisodes, LearnerError> {
         let observed = self.observed_episodes_in(&self.rollout);
         self.check_episodes(observed.frames.len())?;
@@ -212,7 +212,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         })
     }
 
-    /// Asks the grouping which policy a rollout belongs to (lines 8 to 10).
+    /// Asks the grouping which policy a rollout belongs to (lines 8 to 10 of Algorithm 1).
     pub(super) fn assign(
         &mut self,
         request: AssignmentRequest<'_>,
@@ -237,8 +237,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         self.policies[0].buffer.seen() > 0
     }
 
-    /// Makes the assigned policy current, creates it if it is new, and adds `frames` to its buffer
-    /// (lines 11 to 14); returns `true` if it is new.
+    /// Makes the assigned policy the one that acts, creates it if it is new, and adds `frames` to
+    /// its buffer (lines 11 to 14 of Algorithm 1); returns `true` if it is new.
     pub(super) fn make_current(
         &mut self,
         decision: &GroupingDecision,

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::error::LearnerError;
-use crate::groupings::{Grouping, Labels};
+use crate::groupings::{Grouping, TaskLabel};
 use crate::learners::learner::CheckpointExtent;
 use crate::learners::tensor_file::{Tensor, TensorFile, encode_tensor_file};
 use crate::overrides::check_same_settings;
@@ -30,7 +30,7 @@ fn note_tensor(note: &str) -> Tensor {
     Tensor::bytes(NOTE.to_owned(), vec![bytes.len()], bytes)
 }
 
-/// Reads the caller's note from the checkpoint at `path`, whatever learner wrote it.
+/// Reads the note, a text that the caller stored with the learner, from the checkpoint at `path`.
 ///
 /// # Errors
 /// [`LearnerError::Read`], [`LearnerError::NewerFormat`].
@@ -64,7 +64,7 @@ struct EntryHeader {
 }
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
-    /// Returns the bytes of a checkpoint file of the learner, with a note of the caller's.
+    /// Returns the bytes of a checkpoint file that holds the learner and the caller's text `note`.
     pub(super) fn to_bytes(
         &self,
         path: &Path,
@@ -98,9 +98,9 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         }
     }
 
-    /// Reads a learner from a checkpoint that [`Learner::save`](crate::Learner::save) wrote, and
-    /// its note. `spec` must match its environments; the grouping is the one that the settings
-    /// name.
+    /// Reads a learner and the caller's note from a checkpoint that
+    /// [`Learner::save`](crate::Learner::save) wrote. `spec` must match its environments; the
+    /// grouping is the one that the settings name.
     ///
     /// # Errors
     /// [`LearnerError::Read`] for a file that is missing, damaged, or belongs to other
@@ -111,8 +111,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Checkpoint::read(path)?.open(None, spec, true, grouping)
     }
 
-    /// Reads a learner from a checkpoint that [`Learner::save`](crate::Learner::save) wrote, with
-    /// the caller's grouping.
+    /// Reads a learner and the caller's note from a checkpoint that
+    /// [`Learner::save`](crate::Learner::save) wrote; `grouping` assigns its rollouts.
     ///
     /// # Errors
     /// Errors of [`PolicyCollection::load`].
@@ -124,14 +124,15 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Checkpoint::read(path)?.open(None, spec, true, |_| Ok(grouping))
     }
 
-    /// Reads a learner for a run with these settings that writes `labels`. With `whole`, further
-    /// training gives the same bits, and a file of [`CheckpointExtent::Policies`] is rejected;
-    /// without, the learner can act and recognise groups, and its training state is fresh.
+    /// Reads a checkpoint's learner, which has these settings, for a run that writes `labels`. With
+    /// `whole`, further training gives the same bits, and a file of [`CheckpointExtent::Policies`]
+    /// is rejected; without, the learner can act and recognise groups, and its training state is
+    /// fresh.
     pub(in crate::learners) fn read_with_labels(
         path: &Path,
         spec: &EnvSpec,
         settings: &S,
-        labels: &Labels,
+        labels: &TaskLabel,
         whole: bool,
     ) -> Result<(Self, String), LearnerError> {
         let checkpoint = Checkpoint::read(path)?;

@@ -3,13 +3,13 @@
 
 use std::ops::Range;
 
-use cluster::Frames;
+use cluster::FrameFeatures;
 use evidence::Trajectory;
 use rl::{EnvSpec, FeatureExtractor, Observations, RlError, RolloutBuffer, StepOutcome};
 
 use crate::error::LearnerError;
 
-/// First observations of one episode.
+/// First observations of one episode, by which its rollout is assigned to a policy.
 pub(super) struct FirstFrames {
     /// Number of decisions of all environments from the start of the rollout to that of the
     /// episode.
@@ -19,23 +19,23 @@ pub(super) struct FirstFrames {
 }
 
 impl FirstFrames {
-    /// Creates a value from the first `count` observations of an episode.
+    /// Creates the first frames of an episode from its first `count` observations.
     pub(super) fn new(count: usize, observations: Observations) -> Self {
         Self { began: 0, count, observations }
     }
 
-    /// Returns the number of first frames.
+    /// Returns the number of first frames of the episode.
     pub(super) fn count(&self) -> usize {
         self.count
     }
 
-    /// Returns the observations of the first frames.
+    /// Returns the episode's first observations.
     pub(super) fn observations(&self) -> &Observations {
         &self.observations
     }
 }
 
-/// Episodes of a rollout that an assignment to a policy uses.
+/// Data of episodes by which a rollout is assigned to a policy: first frames and trajectories.
 #[derive(Default)]
 pub(super) struct ObservedEpisodes {
     /// First frames of the episodes: the paper's `O`.
@@ -147,7 +147,7 @@ fn episode_spans<R: Rollout>(rollout: &R) -> Vec<EpisodeSpan> {
     spans
 }
 
-/// Returns the first `k` observations of every episode that has at least `k`.
+/// Returns the first `k` observations of every episode of a rollout that has at least `k`.
 pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames> {
     let (envs, mut episodes) = (rollout.spec().num_envs, Vec::new());
     for EpisodeSpan { env, steps, .. } in episode_spans(rollout) {
@@ -189,12 +189,12 @@ pub(super) fn trajectories<R: Rollout>(rollout: &R) -> Vec<Trajectory> {
     trajectories
 }
 
-/// Returns the invariant features of episodes, as `policy` sees them now: features drift while a
-/// policy learns, so frames are embedded afresh.
+/// Computes the invariant features of episodes' first frames by the network of `policy`: features
+/// drift while a policy trains, so none are stored.
 pub(super) fn embed_first_frames<P: FeatureExtractor>(
     policy: &mut P,
     episodes: &[FirstFrames],
-) -> Result<Frames, LearnerError> {
+) -> Result<FrameFeatures, LearnerError> {
     let dim = policy.feature_dim();
     let per_episode = episodes.first().map_or(0, |episode| episode.count);
     let mut all = Observations { images: Vec::new(), vectors: Vec::new() };
@@ -204,7 +204,7 @@ pub(super) fn embed_first_frames<P: FeatureExtractor>(
     }
     let mut features = vec![0.0; episodes.len() * per_episode * dim];
     policy.features(&all, &mut features)?;
-    Ok(Frames::new(features, per_episode, dim)?)
+    Ok(FrameFeatures::new(features, per_episode, dim)?)
 }
 
 #[cfg(test)]

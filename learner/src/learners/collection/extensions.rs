@@ -14,7 +14,7 @@ use crate::learners::learner::{IterationReport, IterationSeconds};
 
 use super::PolicyCollection;
 use super::episodes::{ObservedEpisodes, Rollout};
-use super::settings::{Handover, PolicyCollectionSettings, RolloutOf, Training};
+use super::settings::{PolicyCollectionSettings, RolloutHandover, RolloutOf, Training};
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Discards a rollout that the grouping left undecided.
@@ -24,8 +24,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     }
 
     /// Prepares the rollout of `collector` for training the current policy, which `decision` named,
-    /// or collects a new one with it, since a rollout of another policy is off-policy. Returns the
-    /// policy that collected the rollout; `None` if no policy may train on it.
+    /// or lets this policy collect a new one, since a rollout of another policy is off-policy.
+    /// Returns the policy that collected the rollout; `None` if no policy may train on it.
     ///
     /// If the decision demands a trial, the grouping judges each new rollout and may name other
     /// policies, which then collect their own.
@@ -83,7 +83,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Returns `true` if the policy that `decision` names may train on a rollout of another policy.
     /// A rollout of two groups is discarded, and a provisional policy must act before it trains.
     fn may_reuse(&self, decision: &GroupingDecision) -> bool {
-        self.settings.common().handover == Handover::Reuse
+        self.settings.common().handover == RolloutHandover::Reuse
             && decision.changepoint.is_none()
             && !decision.is_provisional
     }

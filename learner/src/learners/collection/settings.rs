@@ -2,7 +2,8 @@
 
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    AlgorithmState, EnvSpec, Experience, ExportPolicy, FeatureExtractor, MeasureActivity, RlError,
+    AlgorithmState, EnvSpec, Experience, ExportPolicy, FeatureExtractor, MeasureUnitActivity,
+    RlError,
 };
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -60,15 +61,15 @@ pub trait PolicyCollectionSettings:
     ) -> Result<Self::Training, RlError>;
 }
 
-/// Type of the policies of a collection with settings `S`.
+/// Type of the policies that a collection of policies with settings `S` holds.
 pub type PolicyOf<S> = <<S as PolicyCollectionSettings>::Training as Training>::Policy;
-/// Type of the rollouts of a collection with settings `S`.
+/// Type of the storage of a rollout in a collection of policies with settings `S`.
 pub type RolloutOf<S> = <<S as PolicyCollectionSettings>::Training as Training>::Rollout;
 
 /// Training of one policy of a collection: an algorithm with its state.
 pub trait Training: Sized + Send + 'static {
     /// Type of the policy that is trained.
-    type Policy: MeasureActivity + FeatureExtractor + ExportPolicy + Clone + Send;
+    type Policy: MeasureUnitActivity + FeatureExtractor + ExportPolicy + Clone + Send;
     /// Type of the storage of a rollout until it is assigned to a policy.
     type Rollout: Experience<Self::Policy> + Rollout + Send;
 
@@ -134,7 +135,7 @@ pub struct CommonSettings {
     /// Number of episodes whose first frames are kept for each policy; `None` keeps all of them.
     pub buffer_episodes: Option<usize>,
     /// Treatment of a rollout that is assigned to a policy other than the one that collected it.
-    pub handover: Handover,
+    pub handover: RolloutHandover,
     /// Initial parameters of a new policy.
     pub new_policy: NewPolicyInit,
     /// Seed of the learner's random numbers.
@@ -183,7 +184,7 @@ impl CommonSettings {
 /// paper's Algorithm 1 updates the assigned policy with it and does not say how.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Handover {
+pub enum RolloutHandover {
     /// New rollout: the assigned policy collects it and learns from it. Of the old rollout, only
     /// the first frames are kept, in its buffer. The decisions of both rollouts count.
     #[default]

@@ -8,17 +8,17 @@
 // A shorter gap costs less than the two lengths of another run.
 const GAP: [u8; 4] = [0; 4];
 
-/// Sizes of the pictures of an episode, which are compressed together.
+/// Sizes in bytes of the pictures of an episode, which are compressed together.
 #[derive(Clone, Copy, Debug)]
-pub struct FrameSizes {
+pub struct FrameCodec {
     /// Size of one picture in bytes.
     pub picture_bytes: usize,
     /// Size of one pixel in bytes.
     pub pixel_bytes: usize,
 }
 
-impl FrameSizes {
-    /// Appends the compressed `pictures` to `out`, and overwrites them with their differences.
+impl FrameCodec {
+    /// Compresses the pictures of an episode and appends them to `out`; `pictures` is overwritten.
     pub fn pack(self, pictures: &mut [u8], out: &mut Vec<u8>) {
         let (first, _) = pictures.split_at_mut(self.picture_bytes.min(pictures.len()));
         let first = first.len();
@@ -33,8 +33,8 @@ impl FrameSizes {
         encode_runs(pictures, out);
     }
 
-    /// Decompresses the front of `packed` into `pictures` and returns the rest of `packed`; `None`
-    /// if the data does not fit.
+    /// Decompresses the pictures of an episode from the front of `packed` and returns the rest of
+    /// `packed`; `None` if the data does not fit.
     pub fn unpack<'a>(self, packed: &'a [u8], pictures: &mut [u8]) -> Option<&'a [u8]> {
         let rest = decode_runs(packed, pictures)?;
         let first = self.picture_bytes.min(pictures.len());
@@ -124,13 +124,13 @@ mod tests {
 
     use super::*;
 
-    fn packed(frames: FrameSizes, pictures: &[u8]) -> Vec<u8> {
+    fn packed(frames: FrameCodec, pictures: &[u8]) -> Vec<u8> {
         let mut out = Vec::new();
         frames.pack(&mut pictures.to_vec(), &mut out);
         out
     }
 
-    fn back(frames: FrameSizes, packed: &[u8], len: usize) -> Option<(Vec<u8>, usize)> {
+    fn back(frames: FrameCodec, packed: &[u8], len: usize) -> Option<(Vec<u8>, usize)> {
         let mut pictures = vec![7; len];
         let rest = frames.unpack(packed, &mut pictures)?;
         Some((pictures, rest.len()))
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn a_table_on_which_little_moves_is_small() {
-        let frames = FrameSizes { picture_bytes: 3 * 64 * 64, pixel_bytes: 3 };
+        let frames = FrameCodec { picture_bytes: 3 * 64 * 64, pixel_bytes: 3 };
         let mut pictures = [90, 80, 70].repeat(64 * 64 * 51);
         for (t, picture) in pictures.chunks_mut(frames.picture_bytes).enumerate() {
             picture[300 + 3 * t..][..30].fill(200);
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_noticed() {
-        let frames = FrameSizes { picture_bytes: 4, pixel_bytes: 1 };
+        let frames = FrameCodec { picture_bytes: 4, pixel_bytes: 1 };
         let packed = packed(frames, &[5; 12]);
         for cut in 0..packed.len() {
             assert_eq!(back(frames, &packed[..cut], 12), None, "{cut} bytes");
@@ -165,7 +165,7 @@ mod tests {
     fn every_picture_comes_back() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for _ in 0..500 {
-            let frames = FrameSizes {
+            let frames = FrameCodec {
                 picture_bytes: rng.random_range(0..50),
                 pixel_bytes: rng.random_range(1..5),
             };

@@ -5,7 +5,7 @@ use rl::{EpisodeState, ReplayBuffer, ReplayState, StepOutcome};
 use crate::error::LearnerError;
 use crate::learners::tensor_file::{Tensor, TensorFile};
 
-use super::frame_codec::FrameSizes;
+use super::frame_codec::FrameCodec;
 
 /// Value that stands for the episode index of an environment without a running episode.
 const NO_EPISODE: u64 = u64::MAX;
@@ -59,7 +59,7 @@ fn numbers(episode: &EpisodeState<'_>) -> [u64; FIELDS] {
 
 /// Sizes of the arrays of a replay buffer, per observation or step.
 struct Sizes {
-    frames: FrameSizes,
+    frames: FrameCodec,
     still: usize,
     vector: usize,
     action: usize,
@@ -71,7 +71,7 @@ impl Sizes {
         let [height, width, channels] = spec.image_shape;
         let pixel = channels - still;
         Self {
-            frames: FrameSizes { picture_bytes: height * width * pixel, pixel_bytes: pixel.max(1) },
+            frames: FrameCodec { picture_bytes: height * width * pixel, pixel_bytes: pixel.max(1) },
             still: height * width * still,
             vector: spec.vector_irreps.len(),
             action: spec.action_irreps.len(),

@@ -33,7 +33,7 @@ impl StagedRollout {
         self.uniform = decisions;
     }
 
-    /// Moves all rollouts into the replay buffer `replay`.
+    /// Moves all stored rollouts into `replay`, the buffer of the policy that they belong to.
     pub fn commit_to(&mut self, replay: &mut ReplayBuffer) -> Result<(), RlError> {
         for steps in self.rollouts.drain(..) {
             // each rollout began with a reset, which ends the running episodes of the replay
