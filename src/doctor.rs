@@ -183,8 +183,7 @@ fn the_disk(runs: &Path) -> Finding {
         Ok(free) => {
             let (gibibytes, rooms) = (free as f64 / f64::from(1 << 30), free / RUN);
             let runs = runs.display();
-            let found =
-                format!("{gibibytes:.1} GiB free for `{runs}`, room for {rooms} full runs");
+            let found = format!("{gibibytes:.1} GiB free for `{runs}`, room for {rooms} full runs");
             let fix = "a full run with its checkpoints takes up to 0.125 GiB: make room, or name a \
                 folder on another disk (`covers train --runs DIR`)";
             Finding::good("disk", found).unless(free >= RUN, Health::Bad, fix)

@@ -272,7 +272,7 @@ impl Budget {
         let visits: Vec<_> = match self {
             Self::Smoke => standard([2, 2, 2, 2]),
             Self::Short if learns_fast => standard([2, 5, 2, 7]),
-            Self::Full if learns_fast => standard([2, 6, 3, 8]),
+            Self::Full if learns_fast => standard([4, 6, 3, 8]),
             Self::ZeroShot if learns_fast => standard([3, 6, 3, 8]),
             Self::Short => standard([4, 12, 6, 28]),
             Self::Full => standard([4, 12, 6, 31]),

@@ -35,6 +35,7 @@ use crate::sac::stats::{SacStats, SacSums, SacTotals};
 
 // checkpoint names of the state beside the policy's own
 const TARGET_PARAMS: &str = "targets";
+const TRAINED_PARAMS: &str = "trained";
 const TEMPERATURE: &str = "temperature.log";
 const TEMPERATURE_FIRST: &str = "temperature.first";
 const TEMPERATURE_SECOND: &str = "temperature.second";
@@ -51,12 +52,16 @@ const TEMPERATURE_SECOND: &str = "temperature.second";
 ///
 /// where a' and b are drawn from the actor, Q' are the target critics, and a time-out is not a
 /// termination. All gradients of a step are taken at the same parameters, and one Adam optimises
-/// actor and critics together.
+/// actor and critics together. With [`SacSettings::average_rate`] the policy is a moving average of
+/// the parameters that are trained.
 pub struct Sac {
     settings: SacSettings,
     optimiser: Adam,
     /// Parameters of the target critics.
     target_params: Vec<f32>,
+    /// Parameters that gradient steps train, if the policy's are their moving average; otherwise
+    /// empty.
+    trained_params: Vec<f32>,
     /// Logarithm of the temperature alpha if it is learned; unused if it is fixed.
     log_alpha: [f32; 1],
     alpha_optimiser: Adam,
@@ -90,7 +95,9 @@ impl Sac {
         let chunk = training_chunk(settings.window);
         let network = policy.network().clone();
         let num_params = network.num_params();
+        let trained_params = settings.average_rate.map(|_| policy.params().to_vec());
         Ok(Self {
+            trained_params: trained_params.unwrap_or_default(),
             optimiser: Adam::new(num_params, settings.adam_epsilon),
             target_params: policy.params()[network.critic_params()].to_vec(),
             log_alpha: [settings.temperature.initial().ln()],
@@ -124,6 +131,26 @@ impl Sac {
         let after = recorded.saturating_sub(self.settings.burn_in);
         let total = after as f64 * f64::from(self.settings.updates_per_step);
         (total as u64).saturating_sub(self.optimiser.steps)
+    }
+
+    /// Takes the gradient steps that are due on the parameters in `policy`, which are the trained
+    /// ones; `average` is their moving average, or empty without one.
+    fn take_steps(
+        &mut self,
+        policy: &mut SacPolicy,
+        average: &mut [f32],
+        replay: &ReplayBuffer,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<SacStats, RlError> {
+        let mut totals = SacTotals::default();
+        if !replay.is_empty() {
+            for _ in 0..self.gradient_steps_due(replay.num_recorded()) {
+                self.step(policy, replay, rng, &mut totals)?;
+                move_towards(average, policy.params(), self.settings.average_rate.unwrap_or(1.0));
+            }
+        }
+        check_all_finite("a parameter after the update", policy.params())?;
+        Ok(totals.stats(self.temperature(), replay.len()))
     }
 
     /// Takes one gradient step on actor, critics and temperature, and updates the target critics.
@@ -190,13 +217,10 @@ impl Sac {
     fn groups(&self, network: &SacNetwork<f32>) -> [ParamGroup; 2] {
         let encoder = network.trunk.encoder_param_range();
         let heads = encoder.end..network.num_params();
-        let SacSettings { learning_rate, encoder_learning_rate, decay_steps, .. } = self.settings;
+        let SacSettings { learning_rate, encoder_learning_rate, .. } = self.settings;
         let encoder_rate = encoder_learning_rate.unwrap_or(learning_rate);
-        let decay = decay_steps.map_or(0.0, |steps| self.optimiser.steps as f64 / steps as f64);
-        [(encoder, encoder_rate), (heads, learning_rate)].map(|(range, rate)| ParamGroup {
-            range,
-            learning_rate: (f64::from(rate) / (1.0 + decay)) as f32,
-        })
+        [(encoder, encoder_rate), (heads, learning_rate)]
+            .map(|(range, learning_rate)| ParamGroup { range, learning_rate })
     }
 
     /// Takes a gradient step on the temperature's loss J(alpha) = E[-alpha ln pi - alpha H], where
@@ -217,11 +241,15 @@ impl Sac {
 
     /// Moves the target critics by a share `tau` towards the critics (1812.05905, algorithm 1).
     fn update_targets(&mut self, policy: &SacPolicy) {
-        let tau = self.settings.tau;
         let critics = &policy.params()[policy.network().critic_params()];
-        for (target, critic) in self.target_params.iter_mut().zip(critics) {
-            *target += tau * (critic - *target);
-        }
+        move_towards(&mut self.target_params, critics, self.settings.tau);
+    }
+}
+
+/// Moves averages by a share `rate` towards the latest values.
+fn move_towards(averages: &mut [f32], latest: &[f32], rate: f32) {
+    for (average, value) in averages.iter_mut().zip(latest) {
+        *average += rate * (value - *average);
     }
 }
 
@@ -289,22 +317,26 @@ impl Algorithm for Sac {
     ) -> Result<SacStats, RlError> {
         check_params_fit_network(self.gradient.len(), policy.params().len())?;
         policy.network().spec().check_compatible(replay.spec())?;
-        let mut totals = SacTotals::default();
-        if !replay.is_empty() {
-            for _ in 0..self.gradient_steps_due(replay.num_recorded()) {
-                self.step(policy, replay, rng, &mut totals)?;
-            }
+        if self.trained_params.is_empty() {
+            return self.take_steps(policy, &mut [], replay, rng);
         }
-        check_all_finite("a parameter after the update", policy.params())?;
-        Ok(totals.stats(self.temperature(), replay.len()))
+        let mut params = std::mem::take(&mut self.trained_params);
+        policy.params_mut().swap_with_slice(&mut params);
+        let stats = self.take_steps(policy, &mut params, replay, rng);
+        policy.params_mut().swap_with_slice(&mut params);
+        self.trained_params = params;
+        stats
     }
 
-    /// Returns both moments of Adam, its number of steps, the target critics and a learned
-    /// temperature.
+    /// Returns both moments of Adam, its number of steps, the target critics, the trained
+    /// parameters if the policy averages them, and a learned temperature.
     fn save(&self) -> AlgorithmState<'_> {
         let alpha = &self.alpha_optimiser;
         let mut state = self.optimiser.save();
         state.tensors.push((TARGET_PARAMS, &self.target_params));
+        if !self.trained_params.is_empty() {
+            state.tensors.push((TRAINED_PARAMS, &self.trained_params));
+        }
         // a fixed temperature has no state, so a state with a learned one does not fit it
         if matches!(self.settings.temperature, Temperature::Learned { .. }) {
             state.tensors.extend([
@@ -320,15 +352,17 @@ impl Algorithm for Sac {
         state.check_same_layout(&self.save())?;
         check_not_negative(state, &[SECOND_MOMENT_NAME, TEMPERATURE_SECOND])?;
         let alpha = &mut self.alpha_optimiser;
-        let own: [&mut [f32]; 4] = [
-            &mut self.target_params,
-            &mut self.log_alpha,
-            &mut alpha.first_moment,
-            &mut alpha.second_moment,
-        ];
-        // the layout is that of `save`: without a learned temperature, `zip` ends after the targets
-        for (target, (_, saved)) in own.into_iter().zip(&state.tensors[2..]) {
-            target.copy_from_slice(saved);
+        for (name, saved) in &state.tensors {
+            let own: &mut [f32] = match *name {
+                TARGET_PARAMS => &mut self.target_params,
+                TRAINED_PARAMS => &mut self.trained_params,
+                TEMPERATURE => &mut self.log_alpha,
+                TEMPERATURE_FIRST => &mut alpha.first_moment,
+                TEMPERATURE_SECOND => &mut alpha.second_moment,
+                // the optimiser's, which it restores itself
+                _ => continue,
+            };
+            own.copy_from_slice(saved);
         }
         self.optimiser.restore(state);
         // both optimisers step together

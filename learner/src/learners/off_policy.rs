@@ -140,19 +140,19 @@ impl OffPolicySettings {
         }
     }
 
-    /// Returns the settings of equivariant policies that learn from few decisions: one gradient
-    /// step for each, a learned temperature and a slow image encoder.
+    /// Returns the settings of the method `covers-sac`: equivariant policies that are trained from
+    /// few decisions by two gradient steps for each, a learned temperature and a slow image encoder.
     pub fn covers_sac() -> Self {
         let equi = Self::equi_sac();
         Self {
             sac: SacSettings {
-                batch: 64,
-                updates_per_step: 1.0,
+                batch: 32,
+                updates_per_step: 2.0,
                 burn_in: 500,
                 // the critics drag the encoder along, and features that move fast mislead the actor
                 encoder_learning_rate: Some(2e-4),
-                // constant rates keep a policy that has learnt Goal Reach from settling
-                decay_steps: Some(3000),
+                // what is trained still moves when the group is learnt, and its average does not
+                average_rate: Some(0.02),
                 temperature: Temperature::Learned { initial: 0.02, target: 0.3 },
                 // gradients of equivariant networks are the same for every image of a step
                 augmentation: Group::C1,

@@ -45,10 +45,6 @@ pub struct SacSettings {
     /// Adam's step size for the parameters of the image encoder, above 0; that of all others if
     /// null.
     pub encoder_learning_rate: Option<f32>,
-    /// Number of gradient steps after which both step sizes have halved, at least 1: at gradient
-    /// step t they are those above divided by `1 + t / decay_steps`. Constant if null. The
-    /// temperature's step size is constant.
-    pub decay_steps: Option<u64>,
     /// Adam's epsilon, the constant in the denominator of its step, above 0.
     pub adam_epsilon: f32,
     /// Maximum magnitude of each component of the gradient, above 0; larger components are clipped
@@ -57,6 +53,9 @@ pub struct SacSettings {
     /// Rate in (0, 1] at which target critics move towards the critics at each gradient step
     /// (Polyak averaging).
     pub tau: f32,
+    /// Rate in (0, 1] at which the policy's parameters move towards the trained ones at each
+    /// gradient step (Polyak averaging). If null, the policy's are the trained ones.
+    pub average_rate: Option<f32>,
     /// Temperature alpha, the weight of the entropy in the actor's objective: fixed or learned.
     pub temperature: Temperature,
     /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
@@ -104,11 +103,11 @@ impl SacSettings {
             burn_in: 20_000,
             learning_rate: 3e-4,
             encoder_learning_rate: None,
-            decay_steps: None,
             adam_epsilon: 1e-8,
             max_gradient: 1.0,
             // SAC's (arXiv 1801.01290, table 1)
             tau: 0.005,
+            average_rate: None,
             temperature: Temperature::Fixed(0.005),
             // CLEAR's even split of new and replayed experience (Rolnick et al., NeurIPS 2019,
             // section 4)
@@ -143,13 +142,12 @@ impl SacSettings {
         if let Some(rate) = self.encoder_learning_rate {
             require_positive("encoder_learning_rate", rate)?;
         }
-        if let Some(steps) = self.decay_steps {
-            require("decay_steps", steps as f32, "at least 1, or null", steps > 0)?;
-        }
         require_positive("adam_epsilon", self.adam_epsilon)?;
         require_positive("max_gradient", self.max_gradient)?;
-        let tau_fits = self.tau > 0.0 && self.tau <= 1.0;
-        require("tau", self.tau, "a number in (0, 1]", tau_fits)?;
+        for (name, rate) in [("tau", Some(self.tau)), ("average_rate", self.average_rate)] {
+            let rate = rate.unwrap_or(1.0);
+            require(name, rate, "a number in (0, 1]", rate > 0.0 && rate <= 1.0)?;
+        }
         require_share("newest_share", self.newest_share)?;
         require_weight("cloning_weight", self.cloning_weight)?;
         self.temperature.check()

@@ -166,25 +166,40 @@ fn the_image_encoder_learns_at_its_own_rate() {
     }
 }
 
+/// The averaged parameters change nothing in what is trained: two calls of an update, the second
+/// one with a state that was saved and restored, train as without the average.
 #[test]
-fn learning_rates_halve_after_the_decay_steps() {
-    let rates = |decay_steps, steps| {
-        let settings = SacSettings {
-            learning_rate: 1e-2,
-            encoder_learning_rate: Some(2e-3),
-            decay_steps,
-            ..drawn_settings(2)
-        };
+fn a_policy_with_an_average_rate_is_the_moving_average_of_what_is_trained() {
+    let run = |average_rate: Option<f32>, rounds: &[u64]| {
+        let settings =
+            SacSettings { burn_in: 0, updates_per_step: 1.0, average_rate, ..drawn_settings(2) };
         let network = fixtures::settings(Group::D2, fixtures::strided());
-        let policy = SacPolicy::new(&network, None, &fixtures::spec(), 3).unwrap();
-        let mut sac = Sac::new(settings, &policy).unwrap();
-        sac.optimiser.steps = steps;
-        sac.groups(policy.network()).map(|group| group.learning_rate)
+        let mut policy = SacPolicy::new(&network, None, &fixtures::spec(), 3).unwrap();
+        let mut sac = Sac::new(settings.clone(), &policy).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let replay = fixtures::replay();
+        let steps = sac.gradient_steps_due(replay.num_recorded());
+        for &round in rounds {
+            let mut restored = Sac::new(settings.clone(), &policy).unwrap();
+            restored.restore(&sac.save()).unwrap();
+            sac = restored;
+            // leaves `round` gradient steps to this update
+            sac.optimiser.steps = steps - round;
+            sac.update(&mut policy, &replay, &mut rng).unwrap();
+        }
+        (policy.params().to_vec(), sac.trained_params)
     };
-    assert_eq!(rates(None, 400), [2e-3, 1e-2]);
-    assert_eq!(rates(Some(100), 0), [2e-3, 1e-2]);
-    assert_eq!(rates(Some(100), 100), [1e-3, 5e-3]);
-    assert_eq!(rates(Some(100), 300), [5e-4, 2.5e-3]);
+    let rounds = [1, 1, 2];
+    let start = run(None, &[]).0;
+    let (average, trained) = run(Some(0.25), &rounds);
+    assert_eq!(trained, run(None, &rounds).0);
+    // the parameters after each of the four steps
+    let steps = [run(None, &[1]).0, run(None, &[1, 1]).0, run(None, &[1, 1, 1]).0, trained.clone()];
+    for (i, &got) in average.iter().enumerate() {
+        let expected = steps.iter().fold(start[i], |mean, step| mean + 0.25 * (step[i] - mean));
+        assert!((got - expected).abs() < 1e-6, "{i}: {got} {expected}");
+    }
+    assert_ne!(average, trained);
 }
 
 const SAMPLES: usize = 4000;
