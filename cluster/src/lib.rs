@@ -5,12 +5,13 @@
 //!
 //! - Distances. [`wasserstein1`] is the exact 1-Wasserstein distance with Euclidean ground cost and
 //!   equal weights, [`wasserstein1_gradient`] its gradient in the points. [`Wasserstein`] takes any
-//!   weights and reuses its memory. [`transport()`] and [`TransportSolver`] solve the same problem on a
-//!   given cost matrix. Each answer carries potentials that prove it optimal, and [`certify`]
+//!   weights and reuses its memory. [`transport()`] and [`TransportSolver`] solve the same problem
+//!   on a given cost matrix. Each answer carries potentials that prove it optimal, and [`certify`]
 //!   checks the proof before the answer is returned.
 //! - Comparison. [`joint_test`] is a permutation test of several sources of evidence, by whole
 //!   episodes, and [`changepoint_test`] one for a changepoint. [`assign_by_threshold`] is the
-//!   paper's rule of assignment. [`energy_distance_margin`] compares two groups from as little as one frame.
+//!   paper's rule of assignment. [`energy_distance_margin`] compares two groups from as little as
+//!   one frame.
 //! - Memory. [`Reservoir`] keeps a bounded uniform sample of the episodes of a group.
 
 mod assignment;

@@ -140,8 +140,8 @@ impl PolicyTest {
         self.first_observation().map(|test| test.score).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Returns the larger of two ratios, those of the distances of first images and of first
-    /// vectors to their means over random splits; 0 if neither was tested.
+    /// Returns the larger of two ratios, those of the distance of first images and of first vectors
+    /// to its mean over random splits; 0 if neither was tested.
     pub(crate) fn first_observation_ratio(&self) -> f64 {
         self.first_observation().map(SourceTest::ratio).fold(0.0, f64::max)
     }

@@ -87,8 +87,9 @@ pub(crate) fn rollouts_in_name(path: &Path) -> Option<usize> {
 /// Reads the newest intact checkpoint; `None` if the folder has no checkpoints.
 ///
 /// # Errors
-/// [`RunError::NoCheckpoint`] if none is intact, and every error of `read` but a
-/// [`RunError::Read`] that is not [transient](RunError::is_transient). So a checkpoint of a newer version of this crate is never skipped: its training would be lost.
+/// [`RunError::NoCheckpoint`] if none is intact, and every error of `read` but a [`RunError::Read`]
+/// that is not [transient](RunError::is_transient). So a checkpoint of a newer version of this
+/// crate is never skipped: its training would be lost.
 pub(crate) fn read_newest<T>(
     folder: &Path,
     read: impl Fn(&Path) -> Result<T, RunError>,

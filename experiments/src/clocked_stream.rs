@@ -12,8 +12,8 @@ use learner::TaskLabel;
 
 /// Vectorised environment of one run, which changes its task group as the schedule says.
 ///
-/// On [`StreamClock::EnvironmentTime`], group, variants and placements depend only on the seed and the
-/// number of decisions so far: they are drawn again from these whenever all episodes end.
+/// On [`StreamClock::EnvironmentTime`], group, variants and placements depend only on the seed and
+/// the number of decisions so far: they are drawn again from these whenever all episodes end.
 pub(crate) struct ClockedStream {
     stream: Stream,
     tasks: TaskRegistry,

@@ -1,4 +1,4 @@
-//! Colours and line strokes by number, for groups (in the order of the schedule) and methods.
+//! Colours and line styles by number, for groups (in the order of the schedule) and methods.
 
 /// Colours for light and dark pages that colour-blind readers can distinguish (Okabe and Ito,
 /// "Color Universal Design", 2008).
@@ -21,14 +21,14 @@ pub struct LineStyle {
 }
 
 impl LineStyle {
-    /// Returns the stroke of a solid line in `colour`.
+    /// Returns the style of a solid line in `colour`.
     pub fn solid(colour: &'static str) -> Self {
         Self { colour, dashes: String::new() }
     }
 }
 
 /// Returns the colour and dash pattern of curve `number`, which no other curve shares. The first
-/// eight lines are solid, the next eight dashed, and each later eight have one more dot between
+/// eight curves are solid, the next eight dashed, and each later eight have one more dot between
 /// dashes.
 pub fn curve_style(number: usize) -> LineStyle {
     let round = number / COLOURS.len();

@@ -142,7 +142,8 @@ impl RunFolder {
         Ok((self, Some(lock)))
     }
 
-    /// Returns the state of the folder's files, which changes as long as a process works on the run.
+    /// Returns the state of the folder's files, which changes as long as a process works on the
+    /// run.
     ///
     /// # Errors
     /// [`RunError::Read`].

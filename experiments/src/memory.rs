@@ -171,8 +171,8 @@ fn used() -> u64 {
     line_kibibytes(&status, "VmSize").unwrap_or(0) << 10
 }
 
-/// Returns the memory of the machine that programs can take (bytes), with free space of swap; `None`
-/// if the system does not report it.
+/// Returns the memory of the machine that programs can take (bytes), with free space of swap;
+/// `None` if the system does not report it.
 pub fn available_bytes() -> Option<u64> {
     available(&fs::read_to_string("/proc/meminfo").ok()?)
 }

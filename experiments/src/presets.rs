@@ -49,7 +49,7 @@ pub enum Method {
     /// Soft actor-critic with D2-equivariant policies, each with a replay buffer, assigned by
     /// distances.
     EquiSac,
-    /// COVERS with soft actor-critic: learns from fewer decisions.
+    /// COVERS with soft actor-critic: learns from fewer decisions than `covers`.
     CoversSac,
     /// COVERS as published: the paper's network, image size, assignment rule and hyper-parameters;
     /// slow.

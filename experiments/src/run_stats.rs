@@ -22,8 +22,8 @@ pub struct RunStats {
     #[serde(rename = "opened_for")]
     pub created_for_group: Vec<Option<String>>,
     /// For each policy, the one that it was merged into, as of the last iteration
-    /// ([`learner::IterationReport::merged_into`]). `correct_assignments` and own policies count a merged
-    /// policy as the one that acts for it.
+    /// ([`learner::IterationReport::merged_into`]). `correct_assignments` and own policies count a
+    /// merged policy as the one that acts for it.
     #[serde(default, rename = "heirs")]
     pub merged_into: Vec<Option<usize>>,
     /// Number of rollouts by task group and by the policy that served it, without those that span a

@@ -82,8 +82,8 @@ pub struct Visit {
 }
 
 impl Schedule {
-    /// Creates a shuffled schedule on [`StreamClock::EnvironmentTime`] with all variants of these groups;
-    /// each pair holds a group and the decisions of one visit.
+    /// Creates a shuffled schedule on [`StreamClock::EnvironmentTime`] with all variants of these
+    /// groups; each pair holds a group and the decisions of one visit.
     pub fn shuffled(cycles: usize, visits: &[(TaskGroup, usize)]) -> Self {
         let groups = visits.iter().map(|(group, decisions)| GroupSchedule {
             group: group.name().to_owned(),
@@ -179,8 +179,8 @@ impl Schedule {
         plan.is_some_and(|plan| plan.variants.contains(&element))
     }
 
-    /// Draws the visits of the whole training stream, in order. [`VisitOrder::Switching`] may switch
-    /// groups every `period` decisions. The schedule must have passed [`Schedule::check`].
+    /// Draws the visits of the whole training stream, in order. [`VisitOrder::Switching`] may
+    /// switch groups every `period` decisions. The schedule must have passed [`Schedule::check`].
     pub fn draw_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
         match self.order {
             VisitOrder::Fixed => (0..self.cycles)

@@ -121,7 +121,8 @@ fn a_saved_learner_continues_alike() {
     let single = OffPolicySettings { grouping: GroupingSettings::Single, ..sorting() };
     let context = Some(ContextSettings { size: 8, length: 3 });
     assert_continues_alike(sorting(), Bars::new(), "off-policy");
-    let with_context = OffPolicySettings { context, ..single.clone() };
+    let mut with_context = OffPolicySettings { context, ..single.clone() };
+    with_context.sac.average_rate = Some(0.1);
     assert_continues_alike(with_context, Bars::new(), "off-policy-context");
     for env in Bars::half_blind() {
         assert_continues_alike(single.clone(), env, "off-policy-half-blind");

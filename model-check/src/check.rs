@@ -34,7 +34,7 @@ impl Default for CheckSettings {
     }
 }
 
-/// Result of the comparison of a model's left and right side.
+/// Result of the comparison of a model's left and right sides.
 #[derive(Clone, Debug, Serialize)]
 pub struct ModelCheck {
     /// Plane and counterparts, in the form of a file of corrections.

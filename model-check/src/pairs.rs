@@ -178,8 +178,8 @@ impl Finder<'_> {
         }
     }
 
-    /// Returns the priority of a pair, the lower the better, and its distance: 0 by corrections, 1 by
-    /// names, 2 by nearness, 3 for the rest. `None` if the two cannot be counterparts.
+    /// Returns the priority of a pair, the lower the better, and its distance: 0 by corrections, 1
+    /// by names, 2 by nearness, 3 for the rest. `None` if the two cannot be counterparts.
     fn rank(&self, kind: Kind, one: usize, other: usize, pairs: &Pairs) -> Option<(u8, f64)> {
         let given = [(one, other), (other, one)]
             .map(|(from, to)| self.forced.get(&(kind, from)).map(|&at| at == to));

@@ -323,7 +323,7 @@ pub enum RenderError {
     },
 }
 
-/// Error of a [`OpenGlBackend`] in making or using an OpenGL context.
+/// Error of an [`OpenGlBackend`] in making or using an OpenGL context.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ContextError {

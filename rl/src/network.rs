@@ -37,8 +37,8 @@ use crate::trunk::{
 /// an ordinary one of the same width, whose pooling does nothing.
 ///
 /// The network owns no weights. Parameters are one flat slice: the image encoder's
-/// ([`ActorCritic::encoder_param_range`]), then all others ([`ActorCritic::head_param_range`]), the last A of
-/// which are log_std.
+/// ([`ActorCritic::encoder_param_range`]), then all others ([`ActorCritic::head_param_range`]), the
+/// last A of which are log_std.
 pub struct ActorCritic<T> {
     pub(crate) trunk: Trunk<T>,
     pub(crate) actor: Sequential<T>,

@@ -127,8 +127,8 @@ impl ReplayBuffer {
     }
 
     /// Samples the indices of `batch` steps with replacement: a share `newest` in [0, 1], rounded,
-    /// from the newest experience ([`ReplayBuffer::start_newest_experience`]), the others from all steps. If
-    /// there is no newest experience, all are drawn from all steps.
+    /// from the newest experience ([`ReplayBuffer::start_newest_experience`]), the others from all
+    /// steps. If there is no newest experience, all are drawn from all steps.
     ///
     /// # Panics
     /// If the buffer is empty.

@@ -73,7 +73,9 @@ pub struct Sac {
 
 impl Sac {
     /// Creates soft actor-critic with fresh optimiser state, which trains `policy` or its clones;
-    /// the target critics start equal to the policy's critics.
+    /// the target critics start equal to the policy's critics. With
+    /// [`SacSettings::average_rate`], the trained parameters start equal to the policy's and are
+    /// kept here: later changes to the policy's do not reach them.
     ///
     /// # Errors
     /// [`RlError::InvalidSetting`] if a setting is out of range.
@@ -325,6 +327,7 @@ impl Algorithm for Sac {
         let stats = self.take_steps(policy, &mut params, replay, rng);
         policy.params_mut().swap_with_slice(&mut params);
         self.trained_params = params;
+        check_all_finite("an averaged parameter after the update", policy.params())?;
         stats
     }
 

@@ -78,9 +78,10 @@ impl SweepPlan {
     /// Returns the jobs of the plan after checking all of them.
     ///
     /// # Errors
-    /// [`RunError::InvalidSetting`] for a plan without methods or seeds, with more than 100,000 jobs,
-    /// with duplicate methods, seeds or variants, with variants of equal settings, with a variant's
-    /// name that no folder can have, or with a seed in `set`; errors of [`Experiment::check`].
+    /// [`RunError::InvalidSetting`] for a plan without methods or seeds, with more than 100,000
+    /// jobs, with duplicate methods, seeds or variants, with variants of equal settings, with a
+    /// variant's name that no folder can have, or with a seed in `set`; errors of
+    /// [`Experiment::check`].
     pub fn jobs(&self) -> Result<Vec<SweepJob>, RunError> {
         let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::all());
         // All methods and variants before the first one runs, so that no sweep fails after days.
@@ -324,7 +325,8 @@ mod tests {
     }
 
     /// Seeds below 1000 are reserved for published results: ten for the efficiency of COVERS, with
-    /// PPO and with SAC, and for other groupings; for the table, five for methods with PPO and three for all others.
+    /// PPO and with SAC, and for other groupings; for the table, five for methods with PPO and
+    /// three for all others.
     #[test]
     fn the_plans_of_the_table_run_every_method_on_the_same_stream() {
         let (tables, others): (Vec<_>, Vec<_>) =

@@ -23,7 +23,8 @@ const PIVOTS_PER_NODE: usize = 1000;
 /// The answer is exact up to rounding and carries its own proof; see [`certify`](crate::certify).
 /// Huge costs that forbid a pair do not reduce the precision: if they would, the problem is solved
 /// again with such costs lowered. Among costs that the optimum uses, differences below some 1e-14
-/// of the largest are lost in rounding. [`TransportSolver`] reuses its memory from problem to problem.
+/// of the largest are lost in rounding. [`TransportSolver`] reuses its memory from problem to
+/// problem.
 ///
 /// # Errors
 /// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a

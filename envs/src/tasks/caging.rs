@@ -58,7 +58,8 @@ fn with_pads([right, left]: [f64; 2], start: &EpisodeStart, now: &Measurement, f
 /// Height by which an object is lifted (metres).
 const LIFTED: f64 = 0.01;
 
-/// Returns `true` if the object is within `reach` (metres) of fingertips that are not fully closed.
+/// Returns `true` if the object is within `reach` (metres) of the point between the fingertips,
+/// which are not fully closed.
 pub(super) fn is_held(now: &Measurement, reach: f64) -> bool {
     // as in Meta-World, fingers that closed on nothing hold nothing
     now.object.distance(now.tcp) < reach && now.aperture > 0.0
@@ -95,7 +96,8 @@ pub(super) fn come_down(hand: DVec3, aim: DVec3, clearance: f64) -> Option<DVec3
     }
 }
 
-/// Returns `true` if the hand is within `reach` (metres) of `aim` horizontally, and not above it.
+/// Returns `true` if the hand is within `reach` (metres) of `aim` horizontally, and at most 3 cm
+/// above it.
 pub(super) fn is_down_at(hand: DVec3, aim: DVec3, reach: f64) -> bool {
     (hand - aim).truncate().length() < reach && hand.z - aim.z < HEIGHT_TOLERANCE
 }

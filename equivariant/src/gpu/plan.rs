@@ -56,8 +56,9 @@ pub(crate) enum SharedBuffer {
 ///
 /// Layers are added one after the other. Parameters are stored in the order of the kernels, with
 /// zeros where a WGSL vector has no parameter;
-/// [`params_to_device_order`](ComputePlan::params_to_device_order) converts parameters of the CPU to this
-/// order and [`params_from_device_order`](ComputePlan::params_from_device_order) converts them back.
+/// [`params_to_device_order`](ComputePlan::params_to_device_order) converts parameters of the CPU
+/// to this order and [`params_from_device_order`](ComputePlan::params_from_device_order) converts
+/// them back.
 #[derive(Debug)]
 pub struct ComputePlan {
     /// Lengths of all GPU buffers, by slot.

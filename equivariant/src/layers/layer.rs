@@ -91,8 +91,8 @@ pub trait Layer<T: Scalar>: LayerSignature {
     /// respect to the input into `dx`, if given.
     ///
     /// `x` and `y` are those of the forward pass and `dy` is the gradient with respect to `y`. If
-    /// the layer [keeps its scratch](LayerSignature::backward_reads_scratch), `scratch` must be unchanged
-    /// since `forward` of the same samples, or a clone of it.
+    /// the layer [keeps its scratch](LayerSignature::backward_reads_scratch), `scratch` must be
+    /// unchanged since `forward` of the same samples, or a clone of it.
     ///
     /// # Panics
     /// When a slice has a wrong length, or the scratch is for fewer samples. If the layer keeps its

@@ -140,8 +140,9 @@ impl OffPolicySettings {
         }
     }
 
-    /// Returns the settings of the method `covers-sac`: equivariant policies that are trained from
-    /// few decisions by two gradient steps for each, a learned temperature and a slow image encoder.
+    /// Returns the settings of the method `covers-sac`: equivariant policies that learn from few
+    /// decisions by two gradient steps for each, with a learned temperature, a slow image encoder
+    /// and a moving average as the policy.
     pub fn covers_sac() -> Self {
         let equi = Self::equi_sac();
         Self {
@@ -151,7 +152,7 @@ impl OffPolicySettings {
                 burn_in: 500,
                 // the critics drag the encoder along, and features that move fast mislead the actor
                 encoder_learning_rate: Some(2e-4),
-                // what is trained still moves when the group is learnt, and its average does not
+                // what is trained still moves when the group is learnt, and its average moves less
                 average_rate: Some(0.02),
                 temperature: Temperature::Learned { initial: 0.02, target: 0.3 },
                 // gradients of equivariant networks are the same for every image of a step

@@ -261,7 +261,8 @@ struct UpdateSize {
     minibatches: usize,
 }
 
-/// Kernels of a PPO update in a [`ComputePlan`] for a GPU, and the buffers that they share with the CPU.
+/// Kernels of a PPO update in a [`ComputePlan`] for a GPU, and the buffers that they share with the
+/// CPU.
 struct UpdatePlan {
     plan: ComputePlan,
     buffers: UpdateBuffers,

@@ -13,7 +13,8 @@ use crate::replay::{ReplayBuffer, ReplaySettings, StepId};
 pub struct ReplayState<'a> {
     /// Number of steps ever recorded, dropped ones included.
     pub num_recorded: u64,
-    /// Number of recorded steps older than the newest experience ([`ReplayBuffer::start_newest_experience`]).
+    /// Number of recorded steps older than the newest experience
+    /// ([`ReplayBuffer::start_newest_experience`]).
     pub num_before_newest: u64,
     /// Index in `stored_episodes` of each environment's running episode, `[N]`; `None` where none
     /// is running.

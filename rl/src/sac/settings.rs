@@ -24,10 +24,10 @@ pub struct SacSettings {
     /// Number of consecutive steps of an episode in each window of a minibatch, a divisor of
     /// `batch`. The first step is drawn; an episode's last held step is followed by its first, so
     /// that every step is drawn equally often. A window of the newest steps of an episode with a
-    /// [`ReplayBuffer::start_newest_experience`](crate::ReplayBuffer::start_newest_experience) may thus reach back before
-    /// the mark. Steps of a window share observations, each of which is encoded once: a window of w
-    /// steps takes w + 1 observations, or w + 1 + L with a context of L steps, instead of 2 w or (2
-    /// + L) w.
+    /// [`ReplayBuffer::start_newest_experience`](crate::ReplayBuffer::start_newest_experience) may
+    /// thus reach back before the mark. Steps of a window share observations, each of which is
+    /// encoded once: a window of w steps takes w + 1 observations, or w + 1 + L with a context of L
+    /// steps, instead of 2 w or (2 + L) w.
     pub window: usize,
     /// Number of gradient steps for each recorded step, in [0, 1000]; below 1, several recorded
     /// steps share a gradient step. Counts all steps ever recorded
@@ -59,9 +59,10 @@ pub struct SacSettings {
     /// Temperature alpha, the weight of the entropy in the actor's objective: fixed or learned.
     pub temperature: Temperature,
     /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
-    /// the last [`ReplayBuffer::start_newest_experience`](crate::ReplayBuffer::start_newest_experience); the others are
-    /// drawn from all. Rounded to whole windows: for 512 steps in windows of four, to a multiple of
-    /// 1 / 128.
+    /// the last
+    /// [`ReplayBuffer::start_newest_experience`](crate::ReplayBuffer::start_newest_experience); the
+    /// others are drawn from all. Rounded to whole windows: for 512 steps in windows of four, to a
+    /// multiple of 1 / 128.
     pub newest_share: f32,
     /// Symmetry group for data augmentation: a random element transforms images, vectors and
     /// actions of each window. C1 for none.

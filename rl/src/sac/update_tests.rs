@@ -166,40 +166,58 @@ fn the_image_encoder_learns_at_its_own_rate() {
     }
 }
 
-/// The averaged parameters change nothing in what is trained: two calls of an update, the second
-/// one with a state that was saved and restored, train as without the average.
+/// Averaging changes nothing in what is trained, also if the state is saved and restored midway.
 #[test]
 fn a_policy_with_an_average_rate_is_the_moving_average_of_what_is_trained() {
-    let run = |average_rate: Option<f32>, rounds: &[u64]| {
-        let settings =
-            SacSettings { burn_in: 0, updates_per_step: 1.0, average_rate, ..drawn_settings(2) };
-        let network = fixtures::settings(Group::D2, fixtures::strided());
+    // updates until there were `totals` gradient steps, each with a restored state
+    let run = |average_rate: Option<f32>, totals: &[u32]| {
+        let (network, replay) =
+            (fixtures::settings(Group::D2, fixtures::strided()), fixtures::replay());
         let mut policy = SacPolicy::new(&network, None, &fixtures::spec(), 3).unwrap();
-        let mut sac = Sac::new(settings.clone(), &policy).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(5);
-        let replay = fixtures::replay();
-        let steps = sac.gradient_steps_due(replay.num_recorded());
-        for &round in rounds {
-            let mut restored = Sac::new(settings.clone(), &policy).unwrap();
-            restored.restore(&sac.save()).unwrap();
-            sac = restored;
-            // leaves `round` gradient steps to this update
-            sac.optimiser.steps = steps - round;
+        let mut last: Option<Sac> = None;
+        for &total in totals {
+            let updates_per_step = total as f32 / replay.num_recorded() as f32;
+            let settings =
+                SacSettings { burn_in: 0, updates_per_step, average_rate, ..drawn_settings(2) };
+            let mut sac = Sac::new(settings, &policy).unwrap();
+            if let Some(saved) = &last {
+                sac.restore(&saved.save()).unwrap();
+            }
             sac.update(&mut policy, &replay, &mut rng).unwrap();
+            assert_eq!(sac.optimiser.steps, u64::from(total));
+            last = Some(sac);
         }
-        (policy.params().to_vec(), sac.trained_params)
+        (policy.params().to_vec(), last.map(|sac| sac.trained_params).unwrap_or_default())
     };
-    let rounds = [1, 1, 2];
     let start = run(None, &[]).0;
-    let (average, trained) = run(Some(0.25), &rounds);
-    assert_eq!(trained, run(None, &rounds).0);
-    // the parameters after each of the four steps
-    let steps = [run(None, &[1]).0, run(None, &[1, 1]).0, run(None, &[1, 1, 1]).0, trained.clone()];
+    let steps = [1, 2, 3, 4].map(|total| run(None, &[total]).0);
+    let (average, trained) = run(Some(0.25), &[2, 4]);
+    assert_eq!(trained, steps[3]);
     for (i, &got) in average.iter().enumerate() {
         let expected = steps.iter().fold(start[i], |mean, step| mean + 0.25 * (step[i] - mean));
-        assert!((got - expected).abs() < 1e-6, "{i}: {got} {expected}");
+        assert_eq!(got, expected, "{i}");
     }
     assert_ne!(average, trained);
+}
+
+/// The average and what is trained change places during an update, and come back after an error.
+#[test]
+fn an_update_that_fails_leaves_the_average_in_its_policy() {
+    let network = fixtures::settings(Group::D2, fixtures::strided());
+    let mut policy = SacPolicy::new(&network, None, &fixtures::spec(), 3).unwrap();
+    let settings = SacSettings { burn_in: 0, average_rate: Some(0.5), ..drawn_settings(2) };
+    let mut sac = Sac::new(settings, &policy).unwrap();
+    let (average, mut rng) = (policy.params().to_vec(), ChaCha8Rng::seed_from_u64(5));
+    *sac.trained_params.last_mut().unwrap() = f32::NAN;
+    sac.update(&mut policy, &fixtures::replay(), &mut rng).unwrap_err();
+    assert_eq!(policy.params(), average);
+    assert!(sac.trained_params.last().unwrap().is_nan());
+    // an average that is no number is noticed, too, although it is not trained
+    let mut whole = Sac::new(sac.settings().clone(), &policy).unwrap();
+    policy.params_mut()[0] = f32::NAN;
+    let error = whole.update(&mut policy, &fixtures::replay(), &mut rng).unwrap_err();
+    assert!(error.to_string().contains("averaged parameter"), "{error}");
 }
 
 const SAMPLES: usize = 4000;
