@@ -46,8 +46,8 @@ pub enum Method {
     #[value(name = "3rl")]
     #[serde(rename = "3rl")]
     ThreeRl,
-    /// Soft actor-critic with D2-equivariant policies, each with a replay buffer, assigned by
-    /// distances.
+    /// Soft actor-critic with D2-equivariant policies, each with a replay buffer, assigned as in
+    /// COVERS.
     EquiSac,
     /// COVERS with soft actor-critic: learns from fewer decisions than `covers`.
     CoversSac,
@@ -198,8 +198,8 @@ pub enum Budget {
     #[value(name = "table")]
     #[serde(rename = "table")]
     TableProtocol,
-    /// Training on one variant of each group, two visits each, 174,000 decisions; the other
-    /// variants appear in evaluations only.
+    /// Training on one variant of each group, two visits each, 174,000 decisions (40,000 of
+    /// `covers-sac`); the other variants appear in evaluations only.
     ZeroShot,
     /// Ten groups in which nothing is held, two visits each, 886,000 decisions.
     Ten,
