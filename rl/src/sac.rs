@@ -319,7 +319,7 @@ impl Algorithm for Sac {
     ) -> Result<SacStats, RlError> {
         check_params_fit_network(self.gradient.len(), policy.params().len())?;
         policy.network().spec().check_compatible(replay.spec())?;
-        if self.trained_params.is_empty() {
+        if self.settings.average_rate.is_none() {
             return self.take_steps(policy, &mut [], replay, rng);
         }
         let mut params = std::mem::take(&mut self.trained_params);
@@ -327,8 +327,9 @@ impl Algorithm for Sac {
         let stats = self.take_steps(policy, &mut params, replay, rng);
         policy.params_mut().swap_with_slice(&mut params);
         self.trained_params = params;
+        let stats = stats?;
         check_all_finite("an averaged parameter after the update", policy.params())?;
-        stats
+        Ok(stats)
     }
 
     /// Returns both moments of Adam, its number of steps, the target critics, the trained
@@ -337,7 +338,7 @@ impl Algorithm for Sac {
         let alpha = &self.alpha_optimiser;
         let mut state = self.optimiser.save();
         state.tensors.push((TARGET_PARAMS, &self.target_params));
-        if !self.trained_params.is_empty() {
+        if self.settings.average_rate.is_some() {
             state.tensors.push((TRAINED_PARAMS, &self.trained_params));
         }
         // a fixed temperature has no state, so a state with a learned one does not fit it

@@ -63,8 +63,8 @@ fn names_width(run: &RunData) -> u16 {
     2 + names.max().unwrap_or(0).min(99) as u16
 }
 
-/// Draws a table with a row for each group: policy, reward and success of its latest rollout, and
-/// the mean success of its variants in the latest evaluation.
+/// Draws a table with a row for each group: its number of rollouts, policy, reward and success of
+/// the latest of them, and the mean success of its variants in the latest evaluation.
 pub fn draw_groups(run: &RunData, frame: &mut Frame, area: Rect) {
     let plans = run.experiment.schedule.groups.iter();
     let rows = plans.map(|plan| group_row(run, &plan.group));
