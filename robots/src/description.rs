@@ -62,6 +62,18 @@ pub struct Inertia {
     pub tensor: DMat3,
 }
 
+impl Inertia {
+    /// Returns the inertia with the axes of another frame, in which the link's frame has `pose`.
+    pub(crate) fn in_frame(&self, pose: &Pose) -> Self {
+        let turn = DMat3::from_quat(pose.rotation);
+        Self {
+            mass: self.mass,
+            centre_of_mass: pose.transform_point(self.centre_of_mass),
+            tensor: turn * self.tensor * turn.transpose(),
+        }
+    }
+}
+
 /// Joint that fixes a link to its parent, or lets it move.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {

@@ -86,8 +86,43 @@ impl RobotDescription {
                 }
             }
         };
-        let inertias = self.links.iter().enumerate().map(inertia).collect();
+        let mut inertias = self.links.iter().enumerate().map(inertia).collect::<Vec<_>>();
+        for link in (1..bodies.len()).filter(|&link| bodies[link] == link) {
+            findings.extend(self.bring_mass_near(link, &bodies, &mut inertias));
+        }
         (inertias, findings)
+    }
+
+    /// Gives a moving link the inertia of the next link of its rigid body that has one, if neither
+    /// it nor a link fixed to it directly does: MuJoCo 2.2.2 looks for mass no further. Returns the
+    /// finding about it.
+    fn bring_mass_near(
+        &self,
+        link: usize,
+        bodies: &[usize],
+        inertias: &mut [Option<Inertia>],
+    ) -> Option<InertiaFinding> {
+        let owner =
+            (link..bodies.len()).find(|&of| bodies[of] == link && inertias[of].is_some())?;
+        let is_near = |of: usize| of == link || self.joints[of - 1].parent == link;
+        if (link..bodies.len())
+            .any(|of| bodies[of] == link && is_near(of) && inertias[of].is_some())
+        {
+            return None;
+        }
+        let mut pose = Pose::IDENTITY;
+        let mut ancestor = owner;
+        while ancestor != link {
+            let joint = &self.joints[ancestor - 1];
+            (pose, ancestor) = (joint.origin * pose, joint.parent);
+        }
+        inertias[link] = inertias[owner].take().map(|own| own.in_frame(&pose));
+        let [from, to] = [owner, link].map(|of| &self.links[of].name);
+        let note = format!(
+            "`<inertial>` of the link `{from}`: simulated as part of the link `{to}`, to which it \
+             is fixed by links without mass"
+        );
+        Some(InertiaFinding { link: owner, error: None, note })
     }
 
     /// Returns, for each link, the first link of the rigid body that it belongs to.

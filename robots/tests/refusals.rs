@@ -1,8 +1,9 @@
 //! Invalid files: each causes a clear error.
 
 use std::path::Path;
+use std::sync::Arc;
 
-use mujoco::Model;
+use mujoco::{Data, Model};
 use robots::{
     Chain, ControlSettings, JointMotion, MAX_URDF_BYTES, MjcfSettings, Pose, PositionSource,
     RobotDescription, Servo, Shape, TwistController, UrdfSettings,
@@ -347,6 +348,40 @@ fn frames_need_no_mass() {
     Model::from_xml(&mjcf).unwrap();
     let masses: Vec<&str> = mjcf.split(" mass=").skip(1).collect();
     assert!(masses.len() == 1 && masses[0].starts_with("\"0.7\""), "{mjcf}");
+}
+
+/// MuJoCo looks for the mass of a moving link in it and in links fixed to it directly. With a
+/// milligram between, it finds a mass further out where it is, and the arm falls alike.
+#[test]
+fn a_mass_behind_a_frame_moves_as_where_it_is() {
+    let arm = |flange: &str| {
+        read(&format!(
+            r#"<robot><link name="floor"/><link name="tip"/><link name="flange">{flange}</link>
+            <link name="gun"><inertial><origin xyz="0.1 0.2 0.3" rpy="0.1 0.2 0.3"/>
+            <mass value="0.7"/><inertia ixx="0.01" iyy="0.02" izz="0.025" ixy="1e-3" ixz="0"
+            iyz="0"/></inertial></link>
+            <joint name="spin" type="continuous"><parent link="floor"/><child link="tip"/>
+            <axis xyz="0 1 0"/></joint>
+            <joint name="fix" type="fixed"><origin xyz="0.3 0 0.1" rpy="0.4 1 -2"/>
+            <parent link="tip"/><child link="flange"/></joint>
+            <joint name="hold" type="fixed"><origin xyz="0 0.2 0" rpy="1 0.3 0.2"/>
+            <parent link="flange"/><child link="gun"/></joint></robot>"#
+        ))
+    };
+    let fall = |arm: &RobotDescription| {
+        let mjcf = arm.to_mjcf(&MjcfSettings::default()).unwrap();
+        let mut data = Data::new(Arc::new(Model::from_xml(&mjcf.text).unwrap()));
+        data.step(200).unwrap();
+        data.qpos()[0]
+    };
+    let inertia = r#"<inertia ixx="1e-9" iyy="1e-9" izz="1e-9" ixy="0" ixz="0" iyz="0"/>"#;
+    let near = arm(&format!(r#"<inertial><mass value="1e-6"/>{inertia}</inertial>"#));
+    let far = arm("");
+    assert_eq!(near.notes(), &[] as &[String]);
+    let [note] = far.notes() else { panic!("{:?}", far.notes()) };
+    assert!(note.contains("of the link `gun`: simulated as part of the link `tip`"), "{note}");
+    let (got, expected) = (fall(&far), fall(&near));
+    assert!(expected.abs() > 0.5 && (got - expected).abs() < 1e-4, "{got} {expected}");
 }
 
 #[test]

@@ -115,15 +115,24 @@ impl Draw {
             let moves = link > 0 && kind != "fixed";
             let massive = moves || self.chance(0.3);
             let mut inertial = if massive { self.inertial() } else { String::new() };
-            // some links that move have their mass on a link that is fixed to them
+            // some links that move have their mass on a link that is fixed to them, at times by
+            // frames without mass
             let mut load = String::new();
             if moves && self.chance(0.2) {
-                let (origin, inertial) = (self.origin(), std::mem::take(&mut inertial));
-                let (parent, child) = (name(link), format!("link=\"load {link}\""));
-                load = format!(
-                    "<link name=\"load {link}\">{inertial}</link><joint name=\"hold {link}\" \
-                     type=\"fixed\">{origin}<parent link=\"{parent}\"/><child {child}/></joint>"
-                );
+                let mut parent = name(link);
+                for depth in (0..self.0.random_range(1..4)).rev() {
+                    let child = format!("load {link} {depth}");
+                    let own =
+                        if depth == 0 { std::mem::take(&mut inertial) } else { String::new() };
+                    let _ = write!(
+                        load,
+                        "<link name=\"{child}\">{own}</link><joint name=\"hold {child}\" \
+                         type=\"fixed\">{}<parent link=\"{parent}\"/><child link=\"{child}\"/>\
+                         </joint>",
+                        self.origin()
+                    );
+                    parent = child;
+                }
             }
             let shapes = if self.chance(0.7) { self.shapes(sizes) } else { String::new() };
             let _ = write!(urdf, "<link name=\"{}\">{inertial}{shapes}</link>{load}", name(link));

@@ -44,11 +44,10 @@ pub(super) fn link(
 fn inertia(stated: &urdf_rs::Inertial) -> Option<Inertia> {
     let urdf_rs::Inertia { ixx, ixy, ixz, iyy, iyz, izz } = stated.inertia;
     let own = DMat3::from_cols_array(&[ixx, ixy, ixz, ixy, iyy, iyz, ixz, iyz, izz]);
-    let (mass, pose) = (stated.mass.value, pose(&stated.origin));
-    let turn = DMat3::from_quat(pose.rotation);
-    let tensor = turn * own * turn.transpose();
+    let mass = stated.mass.value;
     let is_massive = mass > 0.0 || own != DMat3::ZERO;
-    is_massive.then_some(Inertia { mass, centre_of_mass: pose.position, tensor })
+    let about_centre = Inertia { mass, centre_of_mass: DVec3::ZERO, tensor: own };
+    is_massive.then(|| about_centre.in_frame(&pose(&stated.origin)))
 }
 
 /// Converts a shape other than a mesh. A repair enlarges sizes to [`MIN_SHAPE_SIZE`]; without it,
