@@ -22,7 +22,7 @@ use rl::Ranks;
 
 /// Subcommands that work on learners.
 #[derive(Clone, Debug, Subcommand)]
-pub enum Command {
+pub enum LearnerCommand {
     /// Trains on a stream, and writes settings, metrics, scores and checkpoints to a folder.
     Train(TrainOptions),
     /// Resumes an interrupted run from its newest intact checkpoint.
@@ -95,7 +95,7 @@ pub struct PackOptions {
     pub episodes: usize,
 }
 
-impl Command {
+impl LearnerCommand {
     /// Runs the command and prints to `out`.
     ///
     /// # Errors

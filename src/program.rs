@@ -6,7 +6,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::CoversError;
 use crate::check::Check;
-use crate::commands::Command;
+use crate::commands::LearnerCommand;
 use crate::completions::CompletionsOptions;
 use crate::doctor::DoctorOptions;
 use crate::export::ExportOptions;
@@ -44,7 +44,7 @@ pub struct Program {
 #[derive(Debug, Subcommand)]
 enum Subcommands {
     #[command(flatten)]
-    Learner(Command),
+    Learner(LearnerCommand),
     /// Runs the policies of a run on a robot with a camera.
     Deploy(DeployOptions),
     /// Calibrates a robot's camera with a ball that the arm carries.
@@ -115,7 +115,7 @@ impl Program {
             | Subcommands::Render(_)
             | Subcommands::Export(_)
             | Subcommands::Check(_) => true,
-            Subcommands::Learner(Command::Report(report)) => report.films,
+            Subcommands::Learner(LearnerCommand::Report(report)) => report.films,
             // runs and evaluations check what their threads need, and the doctor reports it
             Subcommands::Learner(_)
             | Subcommands::Doctor(_)

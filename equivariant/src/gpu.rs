@@ -28,7 +28,7 @@ mod timer;
 pub use adapter::{Adapter, AdapterKind, available_adapters};
 pub use device::Device;
 pub use error::GpuError;
-pub use kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupCount};
+pub use kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupFormula};
 pub use network::{GpuLayer, LayerGradients};
 pub use plan::{ComputePlan, Tensor};
 pub use program::{BatchUniforms, CompiledPlan, PassSelection};

@@ -137,7 +137,8 @@ impl ClockedStream {
         });
     }
 
-    /// Starts the training iteration with index `iteration` in the visit with index `index`.
+    /// Starts training iteration `iteration` of the run; on the learner's clock, enters the visit
+    /// with index `index`.
     ///
     /// # Errors
     /// Errors of the environments.

@@ -97,7 +97,8 @@ impl Data {
         check_finite(Quantity::Qacc, self.values(&QACC))
     }
 
-    /// Computes the positions of bodies, geoms, sites and cameras from the state, and nothing else.
+    /// Computes the poses of bodies, geoms, sites, cameras and lights from the state, without
+    /// velocities or forces.
     ///
     /// Sufficient for observing and rendering, several times cheaper than [`Data::forward`], and
     /// without effect on the state. Cameras and lights that track a centre of mass need `forward`.

@@ -110,7 +110,7 @@ impl EpisodeRecorder {
         views.iter().map(cell).collect()
     }
 
-    /// Returns the simulated table of the episode.
+    /// Returns the environment of the recorded episode, a table with the simulation.
     pub fn table(&self) -> &TableTop {
         &self.table
     }

@@ -85,7 +85,7 @@ pub use ppo::settings::{LearningRateSchedule, PpoSettings};
 pub use ppo::stats::PpoStats;
 pub use ppo::symmetry_loss::SymmetryLoss;
 pub use ranks::{Communicator, Ranks};
-pub use replay::state::{EpisodeState, ReplayState};
+pub use replay::state::{ReplayState, StoredEpisode};
 pub use replay::{ReplayBuffer, ReplaySettings, ReplayStep};
 pub use rollout::{
     EpisodeStats, Experience, MAX_ABS_RETURN, MIN_ABS_RETURN, RewardWarning, RolloutState,

@@ -245,7 +245,7 @@ impl ReplayBuffer {
         let episode = &mut self.stored_episodes[(number - self.first_episode) as usize];
         self.step_order.push_back(StepId {
             episode: number,
-            step: (episode.removed + episode.steps()) as u32,
+            step: (episode.removed + episode.num_steps()) as u32,
         });
         episode.push(&self.sizes, action, reward, outcome, image, vector);
         self.running_episodes[env] = (!outcome.is_ended()).then_some(number);
@@ -399,7 +399,7 @@ impl<'a> ReplayStep<'a> {
     /// [`ReplayBuffer::cut_episodes`](crate::ReplayBuffer::cut_episodes), an episode's last step
     /// stays [`StepOutcome::Running`].
     pub fn outcome(&self) -> StepOutcome {
-        if self.step + 1 == self.episode.steps() {
+        if self.step + 1 == self.episode.num_steps() {
             self.episode.outcome
         } else {
             StepOutcome::Running
@@ -433,7 +433,7 @@ impl<'a> ReplayStep<'a> {
     /// circle: the first of them follows the last. The wrap-around makes the result uniformly
     /// distributed if this step is.
     pub(crate) fn wrapping_later(&self, count: usize) -> Self {
-        let first = self.episode.steps() - self.episode.num_held;
+        let first = self.episode.num_steps() - self.episode.num_held;
         let step = first + (self.step - first + count) % self.episode.num_held;
         Self { step, ..*self }
     }

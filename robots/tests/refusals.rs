@@ -368,8 +368,8 @@ fn a_mass_behind_a_frame_moves_as_where_it_is() {
             <parent link="flange"/><child link="gun"/></joint></robot>"#
         ))
     };
-    let fall = |arm: &RobotDescription| {
-        let mjcf = arm.to_mjcf(&MjcfSettings::default()).unwrap();
+    let fall = |robot: &RobotDescription| {
+        let mjcf = robot.to_mjcf(&MjcfSettings::default()).unwrap();
         let mut data = Data::new(Arc::new(Model::from_xml(&mjcf.text).unwrap()));
         data.step(200).unwrap();
         data.qpos()[0]

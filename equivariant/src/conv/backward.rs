@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::conv::gradient_loader::{GradientBuffers, GradientLoader};
+use crate::conv::gradient_loader::{ConvGradientScratch, GradientLoader};
 use crate::conv::maps::{Arena, ConvInput, FeatureMapsMut, PixelCursor};
 use crate::conv::operands::ConvBackward;
 use crate::conv::r2_conv::R2Conv;
@@ -29,7 +29,7 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, is_blocked: bool) -> us
     let of_lines =
         |lines: &FoldedLines| lines.blocked_len() + lines.columns_per_window() * width * LANES;
     let line = patches.folded_lines.as_ref().map_or(0, of_lines);
-    GradientBuffers::<f32>::scratch_len(conv) + images * patches.blocked_len() + line
+    ConvGradientScratch::<f32>::scratch_len(conv) + images * patches.blocked_len() + line
 }
 
 impl<'a, T: Real> ConvBackward<'a, T> {
@@ -40,7 +40,7 @@ impl<'a, T: Real> ConvBackward<'a, T> {
         let (conv, patches) = (self.conv, &self.conv.patches);
         let mut arena = Arena::new(std::mem::take(&mut self.scratch));
         let products = GradientProducts::<T, L, G>::new(lanes, &self, &mut arena);
-        let mut buffers = GradientBuffers::new(&mut self, &mut arena, ROWS);
+        let mut buffers = ConvGradientScratch::new(&mut self, &mut arena, ROWS);
         let loader = GradientLoader::<T, L, G>::new(lanes, conv, self.dy, self.masks);
         // images in another layout are converted here, a few at a time
         let (together, own, own_gradient) = match self.x {
@@ -101,7 +101,7 @@ impl<T: Real, L: Lanes<T>> BackwardPanels<'_, T, L> {
         &self,
         loader: &GradientLoader<T, L, G>,
         products: &GradientProducts<T, L, G>,
-        buffers: &mut GradientBuffers<T>,
+        buffers: &mut ConvGradientScratch<T>,
         mut gradient: Option<&mut [T]>,
     ) {
         let (patches, pixels) = (&self.conv.patches, loader.pixels_per_image);
@@ -129,7 +129,7 @@ impl<T: Real, L: Lanes<T>> BackwardPanels<'_, T, L> {
         &self,
         windows: &[usize],
         products: &GradientProducts<T, L, G>,
-        buffers: &mut GradientBuffers<T>,
+        buffers: &mut ConvGradientScratch<T>,
         mut gradient: Option<&mut [T]>,
     ) {
         let (conv, patches) = (self.conv, &self.conv.patches);
@@ -193,7 +193,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientProducts<'a, T, L, G> {
     /// Adds the contribution of some output pixels to the weight gradient; the im2col panel is
     /// `[fold][output pixel]`.
     #[inline(always)]
-    fn add_weight_gradient(&self, of: &FoldedOrbit, buffers: &mut GradientBuffers<T>) {
+    fn add_weight_gradient(&self, of: &FoldedOrbit, buffers: &mut ConvGradientScratch<T>) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel);
         let rows = of.windows.len();
         let per_block = LANES / G * width;
@@ -217,7 +217,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientProducts<'a, T, L, G> {
     fn add_input_gradient(
         &self,
         of: &FoldedOrbit,
-        buffers: &mut GradientBuffers<T>,
+        buffers: &mut ConvGradientScratch<T>,
         gradient: &mut [T],
     ) {
         let (patches, width) = (&of.conv.patches, of.conv.weights.blocks_per_pixel);

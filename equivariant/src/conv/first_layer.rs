@@ -9,7 +9,7 @@
 use std::ops::Range;
 
 use crate::conv::epilogue::Epilogue;
-use crate::conv::gradient_loader::{GradientBuffers, GradientLoader, MAX_GRADIENT_ROWS};
+use crate::conv::gradient_loader::{ConvGradientScratch, GradientLoader, MAX_GRADIENT_ROWS};
 use crate::conv::line::{LINE_TILE_PIXELS, LineKernel};
 use crate::conv::maps::{Arena, ConvInput};
 use crate::conv::operands::{ConvBackward, ConvForward};
@@ -78,7 +78,7 @@ impl<T: Real> ConvBackward<'_, T> {
     fn run_pixels<L: Lanes<T>, P: Pixel<T>>(mut self, lanes: L, lines: &FoldedLines, x: &[P]) {
         let (conv, patches) = (self.conv, &self.conv.patches);
         let mut arena = Arena::new(std::mem::take(&mut self.scratch));
-        let mut buffers = GradientBuffers::new(&mut self, &mut arena, MAX_GRADIENT_ROWS);
+        let mut buffers = ConvGradientScratch::new(&mut self, &mut arena, MAX_GRADIENT_ROWS);
         let loader = GradientLoader::<T, L, LANES_PER_GROUP>::new(lanes, conv, self.dy, self.masks);
         let width = conv.weights.blocks_per_pixel;
         let columns = arena.take_zeroed_blocks(lines.columns_per_window() * width);

@@ -11,7 +11,7 @@ use crate::simd::lanes::{Block, LANES, Lanes, unscaled_hadamard};
 pub(crate) const MAX_GRADIENT_ROWS: usize = 64;
 
 /// Buffers for the gradients of a convolution's backward pass.
-pub(crate) struct GradientBuffers<'a, T> {
+pub(crate) struct ConvGradientScratch<'a, T> {
     /// Gradient with respect to the weights in the packed order of the CPU kernels.
     pub dw: &'a mut [Block<T>],
     /// Gradient with respect to the weights in the order of the parameters; `None` if that is the
@@ -28,7 +28,7 @@ pub(crate) struct GradientBuffers<'a, T> {
     pub panel: &'a mut [Block<T>],
 }
 
-impl<'a, T: Real> GradientBuffers<'a, T> {
+impl<'a, T: Real> ConvGradientScratch<'a, T> {
     /// Returns the length of the buffers for up to [`MAX_GRADIENT_ROWS`] output pixels, in values.
     pub fn scratch_len(conv: &R2Conv) -> usize {
         let weights = &conv.weights;
@@ -50,7 +50,7 @@ impl<'a, T: Real> GradientBuffers<'a, T> {
         } else {
             (arena.take_zeroed_blocks(layout.num_packed_blocks()), Some(dweights))
         };
-        GradientBuffers {
+        ConvGradientScratch {
             dw,
             dweights,
             dbias: arena.take_zeroed_blocks(width),
@@ -105,7 +105,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
     /// Loads the output gradient of `count` pixels into `buffers.dy`, back through the ReLU if
     /// there is one, and adds it to the bias gradient.
     #[inline(always)]
-    pub fn load_pixels(&self, first: usize, count: usize, buffers: &mut GradientBuffers<T>) {
+    pub fn load_pixels(&self, first: usize, count: usize, buffers: &mut ConvGradientScratch<T>) {
         let mut first_blocks = [0; MAX_GRADIENT_ROWS];
         let first_blocks = &mut first_blocks[..count];
         let (from, scale) = match self.dy {

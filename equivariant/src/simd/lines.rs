@@ -129,7 +129,7 @@ impl FoldedLines {
 
     /// Applies the transpose of [`fold`](FoldedLines::fold), which takes gradients of the folded
     /// lines to the gradient of one image, and overwrites `image` with it.
-    pub fn unfold<T: Real>(&self, lines: &[T], image: &mut [T]) {
+    pub fn fold_transpose<T: Real>(&self, lines: &[T], image: &mut [T]) {
         let len = self.row_len();
         image.fill(T::ZERO);
         for oy in 0..self.out_height {

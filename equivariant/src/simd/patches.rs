@@ -284,7 +284,7 @@ impl PatchGeometry {
     #[inline(always)]
     pub fn read_blocked<T: Real>(&self, blocked: &[T], image: &mut [T]) {
         if let Some(lines) = &self.folded_lines {
-            return lines.unfold(blocked, image);
+            return lines.fold_transpose(blocked, image);
         }
         let order = self.image_shape.fields.group().order();
         with_const_order!(G = order, self.read_blocked_groups::<T, G>(blocked, image));

@@ -10,7 +10,7 @@ use allocation_counter::opt_out;
 use clap::{CommandFactory, FromArgMatches, Subcommand};
 use covers::check::Check;
 use covers::cli::{StreamOptions, TrainOptions};
-use covers::commands::Command;
+use covers::commands::LearnerCommand;
 use covers::presets::{Budget, Method};
 use covers::{Experiment, LearnerSettings, SettingOverride};
 use envs::{Embodiment, TaskRegistry};
@@ -124,7 +124,7 @@ fn overrides() -> Vec<Vec<u8>> {
 
 thread_local! {
     static COMMANDS: RefCell<[clap::Command; 2]> = RefCell::new([
-        Command::augment_subcommands(clap::Command::new("covers"))
+        LearnerCommand::augment_subcommands(clap::Command::new("covers"))
             .subcommand(Check::augment_subcommands(clap::Command::new("check"))),
         StreamOptions::command(),
     ]);
@@ -158,15 +158,15 @@ fn reads_stream(stream: &mut clap::Command, arguments: &[OsString]) -> bool {
 fn reads_command(covers: &mut clap::Command, arguments: &[OsString]) -> bool {
     let matches = covers.try_get_matches_from_mut(arguments);
     if let Ok(matches) = &matches {
-        check_names(Command::from_arg_matches(matches).ok());
+        check_names(LearnerCommand::from_arg_matches(matches).ok());
     }
     accepted(matches)
 }
 
 /// Asserts that the folder of a run lies in the requested folder, for any name of the settings'
 /// file.
-fn check_names(command: Option<Command>) {
-    let Some(Command::Train(options)) = command else {
+fn check_names(command: Option<LearnerCommand>) {
+    let Some(LearnerCommand::Train(options)) = command else {
         return;
     };
     let mut preset = TrainOptions { config: None, ..options.clone() };

@@ -123,7 +123,7 @@ impl Episode {
     }
 
     /// Returns T, the number of steps stored for the episode.
-    pub fn steps(&self) -> usize {
+    pub fn num_steps(&self) -> usize {
         self.rewards.len()
     }
 
@@ -131,7 +131,7 @@ impl Episode {
     /// many others.
     pub fn drop_oldest(&mut self, sizes: &Sizes) {
         self.num_held -= 1;
-        let dropped = self.steps() - self.num_held;
+        let dropped = self.num_steps() - self.num_held;
         // removal moves the rest of the arrays, so it waits until it frees more than it moves
         if dropped > self.num_held + 2 * HISTORY {
             let count = dropped - HISTORY;
@@ -152,10 +152,10 @@ impl Episode {
 
     /// Returns `true` if `image` and `vector` are the last observation of the episode.
     pub fn ends_with(&self, sizes: &Sizes, image: &[u8], vector: &[f32]) -> bool {
-        let last = &self.moving[self.steps() * sizes.moving_len()..];
+        let last = &self.moving[self.num_steps() * sizes.moving_len()..];
         let mut own = last.chunks(sizes.moving.max(1));
         let mut moving = || sizes.split(image).all(|(moving, _)| own.next() == Some(moving));
-        self.vectors[self.steps() * sizes.vector..] == *vector
+        self.vectors[self.num_steps() * sizes.vector..] == *vector
             && (sizes.moving == 0 || moving())
             && self.has_same_still_channels(sizes, image)
     }

@@ -23,13 +23,13 @@ pub struct ReplayState<'a> {
     /// buffer holds, the oldest first.
     pub step_order: Vec<[u32; 2]>,
     /// Stored episodes, in the order in which they began.
-    pub stored_episodes: Vec<EpisodeState<'a>>,
+    pub stored_episodes: Vec<StoredEpisode<'a>>,
 }
 
 /// One episode of a [`ReplayState`]: T steps and the T + 1 observations around them. May be empty
 /// if the buffer holds none of its steps.
 #[derive(Clone, Copy, Default, PartialEq)]
-pub struct EpisodeState<'a> {
+pub struct StoredEpisode<'a> {
     /// Still channels of the episode's images, `[H, W, S]` for S channels that do not change in an
     /// episode.
     pub still: &'a [u8],
@@ -89,8 +89,8 @@ impl ReplayBuffer {
 }
 
 impl Episode {
-    fn save(&self) -> EpisodeState<'_> {
-        EpisodeState {
+    fn save(&self) -> StoredEpisode<'_> {
+        StoredEpisode {
             still: &self.still,
             moving: &self.moving,
             vectors: &self.vectors,
@@ -101,7 +101,7 @@ impl Episode {
         }
     }
 
-    fn restored(state: &EpisodeState<'_>) -> Self {
+    fn restored(state: &StoredEpisode<'_>) -> Self {
         Self {
             still: state.still.to_vec(),
             moving: state.moving.to_vec(),
@@ -115,9 +115,9 @@ impl Episode {
     }
 }
 
-impl fmt::Debug for EpisodeState<'_> {
+impl fmt::Debug for StoredEpisode<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("EpisodeState")
+        f.debug_struct("StoredEpisode")
             .field("rewards", &self.rewards)
             .field("outcome", &self.outcome)
             .field("removed", &self.removed)
@@ -158,7 +158,7 @@ impl ReplayState<'_> {
         let mut next: Vec<Option<u32>> = vec![None; self.stored_episodes.len()];
         let expected = "the last steps of its episodes, in order";
         for &[episode, step] in &self.step_order {
-            let steps = self.stored_episodes.get(episode as usize).map(EpisodeState::steps);
+            let steps = self.stored_episodes.get(episode as usize).map(StoredEpisode::steps);
             let stored = steps.is_some_and(|steps| steps.contains(&step));
             let fits = stored && next[episode as usize].is_none_or(|next| next == step);
             require_saved("replay.order", step.into(), expected, fits)?;
@@ -173,7 +173,7 @@ impl ReplayState<'_> {
     }
 }
 
-impl EpisodeState<'_> {
+impl StoredEpisode<'_> {
     /// Returns `true` if no observation of the episode is stored.
     pub fn is_empty(&self) -> bool {
         self.still.is_empty() && self.moving.is_empty() && self.vectors.is_empty()

@@ -1,6 +1,8 @@
 //! Products of matrices of fields on a GPU.
 
-use crate::gpu::kernel_dispatch::{DynamicDim, KernelDispatch, WORKGROUP_THREADS, WorkgroupCount};
+use crate::gpu::kernel_dispatch::{
+    DynamicDim, KernelDispatch, WORKGROUP_THREADS, WorkgroupFormula,
+};
 
 /// Number of terms of a matrix product's sums that a workgroup loads at once.
 const TILE_DEPTH: usize = 8;
@@ -26,7 +28,7 @@ impl Product {
     /// them.
     pub fn kernel(self, label: &'static str) -> KernelDispatch {
         let tile = self.tile();
-        let work = WorkgroupCount::per_tile_of_rows(
+        let work = WorkgroupFormula::per_tile_of_rows(
             self.rows,
             tile.rows(),
             tile.col_tiles * self.num_slices,
@@ -52,7 +54,7 @@ impl Product {
     /// number of rows.
     pub fn workgroups_per_slice(self) -> usize {
         let tile = self.tile();
-        WorkgroupCount::per_tile_of_rows(self.rows, tile.rows(), tile.col_tiles).num_workgroups(0)
+        WorkgroupFormula::per_tile_of_rows(self.rows, tile.rows(), tile.col_tiles).num_workgroups(0)
     }
 
     fn tile(self) -> Tile {

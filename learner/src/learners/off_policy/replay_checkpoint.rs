@@ -1,6 +1,6 @@
 //! Conversion of replay buffers into arrays of a checkpoint, and back.
 
-use rl::{EpisodeState, ReplayBuffer, ReplayState, StepOutcome};
+use rl::{ReplayBuffer, ReplayState, StepOutcome, StoredEpisode};
 
 use crate::error::LearnerError;
 use crate::learners::tensor_file::{Tensor, TensorFile};
@@ -24,7 +24,7 @@ pub fn replay_tensors(replay: &ReplayBuffer, prefix: &str) -> Vec<Tensor> {
         let shape = vec![values.len() / width, width];
         Tensor::integers(name(what), shape, values)
     };
-    let floats = |what, of: for<'a> fn(&EpisodeState<'a>) -> &'a [f32]| {
+    let floats = |what, of: for<'a> fn(&StoredEpisode<'a>) -> &'a [f32]| {
         let all: Vec<f32> = state.stored_episodes.iter().flat_map(of).copied().collect();
         Tensor::floats(name(what), vec![all.len()], &all)
     };
@@ -46,7 +46,7 @@ pub fn replay_tensors(replay: &ReplayBuffer, prefix: &str) -> Vec<Tensor> {
     ]
 }
 
-fn numbers(episode: &EpisodeState<'_>) -> [u64; FIELDS] {
+fn numbers(episode: &StoredEpisode<'_>) -> [u64; FIELDS] {
     let outcome = match episode.outcome {
         StepOutcome::Running => 0,
         StepOutcome::Terminated => 1,
@@ -223,11 +223,11 @@ impl<'a> Episodes<'a> {
         })
     }
 
-    fn states(&self) -> Option<Vec<EpisodeState<'_>>> {
+    fn states(&self) -> Option<Vec<StoredEpisode<'_>>> {
         let (mut pictures, mut vectors) = (&self.pictures[..], &self.vectors[..]);
         let (mut actions, mut rewards) = (&self.actions[..], &self.rewards[..]);
         let state = |row: &Row| {
-            Some(EpisodeState {
+            Some(StoredEpisode {
                 still: pictures.split_off(..row.still(self.sizes))?,
                 moving: pictures.split_off(..row.frames() * self.sizes.frames.picture_bytes)?,
                 vectors: vectors.split_off(..row.frames() * self.sizes.vector)?,
