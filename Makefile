@@ -13,7 +13,7 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 PYTHON := python3
 
-.PHONY: stream test table1 efficiency gpu rerun web web-test python wheel faults slurm mpi \
+.PHONY: stream test table1 efficiency charts gpu rerun web web-test python wheel faults slurm mpi \
   hyperqueue fuzz sanitise book deps
 
 stream: deps
@@ -101,6 +101,14 @@ efficiency: deps
 	  done && cp "$$made"/report/learning-*.svg "$$made" && rm -r "$$made/report" || exit 1; \
 	done
 	rm -rf $(EFFICIENCY) && cp -r "$(TARGET)/efficiency" $(EFFICIENCY)
+
+# Charts of docs/results/benchmarks.md from kept figures: a minute, most of it to install matplotlib.
+CHARTS := $(abspath $(TARGET))/charts
+
+charts:
+	$(PYTHON) -m venv $(CHARTS)
+	$(CHARTS)/bin/pip install --quiet $$(grep -E '^(matplotlib|numpy)=' benches/peers/requirements.txt)
+	$(CHARTS)/bin/python benches/peers/charts.py
 
 # Networks on a GPU, or on software that stands in for one: minutes, most of them to compile wgpu.
 GPU := -p covers-equivariant -p covers-rl -p covers-rs --features covers-rs/wgpu

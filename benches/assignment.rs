@@ -3,9 +3,9 @@
 
 use std::hint::black_box;
 
-use cluster::{Decision, wasserstein1};
+use cluster::{AssignedPolicy, wasserstein1};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use envs::{ACTION_DIM, VECTOR_DIM};
+use envs::{ACTION_DIM, VECTOR_OBSERVATION_DIM};
 use evidence::{EpisodeSummary, EvidenceError, Recogniser, RecogniserSettings, RolloutContext};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -43,15 +43,15 @@ fn episodes(policy: usize, rng: &mut ChaCha8Rng) -> Vec<EpisodeSummary> {
     let episode = |began| EpisodeSummary {
         began,
         image_features: values(DIM, centre),
-        first_vector: values(VECTOR_DIM, centre),
-        motion: Some(values(VECTOR_DIM * ACTION_DIM, centre)),
+        first_vector: values(VECTOR_OBSERVATION_DIM, centre),
+        motion: Some(values(VECTOR_OBSERVATION_DIM * ACTION_DIM, centre)),
         reward_gradient: Some(values(ACTION_DIM, centre)),
         episode_return: Some(values(1, centre)[0]),
     };
     (0..20).map(episode).collect()
 }
 
-fn assign(rng: &mut ChaCha8Rng) -> Result<impl FnMut() -> Option<Decision>, EvidenceError> {
+fn assign(rng: &mut ChaCha8Rng) -> Result<impl FnMut() -> Option<AssignedPolicy>, EvidenceError> {
     let mut recogniser = Recogniser::new(RecogniserSettings::default())?;
     for policy in 0..POLICIES {
         for _ in 0..2 {
@@ -61,7 +61,8 @@ fn assign(rng: &mut ChaCha8Rng) -> Result<impl FnMut() -> Option<Decision>, Evid
     let (rollout, mut rng) = (episodes(1, rng), rng.clone());
     // the policy that acted is rejected, and all others are compared
     Ok(move || {
-        let found = recogniser.assign(&rollout, RolloutContext::of_collector(0), &mut rng);
+        let found =
+            recogniser.assign_rollout(&rollout, RolloutContext::collected_by_policy(0), &mut rng);
         found.ok().map(|found| found.policy)
     })
 }
@@ -72,7 +73,7 @@ fn decision(c: &mut Criterion) {
         panic!("the episodes are refused");
     };
     c.bench_function("assign_among_16_policies", |b| {
-        b.iter(|| assert_eq!(assign(), Some(Decision::Existing(1))));
+        b.iter(|| assert_eq!(assign(), Some(AssignedPolicy::Existing(1))));
     });
 }
 

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use envs::{
-    ACTION_DIM, Backdrop, Camera, Control, DomainRandomisation, Embodiment, EnvError, RGB_CHANNELS,
-    Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, ActionSettings, Backdrop, Camera, DomainRandomisation, Embodiment, EnvError,
+    RGB_CHANNELS, Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -37,12 +37,12 @@ fn decide(table: &mut TableTop, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
 
 fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     let scene = Arc::new(Scene::new(task, embodiment()?, camera())?);
-    let mut table = TableTop::new(Arc::clone(&scene), Control::default())?;
+    let mut table = TableTop::new(Arc::clone(&scene), ActionSettings::default())?;
     let mut renderer = SceneRenderer::new(scene)?;
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut group = c.benchmark_group(task.name());
     table.reset(D2::Identity, &mut rng)?;
-    group.throughput(Throughput::Elements(Control::default().action_repeat as u64));
+    group.throughput(Throughput::Elements(ActionSettings::default().action_repeat as u64));
     group.bench_function("decision", |b| {
         b.iter(|| assert!(decide(&mut table, &mut rng).is_ok()));
     });
@@ -77,7 +77,11 @@ fn vector(
         embodiment: embodiment()?,
         camera: camera(),
         randomisation,
-        control: Control { action_repeat: 1, displacement: 0.01, ..Control::default() },
+        control: ActionSettings {
+            action_repeat: 1,
+            displacement: 0.01,
+            ..ActionSettings::default()
+        },
         ..VecEnvSettings::default()
     };
     let mut env = VecEnv::new(settings, task, &D2::ALL)?;
@@ -87,7 +91,7 @@ fn vector(
     group.throughput(Throughput::Elements(ENVS as u64));
     group.bench_function(name, |b| {
         b.iter(|| {
-            let failures = env.step(&[0.1; ENVS * ACTION_DIM], batch.step_mut());
+            let failures = env.step(&[0.1; ENVS * ACTION_DIM], batch.step_results_mut());
             assert!(failures.is_ok_and(<[_]>::is_empty));
         });
     });
@@ -98,12 +102,12 @@ fn vector(
 fn measure(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     one_table(c, task)?;
     vector(c, task, ("vec_env_step", None))?;
-    let nominal = Some(DomainRandomisation::NOMINAL);
+    let nominal = Some(DomainRandomisation::NOMINAL_RANDOMISATION);
     vector(c, task, ("vec_env_step_randomised", nominal))
 }
 
 fn environments(c: &mut Criterion) {
-    for task in TaskGroup::STANDARD {
+    for task in TaskGroup::STANDARD_GROUPS {
         if let Err(error) = measure(c, task) {
             panic!("{error}");
         }

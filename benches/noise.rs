@@ -8,11 +8,11 @@ use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEn
 pub const HORIZON: usize = 50;
 
 /// Returns the spec of [`RandomEnv`]: twenty environments with images of 48 x 48 pixels.
-pub fn spec() -> EnvSpec {
+pub fn random_env_spec() -> EnvSpec {
     EnvSpec {
         num_envs: 20,
         image_shape: [48, 48, envs::ExtraView::First.num_channels()],
-        vector_irreps: envs::VECTOR_IRREPS.to_vec(),
+        vector_irreps: envs::VECTOR_OBSERVATION_IRREPS.to_vec(),
         action_irreps: envs::ACTION_IRREPS.to_vec(),
         choices: vec![],
     }
@@ -27,7 +27,7 @@ pub struct RandomEnv {
 
 impl RandomEnv {
     pub fn new() -> Self {
-        Self { spec: spec(), steps: 0, rng: ChaCha8Rng::seed_from_u64(0) }
+        Self { spec: random_env_spec(), steps: 0, rng: ChaCha8Rng::seed_from_u64(0) }
     }
 }
 

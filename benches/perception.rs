@@ -5,8 +5,8 @@ use std::hint::black_box;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use inpainting::{
-    ArmLink, Calibration, ColorCorrection, Distortion, Extrinsics, GripperMark, Intrinsics,
-    Perception, PerceptionSettings, PinholeCamera,
+    ArmLink, CameraCalibration, ColorCorrection, Extrinsics, GripperMark, Intrinsics,
+    LensDistortion, Perception, PerceptionSettings, PinholeCamera,
 };
 
 const SIZE: usize = 48;
@@ -15,9 +15,9 @@ const LINKS: usize = 11;
 
 fn perception() -> Perception {
     let settings = PerceptionSettings {
-        calibration: Calibration {
+        calibration: CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: Distortion::NONE,
+            distortion: LensDistortion::NO_DISTORTION,
             extrinsics: Extrinsics::overhead(1.5),
         },
         policy_camera: PinholeCamera::overhead(SIZE, 1.5, 0.44),

@@ -5,13 +5,13 @@
 mod noise;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
-use noise::{HORIZON, RandomEnv, spec};
+use noise::{HORIZON, RandomEnv, random_env_spec};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, Algorithm, ContextSettings, Experience, Metrics, NetworkSettings,
-    Ppo, PpoSettings, ReplayBuffer, ReplaySettings, RlError, RolloutBuffer, RolloutState, Sac,
-    SacPolicy, SacSettings, collect,
+    Actor, ActorCriticPolicy, Algorithm, ExperienceBuffer, Metrics, NetworkSettings, Ppo,
+    PpoSettings, RecurrentContextSettings, ReplayBuffer, ReplaySettings, RlError, RolloutBuffer,
+    RolloutState, Sac, SacPolicy, SacSettings, collect_experience,
 };
 use symmetry::Group;
 
@@ -29,22 +29,22 @@ impl Case<'_> {
     fn fill<A: Actor>(
         &self,
         policy: &mut A,
-        experience: &mut impl Experience<A>,
+        experience: &mut impl ExperienceBuffer<A>,
     ) -> Result<(), RlError> {
         let (mut env, mut rng) = (RandomEnv::new(), ChaCha8Rng::seed_from_u64(1));
-        let mut state = RolloutState::reset(&mut env, policy)?;
-        collect(&mut env, policy, experience, &mut state, &mut rng)?;
+        let mut state = RolloutState::from_env_reset(&mut env, policy)?;
+        collect_experience(&mut env, policy, experience, &mut state, &mut rng)?;
         Ok(())
     }
 
     /// Measures PPO: two passes over 1000 decisions.
     fn ppo(&self, c: &mut Criterion) -> Result<(), RlError> {
-        let mut policy = ActorCriticPolicy::new(&self.network, &spec(), 0)?;
-        let mut buffer = RolloutBuffer::new(&spec(), HORIZON)?;
+        let mut policy = ActorCriticPolicy::new(&self.network, &random_env_spec(), 0)?;
+        let mut buffer = RolloutBuffer::new(&random_env_spec(), HORIZON)?;
         self.fill(&mut policy, &mut buffer)?;
         let settings = PpoSettings { epochs: 2, max_kl: 1e9, ..PpoSettings::default() };
         let fresh = || Ok((Ppo::new(settings.clone(), &policy)?, policy.clone()));
-        let samples = 2 * HORIZON * spec().num_envs;
+        let samples = 2 * HORIZON * random_env_spec().num_envs;
         self.measure(c, "ppo", (samples, "epochs", 2.0), fresh, &buffer)
     }
 
@@ -52,12 +52,12 @@ impl Case<'_> {
         &self,
         c: &mut Criterion,
         name: &str,
-        context: Option<ContextSettings>,
+        context: Option<RecurrentContextSettings>,
         settings: SacSettings,
     ) -> Result<(), RlError> {
-        let mut policy = SacPolicy::new(&self.network, context, &spec(), 0)?;
+        let mut policy = SacPolicy::new(&self.network, context, &random_env_spec(), 0)?;
         let replay = ReplaySettings { steps: HORIZON, ..ReplaySettings::default() };
-        let mut replay = ReplayBuffer::new(replay, &spec())?;
+        let mut replay = ReplayBuffer::new(replay, &random_env_spec())?;
         self.fill(&mut policy, &mut replay)?;
         let samples = 512 * STEPS;
         let updates = samples as f32 / settings.batch as f32;
@@ -111,7 +111,7 @@ fn all(c: &mut Criterion) -> Result<(), RlError> {
     plain.ppo(c)?;
     plain.sac(c, "sac", None, SacSettings::paper())?;
     let windows = SacSettings { window: 16, ..SacSettings::paper() };
-    let context = Some(ContextSettings::default());
+    let context = Some(RecurrentContextSettings::default());
     plain.sac(c, "sac_with_context", context, windows)?;
     let equivariant = Case { name: "equivariant", network: NetworkSettings::default() };
     equivariant.ppo(c)?;

@@ -6,15 +6,15 @@ use std::io::{Write, stderr, stdout};
 use std::process::ExitCode;
 
 use clap::Parser;
-use covers::cli::{StreamOptions, run_name};
+use covers::cli::{ContinualStreamOptions, run_name};
 use covers::commands::{CommandOutcome, print_summary_or_save};
-use covers::experiments::text::{ROLLOUT_HEADER, rollout_line};
+use covers::experiments::text::{ROLLOUT_LINE_HEADER, format_rollout_line};
 use covers::presets::Method;
 use covers::{CoversError, Run, RunEvent, StopSignal};
 use envs::TaskRegistry;
 
 fn main() -> ExitCode {
-    let options = StreamOptions::parse();
+    let options = ContinualStreamOptions::parse();
     match learn(&options) {
         Ok(outcome) => ExitCode::from(outcome.exit_code()),
         Err(error) => {
@@ -24,10 +24,10 @@ fn main() -> ExitCode {
     }
 }
 
-fn learn(options: &StreamOptions) -> Result<CommandOutcome, CoversError> {
-    let experiment = options.budget.experiment(Method::Covers);
-    let experiment = options.run_options.settings.apply(experiment)?;
-    experiment.check(&TaskRegistry::all())?;
+fn learn(options: &ContinualStreamOptions) -> Result<CommandOutcome, CoversError> {
+    let experiment = options.budget.preset_experiment(Method::Covers);
+    let experiment = options.run_options.settings.apply_to_experiment(experiment)?;
+    experiment.check(&TaskRegistry::with_all())?;
     let name = run_name(&format!("covers-{}", options.budget.name()), &experiment);
     let folder = options.run_options.run_folder.create_run_folder(&name)?;
     let mut run = Run::start(experiment, folder)?;
@@ -39,10 +39,10 @@ fn learn(options: &StreamOptions) -> Result<CommandOutcome, CoversError> {
             stop.request();
         }
     };
-    say(ROLLOUT_HEADER);
+    say(ROLLOUT_LINE_HEADER);
     while let Some(event) = run.advance()? {
         if let RunEvent::Rollout(progress) = event {
-            say(&rollout_line(&progress));
+            say(&format_rollout_line(&progress));
             if let Some(warning) = progress.warning {
                 let _ = writeln!(stderr(), "warning: {warning}");
             }

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release --example embed_cluster`
 
-use cluster::{ClusterError, Wasserstein, Weights};
+use cluster::{ClusterError, PointWeights, WassersteinSolver};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -24,7 +24,7 @@ const MARGIN: f64 = 1.15;
 fn main() -> Result<(), ClusterError> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let stream: Vec<[f32; DIM]> = (0..STREAM).map(|time| point(time, &mut rng)).collect();
-    let mut workspace = Wasserstein::new();
+    let mut workspace = WassersteinSolver::new();
     let mut changes = CHANGES.iter();
     let mut start = 0;
     while start + REFERENCE + WINDOW <= STREAM {
@@ -58,18 +58,18 @@ fn point(time: usize, rng: &mut ChaCha8Rng) -> [f32; DIM] {
 
 /// Returns the 1-Wasserstein distance between two sets of points with equal weights.
 fn w1(
-    workspace: &mut Wasserstein,
+    workspace: &mut WassersteinSolver,
     x: &[[f32; DIM]],
     y: &[[f32; DIM]],
 ) -> Result<f64, ClusterError> {
-    let (a, b) = (Weights::Uniform(x.len()), Weights::Uniform(y.len()));
+    let (a, b) = (PointWeights::Uniform(x.len()), PointWeights::Uniform(y.len()));
     let plan = workspace.solve((x.as_flattened(), a), (y.as_flattened(), b), DIM)?;
     Ok(plan.cost)
 }
 
 /// Returns the largest distance between a random window of the reference and the rest of it.
 fn farthest_split(
-    workspace: &mut Wasserstein,
+    workspace: &mut WassersteinSolver,
     reference: &[[f32; DIM]],
     rng: &mut ChaCha8Rng,
 ) -> Result<f64, ClusterError> {

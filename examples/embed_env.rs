@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use envs::{
-    Camera, Control, Embodiment, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskRegistry,
+    ActionSettings, Camera, Embodiment, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskRegistry,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args().skip(1);
     let name = arguments.next();
     let name = name.as_deref().unwrap_or("drawer-close");
-    let group = TaskRegistry::all().find(name)?;
+    let group = TaskRegistry::with_all().find(name)?;
     let path = arguments.next().map_or("runs/embed_env.gif".into(), PathBuf::from);
     let camera = Camera { size: SIZE, ..Camera::default() };
     let scene = Arc::new(Scene::new(group, Embodiment::SAWYER, camera)?);
@@ -45,7 +45,7 @@ fn film(
     element: D2,
     renderer: &mut SceneRenderer,
 ) -> Result<Vec<Vec<u8>>, Box<dyn Error>> {
-    let mut table = TableTop::new(Arc::clone(scene), Control::default())?;
+    let mut table = TableTop::new(Arc::clone(scene), ActionSettings::default())?;
     table.reset(element, &mut ChaCha8Rng::seed_from_u64(1))?;
     let (mut frames, mut reward, mut success) = (Vec::new(), 0.0, false);
     loop {

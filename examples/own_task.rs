@@ -7,14 +7,14 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
-use covers::experiments::text::{event_text, run_summary_table};
+use covers::experiments::text::{format_run_event, run_summary_table};
 use covers::presets::{Budget, Method};
-use covers::schedule::Schedule;
+use covers::schedule::TaskSchedule;
 use covers::{CoversError, Experiment, Run, RunFolder, SettingOverride, apply_overrides};
 use envs::reward::{hamacher_product, long_tail_reward};
 use envs::{
-    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskGroup, TaskParts,
-    TaskRegistry, conformance,
+    EpisodeStart, ExpertCommand, Placement, StepReward, Task, TaskGroup, TaskRegistry,
+    TaskSceneParts, TaskState, conformance,
 };
 use glam::DVec3;
 use rand::RngExt;
@@ -37,26 +37,26 @@ impl Task for BlockPush {
         "block-push"
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts {
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts {
             mjcf: Some(include_str!("block_push.xml")),
             object_body: Some("block"),
-            ..TaskParts::default()
+            ..TaskSceneParts::default()
         }
     }
 
     /// Places the block right of the centre and away from the robot, so that the four variants are
     /// in four quadrants.
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let (x, y) = (rng.random_range(0.08..0.2), rng.random_range(0.08..0.14));
         let object = DVec3::new(x, y, 0.07);
         Placement { object, goal: object + DVec3::new(0.0, TRAVEL, 0.0) }
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _: f64) -> StepReward {
         let goal_distance = (start.placement.goal.y - now.object.y).abs();
-        let way = |measurement: &Measurement| measurement.tcp.distance(measurement.object + PUSH);
-        let approach_reward = long_tail_reward(way(now), NEAR, way(&start.measurement));
+        let way = |state: &TaskState| state.tcp.distance(state.object + PUSH);
+        let approach_reward = long_tail_reward(way(now), NEAR, way(&start.task_state));
         let in_place_reward = long_tail_reward(goal_distance, DONE, TRAVEL);
         let success = goal_distance <= SUCCESS;
         StepReward {
@@ -73,7 +73,7 @@ impl Task for BlockPush {
     }
 
     /// Moves above the near side of the block, goes down, then pushes.
-    fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, _: &Placement, now: &TaskState) -> ExpertCommand {
         let behind = now.object + PUSH + DVec3::new(0.0, -0.04, 0.0);
         let aside = (now.tcp.x - behind.x).abs() > 0.02;
         let beyond = now.tcp.y > now.object.y + PUSH.y;
@@ -122,9 +122,9 @@ fn learn(options: &Options) -> Result<(), Box<dyn std::error::Error>> {
     let group = TaskGroup::from_task(&BlockPush);
     let experiment = experiment(options.budget, group).with_seed(options.seed);
     let experiment = apply_overrides(&options.set, experiment)?;
-    conformance::check(group)?;
+    conformance::check_conformance(group)?;
     println!("{group} conforms: its expert solves it, and its variants are mirror images");
-    let mut tasks = TaskRegistry::standard();
+    let mut tasks = TaskRegistry::with_standard();
     tasks.register(group)?;
     let name = format!("own-task-seed{}", options.seed);
     let folder = RunFolder::create("runs".as_ref(), &name)?;
@@ -139,17 +139,17 @@ fn experiment(length: Length, group: TaskGroup) -> Experiment {
         Length::Smoke => (Budget::Smoke, 1, 1, 1),
         Length::Short => (Budget::Short, 2, 6, 24),
     };
-    let experiment = budget.experiment(Method::Covers);
+    let experiment = budget.preset_experiment(Method::Covers);
     let rollout = experiment.learner.rollout_steps();
-    let others = TaskGroup::STANDARD.map(|other| (other, others * rollout));
+    let others = TaskGroup::STANDARD_GROUPS.map(|other| (other, others * rollout));
     let visits = [others.as_slice(), &[(group, own * rollout)]].concat();
-    Experiment { schedule: Schedule::shuffled(cycles, &visits), ..experiment }
+    Experiment { schedule: TaskSchedule::shuffled(cycles, &visits), ..experiment }
 }
 
 fn finish(run: &mut Run) -> Result<(), CoversError> {
     while let Some(event) = run.advance()? {
         // a closed output must not end the run
-        let _ = writeln!(std::io::stdout(), "{}", event_text(&event));
+        let _ = writeln!(std::io::stdout(), "{}", format_run_event(&event));
     }
     if let Some(summary) = run.summary()? {
         println!("\n{}", run_summary_table(&summary));

@@ -23,11 +23,11 @@ use deploy::CheckMaskOptions;
 use experiments::RunError;
 use experiments::cli::progress_bar;
 
-pub use parity::{ParityRow, compare_recordings};
+pub use parity::{RecordingComparison, compare_with_recordings};
 
 /// Subcommands of `covers check`.
 #[derive(Clone, Debug, Subcommand)]
-pub enum Check {
+pub enum CheckCommand {
     /// Checks that scripted experts solve all variants of the layouts that an embodiment has.
     #[command(after_help = "Examples:\n  covers check experts --embodiment hand --seeds 10\n  \
                             covers check experts --robot arm.urdf --tasks standard")]
@@ -75,7 +75,7 @@ pub enum Check {
     },
 }
 
-impl Check {
+impl CheckCommand {
     /// Runs the check, prints its rows to `out`, and returns `true` if all values are within their
     /// bounds.
     ///
@@ -85,11 +85,12 @@ impl Check {
         match *self {
             Self::Mask(ref options) => Ok(options.run(out)?),
             Self::Parity { ref folder, json } => {
-                let rows = compare_recordings(folder)?;
-                Ok(print(&rows, json, out, parity_line, ParityRow::passes)?)
+                let rows = compare_with_recordings(folder)?;
+                Ok(print(&rows, json, out, parity_line, RecordingComparison::passes)?)
             }
             Self::Experts { embodiment, ref tasks, seeds, json } => {
-                let embodiments = embodiment.map_or(Embodiment::STANDARD.to_vec(), |one| vec![one]);
+                let embodiments =
+                    embodiment.map_or(Embodiment::STANDARD_EMBODIMENTS.to_vec(), |one| vec![one]);
                 let rows = measure_experts(&embodiments, &groups(tasks)?, seeds)?;
                 Ok(print(&rows, json, out, expert_line, ExpertResult::passes)?)
             }
@@ -103,7 +104,7 @@ impl Check {
 
 /// Returns the groups of a set, or the one group of that name.
 fn groups(tasks: &str) -> Result<Vec<TaskGroup>, RunError> {
-    Ok(TaskRegistry::all().set(tasks)?)
+    Ok(TaskRegistry::with_all().find_set(tasks)?)
 }
 
 fn measure_experts(
@@ -122,7 +123,7 @@ fn measure_experts(
     Ok(of_variants(
         &scenes(&layouts, groups)?,
         |_| true,
-        |scene, element| measure_expert(scene, element, scene.layout.control(), seeds),
+        |scene, element| measure_expert(scene, element, scene.layout.action_settings(), seeds),
     )?)
 }
 
@@ -157,7 +158,7 @@ fn of_variants<R: Send>(
 ) -> Result<Vec<R>, EnvError> {
     let mut jobs = Vec::new();
     for scene in scenes {
-        let elements = scene.layout.elements().iter().filter(|element| chosen(**element));
+        let elements = scene.layout.group_elements().iter().filter(|element| chosen(**element));
         jobs.extend(elements.map(|&element| (scene, element)));
     }
     let bar = progress_bar(jobs.len());
@@ -192,7 +193,7 @@ fn symmetry_line(row: &SymmetryDeviation) -> String {
     )
 }
 
-fn parity_line(row: &ParityRow) -> String {
+fn parity_line(row: &RecordingComparison) -> String {
     format!(
         "{:<34} rewards {:>8.1e}, {} successes differ ({} steps)  \
          single steps median {:>8.1e}, p99 {:>8.1e}, max {:>8.1e} ({})  replay {:>8.1e} m ({})",
@@ -222,7 +223,7 @@ fn print<R: Serialize>(
     } else {
         rows.iter().map(line).collect::<Vec<_>>().join("\n")
     };
-    writeln!(out, "{text}").map_err(RunError::writing("standard output".as_ref()))?;
+    writeln!(out, "{text}").map_err(RunError::write_error_at("standard output".as_ref()))?;
     Ok(rows.iter().all(passes))
 }
 
@@ -233,11 +234,11 @@ mod tests {
     #[test]
     fn json_holds_every_row() {
         for (embodiment, tasks, expected) in
-            [(Embodiment::HAND, "standard", 16), (Embodiment::SAWYER, "goal-reach", 5)]
+            [(Embodiment::FLOATING_HAND, "standard", 16), (Embodiment::SAWYER, "goal-reach", 5)]
         {
             let tasks = tasks.to_owned();
             let check =
-                Check::Experts { embodiment: Some(embodiment), tasks, seeds: 1, json: true };
+                CheckCommand::Experts { embodiment: Some(embodiment), tasks, seeds: 1, json: true };
             let mut out = Vec::new();
             assert!(check.run(&mut out).unwrap());
             let rows: serde_json::Value = serde_json::from_slice(&out).unwrap();

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser};
 use envs::Embodiment;
-use experiments::cli::Threads;
+use experiments::cli::ThreadCountOption;
 use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError, RunFolder};
 use learner::DeviceChoice;
@@ -39,7 +39,7 @@ impl CommandOutcome {
 pub struct ThreadAndJsonOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub threads: Threads,
+    pub threads: ThreadCountOption,
     /// Print the results as JSON, in the last line.
     #[arg(long)]
     pub json: bool,
@@ -53,7 +53,7 @@ pub struct SettingsOptions {
     pub seed: Option<u64>,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub threads: Threads,
+    pub threads: ThreadCountOption,
     /// Embodiment that carries the gripper: `sawyer`, `hand`, `kinova_gen3`, or an arm of yours as
     /// ARM.urdf (default: `sawyer`, or that of the settings file).
     #[arg(long, visible_alias = "robot")]
@@ -78,7 +78,7 @@ impl SettingsOptions {
     ///
     /// # Errors
     /// [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
-    pub fn apply(&self, mut experiment: Experiment) -> Result<Experiment, RunError> {
+    pub fn apply_to_experiment(&self, mut experiment: Experiment) -> Result<Experiment, RunError> {
         if let Some(seed) = self.seed {
             experiment = experiment.with_seed(seed);
         }
@@ -86,11 +86,11 @@ impl SettingsOptions {
             experiment = experiment.with_embodiment(embodiment);
         }
         if let Some(group) = self.group {
-            experiment = experiment.with_group(group);
+            experiment = experiment.with_symmetry_group(group);
         }
         let experiment = experiment.with_threads(self.threads.count());
         // last, so that `--set` wins over the other options
-        Ok(overrides::apply(&self.overrides, experiment)?)
+        Ok(overrides::apply_overrides(&self.overrides, experiment)?)
     }
 }
 
@@ -120,7 +120,7 @@ impl RunFolderOptions {
         let Some(path) = &self.folder else {
             return RunFolder::create(&self.runs, name);
         };
-        std::fs::create_dir_all(path).map_err(RunError::writing(path))?;
+        std::fs::create_dir_all(path).map_err(RunError::write_error_at(path))?;
         let folder = RunFolder::from_path(path);
         Ok(if self.overwrite { folder.allow_overwriting() } else { folder })
     }
@@ -140,7 +140,7 @@ pub struct RunOptions {
 /// Trains COVERS on an unlabelled stream of table-top tasks.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "covers", version)]
-pub struct StreamOptions {
+pub struct ContinualStreamOptions {
     /// Length of the run.
     #[arg(long, value_enum, default_value = "short")]
     pub budget: Budget,
@@ -186,9 +186,9 @@ impl TrainOptions {
     pub fn experiment(&self) -> Result<Experiment, RunError> {
         let experiment = match &self.config {
             Some(path) => Experiment::read(path)?,
-            None => self.budget.experiment(self.preset),
+            None => self.budget.preset_experiment(self.preset),
         };
-        self.run_options.settings.apply(experiment)?.with_device(self.device)
+        self.run_options.settings.apply_to_experiment(experiment)?.with_device(self.device)
     }
 
     /// Returns the name of the run's folder: the settings file or the method, the budget unless it

@@ -14,11 +14,13 @@ use crate::ranks::on_ranks;
 use crate::sweep_command::SweepOptions;
 use experiments::cli::{print_escaped, progress_bar};
 use experiments::evaluation::{EvaluationResults, Evaluator};
-use experiments::text::{ROLLOUT_HEADER, event_text, run_summary_table, score_table};
-use experiments::{Run, RunError, RunEvent, RunFolder, StopSignal, Stream, memory, thread_pool};
+use experiments::text::{ROLLOUT_LINE_HEADER, format_run_event, run_summary_table, score_table};
+use experiments::{
+    Run, RunError, RunEvent, RunFolder, StopSignal, SwitchableVecEnv, memory, thread_pool,
+};
 use learner::{CheckpointExtent, DeviceChoice, TaskLabel};
 use report::ReportOptions;
-use rl::Ranks;
+use rl::ProcessRanks;
 
 /// Subcommands that work on learners.
 #[derive(Clone, Debug, Subcommand)]
@@ -114,22 +116,23 @@ impl LearnerCommand {
 
 fn resume(
     options: &ResumeOptions,
-    ranks: Ranks,
+    ranks: ProcessRanks,
     out: &mut impl Write,
 ) -> Result<CommandOutcome, CoversError> {
     let threads = Some(options.threads_and_json.threads.count());
     let folder = RunFolder::from_path(&options.run_folder).on_ranks(ranks);
-    let mut run = Run::resume_with_tasks(folder, threads, options.device, TaskRegistry::all())?;
+    let mut run =
+        Run::resume_with_tasks(folder, threads, options.device, TaskRegistry::with_all())?;
     finish(&mut run, options.threads_and_json.json, out)
 }
 
 fn train(
     options: &TrainOptions,
-    ranks: Ranks,
+    ranks: ProcessRanks,
     out: &mut impl Write,
 ) -> Result<CommandOutcome, CoversError> {
     let experiment = options.experiment()?;
-    experiment.check(&TaskRegistry::all())?;
+    experiment.check(&TaskRegistry::with_all())?;
     // before the run's folder is created, so that a refused run leaves nothing
     memory::check_run_memory(&experiment)?;
     experiment.envs.embodiment.spec().parts().map_err(RunError::from)?;
@@ -164,7 +167,7 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutc
     run.set_stop_signal(stop.clone());
     let folder = run.folder().path().display();
     say_or_stop(&mut first_out, &format!("{folder}: {}", run.start_message_with_memory()), &stop);
-    say_or_stop(&mut first_out, ROLLOUT_HEADER, &stop);
+    say_or_stop(&mut first_out, ROLLOUT_LINE_HEADER, &stop);
     let bar = progress_bar(run.experiment().schedule.total_decisions());
     bar.set_position(run.stats().decisions as u64);
     bar.reset_eta();
@@ -181,7 +184,7 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutc
 /// Prints an event, and its warning to standard error; not the last scores, which are part of the
 /// summary.
 fn print_event(event: &RunEvent, is_last: bool, out: &mut impl Write, stop: &StopSignal) {
-    let mut line = event_text(event);
+    let mut line = format_run_event(event);
     if let RunEvent::Rollout(progress) = event {
         if let Some(warning) = progress.warning {
             // the run's log.txt holds the warning, too
@@ -241,7 +244,7 @@ pub fn print_summary_or_save(
         }
         return Ok(CommandOutcome::Done);
     }
-    run.save()?;
+    run.save_checkpoint()?;
     let rollouts = run.stats().rollouts;
     // the device is in no file, so the command must name it
     let device = match run.experiment().learner.gpu_name() {
@@ -262,22 +265,22 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
         folder.read_experiment()?.with_threads(options.threads_and_json.threads.count());
     memory::check_environment_memory(experiment.envs.threads)?;
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
-    let spec = Stream::env_spec(&experiment.envs);
+    let spec = SwitchableVecEnv::env_spec(&experiment.envs);
     let labels = TaskLabel::default();
     let learner = &experiment.learner;
-    let (mut learner, own) = folder.load_with_own_policies(learner, &spec, &labels)?;
+    let (mut learner, own) = folder.load_learner_with_own_policies(learner, &spec, &labels)?;
     let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
     let envs = if options.randomised {
         with_randomisation(experiment.envs)
     } else {
         experiment.envs.without_randomisation()
     };
-    let tasks = TaskRegistry::all();
+    let tasks = TaskRegistry::with_all();
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
     // a round of one group is an episode of each environment in each of four variants
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;
-    let (variants, mut results) = (evaluator.variants(), EvaluationResults::default());
+    let (variants, mut results) = (evaluator.task_variants(), EvaluationResults::default());
     let bar = progress_bar(variants.len());
     for variant in variants {
         pool.install(|| {
@@ -303,12 +306,12 @@ fn with_randomisation(envs: VecEnvSettings) -> VecEnvSettings {
 fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), RunError> {
     let from = RunFolder::from_path(&options.run_folder);
     let experiment = from.read_experiment()?;
-    let spec = Stream::env_spec(&experiment.envs);
+    let spec = SwitchableVecEnv::env_spec(&experiment.envs);
     let labels = TaskLabel::default();
     let learner = &experiment.learner;
     let learner = from.load_learner(learner, &spec, &labels)?;
     let episodes = options.episodes;
     let extent = CheckpointExtent::Policies { episodes_per_policy: episodes };
-    let to = RunFolder::pack(&options.folder, &experiment, &*learner, extent)?;
+    let to = RunFolder::create_packed(&options.folder, &experiment, &*learner, extent)?;
     print_escaped(out, &format!("{} policies in {}", learner.policy_count(), to.path().display()))
 }

@@ -16,7 +16,9 @@ use symmetry::D2;
 
 use crate::cli::ThreadAndJsonOptions;
 use experiments::presets::{Budget, Method};
-use experiments::{Experiment, Run, RunError, RunFolder, instruction_sets, memory, processor_name};
+use experiments::{
+    Experiment, Run, RunError, RunFolder, cpu_instruction_sets, memory, processor_name,
+};
 
 /// Version of MuJoCo that the environments were measured with.
 const MUJOCO: &str = "2.2.2";
@@ -42,7 +44,7 @@ pub struct DoctorOptions {
 /// State of a part of the machine, as `covers doctor` judges it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Health {
+pub enum MachineHealth {
     /// Part that works well.
     Good,
     /// Part that works, but could be better.
@@ -53,11 +55,11 @@ pub enum Health {
 
 /// Result of the check of one part of the machine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Finding {
+pub struct MachineCheckResult {
     /// Name of the part that was checked.
     pub part: &'static str,
     /// State of the part that was checked.
-    pub health: Health,
+    pub health: MachineHealth,
     /// Description of what the check found in the part.
     #[serde(rename = "found")]
     pub description: String,
@@ -66,26 +68,26 @@ pub struct Finding {
     pub fix: Option<String>,
 }
 
-impl Finding {
+impl MachineCheckResult {
     fn good(part: &'static str, found: impl Into<String>) -> Self {
-        Self { part, health: Health::Good, description: found.into(), fix: None }
+        Self { part, health: MachineHealth::Good, description: found.into(), fix: None }
     }
 
     fn bad(part: &'static str, error: &impl std::fmt::Display, fix: &str) -> Self {
-        Self::good(part, error.to_string()).unless(false, Health::Bad, fix)
+        Self::good(part, error.to_string()).unless(false, MachineHealth::Bad, fix)
     }
 
     /// Returns this finding if all is `well`; otherwise one with this health and this fix.
-    fn unless(self, well: bool, health: Health, fix: impl Into<String>) -> Self {
+    fn unless(self, well: bool, health: MachineHealth, fix: impl Into<String>) -> Self {
         if well { self } else { Self { health, fix: Some(fix.into()), ..self } }
     }
 
     fn line(&self) -> String {
         let Self { part, description, fix, .. } = self;
         let mark = match self.health {
-            Health::Good => "ok",
-            Health::Fair => "fair",
-            Health::Bad => "BAD",
+            MachineHealth::Good => "ok",
+            MachineHealth::Fair => "fair",
+            MachineHealth::Bad => "BAD",
         };
         let fix = fix.iter().map(|fix| format!("\n{:17}{fix}", ""));
         format!("{mark:<4}  {part:<9}  {description}{}", fix.collect::<String>())
@@ -102,16 +104,16 @@ impl DoctorOptions {
         let text = if self.threads_and_json.json {
             serde_json::json!(findings).to_string()
         } else {
-            findings.iter().map(Finding::line).collect::<Vec<_>>().join("\n")
+            findings.iter().map(MachineCheckResult::line).collect::<Vec<_>>().join("\n")
         };
-        writeln!(out, "{text}").map_err(RunError::writing(Path::new("standard output")))?;
-        Ok(findings.iter().all(|found| found.health != Health::Bad))
+        writeln!(out, "{text}").map_err(RunError::write_error_at(Path::new("standard output")))?;
+        Ok(findings.iter().all(|found| found.health != MachineHealth::Bad))
     }
 }
 
 /// Checks all parts of this machine, and returns a finding for each. Training is measured on this
 /// many threads; `runs` is the folder that runs would be written to.
-pub fn check_machine(threads: usize, runs: &Path) -> Vec<Finding> {
+pub fn check_machine(threads: usize, runs: &Path) -> Vec<MachineCheckResult> {
     let memory = the_memory(threads);
     // rendering libraries that find no memory would end the process, and with it the report
     let may_draw = memory::check_environment_memory(threads).is_ok();
@@ -124,47 +126,51 @@ pub fn check_machine(threads: usize, runs: &Path) -> Vec<Finding> {
 
 /// Returns a finding for each GPU that can update policies; empty without the feature `wgpu`.
 #[cfg(feature = "wgpu")]
-fn the_gpus() -> Vec<Finding> {
-    let adapters = rl::gpu::available_adapters();
+fn the_gpus() -> Vec<MachineCheckResult> {
+    let adapters = rl::gpu::available_gpu_adapters();
     let fix =
         "policies are updated on the CPU: install the Vulkan driver of a GPU, if there is one";
     if adapters.is_empty() {
-        let none = Finding::good("gpu", "no Vulkan driver");
-        return vec![none.unless(false, Health::Fair, fix)];
+        let none = MachineCheckResult::good("gpu", "no Vulkan driver");
+        return vec![none.unless(false, MachineHealth::Fair, fix)];
     }
     // a software adapter beside a real GPU is no reason to install a driver
     let any_hardware = adapters.iter().any(|adapter| adapter.kind.is_hardware());
     adapters
         .iter()
-        .map(|adapter| Finding::good("gpu", adapter.to_string()))
-        .map(|finding| finding.unless(any_hardware, Health::Fair, fix))
+        .map(|adapter| MachineCheckResult::good("gpu", adapter.to_string()))
+        .map(|finding| finding.unless(any_hardware, MachineHealth::Fair, fix))
         .collect()
 }
 
 #[cfg(not(feature = "wgpu"))]
-fn the_gpus() -> Vec<Finding> {
+fn the_gpus() -> Vec<MachineCheckResult> {
     Vec::new()
 }
 
-fn the_cpu() -> Finding {
+fn the_cpu() -> MachineCheckResult {
     let name = processor_name().unwrap_or_else(|| "unknown".to_owned());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let sets = instruction_sets().join(", ");
+    let sets = cpu_instruction_sets().join(", ");
     let found = format!("{name}, {cores} threads, instructions: {sets}");
     let fix = "networks run on portable code, several times slower: use a CPU with AVX2";
     let fast = sets.contains("avx2") && sets.contains("fma");
-    Finding::good("CPU", found).unless(fast, Health::Fair, fix)
+    MachineCheckResult::good("CPU", found).unless(fast, MachineHealth::Fair, fix)
 }
 
-fn the_memory(threads: usize) -> Finding {
+fn the_memory(threads: usize) -> MachineCheckResult {
     if let Err(limit) = memory::check_environment_memory(1) {
-        return Finding::bad("memory", &limit.to_string(), "raise the limit of this process");
+        return MachineCheckResult::bad(
+            "memory",
+            &limit.to_string(),
+            "raise the limit of this process",
+        );
     }
-    let Some(free) = memory::available_bytes() else {
-        return Finding::good("memory", "unknown");
+    let Some(free) = memory::available_memory_bytes() else {
+        return MachineCheckResult::good("memory", "unknown");
     };
     let needs = |method: Method| {
-        memory::run_memory_bytes(&Budget::Full.experiment(method).with_threads(threads))
+        memory::run_memory_bytes(&Budget::Full.preset_experiment(method).with_threads(threads))
     };
     let (covers, most) =
         (needs(Method::Covers), Method::ALL.map(needs).into_iter().max().unwrap_or(0));
@@ -173,12 +179,12 @@ fn the_memory(threads: usize) -> Finding {
         "{free_text} free; a full run on {threads} threads takes {covers_text} for covers, up to \
          {most_text} for methods with replays"
     );
-    Finding::good("memory", found)
-        .unless(free >= most, Health::Fair, "enough for COVERS, but not for every method")
-        .unless(free >= covers, Health::Bad, "close other programs, or use fewer threads")
+    MachineCheckResult::good("memory", found)
+        .unless(free >= most, MachineHealth::Fair, "enough for COVERS, but not for every method")
+        .unless(free >= covers, MachineHealth::Bad, "close other programs, or use fewer threads")
 }
 
-fn the_disk(runs: &Path) -> Finding {
+fn the_disk(runs: &Path) -> MachineCheckResult {
     match free_disk(runs) {
         Ok(free) => {
             let (gibibytes, rooms) = (free as f64 / f64::from(1 << 30), free / RUN);
@@ -186,9 +192,9 @@ fn the_disk(runs: &Path) -> Finding {
             let found = format!("{gibibytes:.1} GiB free for `{runs}`, room for {rooms} full runs");
             let fix = "a full run with its checkpoints takes up to 0.125 GiB: make room, or name a \
                 folder on another disk (`covers train --runs DIR`)";
-            Finding::good("disk", found).unless(free >= RUN, Health::Bad, fix)
+            MachineCheckResult::good("disk", found).unless(free >= RUN, MachineHealth::Bad, fix)
         }
-        Err(error) => Finding::bad(
+        Err(error) => MachineCheckResult::bad(
             "disk",
             &format!("{}: {error}", runs.display()),
             "name a folder for runs that can be written to (`covers train --runs DIR`)",
@@ -212,26 +218,30 @@ fn free_disk(folder: &Path) -> std::io::Result<u64> {
     Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
 
-fn the_simulator() -> Finding {
-    let version = envs::mujoco::version();
+fn the_simulator() -> MachineCheckResult {
+    let version = envs::mujoco::library_version();
     let fix = format!(
         "published results used MuJoCo {MUJOCO}: `make deps` installs it, if the system's packages \
          have that version"
     );
     let known = version == MUJOCO;
-    Finding::good("simulator", format!("MuJoCo {version}")).unless(known, Health::Fair, fix)
+    MachineCheckResult::good("simulator", format!("MuJoCo {version}")).unless(
+        known,
+        MachineHealth::Fair,
+        fix,
+    )
 }
 
-fn the_pictures() -> Finding {
+fn the_pictures() -> MachineCheckResult {
     match time_pictures() {
         Ok(time) => {
             let renderer = envs::mujoco::opengl_description().unwrap_or("unknown");
             let milliseconds = time.as_secs_f64() * 1e3;
             let size = camera().rendered_size();
             let found = format!("{milliseconds:.2} ms for {size} x {size} pixels by {renderer}");
-            Finding::good("pictures", found)
+            MachineCheckResult::good("pictures", found)
         }
-        Err(error) => Finding::bad(
+        Err(error) => MachineCheckResult::bad(
             "pictures",
             &error,
             "install EGL or OSMesa (`make deps` does), or start inside a session with a display",
@@ -241,7 +251,7 @@ fn the_pictures() -> Finding {
 
 /// Returns the camera settings of a full run of COVERS.
 fn camera() -> Camera {
-    Budget::Full.experiment(Method::Covers).envs.camera
+    Budget::Full.preset_experiment(Method::Covers).envs.camera
 }
 
 /// Returns the measured median time to render an observation of Drawer Close.
@@ -250,7 +260,7 @@ fn time_pictures() -> Result<Duration, EnvError> {
     let scene = Scene::new(TaskGroup::DRAWER_CLOSE, Embodiment::default(), camera)?;
     let scene = Arc::new(scene);
     let mut renderer = SceneRenderer::new(Arc::clone(&scene))?;
-    let mut table = TableTop::new(scene, envs::Control::default())?;
+    let mut table = TableTop::new(scene, envs::ActionSettings::default())?;
     table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0))?;
     let mut picture = vec![0; camera.size * camera.size * RGB_CHANNELS];
     let mut times = Vec::new();
@@ -263,12 +273,12 @@ fn time_pictures() -> Result<Duration, EnvError> {
     Ok(times[times.len() / 2])
 }
 
-fn the_learning(threads: usize) -> Finding {
-    let experiment = Budget::Full.experiment(Method::Covers);
+fn the_learning(threads: usize) -> MachineCheckResult {
+    let experiment = Budget::Full.preset_experiment(Method::Covers);
     match time_learning(experiment.with_threads(threads)) {
         Ok(rate) => {
             let minutes = |budget: Budget| {
-                let stream = budget.experiment(Method::Covers).schedule;
+                let stream = budget.preset_experiment(Method::Covers).schedule;
                 stream.total_decisions() as f64 / rate / 60.0
             };
             let (short, full) = (minutes(Budget::Short), minutes(Budget::Full));
@@ -276,12 +286,12 @@ fn the_learning(threads: usize) -> Finding {
                 "{rate:.0} decisions of COVERS per second on {threads} threads: `make stream` trains \
                  for about {short:.0} minutes, `covers train` for {full:.0}"
             );
-            Finding::good("learning", found)
+            MachineCheckResult::good("learning", found)
         }
         Err(error) => {
             let fix = "fix what is BAD above; this test also writes to the folder for temporary \
                 files, which TMPDIR names";
-            Finding::bad("learning", &error, fix)
+            MachineCheckResult::bad("learning", &error, fix)
         }
     }
 }
@@ -309,7 +319,7 @@ struct Scratch(PathBuf);
 impl Scratch {
     fn new() -> Result<Self, RunError> {
         let path = std::env::temp_dir().join(format!("covers-doctor-{}", std::process::id()));
-        fs::create_dir_all(&path).map_err(RunError::writing(&path))?;
+        fs::create_dir_all(&path).map_err(RunError::write_error_at(&path))?;
         Ok(Self(path))
     }
 }
@@ -326,11 +336,11 @@ mod tests {
 
     #[test]
     fn the_worst_is_told_with_its_cure() {
-        let found = Finding::good("memory", "0.5 GiB free");
+        let found = MachineCheckResult::good("memory", "0.5 GiB free");
         assert_eq!(found.line(), "ok    memory     0.5 GiB free");
-        let fair = found.unless(false, Health::Fair, "close others");
-        let bad = fair.clone().unless(false, Health::Bad, "buy some");
-        assert_eq!(fair.clone().unless(true, Health::Bad, "buy some"), fair);
+        let fair = found.unless(false, MachineHealth::Fair, "close others");
+        let bad = fair.clone().unless(false, MachineHealth::Bad, "buy some");
+        assert_eq!(fair.clone().unless(true, MachineHealth::Bad, "buy some"), fair);
         let (said, under) = bad.line().split_once('\n').map_or_else(
             || panic!("{}", bad.line()),
             |(said, under)| (said.to_owned(), under.trim().to_owned()),
@@ -342,9 +352,9 @@ mod tests {
     #[test]
     fn this_machine_simulates_draws_and_learns() {
         for part in [the_simulator(), the_pictures()] {
-            assert_eq!(part.health, Health::Good, "{part:?}");
+            assert_eq!(part.health, MachineHealth::Good, "{part:?}");
         }
-        let mut experiment = Budget::Smoke.experiment(Method::Covers);
+        let mut experiment = Budget::Smoke.preset_experiment(Method::Covers);
         assert!(time_learning(experiment.clone()).unwrap() > 0.0);
         experiment.envs.num_envs = 0;
         assert!(time_learning(experiment).is_err());
@@ -356,24 +366,24 @@ mod tests {
         let to_come = there.join("covers-doctor-to-come").join("runs");
         assert!(free_disk(&there).unwrap() > 0);
         let file = Path::new(env!("CARGO_MANIFEST_PATH"));
-        assert_eq!(the_disk(file).health, Health::Bad, "a file is no folder");
+        assert_eq!(the_disk(file).health, MachineHealth::Bad, "a file is no folder");
         assert_eq!(the_disk(&to_come).part, "disk");
         assert!(the_disk(&to_come).description.contains("covers-doctor-to-come"));
         // a file system without room
         let full = the_disk(Path::new("/proc/self"));
-        assert_eq!(full.health, Health::Bad, "{full:?}");
+        assert_eq!(full.health, MachineHealth::Bad, "{full:?}");
         assert!(full.fix.is_some_and(|fix| fix.contains("--runs")));
     }
 
     #[cfg(feature = "wgpu")]
     #[test]
     fn every_adapter_is_listed_and_software_is_only_fair() {
-        let (found, adapters) = (the_gpus(), rl::gpu::available_adapters());
+        let (found, adapters) = (the_gpus(), rl::gpu::available_gpu_adapters());
         let any = adapters.iter().any(|adapter| adapter.kind.is_hardware());
         assert_eq!(found.len(), adapters.len().max(1));
         for (finding, adapter) in found.iter().zip(adapters) {
             assert_eq!((finding.part, &finding.description), ("gpu", &adapter.to_string()));
-            let good = finding.health == Health::Good;
+            let good = finding.health == MachineHealth::Good;
             assert_eq!(good, any, "{adapter}: {finding:?}");
         }
     }

@@ -3,7 +3,7 @@
 use deploy::DeployError;
 use experiments::RunError;
 use learner::LearnerError;
-use model_check::CheckError;
+use model_check::ModelSymmetryError;
 use render::RenderError;
 use report::ReportError;
 use watch::WatchError;
@@ -29,7 +29,7 @@ pub enum CoversError {
     Deploy(#[from] DeployError),
     /// Error of checking a model.
     #[error(transparent)]
-    ModelCheck(#[from] CheckError),
+    ModelCheck(#[from] ModelSymmetryError),
     /// Failed jobs of a sweep.
     #[error(
         "these jobs failed: {}. The reason of each is printed above; the next sweep tries them \

@@ -6,11 +6,11 @@
 //! the 1-Wasserstein distance of invariant features, recalls old policies, and solves symmetric
 //! variants that it never trained on.
 //!
-//! - [`Learner`]: algorithm that a run trains. [`Covers`] is Algorithm 1 of the paper;
-//!   [`OffPolicy`] does the same with replay buffers; CLEAR and 3RL are settings of it. Both train
-//!   on any [`rl::VectorEnv`].
+//! - [`Learner`]: algorithm that a run trains. [`CoversLearner`] is Algorithm 1 of the paper;
+//!   [`OffPolicyLearner`] does the same with replay buffers; CLEAR and 3RL are settings of it. Both
+//!   train on any [`rl::VectorEnv`].
 //! - [`Grouping`]: rule that assigns rollouts to policies.
-//! - [`Stream`]: task groups on MuJoCo as a [`rl::VectorEnv`].
+//! - [`SwitchableVecEnv`]: task groups on MuJoCo as a [`rl::VectorEnv`].
 //! - [`Run`]: a whole run with its files, as `examples/continual_stream.rs` shows. It can be
 //!   stopped at any rollout and resumed later.
 
@@ -45,17 +45,18 @@ pub mod sweep_command;
 pub use error::CoversError;
 pub use experiments::{
     CheckpointPlan, EvaluationPlan, EvaluationReport, Experiment, LatestFrame, Provenance,
-    RolloutReport, Run, RunData, RunError, RunEvent, RunFolder, RunStats, StopSignal, Stream,
-    Summary, evaluation, presets, schedule,
+    RolloutReport, Run, RunData, RunError, RunEvent, RunFolder, RunStats, RunSummary, StopSignal,
+    SwitchableVecEnv, evaluation, presets, schedule,
 };
 pub use learner::disk::{Disk, LocalDisk};
-pub use learner::overrides::{SettingOverride, apply as apply_overrides};
+pub use learner::overrides::{SettingOverride, apply_overrides};
 pub use learner::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, CommonSettings, Covers,
-    CoversSettings, DeviceChoice, EpisodeRequirements, Episodes, EvidenceGrouping, Grouping,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, CommonSettings,
+    CoversLearner, CoversSettings, DeviceChoice, EpisodeRequirements, EvidenceGrouping, Grouping,
     GroupingDecision, GroupingSettings, GroupingUpdate, IterationReport, IterationSeconds, Learner,
-    LearnerError, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicyInit, OffPolicy,
-    OffPolicySettings, PolicyCollection, PolicyCollectionSettings, PolicyEvaluation,
-    RecognisedPolicy, RolloutHandover, SinglePolicyGrouping, TaskLabel, ThresholdGrouping, Trial,
+    LearnerError, LearnerSettings, LearningDevice, MetricValue, Metrics, NewPolicyInit,
+    OffPolicyLearner, OffPolicySettings, PolicyCollection, PolicyCollectionSettings,
+    PolicyEvaluation, PolicyTrial, RecognisedPolicy, RolloutEpisodes, RolloutHandover,
+    SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
 };
 pub use {deploy, experiments, render, report, watch};

@@ -35,7 +35,7 @@ impl ListOptions {
                 table.rows.push(row(&folder));
                 continue;
             }
-            let entries = fs::read_dir(&folder).map_err(RunError::reading(&folder))?;
+            let entries = fs::read_dir(&folder).map_err(RunError::read_error_at(&folder))?;
             // a link may lead back to a folder above
             let inside =
                 entries.flatten().filter(|entry| entry.file_type().is_ok_and(|t| t.is_dir()));
@@ -58,7 +58,7 @@ fn row(folder: &Path) -> Vec<String> {
     let successes: Vec<f64> = run.last_scores().map(|row| row.success).collect();
     vec![
         name,
-        Method::of_run(&run.experiment).map_or("own settings", Method::name).to_owned(),
+        Method::from_experiment(&run.experiment).map_or("own settings", Method::name).to_owned(),
         if run.is_finished {
             "finished".to_owned()
         } else {

@@ -5,14 +5,14 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use console::style;
-use covers::program::Program;
+use covers::program::CoversCli;
 use experiments::printable::printable_message;
 
 /// Largest number of bytes of a message about wrong options that is printed as it is.
 const LONGEST_USAGE_ERROR: usize = 2000;
 
 fn main() -> ExitCode {
-    let program = match Program::try_parse() {
+    let program = match CoversCli::try_parse() {
         // a long value would fill the terminal, but for help and version all is asked for
         Err(error) if error.use_stderr() && error.to_string().len() > LONGEST_USAGE_ERROR => {
             let _ = writeln!(stderr(), "{}", printable_message(&error));

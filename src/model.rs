@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 use experiments::RunError;
 use experiments::cli::print_escaped;
 use learner::disk::{LocalDisk, write_atomically};
-use model_check::{CheckSettings, Corrections, check, read_model};
+use model_check::{MirrorCorrections, ModelSymmetrySettings, check_model_symmetry, read_model};
 use serde::Serialize;
 
 use crate::CoversError;
@@ -54,12 +54,15 @@ impl ModelCommand {
     pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
         let Self::Check(options) = self;
         let corrections = match &options.pairs {
-            Some(path) => Corrections::read(path)?,
-            None => Corrections::default(),
+            Some(path) => MirrorCorrections::read(path)?,
+            None => MirrorCorrections::default(),
         };
-        let settings =
-            CheckSettings { tolerance: options.tolerance, corrections, ..CheckSettings::default() };
-        let found = check(&read_model(&options.model)?, &settings)?;
+        let settings = ModelSymmetrySettings {
+            tolerance: options.tolerance,
+            corrections,
+            ..ModelSymmetrySettings::default()
+        };
+        let found = check_model_symmetry(&read_model(&options.model)?, &settings)?;
         write_json(options.write_pairs.as_deref(), &found.corrections)?;
         write_json(options.maps.as_deref(), &found.maps)?;
         let printed =
@@ -80,7 +83,7 @@ fn write_json(path: Option<&Path>, value: &impl Serialize) -> Result<(), RunErro
 mod tests {
     use clap::Parser;
 
-    use crate::program::Program;
+    use crate::program::CoversCli;
 
     #[test]
     fn a_check_lists_differences_and_writes_pairs_that_it_reads() {
@@ -91,7 +94,7 @@ mod tests {
         let run = |words: &[&str]| {
             let mut out = Vec::new();
             let program =
-                Program::try_parse_from([&["covers", "model", "check"], words].concat()).unwrap();
+                CoversCli::try_parse_from([&["covers", "model", "check"], words].concat()).unwrap();
             let code = program.run(&mut out).map_err(|error| error.to_string());
             (code, String::from_utf8(out).unwrap())
         };

@@ -38,11 +38,11 @@ impl PresetsOptions {
     pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
         let stdout = Path::new("standard output");
         let text = match self.preset {
-            None if self.schema => format!("{:#}", setting_list::schema()),
+            None if self.schema => format!("{:#}", setting_list::settings_schema()),
             // not through a `Value`, which would print 0.95 of an f32 as 0.949999988079071
             Some(preset) => {
-                let text = serde_json::to_string_pretty(&self.budget.experiment(preset))
-                    .map_err(RunError::writing(stdout))?;
+                let text = serde_json::to_string_pretty(&self.budget.preset_experiment(preset))
+                    .map_err(RunError::write_error_at(stdout))?;
                 match serde_json::from_str(&text) {
                     Ok(settings) if self.explain => setting_list::explain_settings(&settings),
                     _ => text,
@@ -50,7 +50,7 @@ impl PresetsOptions {
             }
             None => format!("presets:\n{}\n\nbudgets:\n{}", lines::<Method>(), lines::<Budget>()),
         };
-        writeln!(out, "{text}").map_err(RunError::writing(stdout))
+        writeln!(out, "{text}").map_err(RunError::write_error_at(stdout))
     }
 }
 
@@ -93,7 +93,7 @@ mod tests {
             let text = printed(Some(method), Budget::Smoke);
             assert_eq!(
                 serde_json::from_str::<Experiment>(&text).unwrap(),
-                Budget::Smoke.experiment(method)
+                Budget::Smoke.preset_experiment(method)
             );
             let digits = |number: &str| number.trim_start_matches(['-', '0', '.']).len();
             let numbers = text.split(|c: char| !c.is_ascii_digit() && !"-.e".contains(c));

@@ -5,7 +5,7 @@ use std::io::Write;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::CoversError;
-use crate::check::Check;
+use crate::check::CheckCommand;
 use crate::commands::LearnerCommand;
 use crate::completions::CompletionsOptions;
 use crate::doctor::DoctorOptions;
@@ -36,7 +36,7 @@ Exit codes:
 /// Continual vision-based reinforcement learning with group symmetries.
 #[derive(Debug, Parser)]
 #[command(name = "covers", version, after_help = AFTER_HELP)]
-pub struct Program {
+pub struct CoversCli {
     #[command(subcommand)]
     subcommand: Subcommands,
 }
@@ -59,7 +59,7 @@ enum Subcommands {
     Export(ExportOptions),
     /// Checks the environments or a robot's mask, and fails if a value exceeds its bound.
     #[command(subcommand, after_help = "Example: covers check symmetry --embodiment hand")]
-    Check(Check),
+    Check(CheckCommand),
     /// Checks a robot's URDF, or converts it to MJCF.
     #[command(subcommand, after_help = "Example: covers robot check arm.urdf")]
     Robot(RobotCommand),
@@ -76,7 +76,7 @@ enum Subcommands {
     Man(ManualOptions),
 }
 
-impl Program {
+impl CoversCli {
     /// Runs the subcommand, prints to `out`, and returns the exit code, as `covers --help` lists
     /// them.
     ///
@@ -137,7 +137,7 @@ mod tests {
     /// Returns the output of the program with these arguments.
     fn printed(words: &[&str]) -> Result<String, CoversError> {
         let mut out = Vec::new();
-        let program = Program::try_parse_from([&["covers"], words].concat()).unwrap();
+        let program = CoversCli::try_parse_from([&["covers"], words].concat()).unwrap();
         assert_eq!(program.run(&mut out)?, 0);
         Ok(String::from_utf8(out).unwrap())
     }
@@ -154,13 +154,13 @@ mod tests {
 
     #[test]
     fn options_agree_with_one_another() {
-        Program::command().debug_assert();
+        CoversCli::command().debug_assert();
     }
 
     #[test]
     fn every_help_has_an_example() {
-        for words in commands(&Program::command(), &[]) {
-            let mut command = Program::command();
+        for words in commands(&CoversCli::command(), &[]) {
+            let mut command = CoversCli::command();
             for word in &words {
                 command = command.find_subcommand(word).unwrap().clone();
             }
@@ -169,7 +169,7 @@ mod tests {
             let (_, below) = help.split_once("Example").unwrap_or_default();
             assert!(below.contains(&example), "{example}: {help}");
         }
-        let help = Program::command().render_help().to_string();
+        let help = CoversCli::command().render_help().to_string();
         assert!(help.contains("Example") && help.contains("Exit codes"), "{help}");
     }
 
@@ -179,14 +179,14 @@ mod tests {
             let script = printed(&["completions", shell]).unwrap();
             let apart = |letter: char| !letter.is_alphanumeric();
             let said: Vec<&str> = script.split(apart).collect();
-            for words in commands(&Program::command(), &[]) {
+            for words in commands(&CoversCli::command(), &[]) {
                 let name = words.last().unwrap();
                 assert!(said.contains(&name.as_str()), "{shell}: {name}");
             }
         }
         let script = printed(&["completions", "bash"]).unwrap();
         assert!(script.contains(" covers.ppo.gamma "), "paths of settings");
-        for words in commands(&Program::command(), &[]) {
+        for words in commands(&CoversCli::command(), &[]) {
             let case = format!("covers__subcmd__{}", words.join("__subcmd__"));
             assert!(script.contains(&case), "{case}: {script}");
         }
@@ -198,7 +198,7 @@ mod tests {
         for expected in [".TH covers 1", "Exit codes", "covers\\-watch(1)"] {
             assert!(page.contains(expected), "{expected}: {page}");
         }
-        for words in commands(&Program::command(), &[]) {
+        for words in commands(&CoversCli::command(), &[]) {
             let words: Vec<&str> = words.iter().map(String::as_str).collect();
             let command_page = printed(&[&["man"], &words[..]].concat()).unwrap();
             let title = format!(".TH covers-{} 1", words.join("-"));
@@ -215,7 +215,7 @@ mod tests {
     fn pages_are_files_of_a_folder() {
         let folder = std::env::temp_dir().join(format!("covers-man-{}", std::process::id()));
         let said = printed(&["man", "--out", folder.to_str().unwrap()]).unwrap();
-        let pages = 1 + commands(&Program::command(), &[]).len();
+        let pages = 1 + commands(&CoversCli::command(), &[]).len();
         assert!(said.starts_with(&format!("{pages} pages in ")), "{said}");
         for name in ["covers.1", "covers-train.1", "covers-check-mask.1"] {
             assert!(folder.join(name).is_file(), "{name}");

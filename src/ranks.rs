@@ -1,6 +1,6 @@
 //! Processes that compute one run together: `mpirun -n R covers train ...`.
 
-use rl::Ranks;
+use rl::ProcessRanks;
 
 use crate::CoversError;
 
@@ -11,7 +11,7 @@ use crate::CoversError;
 /// Errors of `work` in a process that is alone.
 #[cfg(feature = "mpi")]
 pub(crate) fn on_ranks<T>(
-    work: impl FnOnce(Ranks) -> Result<T, CoversError>,
+    work: impl FnOnce(ProcessRanks) -> Result<T, CoversError>,
 ) -> Result<T, CoversError> {
     world::on_ranks(work)
 }
@@ -24,12 +24,12 @@ pub(crate) fn on_ranks<T>(
 /// its own; errors of `work`.
 #[cfg(not(feature = "mpi"))]
 pub(crate) fn on_ranks<T>(
-    work: impl FnOnce(Ranks) -> Result<T, CoversError>,
+    work: impl FnOnce(ProcessRanks) -> Result<T, CoversError>,
 ) -> Result<T, CoversError> {
     let size = std::env::var("OMPI_COMM_WORLD_SIZE").ok().and_then(|size| size.parse().ok());
     match size {
         Some(processes) if processes > 1 => Err(CoversError::NoMpi { processes }),
-        _ => work(Ranks::default()),
+        _ => work(ProcessRanks::default()),
     }
 }
 
@@ -44,7 +44,7 @@ mod world {
     use mpi::datatype::PartitionMut;
     use mpi::topology::SimpleCommunicator;
     use mpi::traits::{Communicator as _, CommunicatorCollectives};
-    use rl::{Communicator, Ranks};
+    use rl::{ProcessCommunicator, ProcessRanks};
 
     use crate::CoversError;
 
@@ -55,7 +55,7 @@ mod world {
     /// it may not be sent to another thread.
     struct World;
 
-    impl Communicator for World {
+    impl ProcessCommunicator for World {
         fn rank(&self) -> usize {
             SimpleCommunicator::world().rank().cast_unsigned() as usize
         }
@@ -82,17 +82,17 @@ mod world {
     }
 
     pub fn on_ranks<T>(
-        work: impl FnOnce(Ranks) -> Result<T, CoversError>,
+        work: impl FnOnce(ProcessRanks) -> Result<T, CoversError>,
     ) -> Result<T, CoversError> {
         let launched = LAUNCHED.iter().any(|name| env::var_os(name).is_some());
         // collective calls come from whichever thread runs the learner, one at a time
         let universe =
             if launched { mpi::initialize_with_threading(Threading::Serialized) } else { None };
         let Some((universe, _)) = universe else {
-            return work(Ranks::default());
+            return work(ProcessRanks::default());
         };
         let world = universe.world();
-        work(Ranks::new(Arc::new(World))).inspect_err(|error| {
+        work(ProcessRanks::new(Arc::new(World))).inspect_err(|error| {
             let _ = writeln!(stderr(), "rank {}: {}", world.rank(), printable_message(error));
             world.abort(1)
         })

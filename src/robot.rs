@@ -8,7 +8,8 @@ use clap::{Args, Subcommand};
 use envs::EnvError;
 use envs::embodiments::Arm;
 use envs::robots::{
-    JointCheck, MjcfSettings, OrientationConstraint, RobotCheck, RobotFile, Servo, TouchingPairs,
+    JointServoSettings, JointSummary, MjcfSettings, OrientationConstraint, RobotCheckReport,
+    RobotFile, TouchingLinkPairs,
 };
 use glam::DVec3;
 
@@ -71,7 +72,7 @@ impl RobotCommand {
 impl CheckRobotOptions {
     fn run(&self, out: &mut impl Write) -> Result<bool, RunError> {
         let file = RobotFile::read(&self.robot).map_err(EnvError::from)?;
-        let check = file.check().map_err(EnvError::from)?;
+        let check = file.check_report().map_err(EnvError::from)?;
         let table = table_text(&file);
         let printed = if self.json {
             let mut object = serde_json::json!(check);
@@ -88,8 +89,8 @@ impl CheckRobotOptions {
 impl RobotMjcfOptions {
     fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
         let file = RobotFile::read(&self.robot).map_err(EnvError::from)?;
-        let robot = file.description().map_err(EnvError::from)?;
-        let servo = self.servos.then(Servo::default);
+        let robot = file.read_description().map_err(EnvError::from)?;
+        let servo = self.servos.then(JointServoSettings::default);
         let settings = MjcfSettings { servo, ..MjcfSettings::default() };
         let mjcf = robot.to_mjcf(&settings).map_err(EnvError::from)?;
         if let Some(path) = &self.out {
@@ -105,8 +106,8 @@ impl RobotMjcfOptions {
     }
 }
 
-fn check_text(check: &RobotCheck) -> String {
-    let RobotCheck { name, links, joints, mass_kg, hand, .. } = check;
+fn check_text(check: &RobotCheckReport) -> String {
+    let RobotCheckReport { name, links, joints, mass_kg, hand, .. } = check;
     let mut text =
         format!("{name}: {links} links, {} joints that move, {mass_kg:.3} kg\n", { joints.len() });
     // writing to a String cannot fail
@@ -124,7 +125,7 @@ fn check_text(check: &RobotCheck) -> String {
         let _ = writeln!(text, "reach: the hand is at most {reach:.3} m from the first joint");
     }
     if check.ik_targets > 0 {
-        let RobotCheck { ik_found, ik_targets, .. } = check;
+        let RobotCheckReport { ik_found, ik_targets, .. } = check;
         let _ = writeln!(text, "inverse kinematics finds {ik_found} of {ik_targets} poses");
     }
     text += "joint                      lowest    highest      speed     effort\n";
@@ -132,7 +133,7 @@ fn check_text(check: &RobotCheck) -> String {
     let pairs = |pairs: &[[String; 2]]| -> Vec<String> {
         pairs.iter().map(|[one, other]| format!("{one} and {other}")).collect()
     };
-    let TouchingPairs { at_rest, in_most_postures } = &check.touching;
+    let TouchingLinkPairs { at_rest, in_most_postures } = &check.touching;
     let lists = [
         ("links that touch at rest and do not collide", pairs(at_rest)),
         ("links that touch in most postures and do not collide", pairs(in_most_postures)),
@@ -153,7 +154,7 @@ fn table_text(file: &RobotFile) -> String {
         Ok(arm) => arm,
         Err(error) => return format!("the arm cannot do the tasks: {error}"),
     };
-    let DVec3 { x, y, z } = arm.robot().base_pose().position;
+    let DVec3 { x, y, z } = arm.robot_description().base_pose().position;
     let kept = match arm.settings().control.orientation {
         OrientationConstraint::Full => "the hand does not turn",
         _ => "the hand turns about the vertical",
@@ -161,7 +162,7 @@ fn table_text(file: &RobotFile) -> String {
     format!("at the table of the tasks its base stands at {x}, {y}, {z} m; {kept}")
 }
 
-fn joint_line(joint: &JointCheck) -> String {
+fn joint_line(joint: &JointSummary) -> String {
     let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4}"));
     let [low, high] = [0, 1].map(|end| number(joint.range.map(|range| range[end])));
     let [speed, effort] = [joint.max_speed, joint.max_effort].map(number);
@@ -175,12 +176,12 @@ fn joint_line(joint: &JointCheck) -> String {
 mod tests {
     use clap::Parser;
 
-    use crate::program::Program;
+    use crate::program::CoversCli;
 
     /// Returns the exit code and the output of `covers robot` with these arguments.
     fn printed(words: &[&str]) -> (u8, String) {
         let mut out = Vec::new();
-        let program = Program::try_parse_from([&["covers", "robot"], words].concat()).unwrap();
+        let program = CoversCli::try_parse_from([&["covers", "robot"], words].concat()).unwrap();
         (program.run(&mut out).unwrap(), String::from_utf8(out).unwrap())
     }
 

@@ -42,7 +42,7 @@ pub fn explain_settings(experiment: &Value) -> String {
 }
 
 /// Returns the JSON schema of a run's settings file.
-pub fn schema() -> Value {
+pub fn settings_schema() -> Value {
     let mut schema = json!({
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Settings of a run",
@@ -110,7 +110,7 @@ mod tests {
     use experiments::presets::{Budget, Method};
 
     fn tree(method: Method) -> Value {
-        let text = serde_json::to_string(&Budget::Full.experiment(method)).unwrap();
+        let text = serde_json::to_string(&Budget::Full.preset_experiment(method)).unwrap();
         serde_json::from_str(&text).unwrap()
     }
 
@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn every_preset_fits_the_schema_and_a_wrong_one_does_not() {
-        let schema = schema();
+        let schema = settings_schema();
         for method in Method::ALL {
             assert_eq!(problems(&schema, &tree(method), ""), <[String; 0]>::default());
         }

@@ -9,7 +9,7 @@ use clap::{ArgGroup, Args};
 use crate::CoversError;
 use crate::cli::{CommandOutcome, device_parser};
 use crate::sweep::{
-    self, ArrayJob, KubernetesOptions, SweepJob, SweepOutcome, SweepPlan, WorkerSettings,
+    self, ArrayJob, KubernetesOptions, SweepJob, SweepOutcome, SweepPlan, SweepWorkerSettings,
 };
 use experiments::cli::{print_escaped, thread_count_parser};
 use experiments::{RunError, StopSignal, memory};
@@ -109,13 +109,14 @@ impl SweepOptions {
                     "the index of a job of the plan, from 0 to one less than its number of jobs",
             })?,
         };
-        let settings = WorkerSettings {
+        let settings = SweepWorkerSettings {
             runs: &self.runs,
             threads: usize::from(self.threads),
             device: self.device,
             take_over_after: self.take_over_after.map(Duration::from_secs),
         };
-        let ended = sweep::run_worker(chosen, settings, &StopSignal::from_os_signals()?, out)?;
+        let ended =
+            sweep::run_sweep_worker(chosen, settings, &StopSignal::from_os_signals()?, out)?;
         let SweepOutcome { stopped, failed_jobs: failed } = ended;
         match (stopped, failed.is_empty()) {
             (false, true) => Ok(CommandOutcome::Done),
@@ -153,9 +154,11 @@ impl SweepOptions {
             return Ok(format!("{:#}", array.kubernetes_json(options)?));
         }
         // members of the array may start in another folder
-        let absolute = |path: &Path| std::path::absolute(path).map_err(RunError::reading(path));
+        let absolute =
+            |path: &Path| std::path::absolute(path).map_err(RunError::read_error_at(path));
         let (plan, runs) = (absolute(array.plan)?, absolute(array.runs)?);
-        let program = std::env::current_exe().map_err(RunError::reading(Path::new("covers")))?;
+        let program =
+            std::env::current_exe().map_err(RunError::read_error_at(Path::new("covers")))?;
         let array = ArrayJob { plan: &plan, runs: &runs, ..array };
         Ok(if self.hyperqueue {
             array.hyperqueue_program(&program)

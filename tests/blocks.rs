@@ -5,8 +5,8 @@ use std::fs;
 use std::path::Path;
 
 use clap::Parser;
-use covers::cli::StreamOptions;
-use covers::program::Program;
+use covers::cli::ContinualStreamOptions;
+use covers::program::CoversCli;
 
 use crate::pages::{on_any_page, pages};
 
@@ -74,7 +74,7 @@ fn wrong_command(words: &[&str]) -> Option<String> {
             let known = makefile.contains(&format!("\n{target}:"));
             (!known).then(|| format!("make knows no `{target}`"))
         }
-        ["covers", arguments @ ..] => refused::<Program>(arguments),
+        ["covers", arguments @ ..] => refused::<CoversCli>(arguments),
         ["cargo", "run", rest @ ..] => {
             let mut parts = rest.splitn(2, |word| *word == "--");
             let (cargo, arguments) = (parts.next()?, parts.next().unwrap_or_default());
@@ -87,8 +87,8 @@ fn wrong_command(words: &[&str]) -> Option<String> {
             }
             let example = cargo.iter().position(|word| *word == "--example");
             match example.map(|at| cargo[at + 1]) {
-                None => refused::<Program>(arguments),
-                Some("continual_stream") => refused::<StreamOptions>(arguments),
+                None => refused::<CoversCli>(arguments),
+                Some("continual_stream") => refused::<ContinualStreamOptions>(arguments),
                 Some(name) => {
                     let folders = [
                         "examples",

@@ -5,7 +5,7 @@ use covers::presets::{Budget, Method};
 use covers::{DeviceChoice, Experiment};
 
 fn on(method: Method, device: DeviceChoice) -> Result<Experiment, String> {
-    let experiment = Budget::Smoke.experiment(method).with_device(device);
+    let experiment = Budget::Smoke.preset_experiment(method).with_device(device);
     experiment.map_err(|error| error.to_string())
 }
 
@@ -48,7 +48,7 @@ mod gpu {
     fn small(device: DeviceChoice) -> Experiment {
         let mut experiment = on(Method::Covers, device).unwrap().with_threads(1);
         if let LearnerSettings::Covers(settings) = &mut experiment.learner {
-            settings.network = NetworkSettings::strided(vec![2, 2], 4);
+            settings.network = NetworkSettings::with_strided_encoder(vec![2, 2], 4);
             settings.ppo.epochs = 2;
         }
         experiment
@@ -58,7 +58,7 @@ mod gpu {
     fn first_turn(experiment: Experiment, folder: &RunFolder) -> Vec<(String, String)> {
         let mut run = Run::start(experiment, folder.clone()).unwrap();
         run.advance().unwrap();
-        run.save().unwrap();
+        run.save_checkpoint().unwrap();
         let text = fs::read_to_string(folder.path().join("metrics.csv")).unwrap();
         let mut lines = text.lines().map(|line| line.split(',').map(str::to_owned));
         lines.next().unwrap().zip(lines.next().unwrap()).collect()
@@ -86,9 +86,9 @@ mod gpu {
         let folder = there.1.path();
         let mut run = Run::resume(folder, Some(1)).unwrap();
         run.advance().unwrap();
-        run.save().unwrap();
+        run.save_checkpoint().unwrap();
         drop(run);
-        let (again, tasks) = (RunFolder::from_path(folder), TaskRegistry::standard());
+        let (again, tasks) = (RunFolder::from_path(folder), TaskRegistry::with_standard());
         let mut resumed = Run::resume_with_tasks(again, Some(1), DeviceChoice::Gpu, tasks).unwrap();
         resumed.advance().unwrap();
         let gpus = Provenance::read(folder).unwrap().into_iter().map(|line| line.gpu);

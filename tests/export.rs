@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use covers::presets::Method;
 use covers::{CoversError, Experiment, LearnerSettings};
-use envs::{Camera, Control, Embodiment, ExtraView};
+use envs::{ActionSettings, Camera, Embodiment, ExtraView};
 use rl::{CriticSettings, EncoderSettings, NetworkSettings};
 use safetensors::tensor::{Dtype, SafeTensors};
 use symmetry::Group;
@@ -37,14 +37,14 @@ fn arrays(path: &Path) -> HashMap<String, Vec<usize>> {
 
 /// Narrow networks on small pictures.
 fn narrow(method: Method, group: Group) -> Experiment {
-    let mut experiment = small(method).with_group(group);
+    let mut experiment = small(method).with_symmetry_group(group);
     experiment.envs.camera.size = 16;
     let network = network(&mut experiment);
     *network = NetworkSettings {
         group,
         action_gain: 1.0,
         log_std: -0.25,
-        ..NetworkSettings::strided(vec![1, 2], 3)
+        ..NetworkSettings::with_strided_encoder(vec![1, 2], 3)
     };
     experiment
 }
@@ -133,8 +133,8 @@ fn a_description_says_what_the_pictures_show() {
 #[test]
 fn a_description_names_the_environments_of_the_training() {
     let mut experiment = narrow(Method::Covers, Group::D2);
-    experiment.envs.embodiment = Embodiment::HAND;
-    experiment.envs.control = Control { action_repeat: 5, displacement: 0.03, horizon: 45 };
+    experiment.envs.embodiment = Embodiment::FLOATING_HAND;
+    experiment.envs.control = ActionSettings { action_repeat: 5, displacement: 0.03, horizon: 45 };
     let scratch = Scratch::new("export-environment");
     let folder = scratch.0.join("new");
     export(&scratch.pack(&experiment), "0", &folder).unwrap();

@@ -1,7 +1,7 @@
 //! The suite learns: a real group from pixels, which an untrained policy does not solve.
 
 use covers::presets::{Budget, Method};
-use covers::schedule::Schedule;
+use covers::schedule::TaskSchedule;
 use covers::{Experiment, Run, RunFolder};
 use envs::TaskGroup;
 
@@ -12,8 +12,8 @@ const DECISIONS: usize = 8000;
 
 fn experiment() -> Experiment {
     Experiment {
-        schedule: Schedule::shuffled(1, &[(TaskGroup::GOAL_REACH, DECISIONS)]),
-        ..Budget::Short.experiment(Method::Covers)
+        schedule: TaskSchedule::shuffled(1, &[(TaskGroup::GOAL_REACH, DECISIONS)]),
+        ..Budget::Short.preset_experiment(Method::Covers)
     }
 }
 

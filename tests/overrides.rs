@@ -4,10 +4,10 @@ use covers::presets::{Budget, Method};
 use covers::{
     Experiment, LearnerError, LearnerSettings, SettingOverride, apply_overrides as apply,
 };
-use learner::overrides::{differences, from_json_value};
+use learner::overrides::{from_json_value, setting_differences};
 
 fn smoke() -> Experiment {
-    Budget::Smoke.experiment(Method::Covers)
+    Budget::Smoke.preset_experiment(Method::Covers)
 }
 
 fn set(texts: &[&str]) -> Result<Experiment, LearnerError> {
@@ -33,7 +33,7 @@ fn any_field_can_be_set() {
     assert_eq!((covers.ppo.gamma, covers.seed), (0.97, 7));
     assert_eq!(changed.evaluation.every, Some(5));
     assert_eq!(changed.schedule.groups[0].decisions, 9);
-    let list = differences(&smoke(), &changed).unwrap();
+    let list = setting_differences(&smoke(), &changed).unwrap();
     assert!(list.contains("`learner.covers.ppo.gamma` 0.95 and 0.97"), "{list}");
     assert_eq!(list.split("; ").count(), 6, "{list}");
 }

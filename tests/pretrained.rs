@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use covers::evaluation::{EvaluationResults, Evaluator, OwnPolicies};
-use covers::{RunFolder, Stream, TaskLabel};
+use covers::evaluation::{EvaluationResults, Evaluator, OwnPolicyByGroup};
+use covers::{RunFolder, SwitchableVecEnv, TaskLabel};
 use envs::{ExtraView, TaskGroup, TaskRegistry, TaskVariant};
 use symmetry::D2;
 
@@ -17,17 +17,17 @@ fn know_their_groups_and_solve_them(name: &str, beside: ExtraView) {
     for plan in &mut experiment.schedule.groups {
         plan.variants = vec![D2::Identity];
     }
-    let spec = Stream::env_spec(&experiment.envs);
+    let spec = SwitchableVecEnv::env_spec(&experiment.envs);
     let labels = TaskLabel::default();
     let settings = &experiment.learner;
-    let loaded = folder.load_with_own_policies(settings, &spec, &labels);
+    let loaded = folder.load_learner_with_own_policies(settings, &spec, &labels);
     let (mut learner, own) = loaded.unwrap();
-    assert_eq!(own, OwnPolicies::default(), "a pack has no books");
+    assert_eq!(own, OwnPolicyByGroup::default(), "a pack has no books");
     assert_eq!(learner.policy_count(), 4);
-    let (envs, tasks) = (experiment.envs, TaskRegistry::standard());
+    let (envs, tasks) = (experiment.envs, TaskRegistry::with_standard());
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, 5, labels).unwrap();
     let mut findings = EvaluationResults::default();
-    for (group, element) in TaskGroup::STANDARD.into_iter().zip(D2::ALL) {
+    for (group, element) in TaskGroup::STANDARD_GROUPS.into_iter().zip(D2::ALL) {
         let variant = TaskVariant { group, element };
         evaluator.score_variant(&mut *learner, variant, &own, 1, &mut findings).unwrap();
     }

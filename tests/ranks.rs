@@ -11,7 +11,7 @@ use std::thread;
 use covers::presets::{Budget, Method};
 use covers::{DeviceChoice, Experiment, Run, RunFolder};
 use envs::{Embodiment, TaskRegistry};
-use rl::{Communicator, Ranks};
+use rl::{ProcessCommunicator, ProcessRanks};
 
 use crate::common::scratch::Scratch;
 
@@ -21,7 +21,7 @@ struct ThreadRank {
     shared: Arc<(Barrier, Mutex<Vec<Vec<u8>>>)>,
 }
 
-impl Communicator for ThreadRank {
+impl ProcessCommunicator for ThreadRank {
     fn rank(&self) -> usize {
         self.rank
     }
@@ -45,12 +45,12 @@ impl Communicator for ThreadRank {
 fn advance(folder: &Path, size: usize, events: usize, prepare: impl Fn(RunFolder) -> Run + Sync) {
     let shared = Arc::new((Barrier::new(size), Mutex::new(vec![Vec::new(); size])));
     let work = |rank| {
-        let ranks = Ranks::new(Arc::new(ThreadRank { rank, shared: Arc::clone(&shared) }));
+        let ranks = ProcessRanks::new(Arc::new(ThreadRank { rank, shared: Arc::clone(&shared) }));
         let mut run = prepare(RunFolder::from_path(folder).on_ranks(ranks));
         for _ in 0..events {
             run.advance().unwrap();
         }
-        run.save().unwrap();
+        run.save_checkpoint().unwrap();
     };
     let work = &work;
     thread::scope(|scope| {
@@ -65,11 +65,11 @@ fn advance(folder: &Path, size: usize, events: usize, prepare: impl Fn(RunFolder
 
 /// Two groups and four environments; minibatches have 4 or 8 chunks.
 fn experiment(method: Method) -> Experiment {
-    let mut experiment = Budget::Smoke.experiment(method).with_threads(1);
+    let mut experiment = Budget::Smoke.preset_experiment(method).with_threads(1);
     experiment.schedule.groups.truncate(2);
     experiment.schedule.groups.iter_mut().for_each(|plan| plan.decisions = 2 * 80);
     experiment.envs.num_envs = 4;
-    experiment.envs.embodiment = Embodiment::HAND;
+    experiment.envs.embodiment = Embodiment::FLOATING_HAND;
     experiment.evaluation.recognition_repeats = 1;
     experiment
 }
@@ -114,7 +114,8 @@ fn a_run_goes_on_with_another_number_of_ranks() {
     advance(parts.path(), 3, 2, start);
     assert!(files(parts.path()) != files(whole.path()));
     advance(parts.path(), 2, ALL, |folder| {
-        Run::resume_with_tasks(folder, Some(1), DeviceChoice::Cpu, TaskRegistry::all()).unwrap()
+        Run::resume_with_tasks(folder, Some(1), DeviceChoice::Cpu, TaskRegistry::with_all())
+            .unwrap()
     });
     assert!(files(parts.path()) == files(whole.path()));
 }

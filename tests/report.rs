@@ -6,14 +6,14 @@ use std::path::Path;
 use covers::experiments::printable::printable_message;
 use covers::presets::{Budget, Method};
 use covers::watch::WatchOptions;
-use covers::{CoversError, Experiment, Run, RunFolder, Summary};
+use covers::{CoversError, Experiment, Run, RunFolder, RunSummary};
 use envs::Embodiment;
 
 use crate::common::{covers, scratch::Scratch};
 
 impl Scratch {
     /// Runs to the end in a folder of this name.
-    fn run(&self, name: &str, experiment: Experiment) -> Summary {
+    fn run(&self, name: &str, experiment: Experiment) -> RunSummary {
         let folder = RunFolder::create(&self.0, name).unwrap();
         let mut run = Run::start(experiment, folder).unwrap();
         while run.advance().unwrap().is_some() {}
@@ -44,7 +44,7 @@ impl Scratch {
 
 /// A smoke run of two groups that is scored all along.
 fn small(method: Method, seed: u64) -> Experiment {
-    let mut experiment = Budget::Smoke.experiment(method).with_seed(seed);
+    let mut experiment = Budget::Smoke.preset_experiment(method).with_seed(seed);
     experiment.schedule.groups.truncate(2);
     experiment.evaluation.visit_episodes_per_env = 1;
     experiment.with_threads(2)
@@ -52,13 +52,13 @@ fn small(method: Method, seed: u64) -> Experiment {
 
 /// The same with one group and without an arm, which takes less time and is no preset.
 fn alone(method: Method, seed: u64) -> Experiment {
-    let mut experiment = small(method, seed).with_embodiment(Embodiment::HAND);
+    let mut experiment = small(method, seed).with_embodiment(Embodiment::FLOATING_HAND);
     experiment.schedule.groups.truncate(1);
     experiment
 }
 
 /// The mean over a run's groups.
-fn average(summary: &Summary, figure: fn(&covers::evaluation::GroupScore) -> f64) -> f64 {
+fn average(summary: &RunSummary, figure: fn(&covers::evaluation::GroupScore) -> f64) -> f64 {
     let groups = summary.groups.iter().map(figure);
     groups.sum::<f64>() / summary.groups.len() as f64
 }
@@ -82,9 +82,10 @@ impl<'a> Rows<'a> {
 }
 
 /// What it says of two runs of COVERS.
-fn check_covers(rows: &Rows, runs: &[Summary]) {
+fn check_covers(rows: &Rows, runs: &[RunSummary]) {
     let row = rows.find(&["covers"], 14);
-    let mean = |figure: &dyn Fn(&Summary) -> f64| f64::midpoint(figure(&runs[0]), figure(&runs[1]));
+    let mean =
+        |figure: &dyn Fn(&RunSummary) -> f64| f64::midpoint(figure(&runs[0]), figure(&runs[1]));
     let success = mean(&|summary| average(summary, |group| group.success));
     assert!(row[3].starts_with(&format!("{success:.3} [")));
     let accuracy = mean(&|summary| summary.assignment_accuracy.unwrap());
@@ -96,7 +97,7 @@ fn check_covers(rows: &Rows, runs: &[Summary]) {
 }
 
 /// What it says of one run of CNN, which has one policy.
-fn check_cnn(rows: &Rows, run: &Summary) {
+fn check_cnn(rows: &Rows, run: &RunSummary) {
     let row = rows.find(&["cnn"], 14);
     let success = average(run, |group| group.success);
     assert_eq!(row[3], format!("{success:.3}"));
@@ -114,7 +115,7 @@ fn a_report_says_what_the_runs_files_say() {
     let scratch = Scratch::new("says");
     let runs = ["covers-seed0", "covers-seed1", "cnn-seed0"];
     let methods = [(Method::Covers, 0), (Method::Covers, 1), (Method::Cnn, 0)];
-    let summaries: Vec<Summary> = runs
+    let summaries: Vec<RunSummary> = runs
         .iter()
         .zip(methods)
         .map(|(name, (method, seed))| scratch.run(name, small(method, seed)))

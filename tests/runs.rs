@@ -4,11 +4,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
-use covers::cli::StreamOptions;
+use covers::cli::ContinualStreamOptions;
 use covers::presets::{Budget, Method};
 use covers::{
-    Covers, CoversSettings, DeviceChoice, Experiment, LearnerSettings, Run, RunFolder, Stream,
-    Summary,
+    CoversLearner, CoversSettings, DeviceChoice, Experiment, LearnerSettings, Run, RunFolder,
+    RunSummary, SwitchableVecEnv,
 };
 use envs::{Camera, Embodiment, Layout, TaskGroup, TaskRegistry, VecEnvSettings};
 use symmetry::Group;
@@ -30,7 +30,7 @@ const FILES: [&str; 6] = [
 ];
 
 fn smoke() -> Experiment {
-    Budget::Smoke.experiment(Method::Covers)
+    Budget::Smoke.preset_experiment(Method::Covers)
 }
 
 /// A run over three groups with visits of 4 and 5 rollouts, evaluated after each visit and after every
@@ -52,7 +52,7 @@ fn start(parent: &Path, experiment: Experiment) -> Run {
 }
 
 /// Runs to the end; returns the summary and the bytes of the files and of the last checkpoint.
-fn finish(mut run: Run) -> (Summary, Vec<Vec<u8>>) {
+fn finish(mut run: Run) -> (RunSummary, Vec<Vec<u8>>) {
     while run.advance().unwrap().is_some() {}
     let folder = run.folder().path();
     let files = FILES.map(|file| folder.join(file)).into_iter();
@@ -105,7 +105,7 @@ fn equal_seeds_give_equal_bytes_on_any_number_of_threads() {
 fn an_interrupted_run_goes_on_to_the_same_bytes() {
     let scratch = Scratch::new("resume");
     // the run with labels has the arm
-    let experiment = experiment(3, 2).with_embodiment(Embodiment::HAND);
+    let experiment = experiment(3, 2).with_embodiment(Embodiment::FLOATING_HAND);
     let (summary, reference) = finish(start(&scratch.0, experiment.clone()));
     // turns that hand over take three rollouts
     let evaluated = [0, 3, 4, 6, 8];
@@ -121,7 +121,7 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     for (file, (got, expected)) in files.zip(bytes.iter().zip(&reference)) {
         assert!(got == expected, "{file} differs");
     }
-    let timeless = |timed: &Summary| {
+    let timeless = |timed: &RunSummary| {
         let mut timed = timed.clone();
         timed.seconds = 0.0;
         timed.decisions_per_second = None;
@@ -138,8 +138,8 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
 /// A smoke run of two groups without an arm, which takes less time; the paper's with small
 /// pictures.
 fn small(method: Method) -> Experiment {
-    let mut experiment = Budget::Smoke.experiment(method).with_threads(2);
-    experiment = experiment.with_embodiment(Embodiment::HAND);
+    let mut experiment = Budget::Smoke.preset_experiment(method).with_threads(2);
+    experiment = experiment.with_embodiment(Embodiment::FLOATING_HAND);
     experiment.schedule.groups.truncate(2);
     experiment.checkpoints.every = 2;
     if method == Method::Paper
@@ -216,7 +216,7 @@ fn an_interrupted_run_with_labels_goes_on_to_the_same_bytes() {
 #[test]
 fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
     let scratch = Scratch::new("alias");
-    let mut tasks = TaskRegistry::standard();
+    let mut tasks = TaskRegistry::with_standard();
     static ALIAS: Faulty = Faulty::new("alias", usize::MAX, || unreachable!("it never fails"));
     tasks.register(TaskGroup::from_task(&ALIAS)).unwrap();
     let mut experiment = small(Method::Covers);
@@ -239,7 +239,7 @@ fn a_run_over_a_group_of_somebody_elses_resumes_with_its_registry_alone() {
 #[test]
 fn a_run_whose_settings_were_edited_is_refused_with_what_differs() {
     let scratch = Scratch::new("edited");
-    let hand = experiment(0, 2).with_embodiment(Embodiment::HAND);
+    let hand = experiment(0, 2).with_embodiment(Embodiment::FLOATING_HAND);
     let folder = RunFolder::from_path(&crash_after(4, start(&scratch.0, hand)));
     let settings = folder.read_experiment().unwrap();
     let mut longer = settings.clone();
@@ -278,7 +278,7 @@ fn remove_own(value: &mut serde_json::Value) {
 #[test]
 fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let scratch = Scratch::new("pack");
-    let mut hand = experiment(3, 2).with_embodiment(Embodiment::HAND);
+    let mut hand = experiment(3, 2).with_embodiment(Embodiment::FLOATING_HAND);
     hand.evaluation = smoke().evaluation;
     // close-ups are not randomised
     hand.envs.camera = Camera::default();
@@ -368,7 +368,7 @@ fn a_folder_that_cannot_be_made_is_named() {
 fn options_are_checked_and_named() {
     let refuse = |arguments: &[&str]| {
         let all = [&["continual_stream"], arguments].concat();
-        StreamOptions::try_parse_from(all).unwrap_err().to_string()
+        ContinualStreamOptions::try_parse_from(all).unwrap_err().to_string()
     };
     assert!(refuse(&["--budgit", "short"]).contains("--budgit"));
     assert!(
@@ -390,10 +390,13 @@ fn options_are_checked_and_named() {
 #[test]
 fn changes_reach_the_experiment() {
     let line = "continual_stream --embodiment hand --group C1 --set covers.ppo.gamma=0.97";
-    let options = StreamOptions::parse_from(line.split(' '));
-    let experiment =
-        options.run_options.settings.apply(options.budget.experiment(Method::Covers)).unwrap();
-    assert_eq!(experiment.envs.embodiment, Embodiment::HAND);
+    let options = ContinualStreamOptions::parse_from(line.split(' '));
+    let experiment = options
+        .run_options
+        .settings
+        .apply_to_experiment(options.budget.preset_experiment(Method::Covers))
+        .unwrap();
+    assert_eq!(experiment.envs.embodiment, Embodiment::FLOATING_HAND);
     let LearnerSettings::Covers(settings) = experiment.learner else {
         panic!("{:?}", experiment.learner);
     };
@@ -403,7 +406,7 @@ fn changes_reach_the_experiment() {
 #[test]
 fn an_image_size_that_breaks_exactness_is_refused_with_the_rule() {
     let camera = Camera { size: 44, ..Camera::default() };
-    let spec = Stream::env_spec(&VecEnvSettings { camera, ..VecEnvSettings::default() });
-    let message = Covers::new(CoversSettings::default(), &spec).err().unwrap().to_string();
+    let spec = SwitchableVecEnv::env_spec(&VecEnvSettings { camera, ..VecEnvSettings::default() });
+    let message = CoversLearner::new(CoversSettings::default(), &spec).err().unwrap().to_string();
     assert!(message.contains("44") && message.contains("16"));
 }

@@ -119,7 +119,7 @@ impl Types {
                 let owner = if inside { &variant } else { owner };
                 let member =
                     Member { name: name.take().unwrap_or(label), kind, doc: sentence(&doc) };
-                let is_removed = member.kind == "RemovedSettings";
+                let is_removed = member.kind == "RemovedGroupingSettings";
                 if !std::mem::take(&mut skipped) && !is_removed && member.name != "}" {
                     self.0.entry(owner.clone()).or_default().members.push(member);
                 }
@@ -246,7 +246,7 @@ fn the_page_lists_every_setting() {
     }
     // as text an f32 has the digits of its source
     let presets = [Method::Covers, Method::Clear].map(|method| {
-        let text = serde_json::to_string(&Budget::Full.experiment(method)).unwrap();
+        let text = serde_json::to_string(&Budget::Full.preset_experiment(method)).unwrap();
         serde_json::from_str(&text).unwrap()
     });
     let mut page = HEAD.to_owned();

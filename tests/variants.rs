@@ -3,7 +3,9 @@
 use std::collections::HashSet;
 
 use covers::experiments::sheet::{contact_sheet, variant_pictures};
-use envs::{ACTION_IRREPS, ExtraView, RGB_CHANNELS, TaskGroup, VECTOR_IRREPS, VecEnvSettings};
+use envs::{
+    ACTION_IRREPS, ExtraView, RGB_CHANNELS, TaskGroup, VECTOR_OBSERVATION_IRREPS, VecEnvSettings,
+};
 use rl::{Actor, ActorCriticPolicy, EnvSpec, NetworkSettings, Observations};
 use symmetry::D2;
 
@@ -11,7 +13,7 @@ use symmetry::D2;
 fn sixteen_pictures_differ_and_variants_of_a_group_are_exact_mirror_images() {
     let settings = VecEnvSettings::default();
     let size = settings.camera.size;
-    let groups = variant_pictures(&settings, &TaskGroup::STANDARD).unwrap();
+    let groups = variant_pictures(&settings, &TaskGroup::STANDARD_GROUPS).unwrap();
     let different: HashSet<_> = groups.iter().flatten().collect();
     assert_eq!(different.len(), 16);
     for variants in &groups {
@@ -28,11 +30,11 @@ fn sixteen_pictures_differ_and_variants_of_a_group_are_exact_mirror_images() {
 fn the_contact_sheet_shows_every_picture_in_its_place() {
     let settings = VecEnvSettings::default();
     let (size, enlarge, gap) = (settings.camera.size, 4, 6);
-    let sheet = contact_sheet(&settings, &TaskGroup::STANDARD).unwrap();
+    let sheet = contact_sheet(&settings, &TaskGroup::STANDARD_GROUPS).unwrap();
     assert_eq!(sheet.rgb.len(), sheet.width * sheet.height * RGB_CHANNELS);
     let cell = size * enlarge + gap;
     for (row, variants) in
-        variant_pictures(&settings, &TaskGroup::STANDARD).unwrap().iter().enumerate()
+        variant_pictures(&settings, &TaskGroup::STANDARD_GROUPS).unwrap().iter().enumerate()
     {
         for (column, picture) in variants.iter().enumerate() {
             for (i, pixel) in picture.chunks(RGB_CHANNELS).enumerate() {
@@ -48,7 +50,7 @@ fn the_contact_sheet_shows_every_picture_in_its_place() {
 /// One observation of a variant: its picture twice, and `vector` mapped by `element`.
 fn observation(picture: &[u8], vector: &[f32], element: D2) -> Observations {
     let images = picture.chunks_exact(RGB_CHANNELS).flat_map(|pixel| [pixel, pixel].concat());
-    let signs = VECTOR_IRREPS.map(|irrep| f32::from(irrep.sign(element)));
+    let signs = VECTOR_OBSERVATION_IRREPS.map(|irrep| f32::from(irrep.sign(element)));
     Observations {
         images: images.collect(),
         vectors: vector.iter().zip(signs).map(|(value, sign)| value * sign).collect(),
@@ -63,7 +65,7 @@ fn deviations(map: impl Fn(D2) -> D2) -> Vec<f32> {
     let spec = EnvSpec {
         num_envs: 1,
         image_shape: [size, size, ExtraView::First.num_channels()],
-        vector_irreps: VECTOR_IRREPS.to_vec(),
+        vector_irreps: VECTOR_OBSERVATION_IRREPS.to_vec(),
         action_irreps: ACTION_IRREPS.to_vec(),
         choices: vec![],
     };
@@ -77,7 +79,7 @@ fn deviations(map: impl Fn(D2) -> D2) -> Vec<f32> {
         action
     };
     let mut deviations = Vec::new();
-    for variants in variant_pictures(&settings, &TaskGroup::STANDARD).unwrap() {
+    for variants in variant_pictures(&settings, &TaskGroup::STANDARD_GROUPS).unwrap() {
         let reference = act(&variants[0], D2::Identity);
         let scale = reference.iter().fold(0.0_f32, |scale, value| scale.max(value.abs()));
         for (element, picture) in D2::ALL.into_iter().zip(&variants) {

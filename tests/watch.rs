@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use covers::experiments::text::event_text;
+use covers::experiments::text::format_run_event;
 use covers::presets::{Budget, Method};
 use covers::watch::WatchOptions;
 use covers::{CoversError, Run, RunEvent, RunFolder};
@@ -27,8 +27,8 @@ fn refusal(folder: &Path) -> String {
 #[test]
 fn lines_are_those_of_the_run_itself_and_end_with_it() {
     let scratch = Scratch::new("watch");
-    let mut experiment = Budget::Smoke.experiment(Method::Covers).with_threads(2);
-    experiment = experiment.with_embodiment(Embodiment::HAND);
+    let mut experiment = Budget::Smoke.preset_experiment(Method::Covers).with_threads(2);
+    experiment = experiment.with_embodiment(Embodiment::FLOATING_HAND);
     experiment.schedule.groups.truncate(2);
     experiment.evaluation.visit_episodes_per_env = 1;
     let folder = RunFolder::create(&scratch.0, "covers-seed0").unwrap();
@@ -37,7 +37,7 @@ fn lines_are_those_of_the_run_itself_and_end_with_it() {
     let (mut rollouts, mut evaluations) = (Vec::new(), 0);
     while let Some(event) = run.advance().unwrap() {
         match event {
-            RunEvent::Rollout(_) => rollouts.push(event_text(&event)),
+            RunEvent::Rollout(_) => rollouts.push(format_run_event(&event)),
             RunEvent::Evaluation(_) => evaluations += 1,
         }
     }

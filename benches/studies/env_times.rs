@@ -15,8 +15,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use envs::{
-    ACTION_DIM, Backdrop, Camera, Control, Embodiment, HAND_TARGET_START, RGB_CHANNELS, Scene,
-    SceneRenderer, StepBuffers, TableTop, TaskGroup, TaskRegistry, VecEnv, VecEnvSettings,
+    ACTION_DIM, ActionSettings, Backdrop, Camera, Embodiment, HAND_TARGET_START, RGB_CHANNELS,
+    Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, TaskRegistry, VecEnv, VecEnvSettings,
 };
 use glam::DVec3;
 use mujoco::Data;
@@ -33,7 +33,8 @@ const ENVS: usize = 16;
 const MANY: usize = 64;
 /// Control with an action, and an image, every control step of 12.5 ms. A full action moves the
 /// target 1 cm, as in Meta-World.
-const CONTROL: Control = Control { action_repeat: 1, displacement: 0.01, horizon: 500 };
+const CONTROL: ActionSettings =
+    ActionSettings { action_repeat: 1, displacement: 0.01, horizon: 500 };
 
 #[derive(Clone, Copy)]
 struct Subject {
@@ -46,7 +47,7 @@ impl Subject {
     fn parse(embodiment: &str, group: &str) -> Result<Self, Failure> {
         Ok(Self {
             embodiment: embodiment.parse()?,
-            group: TaskRegistry::all().find(group)?,
+            group: TaskRegistry::with_all().find(group)?,
             camera: Camera { size: 64, ..Camera::default() },
         })
     }
@@ -156,8 +157,8 @@ impl Subject {
 
     fn switch(self, threads: usize) -> Result<f64, Failure> {
         let mut driven = Driven::new(self, MANY, threads)?;
-        driven.env.prepare_task_groups(&TaskGroup::STANDARD)?;
-        let mut groups = TaskGroup::STANDARD.into_iter().cycle();
+        driven.env.prepare_task_groups(&TaskGroup::STANDARD_GROUPS)?;
+        let mut groups = TaskGroup::STANDARD_GROUPS.into_iter().cycle();
         let switches = rate(|| {
             let group = groups.next().unwrap_or(self.group);
             Ok(driven.env.set_task_group(group, &D2::ALL)?)
@@ -167,7 +168,7 @@ impl Subject {
 
     fn memory(self, threads: usize) -> Result<f64, Failure> {
         let mut driven = Driven::new(self, MANY, threads)?;
-        driven.env.prepare_task_groups(&TaskGroup::STANDARD)?;
+        driven.env.prepare_task_groups(&TaskGroup::STANDARD_GROUPS)?;
         for _ in 0..50 {
             driven.step()?;
         }
@@ -210,7 +211,7 @@ impl Driven {
         for row in self.actions.chunks_exact_mut(ACTION_DIM) {
             row.copy_from_slice(&action(&mut self.rng));
         }
-        match self.env.step(&self.actions, self.batch.step_mut())? {
+        match self.env.step(&self.actions, self.batch.step_results_mut())? {
             [] => Ok(()),
             [failure, ..] => Err(failure.error.to_string().into()),
         }

@@ -10,10 +10,10 @@ use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::time::Instant;
 
-use cluster::{Wasserstein, Weights};
+use cluster::{PointWeights, WassersteinSolver};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let mut workspace = Wasserstein::new();
+    let mut workspace = WassersteinSolver::new();
     for line in stdin().lock().lines() {
         let line = line?;
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -28,7 +28,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let start = Instant::now();
         for _ in 0..repeats {
             // the larger cloud first, as the documentation recommends
-            let (x, y) = ((&x[..], Weights::Uniform(n)), (&y[..], Weights::Uniform(m)));
+            let (x, y) = ((&x[..], PointWeights::Uniform(n)), (&y[..], PointWeights::Uniform(m)));
             let plan =
                 if n < m { workspace.solve(y, x, dim)? } else { workspace.solve(x, y, dim)? };
             value = plan.cost;

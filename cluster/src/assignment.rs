@@ -9,7 +9,7 @@ use crate::wasserstein::wasserstein1;
 
 /// Policy that a rollout is assigned to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Decision {
+pub enum AssignedPolicy {
     /// Existing policy, given by its index among the candidates.
     Existing(usize),
     /// New policy, since no candidate fits.
@@ -20,7 +20,7 @@ pub enum Decision {
 
 /// Outcome of the comparison of a rollout with one candidate policy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum PolicyVerdict {
     /// Candidate policy accepted: the rollout may belong to its task group.
     Accepted,
     /// Candidate policy doubted: the rollout probably does not belong to its task group; a second
@@ -32,7 +32,7 @@ pub enum Verdict {
 
 /// Evidence for and against the assignment of a rollout to one candidate policy.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Evidence {
+pub struct PolicyEvidence {
     /// 1-Wasserstein distance between the points of the rollout and of the policy's buffer, in the
     /// unit of the features.
     pub distance: f64,
@@ -40,20 +40,20 @@ pub struct Evidence {
     /// holds too few episodes. It is then accepted for lack of evidence against it.
     pub test: Option<PermutationTest>,
     /// Outcome of the comparison of the rollout with the candidate policy.
-    pub verdict: Verdict,
+    pub verdict: PolicyVerdict,
 }
 
-impl Evidence {
+impl PolicyEvidence {
     /// Returns the score of the permutation test, in standard deviations above the mean of random
     /// splits; `None` without a test.
-    pub fn score(&self) -> Option<f64> {
+    pub fn test_score(&self) -> Option<f64> {
         self.test.map(|test| test.score)
     }
 
     /// Returns the sort key of a candidate policy: tested ones by score, then the others by
     /// distance.
     fn rank(&self) -> (bool, f64) {
-        self.score().map_or((true, self.distance), |score| (false, score))
+        self.test_score().map_or((true, self.distance), |score| (false, score))
     }
 }
 
@@ -61,15 +61,15 @@ impl Evidence {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assignment {
     /// Policy that the rollout is assigned to.
-    pub decision: Decision,
+    pub decision: AssignedPolicy,
     /// Evidence for and against each candidate policy, in the order of the candidates.
-    pub evidence: Vec<Evidence>,
+    pub evidence: Vec<PolicyEvidence>,
 }
 
 impl Assignment {
     /// Returns the index of the candidate policy that fits best, accepted or not; `None` without
     /// candidates.
-    pub fn nearest(&self) -> Option<usize> {
+    pub fn best_candidate(&self) -> Option<usize> {
         let ranked = self.evidence.iter().enumerate();
         let best = ranked.min_by(|(_, a), (_, b)| {
             let ((a_last, a), (b_last, b)) = (a.rank(), b.rank());
@@ -92,18 +92,18 @@ pub fn assign_by_threshold(candidates: &[CandidateFeatures], threshold: f64) -> 
         rollout.check_alike(buffer)?;
         let distance = wasserstein1(rollout.features(), buffer.features(), rollout.dim())?;
         let is_near = distance <= threshold;
-        Ok(Evidence {
+        Ok(PolicyEvidence {
             distance,
             test: None,
-            verdict: if is_near { Verdict::Accepted } else { Verdict::Rejected },
+            verdict: if is_near { PolicyVerdict::Accepted } else { PolicyVerdict::Rejected },
         })
     });
-    let evidence: Vec<Evidence> = compared.collect::<Result<_>>()?;
-    let mut assignment = Assignment { decision: Decision::New, evidence };
-    if let Some(nearest) = assignment.nearest()
-        && assignment.evidence[nearest].verdict == Verdict::Accepted
+    let evidence: Vec<PolicyEvidence> = compared.collect::<Result<_>>()?;
+    let mut assignment = Assignment { decision: AssignedPolicy::New, evidence };
+    if let Some(nearest) = assignment.best_candidate()
+        && assignment.evidence[nearest].verdict == PolicyVerdict::Accepted
     {
-        assignment.decision = Decision::Existing(nearest);
+        assignment.decision = AssignedPolicy::Existing(nearest);
     }
     Ok(assignment)
 }
@@ -122,12 +122,12 @@ mod tests {
         let decide = |threshold, candidates: &[CandidateFeatures]| {
             assign_by_threshold(candidates, threshold).unwrap().decision
         };
-        assert_eq!(decide(3.0, &[away(3.0)]), Decision::Existing(0));
-        assert_eq!(decide(2.999, &[away(3.0)]), Decision::New);
-        assert_eq!(decide(3.0, &[away(2.0), away(-1.0), away(1.0)]), Decision::Existing(1));
-        assert_eq!(decide(1.0, &[]), Decision::New);
+        assert_eq!(decide(3.0, &[away(3.0)]), AssignedPolicy::Existing(0));
+        assert_eq!(decide(2.999, &[away(3.0)]), AssignedPolicy::New);
+        assert_eq!(decide(3.0, &[away(2.0), away(-1.0), away(1.0)]), AssignedPolicy::Existing(1));
+        assert_eq!(decide(1.0, &[]), AssignedPolicy::New);
         let evidence = assign_by_threshold(&[away(2.0)], 1.0).unwrap().evidence[0];
-        assert_eq!((evidence.distance, evidence.score()), (2.0, None));
+        assert_eq!((evidence.distance, evidence.test_score()), (2.0, None));
         for wrong in [-1.0, f64::NAN, f64::INFINITY] {
             assert!(assign_by_threshold(&[away(1.0)], wrong).is_err());
         }

@@ -24,7 +24,7 @@ pub struct ChangepointTest {
     /// Number of episodes before the most likely changepoint.
     pub changepoint: usize,
     /// Exact p-value of the hypothesis that nothing changes, over all candidate changepoints and
-    /// sources together, as in a [`JointTest`](crate::JointTest).
+    /// sources together, as in a [`JointPermutationTest`](crate::JointPermutationTest).
     pub p_value: f64,
 }
 
@@ -71,7 +71,7 @@ pub fn changepoint_candidates(began: &[usize], least: usize) -> Vec<usize> {
 
 /// Checks the sources and the cuts of a changepoint test; returns the number of episodes.
 fn check(sources: &[FrameFeatures], cuts: &[usize]) -> Result<usize> {
-    let counts: Vec<_> = sources.iter().map(|source| (source.episodes(), 0)).collect();
+    let counts: Vec<_> = sources.iter().map(|source| (source.num_episodes(), 0)).collect();
     let (all, _) = check_episode_counts(&counts)?;
     if cuts.is_empty() {
         return Err(ClusterError::Empty { what: "cuts" });
@@ -106,7 +106,7 @@ impl EnergyScan {
         if largest == 0.0 {
             return Ok(None);
         }
-        let (k, n) = (frames.frames_per_episode(), frames.episodes());
+        let (k, n) = (frames.frames_per_episode(), frames.num_episodes());
         let mut pairs = vec![0; n * n];
         for (index, distance) in distances.iter().enumerate() {
             let (row, col) = (index / (n * k) / k, index % (n * k) / k);

@@ -57,7 +57,7 @@ fn between(x: &FrameFeatures, y: &FrameFeatures) -> Result<f64> {
 fn within(x: &FrameFeatures) -> Result<f64> {
     let mut costs = EuclideanDistances::new();
     let distances = costs.compute(x.features(), x.features(), x.dim())?;
-    let (k, episodes) = (x.frames_per_episode(), x.episodes());
+    let (k, episodes) = (x.frames_per_episode(), x.num_episodes());
     let others = distances.iter().enumerate().filter(|(index, _)| {
         let (row, column) = (index / (episodes * k), index % (episodes * k));
         row / k != column / k

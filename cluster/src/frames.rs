@@ -31,7 +31,7 @@ impl FrameFeatures {
     }
 
     /// Returns the number of episodes, at least 1.
-    pub fn episodes(&self) -> usize {
+    pub fn num_episodes(&self) -> usize {
         self.features.len() / (self.frames_per_episode * self.dim)
     }
 

@@ -10,11 +10,11 @@ use crate::error::{ClusterError, Result};
 use crate::euclidean::EuclideanDistances;
 use crate::frames::CandidateFeatures;
 use crate::permutation::{NullDistribution, PermutationTest, ROUNDING};
-use crate::transport::{TransportSolver, Weights};
+use crate::transport::{PointWeights, TransportSolver};
 
 /// Samples of one source of evidence: its points for the episodes of a rollout and of a buffer.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SourceSamples {
+pub struct EvidenceSourceSamples {
     /// Points of the rollout's and of the buffer's episodes.
     pub clouds: CandidateFeatures,
     /// Direction in which a difference counts against the buffer's group, as in a one-sided or
@@ -32,9 +32,9 @@ pub enum AlternativeHypothesis {
     Less,
 }
 
-/// Test result of one source of evidence in a [`JointTest`]. All values are finite.
+/// Test result of one source of evidence in a [`JointPermutationTest`]. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SourceTest {
+pub struct EvidenceSourceTest {
     /// 1-Wasserstein distance between rollout and buffer in the source's own unit; zero if the
     /// difference has the direction that does not count.
     pub distance: f64,
@@ -50,9 +50,9 @@ pub struct SourceTest {
     pub tail_p_value: f64,
 }
 
-impl SourceTest {
+impl EvidenceSourceTest {
     /// Returns the ratio of the observed distance to the mean distance over random splits.
-    pub fn ratio(&self) -> f64 {
+    pub fn distance_ratio(&self) -> f64 {
         self.distance / self.mean.max(f64::MIN_POSITIVE)
     }
 }
@@ -64,9 +64,9 @@ impl SourceTest {
 /// null distribution that takes the sources' dependence and their number into account: the "max T"
 /// of Westfall and Young, "Resampling-based multiple testing" (1993), algorithm 2.8.
 #[derive(Clone, Debug, PartialEq)]
-pub struct JointTest {
+pub struct JointPermutationTest {
     /// Result of each source; `None` for one whose pooled points are all equal.
-    pub sources: Vec<Option<SourceTest>>,
+    pub sources: Vec<Option<EvidenceSourceTest>>,
     /// Largest score over all sources of evidence, and the smallest p-values of a source, at most
     /// 1.
     pub overall: PermutationTest,
@@ -83,17 +83,17 @@ pub struct JointTest {
 /// # Errors
 /// No stage or one without a split, no source, sources that show different numbers of episodes, or
 /// clouds that cannot be compared.
-pub fn joint_test(
-    sources: &[SourceSamples],
+pub fn joint_permutation_test(
+    sources: &[EvidenceSourceSamples],
     stages: &[usize],
-    is_decided: impl Fn(&JointTest) -> bool,
+    is_decided: impl Fn(&JointPermutationTest) -> bool,
     rng: &mut impl Rng,
-) -> Result<JointTest> {
+) -> Result<JointPermutationTest> {
     check_positive("splits", stages.iter().copied().min().unwrap_or(1))?;
     let mut counts = Vec::with_capacity(sources.len());
-    for SourceSamples { clouds: CandidateFeatures { rollout, buffer }, .. } in sources {
+    for EvidenceSourceSamples { clouds: CandidateFeatures { rollout, buffer }, .. } in sources {
         rollout.check_alike(buffer)?;
-        counts.push((rollout.episodes(), buffer.episodes()));
+        counts.push((rollout.num_episodes(), buffer.num_episodes()));
     }
     let (rollout, buffer) = check_episode_counts(&counts)?;
     let mut pools = sources.iter().map(PooledSource::new).collect::<Result<Vec<_>>>()?;
@@ -153,7 +153,7 @@ struct PooledSource {
 
 impl PooledSource {
     /// Pools the features of all episodes of a source; `None` if all points are equal.
-    fn new(source: &SourceSamples) -> Result<Option<Self>> {
+    fn new(source: &EvidenceSourceSamples) -> Result<Option<Self>> {
         let CandidateFeatures { rollout, buffer } = &source.clouds;
         let features = [rollout.features(), buffer.features()].concat();
         let all = EuclideanDistances::new().compute(&features, &features, rollout.dim())?.to_vec();
@@ -165,7 +165,7 @@ impl PooledSource {
             all,
             largest,
             frames_per_episode,
-            split: rollout.episodes(),
+            split: rollout.num_episodes(),
             sums: (source.alternative == AlternativeHypothesis::Less)
                 .then(|| episodes.map(sum).collect()),
             measured: Vec::new(),
@@ -205,7 +205,7 @@ impl PooledSource {
                 self.costs.extend_from_slice(&row[episode * k..(episode + 1) * k]);
             }
         }
-        let [a, b] = [sources, sinks].map(|side| Weights::Uniform(side.len() * k));
+        let [a, b] = [sources, sinks].map(|side| PointWeights::Uniform(side.len() * k));
         Ok(self.solver.solve(&self.costs, a, b)?.cost)
     }
 
@@ -238,7 +238,7 @@ fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64
     splits.map(largest).collect()
 }
 
-fn summarise(pools: &[Option<PooledSource>], permutations: usize) -> JointTest {
+fn summarise(pools: &[Option<PooledSource>], permutations: usize) -> JointPermutationTest {
     let scores = |from: usize| -> Vec<Option<Vec<f64>>> {
         pools.iter().map(|pool| Some(pool.as_ref()?.scores(from))).collect()
     };
@@ -251,7 +251,7 @@ fn summarise(pools: &[Option<PooledSource>], permutations: usize) -> JointTest {
         let (pool, exact) = (pools[index].as_ref()?, exact[index].as_ref()?[0]);
         let score = outer[index].as_ref()?[0];
         let reaching = reached.iter().filter(|&&m| m >= exact - EQUAL).count();
-        Some(SourceTest {
+        Some(EvidenceSourceTest {
             distance: pool.measured[0],
             mean: pool.moments(1).0,
             score,
@@ -260,15 +260,16 @@ fn summarise(pools: &[Option<PooledSource>], permutations: usize) -> JointTest {
         })
     };
     let sources: Vec<_> = (0..pools.len()).map(outcome_of).collect();
-    let smallest =
-        |p_value: fn(&SourceTest) -> f64| sources.iter().flatten().map(p_value).fold(1.0, f64::min);
+    let smallest = |p_value: fn(&EvidenceSourceTest) -> f64| {
+        sources.iter().flatten().map(p_value).fold(1.0, f64::min)
+    };
     let overall = PermutationTest {
         null,
         score: null.standardise(maxima(&outer, 0..=0)[0]),
         p_value: smallest(|source| source.p_value),
         tail_p_value: smallest(|source| source.tail_p_value),
     };
-    JointTest { sources, overall }
+    JointPermutationTest { sources, overall }
 }
 
 #[cfg(test)]
@@ -283,14 +284,18 @@ mod tests {
         rollout: &[f32],
         buffer: &[f32],
         alternative: AlternativeHypothesis,
-    ) -> SourceSamples {
+    ) -> EvidenceSourceSamples {
         let frames = |values: &[f32]| FrameFeatures::new(values.to_vec(), 1, 1).unwrap();
         let clouds = CandidateFeatures { rollout: frames(rollout), buffer: frames(buffer) };
-        SourceSamples { clouds, alternative }
+        EvidenceSourceSamples { clouds, alternative }
     }
 
-    fn whole(sources: &[SourceSamples], splits: usize, rng: &mut ChaCha8Rng) -> Result<JointTest> {
-        joint_test(sources, &[splits], |_| false, rng)
+    fn whole(
+        sources: &[EvidenceSourceSamples],
+        splits: usize,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<JointPermutationTest> {
+        joint_permutation_test(sources, &[splits], |_| false, rng)
     }
 
     #[test]
@@ -304,7 +309,7 @@ mod tests {
         let both = [still, source(&near, &far, AlternativeHypothesis::TwoSided)];
         let test = whole(&both, 50, &mut rng).unwrap();
         assert!(test.sources[0].is_none() && test.overall.p_value <= 1.0 / 51.0);
-        assert!(test.sources[1].unwrap().ratio() > 3.0);
+        assert!(test.sources[1].unwrap().distance_ratio() > 3.0);
     }
 
     #[test]
@@ -324,7 +329,7 @@ mod tests {
     fn many_sources_give_no_more_false_alarms_than_one() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let alarms = (0..400).filter(|_| {
-            let sources: Vec<SourceSamples> = (0..10)
+            let sources: Vec<EvidenceSourceSamples> = (0..10)
                 .map(|_| {
                     source(
                         &draw(6, 0.0, &mut rng),
@@ -345,8 +350,9 @@ mod tests {
     #[test]
     fn early_ends_give_no_more_false_alarms() {
         let mut rng = ChaCha8Rng::seed_from_u64(8);
-        let reaching =
-            |test: &JointTest| test.overall.p_value * (1 + test.overall.null.permutations) as f64;
+        let reaching = |test: &JointPermutationTest| {
+            test.overall.p_value * (1 + test.overall.null.permutations) as f64
+        };
         let (mut alarms, mut splits) = (0, 0);
         for _ in 0..1000 {
             let sources = [
@@ -362,8 +368,8 @@ mod tests {
                 ),
             ];
             let mut again = rng.clone();
-            let decided = |test: &JointTest| reaching(test) > 8.5;
-            let test = joint_test(&sources, &[19, 39, 79], decided, &mut rng).unwrap();
+            let decided = |test: &JointPermutationTest| reaching(test) > 8.5;
+            let test = joint_permutation_test(&sources, &[19, 39, 79], decided, &mut rng).unwrap();
             let permutations = test.overall.null.permutations;
             assert_eq!(test, whole(&sources, permutations, &mut again).unwrap());
             alarms += usize::from(test.overall.p_value <= 0.05);
@@ -385,6 +391,6 @@ mod tests {
         assert!(message.contains("source 1 shows (1, 1) episodes, expected (2, 1)"), "{message}");
         assert!(whole(&[], 20, &mut rng).is_err());
         assert!(whole(&sources[..1], 0, &mut rng).is_err());
-        assert!(joint_test(&sources[..1], &[], |_| true, &mut rng).is_err());
+        assert!(joint_permutation_test(&sources[..1], &[], |_| true, &mut rng).is_err());
     }
 }

@@ -4,14 +4,14 @@
 //! The crate works on points alone, without tasks, networks or policies. It has three parts.
 //!
 //! - Distances. [`wasserstein1`] is the exact 1-Wasserstein distance with Euclidean ground cost and
-//!   equal weights, [`wasserstein1_gradient`] its gradient in the points. [`Wasserstein`] takes any
-//!   weights and reuses its memory. [`transport()`] and [`TransportSolver`] solve the same problem
-//!   on a given cost matrix. Each answer carries potentials that prove it optimal, and [`certify`]
-//!   checks the proof before the answer is returned.
-//! - Comparison. [`joint_test`] is a permutation test of several sources of evidence, by whole
-//!   episodes, and [`changepoint_test`] one for a changepoint. [`assign_by_threshold`] is the
-//!   paper's rule of assignment. [`energy_distance_margin`] compares two groups from as little as
-//!   one frame.
+//!   equal weights, [`wasserstein1_gradient`] its gradient in the points. [`WassersteinSolver`]
+//!   takes any weights and reuses its memory. [`solve_transport`] and [`TransportSolver`] solve the
+//!   same problem on a given cost matrix. Each answer carries potentials that prove it optimal, and
+//!   [`certify_optimality`] checks the proof before the answer is returned.
+//! - Comparison. [`joint_permutation_test`] is a permutation test of several sources of evidence,
+//!   by whole episodes, and [`changepoint_test`] one for a changepoint. [`assign_by_threshold`] is
+//!   the paper's rule of assignment. [`energy_distance_margin`] compares two groups from as little
+//!   as one frame.
 //! - Memory. [`Reservoir`] keeps a bounded uniform sample of the episodes of a group.
 
 mod assignment;
@@ -27,21 +27,26 @@ mod reservoir;
 mod transport;
 mod wasserstein;
 
-pub use assignment::{Assignment, Decision, Evidence, Verdict, assign_by_threshold};
+pub use assignment::{
+    AssignedPolicy, Assignment, PolicyEvidence, PolicyVerdict, assign_by_threshold,
+};
 pub use change::{ChangepointTest, changepoint_candidates, changepoint_test};
 pub use comparison::{TwoPolicyComparison, energy_distance_margin};
 pub use error::ClusterError;
 pub use euclidean::EuclideanDistances;
 pub use frames::{CandidateFeatures, FrameFeatures};
-pub use joint::{AlternativeHypothesis, JointTest, SourceSamples, SourceTest, joint_test};
+pub use joint::{
+    AlternativeHypothesis, EvidenceSourceSamples, EvidenceSourceTest, JointPermutationTest,
+    joint_permutation_test,
+};
 pub use permutation::{NullDistribution, PermutationTest};
 pub use reservoir::Reservoir;
 pub use transport::{
-    MAX_COST, MAX_RELATIVE_GAP, OptimalityCertificate, PlanEntry, RELATIVE_TOLERANCE,
-    TransportPlan, TransportSolver, Weights, certify, transport,
+    MAX_COST, MAX_RELATIVE_GAP, OptimalityCertificate, PlanEntry, PointWeights, RELATIVE_TOLERANCE,
+    TransportPlan, TransportSolver, certify_optimality, solve_transport,
 };
 pub use wasserstein::{
-    Wasserstein, WassersteinGradient, WeightedCloud, wasserstein1, wasserstein1_gradient,
+    WassersteinGradient, WassersteinSolver, WeightedCloud, wasserstein1, wasserstein1_gradient,
 };
 
 #[cfg(test)]
@@ -59,4 +64,4 @@ mod fixtures {
 /// Compiles and runs the example of the README.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
-pub struct Readme;
+struct Readme;

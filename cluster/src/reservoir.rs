@@ -14,7 +14,7 @@ use crate::error::{ClusterError, Result};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Reservoir<E> {
     capacity: usize,
-    seen: u64,
+    num_offered: u64,
     episodes: Vec<E>,
 }
 
@@ -27,30 +27,31 @@ impl<E> Reservoir<E> {
         Self::from_parts(capacity, 0, Vec::new())
     }
 
-    /// Restores a reservoir from the values of [`capacity`](Self::capacity), [`seen`](Self::seen)
-    /// and [`episodes`](Self::episodes), with the episodes in the same order. They are all of its
-    /// state: with the same generator it continues in the same way.
+    /// Restores a reservoir from the values of [`capacity`](Self::capacity),
+    /// [`num_offered`](Self::num_offered) and [`episodes`](Self::episodes), with the episodes in
+    /// the same order. They are all of its state: with the same generator it continues in the same
+    /// way.
     ///
     /// # Errors
-    /// A capacity of zero, or a number of episodes other than `min(capacity, seen)`.
-    pub fn from_parts(capacity: usize, seen: u64, episodes: Vec<E>) -> Result<Self> {
+    /// A capacity of zero, or a number of episodes other than `min(capacity, num_offered)`.
+    pub fn from_parts(capacity: usize, num_offered: u64, episodes: Vec<E>) -> Result<Self> {
         check_positive("capacity", capacity)?;
-        if episodes.len() as u64 != seen.min(capacity as u64) {
+        if episodes.len() as u64 != num_offered.min(capacity as u64) {
             let held = episodes.len();
-            return Err(ClusterError::ReservoirParts { capacity, seen, held });
+            return Err(ClusterError::ReservoirParts { capacity, seen: num_offered, held });
         }
-        Ok(Self { capacity, seen, episodes })
+        Ok(Self { capacity, num_offered, episodes })
     }
 
     /// Offers an episode to the reservoir. Once it is full, a stored episode or the offered one is
     /// dropped.
     pub fn offer(&mut self, episode: E, rng: &mut impl Rng) {
-        self.seen += 1;
+        self.num_offered += 1;
         if self.episodes.len() < self.capacity {
             self.episodes.push(episode);
             return;
         }
-        let place = usize::try_from(rng.random_range(0..self.seen)).ok();
+        let place = usize::try_from(rng.random_range(0..self.num_offered)).ok();
         if let Some(held) = place.and_then(|place| self.episodes.get_mut(place)) {
             *held = episode;
         }
@@ -63,8 +64,8 @@ impl<E> Reservoir<E> {
     }
 
     /// Returns the number of episodes offered to the reservoir so far.
-    pub fn seen(&self) -> u64 {
-        self.seen
+    pub fn num_offered(&self) -> u64 {
+        self.num_offered
     }
 
     /// Returns the largest number of episodes that the reservoir stores.

@@ -13,8 +13,8 @@ mod problem;
 mod solver;
 mod start;
 
-pub use certificate::{MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, certify};
-pub use problem::{MAX_COST, OptimalityCertificate, PlanEntry, TransportPlan, Weights};
-pub use solver::{TransportSolver, transport};
+pub use certificate::{MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, certify_optimality};
+pub use problem::{MAX_COST, OptimalityCertificate, PlanEntry, PointWeights, TransportPlan};
+pub use solver::{TransportSolver, solve_transport};
 
 pub(crate) use problem::check_weights_of;

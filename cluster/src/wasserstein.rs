@@ -3,7 +3,7 @@
 use crate::check::{check_positive, check_rows};
 use crate::error::Result;
 use crate::euclidean::{EuclideanDistances, euclidean};
-use crate::transport::{TransportPlan, TransportSolver, Weights, check_weights_of};
+use crate::transport::{PointWeights, TransportPlan, TransportSolver, check_weights_of};
 
 /// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]`
 /// with equal weights, in their unit.
@@ -11,8 +11,8 @@ use crate::transport::{TransportPlan, TransportSolver, Weights, check_weights_of
 /// `W1(X, Y) = min <gamma, M>_F` over `gamma >= 0` with row sums `1/n` and column sums `1/m`, where
 /// `M_il = ||X_i - Y_l||_2`: the distance of Liu et al., "Continual Vision-based Reinforcement
 /// Learning with Group Symmetries" (CoRL 2023), section 4.3. The result is certified (see
-/// [`crate::certify`]); it is zero exactly when both clouds hold the same points in the same
-/// proportions, up to the certificate's tolerance.
+/// [`crate::certify_optimality`]); it is zero exactly when both clouds hold the same points in the
+/// same proportions, up to the certificate's tolerance.
 ///
 /// # Errors
 /// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not
@@ -33,8 +33,8 @@ pub fn wasserstein1(x: &[f32], y: &[f32], dim: usize) -> Result<f64> {
     check_rows("y", y, dim, "point")?;
     // many sources and few sinks are priced faster than the reverse
     let (x, y) = if x.len() < y.len() { (y, x) } else { (x, y) };
-    let uniform = |cloud: &[f32]| Weights::Uniform(cloud.len() / dim);
-    Ok(Wasserstein::new().solve((x, uniform(x)), (y, uniform(y)), dim)?.cost)
+    let uniform = |cloud: &[f32]| PointWeights::Uniform(cloud.len() / dim);
+    Ok(WassersteinSolver::new().solve((x, uniform(x)), (y, uniform(y)), dim)?.cost)
 }
 
 /// 1-Wasserstein distance between two clouds and its gradient in their points.
@@ -74,8 +74,8 @@ pub struct WassersteinGradient {
 /// ```
 pub fn wasserstein1_gradient(x: &[f32], y: &[f32], dim: usize) -> Result<WassersteinGradient> {
     check_positive("dim", dim)?;
-    let uniform = |cloud: &[f32]| Weights::Uniform(cloud.len() / dim);
-    let mut workspace = Wasserstein::new();
+    let uniform = |cloud: &[f32]| PointWeights::Uniform(cloud.len() / dim);
+    let mut workspace = WassersteinSolver::new();
     let plan = workspace.solve((x, uniform(x)), (y, uniform(y)), dim)?;
     let (mut by_x, mut by_y) = (vec![0.0; x.len()], vec![0.0; y.len()]);
     for entry in &plan.entries {
@@ -98,23 +98,23 @@ pub fn wasserstein1_gradient(x: &[f32], y: &[f32], dim: usize) -> Result<Wassers
 /// potentials and memory that is reused.
 ///
 /// ```
-/// use cluster::{Wasserstein, Weights};
+/// use cluster::{PointWeights, WassersteinSolver};
 ///
-/// let mut workspace = Wasserstein::new();
+/// let mut workspace = WassersteinSolver::new();
 /// let (x, y) = ([0.0, 1.0], [0.0, 3.0]);
-/// let (a, b) = (Weights::Given(&[0.25, 0.75]), Weights::Uniform(2));
+/// let (a, b) = (PointWeights::Given(&[0.25, 0.75]), PointWeights::Uniform(2));
 /// let plan = workspace.solve((&x, a), (&y, b), 1)?;
 /// // a quarter moves from 1 to 0, a half from 1 to 3
 /// assert_eq!(plan.cost, 0.25 * 1.0 + 0.5 * 2.0);
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
 #[derive(Clone, Debug, Default)]
-pub struct Wasserstein {
+pub struct WassersteinSolver {
     costs: EuclideanDistances,
     solver: TransportSolver,
 }
 
-impl Wasserstein {
+impl WassersteinSolver {
     /// Creates a solver of Wasserstein distances that has allocated nothing yet.
     pub fn new() -> Self {
         Self::default()
@@ -140,4 +140,4 @@ impl Wasserstein {
 }
 
 /// Points of a cloud, `[n, dim]` for n points of `dim` coordinates, and their weights.
-pub type WeightedCloud<'a> = (&'a [f32], Weights<'a>);
+pub type WeightedCloud<'a> = (&'a [f32], PointWeights<'a>);

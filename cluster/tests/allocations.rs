@@ -3,7 +3,7 @@
 mod common;
 
 use allocation_counter::measure;
-use cluster::{Wasserstein, Weights};
+use cluster::{PointWeights, WassersteinSolver};
 use common::{normals, random_weights};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -16,12 +16,12 @@ const SIZES: [(usize, usize, usize); 6] =
 #[test]
 fn nothing_is_allocated_in_the_steady_state() {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
-    let mut workspace = Wasserstein::new();
+    let mut workspace = WassersteinSolver::new();
     for (index, (n, m, dim)) in SIZES.into_iter().enumerate() {
         for round in 0..4_usize {
             let (x, y) = (normals(&mut rng, n * dim), normals(&mut rng, m * dim));
             let weights = random_weights(round as u64, n);
-            let (a, b) = (Weights::Given(&weights), Weights::Uniform(m));
+            let (a, b) = (PointWeights::Given(&weights), PointWeights::Uniform(m));
             let count = measure(|| {
                 let plan = workspace.solve((&x, a), (&y, b), dim);
                 assert!(n == 1 || plan.unwrap().pivots > 0);

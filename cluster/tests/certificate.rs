@@ -1,16 +1,18 @@
 //! The certificate's power to refuse.
 
-use cluster::{ClusterError, PlanEntry, TransportPlan, Weights, certify, transport};
+use cluster::{
+    ClusterError, PlanEntry, PointWeights, TransportPlan, certify_optimality, solve_transport,
+};
 
 use crate::common::{random_costs, uniform};
 
-const SIDES: (Weights, Weights) = (Weights::Uniform(6), Weights::Uniform(4));
+const SIDES: (PointWeights, PointWeights) = (PointWeights::Uniform(6), PointWeights::Uniform(4));
 
 fn checked(
     cost: &[f64],
     plan: &TransportPlan,
 ) -> Result<cluster::OptimalityCertificate, ClusterError> {
-    certify(cost, SIDES.0, SIDES.1, plan)
+    certify_optimality(cost, SIDES.0, SIDES.1, plan)
 }
 
 /// A solved problem to spoil: 6 sources, 4 sinks.
@@ -64,7 +66,7 @@ fn the_certificate_refuses_spoilt_plans() {
         let error = checked(&cost, &spoilt).expect_err("a spoilt plan must be refused");
         assert!(format!("{error:?}").starts_with(expected), "{index}: {error:?}");
     }
-    let narrow = certify(&cost, Weights::Uniform(4), SIDES.1, &plan).unwrap_err();
+    let narrow = certify_optimality(&cost, PointWeights::Uniform(4), SIDES.1, &plan).unwrap_err();
     assert!(matches!(narrow, ClusterError::CostShape { len: 24, .. }), "{narrow}");
 }
 
@@ -72,15 +74,15 @@ fn the_certificate_refuses_spoilt_plans() {
 fn the_certificate_refuses_a_feasible_plan_that_is_not_optimal() {
     // the dearer of the two matchings, with the potentials of the cheaper one
     let cost = [9.0, 2.0, 4.0, 1.0];
-    let sides = (Weights::Uniform(2), Weights::Uniform(2));
-    let mut plan = transport(&cost, sides.0, sides.1).unwrap();
+    let sides = (PointWeights::Uniform(2), PointWeights::Uniform(2));
+    let mut plan = solve_transport(&cost, sides.0, sides.1).unwrap();
     plan.entries = vec![
         PlanEntry { source: 0, sink: 0, mass: 0.5 },
         PlanEntry { source: 1, sink: 1, mass: 0.5 },
     ];
     for claimed in [3.0, 5.0] {
         plan.cost = claimed;
-        let error = certify(&cost, sides.0, sides.1, &plan).unwrap_err();
+        let error = certify_optimality(&cost, sides.0, sides.1, &plan).unwrap_err();
         assert!(matches!(error, ClusterError::DualityGap { primal: 5.0, .. }), "{error}");
     }
 }

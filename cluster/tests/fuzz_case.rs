@@ -1,8 +1,8 @@
 //! One hostile input for each seed, and the verdict that it must get.
 
 use cluster::{
-    ClusterError, MAX_COST, MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, TransportPlan, TransportSolver,
-    Wasserstein, Weights, certify,
+    ClusterError, MAX_COST, MAX_RELATIVE_GAP, PointWeights, RELATIVE_TOLERANCE, TransportPlan,
+    TransportSolver, WassersteinSolver, certify_optimality,
 };
 use rand::seq::IndexedRandom;
 use rand::{Rng, RngExt, SeedableRng};
@@ -31,7 +31,7 @@ pub enum Outcome {
 /// optimum.
 pub fn run(seed: u64) -> Result<Outcome, String> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let (mut solver, mut workspace) = (TransportSolver::new(), Wasserstein::new());
+    let (mut solver, mut workspace) = (TransportSolver::new(), WassersteinSolver::new());
     let with_points = rng.random_ratio(1, 3);
     let mut solve = |draws: &mut ChaCha8Rng| match (with_points, draws.random_ratio(1, 4)) {
         (true, _) => clouds(draws, &mut workspace),
@@ -63,7 +63,8 @@ impl Problem {
             Ok(plan) => plan,
             Err(refused) => return Ok(refused),
         };
-        let again = certify(cost, a.weights(), b.weights(), plan).map_err(|e| e.to_string())?;
+        let again =
+            certify_optimality(cost, a.weights(), b.weights(), plan).map_err(|e| e.to_string())?;
         if again != plan.certificate || !plan.cost.is_finite() {
             return Err(format!("{again:?} is not {:?}", plan.certificate));
         }
@@ -77,10 +78,10 @@ enum Side {
 }
 
 impl Side {
-    fn weights(&self) -> Weights<'_> {
+    fn weights(&self) -> PointWeights<'_> {
         match self {
-            Self::Uniform(points) => Weights::Uniform(*points),
-            Self::Given(weights) => Weights::Given(weights),
+            Self::Uniform(points) => PointWeights::Uniform(*points),
+            Self::Given(weights) => PointWeights::Given(weights),
         }
     }
 
@@ -172,7 +173,7 @@ fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |top: f64, v| top.max(v.abs()))
 }
 
-fn clouds(rng: &mut ChaCha8Rng, workspace: &mut Wasserstein) -> Result<Outcome, String> {
+fn clouds(rng: &mut ChaCha8Rng, workspace: &mut WassersteinSolver) -> Result<Outcome, String> {
     let (n, m) = (size(rng), size(rng));
     let mut dim = *[1, 1, 2, 3, 64].choose(rng).unwrap_or(&1);
     let (mut x, mut y) = points(rng, n, m, dim);

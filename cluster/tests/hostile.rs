@@ -1,8 +1,8 @@
 //! Input that somebody's bug or malice made: a clear error or a certified answer, never a panic.
 
 use cluster::{
-    ClusterError, EuclideanDistances, MAX_COST, OptimalityCertificate, PlanEntry, TransportPlan,
-    Wasserstein, Weights, certify, transport, wasserstein1,
+    ClusterError, EuclideanDistances, MAX_COST, OptimalityCertificate, PlanEntry, PointWeights,
+    TransportPlan, WassersteinSolver, certify_optimality, solve_transport, wasserstein1,
 };
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -10,15 +10,21 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::common::{normals, random_costs, uniform};
 
-fn solved(x: &[f32], a: Weights, y: &[f32], b: Weights, dim: usize) -> Result<f64, ClusterError> {
-    Ok(Wasserstein::new().solve((x, a), (y, b), dim)?.cost)
+fn solved(
+    x: &[f32],
+    a: PointWeights,
+    y: &[f32],
+    b: PointWeights,
+    dim: usize,
+) -> Result<f64, ClusterError> {
+    Ok(WassersteinSolver::new().solve((x, a), (y, b), dim)?.cost)
 }
 
 #[test]
 fn miscounted_weights_are_refused_even_where_the_matrix_has_the_right_length() {
     // two points and three, weighted as three and two: 2 x 3 = 3 x 2
     let (x, y) = ([0.0, 1.0], [0.0, 1.0, 2.0]);
-    let error = solved(&x, Weights::Uniform(3), &y, Weights::Uniform(2), 1).unwrap_err();
+    let error = solved(&x, PointWeights::Uniform(3), &y, PointWeights::Uniform(2), 1).unwrap_err();
     assert_eq!(error.to_string(), "weights of x has length 3: expected 2");
 }
 
@@ -26,11 +32,14 @@ fn miscounted_weights_are_refused_even_where_the_matrix_has_the_right_length() {
 fn absurd_numbers_of_points_overflow_nothing() {
     for absurd in [usize::MAX, usize::MAX / 2, 1 << 32, u32::MAX as usize] {
         for other in [1, 2, 3, usize::MAX] {
-            let (a, b) = (Weights::Uniform(absurd), Weights::Uniform(other));
+            let (a, b) = (PointWeights::Uniform(absurd), PointWeights::Uniform(other));
             for (from, to) in [(a, b), (b, a)] {
                 let plan = TransportPlan::default();
-                assert!(matches!(transport(&[1.0], from, to), Err(ClusterError::CostShape { .. })));
-                let certified = certify(&[1.0], from, to, &plan);
+                assert!(matches!(
+                    solve_transport(&[1.0], from, to),
+                    Err(ClusterError::CostShape { .. })
+                ));
+                let certified = certify_optimality(&[1.0], from, to, &plan);
                 assert!(matches!(certified, Err(ClusterError::CostShape { .. })));
                 let error = solved(&[1.0], from, &[1.0], to, 1);
                 assert!(matches!(error, Err(ClusterError::Length { .. })));
@@ -65,23 +74,27 @@ fn coprime_sizes_keep_their_units_exact() {
 #[test]
 fn an_infinite_cost_does_not_make_the_certificate_generous() {
     let cost = [0.0, 5.0, 5.0, 0.0];
-    let sides = (Weights::Uniform(2), Weights::Uniform(2));
-    let mut plan = transport(&cost, sides.0, sides.1).unwrap();
+    let sides = (PointWeights::Uniform(2), PointWeights::Uniform(2));
+    let mut plan = solve_transport(&cost, sides.0, sides.1).unwrap();
     // the dearer matching, its cost infinite
     plan.entries.iter_mut().for_each(|e| e.sink = 1 - e.sink);
     plan.cost = f64::INFINITY;
     for unfit in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
-        let error = certify(&[0.0, unfit, 5.0, 0.0], sides.0, sides.1, &plan).unwrap_err();
+        let error =
+            certify_optimality(&[0.0, unfit, 5.0, 0.0], sides.0, sides.1, &plan).unwrap_err();
         assert!(matches!(error, ClusterError::NonFinite { what: "cost", index: 1, .. }));
     }
-    let error = certify(&[0.0, 2.0 * MAX_COST, 5.0, 0.0], sides.0, sides.1, &plan).unwrap_err();
+    let error =
+        certify_optimality(&[0.0, 2.0 * MAX_COST, 5.0, 0.0], sides.0, sides.1, &plan).unwrap_err();
     assert!(matches!(error, ClusterError::CostTooLarge { index: 1, .. }));
 }
 
 #[test]
 fn weights_at_the_edge_of_a_distribution() {
     let cost = random_costs(7, 9);
-    let solve = |weights: &[f64]| transport(&cost, Weights::Given(weights), Weights::Uniform(3));
+    let solve = |weights: &[f64]| {
+        solve_transport(&cost, PointWeights::Given(weights), PointWeights::Uniform(3))
+    };
     for off in [-0.9e-6, 0.9e-6] {
         solve(&[0.5, 0.5 + off, 0.0]).unwrap();
         let far = [0.5, 0.5 + off / 0.8, 0.0];
@@ -92,7 +105,7 @@ fn weights_at_the_edge_of_a_distribution() {
     solve(&[1.0, -0.0, f64::from_bits(1)]).unwrap();
     let many = vec![1e-4; 10_000];
     let far: Vec<f64> = (0..10_000).map(f64::from).collect();
-    let plan = transport(&far, Weights::Given(&many), Weights::Uniform(1)).unwrap();
+    let plan = solve_transport(&far, PointWeights::Given(&many), PointWeights::Uniform(1)).unwrap();
     assert!((plan.cost - 4999.5).abs() < 1e-9);
 }
 
@@ -126,15 +139,15 @@ fn a_plan_with_potentials_that_hide_its_costs_is_refused() {
     for f in [1e18, 1e30, MAX_COST] {
         let cost = [0.0, -1.0, f, -1.0, 0.0, f, f, f, 0.0];
         let plan = diagonal(3, &[f, f, 0.0], &[-f, -f, 0.0]);
-        let (three, weights) = (Weights::Uniform(3), [1.0 / 3.0; 3]);
-        for sides in [(three, three), (Weights::Given(&weights), three)] {
-            let error = certify(&cost, sides.0, sides.1, &plan).unwrap_err();
+        let (three, weights) = (PointWeights::Uniform(3), [1.0 / 3.0; 3]);
+        for sides in [(three, three), (PointWeights::Given(&weights), three)] {
+            let error = certify_optimality(&cost, sides.0, sides.1, &plan).unwrap_err();
             assert!(matches!(error, ClusterError::Imprecise { .. }), "{error}");
         }
     }
     // potentials that overflow
-    let (two, plan) = (Weights::Uniform(2), diagonal(2, &[f64::MAX, 0.0], &[f64::MAX, 0.0]));
-    let error = certify(&[0.0; 4], two, two, &plan).unwrap_err();
+    let (two, plan) = (PointWeights::Uniform(2), diagonal(2, &[f64::MAX, 0.0], &[f64::MAX, 0.0]));
+    let error = certify_optimality(&[0.0; 4], two, two, &plan).unwrap_err();
     assert!(matches!(error, ClusterError::DualInfeasible { .. }), "{error}");
 }
 
@@ -215,7 +228,8 @@ fn what_rounding_leaves_open_is_refused_and_never_returned() {
     cost[..20].fill(far);
     let mut weights = vec![1.0 / 19.0; 20];
     weights[0] = 1e-17;
-    let error = transport(&cost, Weights::Given(&weights), Weights::Uniform(20)).unwrap_err();
+    let error = solve_transport(&cost, PointWeights::Given(&weights), PointWeights::Uniform(20))
+        .unwrap_err();
     let ClusterError::Imprecise { cost: total, excess, tolerance } = error else {
         panic!("{error}");
     };
@@ -227,10 +241,10 @@ fn what_rounding_leaves_open_is_refused_and_never_returned() {
 #[test]
 fn given_weights_that_round_are_refused_where_they_decide() {
     // as integers, thirds of the whole differ by some units, which go all the way
-    let thirds = Weights::Given(&[1.0 / 3.0; 3]);
+    let thirds = PointWeights::Given(&[1.0 / 3.0; 3]);
     let result = solved(&[0.0, 0.5, 1e30], thirds, &[1e30, 0.1, 0.7], thirds, 1);
     assert!(matches!(result, Err(ClusterError::Imprecise { .. })), "{result:?}");
-    let quarters = Weights::Given(&[0.25; 4]);
+    let quarters = PointWeights::Given(&[0.25; 4]);
     let (x, y) = ([0.0, 0.25, 0.5, 1e30], [1e30, 0.1, 0.3, 0.7]);
     let expected = wasserstein1(&x[..3], &y[1..], 1).unwrap() * 3.0 / 4.0;
     let distance = solved(&x, quarters, &y, quarters, 1).unwrap();

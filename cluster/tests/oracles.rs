@@ -1,7 +1,7 @@
 //! The solver against solvers of others: a general linear program, an assignment solver, recordings
 //! of POT and of SciPy.
 
-use cluster::{Wasserstein, Weights, transport};
+use cluster::{PointWeights, WassersteinSolver, solve_transport};
 use lapjv::{Matrix, lapjv};
 use microlp::{ComparisonOp, OptimizationDirection, Problem, SolveOutcome};
 use rand::SeedableRng;
@@ -52,7 +52,8 @@ fn weighted_problems_agree_with_a_linear_program() {
         let random = random_costs(200 + seed, n * m);
         let tied: Vec<f64> = random.iter().map(|c| (3.0 * c).round()).collect();
         for cost in [random, tied] {
-            let plan = transport(&cost, Weights::Given(&a), Weights::Given(&b)).unwrap();
+            let plan =
+                solve_transport(&cost, PointWeights::Given(&a), PointWeights::Given(&b)).unwrap();
             let expected = linear_program(&cost, &a, &b);
             assert!(
                 (plan.cost - expected).abs() <= 1e-9,
@@ -98,13 +99,13 @@ fn cloud(problem: &Value, key: &str) -> Vec<f32> {
 #[test]
 fn weighted_clouds_agree_with_the_recordings_of_pot() {
     let recorded: Value = serde_json::from_str(include_str!("golden/pot.json")).unwrap();
-    let mut workspace = Wasserstein::new();
+    let mut workspace = WassersteinSolver::new();
     for problem in recorded["problems"].as_array().unwrap() {
         let (x, a) = (cloud(problem, "x"), shares(problem, "a"));
         let (y, b) = (cloud(problem, "y"), shares(problem, "b"));
         let dim = problem["dim"].as_u64().unwrap() as usize;
         let expected = problem["value"].as_f64().unwrap();
-        let (x, y) = ((&x[..], Weights::Given(&a)), (&y[..], Weights::Given(&b)));
+        let (x, y) = ((&x[..], PointWeights::Given(&a)), (&y[..], PointWeights::Given(&b)));
         let got = workspace.solve(x, y, dim).unwrap().cost;
         assert!(
             (got - expected).abs() <= 1e-9 * expected,

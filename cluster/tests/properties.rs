@@ -1,6 +1,6 @@
 //! Properties of transport between measures of equal and of given weights.
 
-use cluster::{TransportPlan, Wasserstein, Weights, wasserstein1};
+use cluster::{PointWeights, TransportPlan, WassersteinSolver, wasserstein1};
 use proptest::prelude::*;
 
 use crate::common::{self, random_costs};
@@ -15,9 +15,9 @@ struct Measure {
 }
 
 impl Measure {
-    fn weights(&self) -> Weights<'_> {
-        let equal = Weights::Uniform(self.points.len());
-        self.weights.as_deref().map_or(equal, Weights::Given)
+    fn weights(&self) -> PointWeights<'_> {
+        let equal = PointWeights::Uniform(self.points.len());
+        self.weights.as_deref().map_or(equal, PointWeights::Given)
     }
 
     /// Weights of all points, as numbers.
@@ -64,7 +64,7 @@ fn translation() -> impl Strategy<Value = [f32; DIM]> {
 
 fn plan(x: &Measure, y: &Measure) -> TransportPlan {
     let (from, to) = (x.points.as_flattened(), y.points.as_flattened());
-    let mut workspace = Wasserstein::new();
+    let mut workspace = WassersteinSolver::new();
     workspace.solve((from, x.weights()), (to, y.weights()), DIM).expect("two measures").clone()
 }
 

@@ -41,7 +41,7 @@ fn a_restored_reservoir_goes_on_alike() {
         (0..saved_at).for_each(|episode| original.offer(episode, &mut rng));
         let all: Vec<usize> = (0..saved_at).collect();
         assert!(original.episodes() == all || saved_at > CAPACITY, "there is room for all");
-        let (capacity, seen) = (original.capacity(), original.seen());
+        let (capacity, seen) = (original.capacity(), original.num_offered());
         let mut restored =
             Reservoir::from_parts(capacity, seen, original.episodes().to_vec()).unwrap();
         let mut other = rng.clone();

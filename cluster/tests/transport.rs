@@ -1,6 +1,6 @@
 //! The solver on cost matrices.
 
-use cluster::{TransportSolver, Weights, transport};
+use cluster::{PointWeights, TransportSolver, solve_transport};
 
 use crate::common::{random_costs, uniform};
 
@@ -19,7 +19,8 @@ fn a_reused_solver_gives_the_bits_of_a_new_one() {
     let mut solver = TransportSolver::new();
     for (n, m) in [(20, 30), (7, 600), (20, 30), (1, 1)] {
         let cost = random_costs(23, n * m);
-        let reused = solver.solve(&cost, Weights::Uniform(n), Weights::Uniform(m)).unwrap();
+        let reused =
+            solver.solve(&cost, PointWeights::Uniform(n), PointWeights::Uniform(m)).unwrap();
         assert_eq!(*reused, uniform(&cost, n, m).unwrap());
     }
 }
@@ -28,7 +29,8 @@ fn a_reused_solver_gives_the_bits_of_a_new_one() {
 fn weights_may_be_zero_or_very_small() {
     let weights = [0.0, 1e-300, 0.25, 0.0, 0.75];
     let cost = random_costs(25, 25);
-    let plan = transport(&cost, Weights::Given(&weights), Weights::Given(&weights)).unwrap();
+    let plan = solve_transport(&cost, PointWeights::Given(&weights), PointWeights::Given(&weights))
+        .unwrap();
     let sends = |point: usize| plan.entries.iter().filter(move |e| e.source == point);
     assert_eq!(sends(0).count() + sends(1).count() + sends(3).count(), 0);
     assert_eq!(sends(4).map(|e| e.mass).sum::<f64>(), 0.75);
@@ -48,7 +50,9 @@ fn weights_of_single_precision_are_divided_by_their_sum() {
         assert!((sum - 1.0).abs() > 1e-9, "{n}: {sum}");
         let divided: Vec<f64> = weights.iter().map(|w| w / sum).collect();
         let cost: Vec<f64> = random_costs(27, 3 * n).iter().map(|c| 2.0 + c).collect();
-        let solve = |w: &[f64]| transport(&cost, Weights::Given(w), Weights::Uniform(3)).unwrap();
+        let solve = |w: &[f64]| {
+            solve_transport(&cost, PointWeights::Given(w), PointWeights::Uniform(3)).unwrap()
+        };
         let (got, expected) = (solve(&weights).cost, solve(&divided).cost);
         assert!((got / expected - 1.0).abs() < 1e-14, "{n}: {got} {expected}");
     }
@@ -83,8 +87,8 @@ fn malformed_problems_are_refused_with_their_values() {
     ];
     for (weights, expected) in of_weights {
         let (cost, sides) =
-            (vec![0.0; weights.len()], (Weights::Given(weights), Weights::Uniform(1)));
-        let message = transport(&cost, sides.0, sides.1).unwrap_err().to_string();
+            (vec![0.0; weights.len()], (PointWeights::Given(weights), PointWeights::Uniform(1)));
+        let message = solve_transport(&cost, sides.0, sides.1).unwrap_err().to_string();
         assert!(message.starts_with(expected), "{message}");
     }
 }

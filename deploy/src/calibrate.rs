@@ -19,8 +19,10 @@ mod refusals;
 mod tests;
 
 pub use command::CalibrateOptions;
-pub use file::CalibrationFile;
+pub use file::CameraCalibrationFile;
 pub use mask::{MaskCheck, MaskComparison};
 pub use mask_command::CheckMaskOptions;
-pub use measure::{CalibrateSettings, CalibrationResult, SkippedPose, calibrate};
+pub use measure::{
+    CameraCalibrationResult, CameraCalibrationSettings, SkippedPose, calibrate_camera,
+};
 pub use poses::calibration_poses;

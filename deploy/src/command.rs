@@ -15,17 +15,17 @@ use learner::disk::{LocalDisk, write_atomically};
 use render::encode_gif;
 
 use super::deployment::Deployment;
-use super::faults::{Fault, FaultSweep};
+use super::faults::{FaultSweep, SimulatedFault};
 use super::film_strip::FilmStrip;
 use super::options::RunAndRigOptions;
 use super::results::ResultsFolder;
 use super::rig::{Rig, Trial};
 use super::settings::{RigSettings, VisionSettings};
 use super::simulated::SimulatedRig;
-use super::table::{TrialScore, deployment_table};
+use super::table::{TrialScore, trial_success_table};
 
 /// Fault of the simulated rig, with the rig's settings for each amount of the fault.
-type SweepSettings = (Fault, Vec<(f64, RigSettings)>);
+type SweepSettings = (SimulatedFault, Vec<(f64, RigSettings)>);
 
 /// Task groups of one batch of trials, with the number of trials and the folder for pictures.
 #[derive(Clone, Copy)]
@@ -116,14 +116,14 @@ impl DeployOptions {
     ///
     /// # Errors
     /// As [`DeployOptions::run`], and faults and sweeps, which only a simulated rig can set.
-    pub fn run_on(
+    pub fn run_on_rig(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<(), DeployError> {
         self.run_and_rig.rig.reject_faults(self.sweep.iter().map(|of| of.fault))?;
-        let mut deployment = self.run_and_rig.deployment(VisionSettings::default())?;
+        let mut deployment = self.run_and_rig.load_deployment(VisionSettings::default())?;
         let results = self.results()?;
         self.act(&mut deployment, rig, arm, results.as_ref(), out)?;
         Ok(())
@@ -169,11 +169,11 @@ impl DeployOptions {
     fn groups(&self) -> Result<Vec<TaskGroup>, RunError> {
         let schedule =
             RunFolder::from_path(&self.run_and_rig.run_folder).read_experiment()?.schedule;
-        schedule.select_groups(self.task.as_deref(), &TaskRegistry::all())
+        schedule.select_groups(self.task.as_deref(), &TaskRegistry::with_all())
     }
 
     fn simulated(&self, settings: RigSettings) -> Result<(Deployment, SimulatedRig), DeployError> {
-        let deployment = self.run_and_rig.deployment(settings.vision)?;
+        let deployment = self.run_and_rig.load_deployment(settings.vision)?;
         let robot = self.run_and_rig.rig.robot;
         let rig = SimulatedRig::new(settings.simulation, *deployment.training_camera(), robot)?;
         Ok((deployment, rig))
@@ -191,7 +191,8 @@ impl DeployOptions {
             if sweeps.iter().any(|(of, _)| of == fault) {
                 return Err(refused("each fault once").into());
             }
-            let replaced = matches!(fault, Fault::PositionError | Fault::AngleError);
+            let replaced =
+                matches!(fault, SimulatedFault::PositionError | SimulatedFault::AngleError);
             if replaced && self.run_and_rig.camera.calibration.is_some() {
                 return Err(refused(
                     "another fault, or no --calibration: the file takes the place of the \
@@ -272,7 +273,7 @@ impl DeployOptions {
             bar.suspend(|| print_escaped(out, &line))?;
         }
         bar.finish_and_clear();
-        print_escaped(out, &deployment_table(&scores))?;
+        print_escaped(out, &trial_success_table(&scores))?;
         Ok(scores)
     }
 
@@ -295,9 +296,9 @@ impl DeployOptions {
         std::fs::create_dir_all(folder).map_err(written)?;
         let bytes = if self.gif {
             let title = format!("{}, trial {}", trial.variant, trial.index);
-            encode_gif(&strip.to_film(&title)).map_err(RunError::writing(&path))?
+            encode_gif(&strip.to_film(&title)).map_err(RunError::write_error_at(&path))?
         } else {
-            strip.to_picture().to_png().map_err(RunError::writing(&path))?
+            strip.to_picture().to_png().map_err(RunError::write_error_at(&path))?
         };
         Ok(write_atomically(&LocalDisk, &path, &bytes)?)
     }

@@ -3,9 +3,11 @@
 use std::time::{Duration, Instant};
 
 use envs::embodiments::Arm;
-use envs::{ACTION_DIM, Control, Layout};
+use envs::{ACTION_DIM, ActionSettings, Layout};
 use glam::{DQuat, DVec3};
-use robots::{Command, ControlError, OrientationConstraint, Pose, RobotState, Twist, TwistLimits};
+use robots::{
+    ArmCommand, ControlError, OrientationConstraint, Pose, RobotState, Twist, TwistLimits,
+};
 
 use crate::DeployError;
 
@@ -55,7 +57,7 @@ pub(super) struct ActionController {
 
 impl ActionController {
     /// Creates a controller of an arm that rests at `start`, for a policy trained with `control`.
-    pub fn new(arm: &Arm, control: &Control, start: &RobotState) -> Self {
+    pub fn new(arm: &Arm, control: &ActionSettings, start: &RobotState) -> Self {
         let seconds = control.decision_seconds();
         let ticks = (seconds / COMMAND_PERIOD.as_secs_f64()).round().max(1.0);
         let settings = arm.settings();
@@ -77,13 +79,13 @@ impl ActionController {
     }
 
     /// Returns `true` if a decision lasts a whole number of command periods of 25 ms.
-    pub fn is_multiple_of_command_period(control: &Control) -> bool {
+    pub fn is_multiple_of_command_period(control: &ActionSettings) -> bool {
         let ticks = control.decision_seconds() / COMMAND_PERIOD.as_secs_f64();
         ticks >= 1.0 && ticks.fract() == 0.0
     }
 
     /// Returns the position (metres) that the hand follows.
-    pub fn target(&self) -> DVec3 {
+    pub fn target_position(&self) -> DVec3 {
         self.target
     }
 
@@ -93,7 +95,7 @@ impl ActionController {
     }
 
     /// Returns the time that computing and sending the commands of the last decision took.
-    pub fn command_time(&self) -> Duration {
+    pub fn time_spent_on_commands(&self) -> Duration {
         self.command_time
     }
 
@@ -122,7 +124,8 @@ impl ActionController {
             };
             self.move_target(DVec3::new(x, y, z), finger, &state);
             let command = self.command(&state);
-            self.twist = self.limits.ramp(self.twist, command.twist, COMMAND_PERIOD.as_secs_f64());
+            self.twist =
+                self.limits.ramp_twist(self.twist, command.twist, COMMAND_PERIOD.as_secs_f64());
             self.reference += COMMAND_PERIOD.as_secs_f64() * self.twist.linear;
             match rig.command(&command) {
                 Err(ControlError::CannotFollow { .. }) => self.refused_commands += 1,
@@ -150,7 +153,7 @@ impl ActionController {
     }
 
     fn move_target(&mut self, way: DVec3, finger: f64, state: &RobotState) {
-        let [low, high] = Layout::Symmetric.target_bounds();
+        let [low, high] = Layout::Symmetric.hand_target_bounds();
         let wanted = (self.target + self.displacement * way).clamp(low, high);
         let hand = state.tip.position;
         // both stay close to the measured position, or the arm would catch up in one jump
@@ -161,12 +164,12 @@ impl ActionController {
         self.gripper_closure = closing.clamp(0.0, 1.0);
     }
 
-    fn command(&self, state: &RobotState) -> Command {
+    fn command(&self, state: &RobotState) -> ArmCommand {
         let target = Pose { position: self.target, rotation: self.rotation };
-        let turn = self.orientation.error(&state.tip, &target).angular;
+        let turn = self.orientation.pose_error(&state.tip, &target).angular;
         // the position follows the reference, the orientation follows the measured pose
         let way = [self.target - self.reference, TURNING * turn];
-        Command {
+        ArmCommand {
             twist: self.limits.twist_towards(way, RATE),
             gripper_closure: self.gripper_closure,
         }

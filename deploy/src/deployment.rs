@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use envs::embodiments::Arm;
 use envs::{
-    ACTION_DIM, Camera, Control, Layout, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskGroup,
-    VecEnvSettings,
+    ACTION_DIM, ActionSettings, Camera, Layout, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
+    TaskGroup, VecEnvSettings,
 };
 use glam::DVec3;
 use rand::SeedableRng;
@@ -16,7 +16,7 @@ use robots::RobotState;
 use symmetry::D2;
 
 use crate::DeployError;
-use experiments::{Experiment, RunError, RunFolder, Stream};
+use experiments::{Experiment, RunError, RunFolder, SwitchableVecEnv};
 use learner::{Learner, LearnerSettings, RecognisedPolicy, TaskLabel};
 
 use super::controller::ActionController;
@@ -34,7 +34,7 @@ use super::trial::{FirstPictureEnv, TrialEnv};
 pub struct Deployment {
     learner: Box<dyn Learner>,
     spec: EnvSpec,
-    control: Control,
+    control: ActionSettings,
     camera: Camera,
     /// Picture of the empty table `[rendered_size, rendered_size, 3]` by the camera of training.
     table: Vec<u8>,
@@ -54,7 +54,7 @@ impl Deployment {
         check_training_conditions(&learner, &envs)?;
         // a rig has one robot
         envs.num_envs = 1;
-        let spec = Stream::env_spec(&envs);
+        let spec = SwitchableVecEnv::env_spec(&envs);
         let drawn = envs.camera.with_size(envs.camera.rendered_size());
         let mut table = vec![0; drawn.size * drawn.size * RGB_CHANNELS];
         // the group that puts nothing on the table
@@ -117,7 +117,7 @@ impl Deployment {
             policy_fits: played.score.policy_fits,
             actions: played.actions,
             latencies: played.latencies,
-            blocked_commands: dry.into_blocked_commands(),
+            unsent_commands: dry.into_unsent_commands(),
         })
     }
 

@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use envs::ACTION_DIM;
 use envs::embodiments::Arm;
-use inpainting::{Calibration, Intrinsics};
+use inpainting::{CameraCalibration, Intrinsics};
 use rl::BoxedEnvError;
-use robots::{Command, ControlError, Robot, RobotState, Twist, TwistController, TwistLimits};
+use robots::{ArmCommand, ControlError, Robot, RobotState, Twist, TwistController, TwistLimits};
 
 use crate::DeployError;
 
@@ -17,9 +17,9 @@ use super::rig::{Rig, TaskVerdict, Trial, TrialSetUp, fresh_picture};
 
 /// Command for the arm that a dry run did not send.
 #[derive(Clone, Debug, PartialEq)]
-pub struct BlockedCommand {
+pub struct UnsentCommand {
     /// Command into which the controller turned the policy's action.
-    pub command: Command,
+    pub command: ArmCommand,
     /// Velocity that the hand would have had after the tick if the command had been sent. It is
     /// within the arm's limits of speed and acceleration, and zero if the arm would refuse the
     /// command.
@@ -39,7 +39,7 @@ pub struct DryRunReport {
     pub actions: Vec<[f32; ACTION_DIM]>,
     /// Commands that the dry run withheld from the robot, in order; the same number for each
     /// decision.
-    pub blocked_commands: Vec<BlockedCommand>,
+    pub unsent_commands: Vec<UnsentCommand>,
     /// Times that each stage of a decision took in the dry run.
     pub latencies: LatencyProfile,
 }
@@ -49,24 +49,24 @@ impl DryRunReport {
     pub fn text(&self) -> String {
         let fits = if self.policy_fits { "fits" } else { "does not fit" };
         let mut text = format!("policy {}, which {fits}\n", self.policy);
-        let each = self.blocked_commands.len() / self.actions.len().max(1);
-        let commands = self.blocked_commands.chunks(each.max(1));
+        let each = self.unsent_commands.len() / self.actions.len().max(1);
+        let commands = self.unsent_commands.chunks(each.max(1));
         for (number, (action, own)) in self.actions.iter().zip(commands).enumerate() {
             text += &decision(number, action, own);
         }
-        let refused = self.blocked_commands.iter().filter(|one| one.refusal.is_some());
+        let refused = self.unsent_commands.iter().filter(|one| one.refusal.is_some());
         // writing to a String cannot fail
         let _ = writeln!(
             text,
             "{} commands were withheld, {} of which the arm would refuse; nothing was sent\n\n\
              stage        times  median (ms)  worst (ms)",
-            self.blocked_commands.len(),
+            self.unsent_commands.len(),
             refused.count()
         );
         for stage in DecisionStage::ALL {
             if let Some(times) = self.latencies.median_and_max(stage) {
                 let [median, worst] = times.map(|time| 1e3 * time.as_secs_f64());
-                let (name, count) = (stage.name(), self.latencies.count(stage));
+                let (name, count) = (stage.name(), self.latencies.measurement_count(stage));
                 let _ = writeln!(text, "{name:<12} {count:>5}  {median:>11.2}  {worst:>10.2}");
             }
         }
@@ -74,7 +74,7 @@ impl DryRunReport {
     }
 }
 
-fn decision(number: usize, action: &[f32; ACTION_DIM], commands: &[BlockedCommand]) -> String {
+fn decision(number: usize, action: &[f32; ACTION_DIM], commands: &[UnsentCommand]) -> String {
     let action = action.map(|part| format!("{part:>6.2}")).concat();
     let Some(last) = commands.last() else {
         return String::new();
@@ -98,7 +98,7 @@ pub(super) struct DryRunRig<'a> {
     control: TwistController,
     limits: TwistLimits,
     twist: Twist,
-    blocked_commands: Vec<BlockedCommand>,
+    unsent_commands: Vec<UnsentCommand>,
 }
 
 impl<'a> DryRunRig<'a> {
@@ -114,25 +114,25 @@ impl<'a> DryRunRig<'a> {
             control: TwistController::new(chain, &settings.ready_joint_positions, control)?,
             limits: control.limits,
             twist: Twist::ZERO,
-            blocked_commands: Vec::new(),
+            unsent_commands: Vec::new(),
         })
     }
 
     /// Returns the commands that were not sent to the robot.
-    pub fn into_blocked_commands(self) -> Vec<BlockedCommand> {
-        self.blocked_commands
+    pub fn into_unsent_commands(self) -> Vec<UnsentCommand> {
+        self.unsent_commands
     }
 
     /// Checks that the arm would accept a command in its current state.
     ///
     /// # Errors
     /// Reason for which the arm would refuse the command.
-    fn try_out(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn try_out(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         command.check()?;
         let state = self.rig.state()?;
         // from the measured joints, since the robot does not follow the commands
         self.control.restart(&state.joints)?;
-        self.control.command(command.twist)
+        self.control.command_twist(command.twist)
     }
 }
 
@@ -141,15 +141,15 @@ impl Robot for DryRunRig<'_> {
         self.rig.state()
     }
 
-    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         let tried = self.try_out(command);
         let seconds = COMMAND_PERIOD.as_secs_f64();
         // a robot stops when it refuses a command
         self.twist = match tried {
-            Ok(()) => self.limits.ramp(self.twist, command.twist, seconds),
+            Ok(()) => self.limits.ramp_twist(self.twist, command.twist, seconds),
             Err(_) => Twist::ZERO,
         };
-        self.blocked_commands.push(BlockedCommand {
+        self.unsent_commands.push(UnsentCommand {
             command: *command,
             resulting_twist: self.twist,
             refusal: tried.as_ref().err().map(ToString::to_string),
@@ -178,11 +178,11 @@ impl Rig for DryRunRig<'_> {
         Ok(TrialSetUp { background, parked_state: self.rig.state()?, goal: None })
     }
 
-    fn calibration(&self) -> Calibration {
+    fn calibration(&self) -> CameraCalibration {
         self.rig.calibration()
     }
 
-    fn trial_independent_calibration(&self) -> Calibration {
+    fn trial_independent_calibration(&self) -> CameraCalibration {
         self.rig.trial_independent_calibration()
     }
 

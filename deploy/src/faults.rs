@@ -9,7 +9,7 @@ use super::settings::RigSettings;
 
 /// Fault of a simulated rig, or setting of the perception, whose amount can be varied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
+pub enum SimulatedFault {
     /// Distance of the camera from its calibrated position (mm).
     PositionError,
     /// Angle between the camera and its calibrated orientation (degrees).
@@ -26,7 +26,7 @@ pub enum Fault {
     MaskMargin,
 }
 
-impl Fault {
+impl SimulatedFault {
     /// All faults whose amount can be varied.
     pub const ALL: [Self; 7] = [
         Self::PositionError,
@@ -110,7 +110,7 @@ impl Fault {
 #[derive(Clone, Debug, PartialEq)]
 pub struct FaultSweep {
     /// Fault whose amount is varied.
-    pub fault: Fault,
+    pub fault: SimulatedFault,
     /// Rising amounts in the fault's unit; the last one is above 0.
     pub amounts: Vec<f64>,
 }
@@ -138,7 +138,7 @@ impl FromStr for FaultSweep {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FaultAmount {
     /// Fault whose amount is set.
-    pub fault: Fault,
+    pub fault: SimulatedFault,
     /// Amount of the fault in its unit; 0 or more.
     pub amount: f64,
 }
@@ -159,11 +159,11 @@ impl FromStr for FaultAmount {
     }
 }
 
-fn named(text: &str) -> Result<(Fault, &str), DeployError> {
+fn named(text: &str) -> Result<(SimulatedFault, &str), DeployError> {
     let refused =
         |expected| RunError::InvalidSetting { name: "fault", value: text.to_owned(), expected };
     let (name, amounts) = text.split_once('=').ok_or_else(|| refused(FORM))?;
-    let fault = Fault::ALL.into_iter().find(|fault| fault.name() == name);
+    let fault = SimulatedFault::ALL.into_iter().find(|fault| fault.name() == name);
     Ok((fault.ok_or_else(|| refused(NAMES))?, amounts))
 }
 
@@ -180,7 +180,7 @@ mod tests {
 
     #[test]
     fn a_sweep_is_read_as_it_is_written() {
-        for fault in Fault::ALL {
+        for fault in SimulatedFault::ALL {
             assert!(NAMES.contains(fault.name()), "{}", fault.name());
             let sweep: FaultSweep = format!("{}=0,2.5,30", fault.name()).parse().unwrap();
             let amounts = vec![0.0, 2.5, 30.0];
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn one_amount_is_read_or_refused() {
-        for fault in Fault::ALL {
+        for fault in SimulatedFault::ALL {
             let one: FaultAmount = format!("{}=0", fault.name()).parse().unwrap();
             assert_eq!(one, FaultAmount { fault, amount: 0.0 });
         }
@@ -230,7 +230,7 @@ mod tests {
     fn amounts_are_in_the_units_that_axes_name() {
         let nominal = RigSettings::NOMINAL_FAULTS;
         let amounts = [5.0, 0.5, 60.0, 25.0, 10.0, 3.0, 20.0];
-        for (fault, amount) in Fault::ALL.into_iter().zip(amounts) {
+        for (fault, amount) in SimulatedFault::ALL.into_iter().zip(amounts) {
             let none = fault.set_amount(0.0, nominal).unwrap();
             assert_ne!(none, nominal, "{}", fault.name());
             assert_eq!(fault.set_amount(amount, none).unwrap(), nominal, "{}", fault.name());
@@ -241,12 +241,12 @@ mod tests {
     fn amounts_out_of_range_are_refused() {
         let nominal = RigSettings::NOMINAL_FAULTS;
         for (fault, amount, says) in [
-            (Fault::PositionError, 101.0, "`position_error` is 0.101"),
-            (Fault::AngleError, 12.0, "`angle_error`"),
-            (Fault::PictureLatency, 450.0, "450"),
-            (Fault::CommandLatency, 20.0, "12.5"),
-            (Fault::ExposureDrift, 101.0, "`exposure_drift_sd`"),
-            (Fault::MaskMargin, 1001.0, "mask-growth"),
+            (SimulatedFault::PositionError, 101.0, "`position_error` is 0.101"),
+            (SimulatedFault::AngleError, 12.0, "`angle_error`"),
+            (SimulatedFault::PictureLatency, 450.0, "450"),
+            (SimulatedFault::CommandLatency, 20.0, "12.5"),
+            (SimulatedFault::ExposureDrift, 101.0, "`exposure_drift_sd`"),
+            (SimulatedFault::MaskMargin, 1001.0, "mask-growth"),
         ] {
             let message = fault.set_amount(amount, nominal).unwrap_err().to_string();
             assert!(message.contains(says), "{message}");

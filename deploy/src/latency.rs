@@ -50,7 +50,7 @@ impl LatencyProfile {
     }
 
     /// Returns the number of times that a stage was measured.
-    pub fn count(&self, stage: DecisionStage) -> usize {
+    pub fn measurement_count(&self, stage: DecisionStage) -> usize {
         self.0[stage as usize].len()
     }
 
@@ -83,6 +83,6 @@ mod tests {
             latencies.median_and_max(DecisionStage::SendCommands).map(millis),
             Some([8, 13])
         );
-        assert_eq!(latencies.count(DecisionStage::ChooseAction), 3);
+        assert_eq!(latencies.measurement_count(DecisionStage::ChooseAction), 3);
     }
 }

@@ -29,18 +29,18 @@ mod trial;
 mod tests;
 
 pub use calibrate::{
-    CalibrateOptions, CalibrateSettings, CalibrationFile, CalibrationResult, CheckMaskOptions,
-    MaskCheck, MaskComparison, SkippedPose, calibrate, calibration_poses,
+    CalibrateOptions, CameraCalibrationFile, CameraCalibrationResult, CameraCalibrationSettings,
+    CheckMaskOptions, MaskCheck, MaskComparison, SkippedPose, calibrate_camera, calibration_poses,
 };
 pub use command::DeployOptions;
 pub use deployment::Deployment;
-pub use dry_run::{BlockedCommand, DryRunReport};
+pub use dry_run::{DryRunReport, UnsentCommand};
 pub use error::DeployError;
-pub use faults::{Fault, FaultAmount, FaultSweep};
+pub use faults::{FaultAmount, FaultSweep, SimulatedFault};
 pub use film_strip::FilmStrip;
 pub use latency::{DecisionStage, LatencyProfile};
-pub use options::{CameraOptions, FaultLevel, RigOptions, RunAndRigOptions};
+pub use options::{CameraOptions, FaultPreset, RigOptions, RunAndRigOptions};
 pub use rig::{Rig, TaskVerdict, Trial, TrialSetUp};
 pub use settings::{RigSettings, VisionSettings};
-pub use simulated::{SimulatedRig, SimulationSettings};
-pub use table::{TrialScore, deployment_table};
+pub use simulated::{SimulatedRig, SimulatedRigSettings};
+pub use table::{TrialScore, trial_success_table};

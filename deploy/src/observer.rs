@@ -5,7 +5,7 @@ use std::time::Duration;
 use envs::embodiments::Arm;
 use envs::{Camera, ObservationPictures};
 use glam::DVec3;
-use inpainting::{Calibration, Perception};
+use inpainting::{CameraCalibration, Perception};
 use robots::RobotState;
 
 use crate::DeployError;
@@ -38,7 +38,7 @@ impl RigPerception {
     pub fn new(
         settings: &VisionSettings,
         arm: &Arm,
-        calibration: Calibration,
+        calibration: CameraCalibration,
         camera: &Camera,
         table: &[u8],
         set_up: &TrialSetUp,
@@ -65,7 +65,7 @@ impl RigPerception {
     }
 
     /// Returns the arm's last recorded state.
-    pub fn state(&self) -> &RobotState {
+    pub fn arm_state(&self) -> &RobotState {
         self.history.last()
     }
 
@@ -83,24 +83,28 @@ impl RigPerception {
     ///
     /// # Errors
     /// [`DeployError::Inpainting`].
-    pub fn write_without_arm(&mut self, arm: &Arm, out: &mut [u8]) -> Result<(), DeployError> {
+    pub fn write_picture_without_arm(
+        &mut self,
+        arm: &Arm,
+        out: &mut [u8],
+    ) -> Result<(), DeployError> {
         // pictures come late: mask the arm where it was when the picture was taken
         let joints = joints(arm, &self.history.state_at(self.taken));
-        let gripper = self.state().tip.position;
+        let gripper = self.arm_state().tip.position;
         self.perception.observe(&self.picture, &joints, gripper, &mut self.painted)?;
         self.camera.downsample(&self.painted, out);
-        self.camera.draw_mark(&self.camera.mark, gripper, out);
+        self.camera.draw_gripper_mark(&self.camera.mark, gripper, out);
         Ok(())
     }
 
     /// Composes the image of an observation, `[size, size, C]`, from the last picture of
-    /// [`RigPerception::write_without_arm`], `current`, and the episode's first one.
+    /// [`RigPerception::write_picture_without_arm`], `current`, and the episode's first one.
     pub fn compose_observation(&self, current: &[u8], first: &[u8], image: &mut [u8]) {
         let pictures = ObservationPictures {
             current,
             first,
             rendered: &self.painted,
-            hand: self.state().tip.position,
+            hand: self.arm_state().tip.position,
         };
         self.camera.compose_observation(&pictures, image);
     }

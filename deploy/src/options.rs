@@ -9,14 +9,14 @@ use crate::DeployError;
 use experiments::{RunError, RunFolder};
 use inpainting::InpaintingError::OutOfSight;
 
-use super::calibrate::CalibrationFile;
+use super::calibrate::CameraCalibrationFile;
 use super::deployment::Deployment;
-use super::faults::{Fault, FaultAmount};
+use super::faults::{FaultAmount, SimulatedFault};
 use super::settings::{RigSettings, VisionSettings};
 
 /// Set of faults of a simulated robot and its camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum FaultLevel {
+pub enum FaultPreset {
     /// Perfect camera and an arm without delay.
     Off,
     /// Faults about as large as those of real robots and cameras.
@@ -35,7 +35,7 @@ pub struct RigOptions {
     pub seed: u64,
     /// Faults of the camera and the arm.
     #[arg(long, value_enum, default_value = "nominal")]
-    pub faults: FaultLevel,
+    pub faults: FaultPreset,
     /// Amount of a single fault, as `position-error=30`, with the names and units of `covers deploy
     /// --sweep`; may be given several times, for one fault each.
     #[arg(long = "fault", value_name = "FAULT=AMOUNT")]
@@ -53,8 +53,8 @@ impl RigOptions {
     /// [`RunError::InvalidSetting`] for amounts out of range, and for two amounts of one fault.
     pub fn settings(&self) -> Result<RigSettings, DeployError> {
         let mut settings = match self.faults {
-            FaultLevel::Off => RigSettings::NO_FAULTS,
-            FaultLevel::Nominal => RigSettings::NOMINAL_FAULTS,
+            FaultPreset::Off => RigSettings::NO_FAULTS,
+            FaultPreset::Nominal => RigSettings::NOMINAL_FAULTS,
         };
         for (number, FaultAmount { fault, amount }) in self.fault_amounts.iter().enumerate() {
             // a second amount would silently replace the first
@@ -75,7 +75,7 @@ impl RigOptions {
     /// fault would pass for a harmless one.
     pub(crate) fn reject_faults(
         &self,
-        swept: impl IntoIterator<Item = Fault>,
+        swept: impl IntoIterator<Item = SimulatedFault>,
     ) -> Result<(), DeployError> {
         let single = self.fault_amounts.iter().map(|of| of.fault);
         single.chain(swept).next().map_or(Ok(()), |fault| {
@@ -116,9 +116,12 @@ impl RunAndRigOptions {
     /// file.
     ///
     /// # Errors
-    /// As [`CameraOptions::apply`] and [`Deployment::load`].
-    pub fn deployment(&self, vision: VisionSettings) -> Result<Deployment, DeployError> {
-        Deployment::load(&RunFolder::from_path(&self.run_folder), self.camera.apply(vision)?)
+    /// As [`CameraOptions::apply_calibration`] and [`Deployment::load`].
+    pub fn load_deployment(&self, vision: VisionSettings) -> Result<Deployment, DeployError> {
+        Deployment::load(
+            &RunFolder::from_path(&self.run_folder),
+            self.camera.apply_calibration(vision)?,
+        )
     }
 }
 
@@ -126,9 +129,12 @@ impl CameraOptions {
     /// Returns `settings` with the calibration from the option's file, if one is given.
     ///
     /// # Errors
-    /// As [`CalibrationFile::read`].
-    pub fn apply(&self, settings: VisionSettings) -> Result<VisionSettings, DeployError> {
-        let read = self.calibration.as_deref().map(CalibrationFile::read);
+    /// As [`CameraCalibrationFile::read`].
+    pub fn apply_calibration(
+        &self,
+        settings: VisionSettings,
+    ) -> Result<VisionSettings, DeployError> {
+        let read = self.calibration.as_deref().map(CameraCalibrationFile::read);
         Ok(VisionSettings { calibration: read.transpose()?.or(settings.calibration), ..settings })
     }
 

@@ -1,7 +1,7 @@
 //! Plausibility check of a calibration from a file against the rig's own estimate.
 
 use glam::DQuat;
-use inpainting::Calibration;
+use inpainting::CameraCalibration;
 
 use crate::DeployError;
 
@@ -22,8 +22,8 @@ const POINTS: usize = 9;
 /// # Errors
 /// [`DeployError::ImplausibleCalibration`].
 pub(super) fn check_plausibility(
-    file: &Calibration,
-    known: &Calibration,
+    file: &CameraCalibration,
+    known: &CameraCalibration,
 ) -> Result<(), DeployError> {
     let (inside, expected) = (&file.intrinsics, &known.intrinsics);
     let size = [inside.width, inside.height];
@@ -56,21 +56,24 @@ pub(super) fn check_plausibility(
         format!("at most {most:.0} pixels from where the rig's shows a point")
     })?;
     let [place, angle] = distance_m_and_angle_deg(file, known);
-    let position = format!("{:.3} m", file.position());
+    let position = format!("{:.3} m", file.camera_position());
     require(place <= LARGEST[0], "position", position, || {
-        format!("at most {} m from {:.3} m, the rig's", LARGEST[0], known.position())
+        format!("at most {} m from {:.3} m, the rig's", LARGEST[0], known.camera_position())
     })?;
     let rotation = format!("turned by {angle:.0} degrees against the rig's");
     require(angle <= LARGEST[1], "rotation", rotation, || format!("at most {} degrees", LARGEST[1]))
 }
 
 /// Returns the distance between two cameras (metres) and the angle between them (degrees).
-pub(super) fn distance_m_and_angle_deg(one: &Calibration, other: &Calibration) -> [f64; 2] {
+pub(super) fn distance_m_and_angle_deg(
+    one: &CameraCalibration,
+    other: &CameraCalibration,
+) -> [f64; 2] {
     let turn = one.extrinsics.rotation * other.extrinsics.rotation.transpose();
     let angle = DQuat::from_mat3(&turn).to_scaled_axis().length();
     // a quaternion and its negative are the same rotation, so the angle may exceed half a turn
     let angle = angle.min(std::f64::consts::TAU - angle);
-    [one.position().distance(other.position()), angle.to_degrees()]
+    [one.camera_position().distance(other.camera_position()), angle.to_degrees()]
 }
 
 /// Difference between the distortions of two lenses.
@@ -83,9 +86,9 @@ enum Shift {
 
 /// Compares the distortions of two lenses on a grid of pixels, with the rig's focal lengths for
 /// both.
-fn shift(file: &Calibration, known: &Calibration) -> Shift {
+fn shift(file: &CameraCalibration, known: &CameraCalibration) -> Shift {
     // only the lens differs, so that errors of the pose do not count twice
-    let bent = Calibration { distortion: file.distortion, ..*known };
+    let bent = CameraCalibration { distortion: file.distortion, ..*known };
     let size = [known.intrinsics.width, known.intrinsics.height];
     let mut largest: f64 = 0.0;
     for index in 0..POINTS * POINTS {
@@ -119,34 +122,37 @@ fn require(
 #[cfg(test)]
 mod tests {
     use glam::{DMat3, DVec3};
-    use inpainting::{Distortion, Extrinsics, Intrinsics};
+    use inpainting::{Extrinsics, Intrinsics, LensDistortion};
 
     use super::*;
 
-    fn known() -> Calibration {
-        Calibration {
+    fn known() -> CameraCalibration {
+        CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: Distortion::NONE,
+            distortion: LensDistortion::NO_DISTORTION,
             extrinsics: Extrinsics::overhead(1.5),
         }
     }
 
-    fn hung(rotation: DMat3, position: DVec3) -> Calibration {
+    fn hung(rotation: DMat3, position: DVec3) -> CameraCalibration {
         let rotation = rotation * Extrinsics::overhead(0.0).rotation;
-        Calibration {
+        CameraCalibration {
             extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
             ..known()
         }
     }
 
-    fn inside(spoil: fn(&mut Intrinsics)) -> Calibration {
+    fn inside(spoil: fn(&mut Intrinsics)) -> CameraCalibration {
         let mut calibration = known();
         spoil(&mut calibration.intrinsics);
         calibration
     }
 
-    fn bent(radial: [f64; 2]) -> Calibration {
-        Calibration { distortion: Distortion::brown_conrady(radial, [0.001; 2]), ..known() }
+    fn bent(radial: [f64; 2]) -> CameraCalibration {
+        CameraCalibration {
+            distortion: LensDistortion::brown_conrady(radial, [0.001; 2]),
+            ..known()
+        }
     }
 
     /// Checks that a correct file is accepted by rigs with the largest allowed error.

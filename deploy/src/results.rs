@@ -8,7 +8,7 @@ use crate::DeployError;
 use experiments::RunError;
 use learner::disk::{LocalDisk, write_atomically};
 
-use super::faults::Fault;
+use super::faults::SimulatedFault;
 use super::sweep::{FaultSweepResults, fault_sweep_csv, fault_sweep_svg};
 use super::table::{TrialScore, deployment_markdown, trials_csv};
 
@@ -23,8 +23,11 @@ impl ResultsFolder {
     ///
     /// # Errors
     /// [`RunError::FileExists`] if one of the files exists, and a folder that cannot be created.
-    pub fn create(folder: &Path, faults: impl Iterator<Item = Fault>) -> Result<Self, DeployError> {
-        std::fs::create_dir_all(folder).map_err(RunError::writing(folder))?;
+    pub fn create(
+        folder: &Path,
+        faults: impl Iterator<Item = SimulatedFault>,
+    ) -> Result<Self, DeployError> {
+        std::fs::create_dir_all(folder).map_err(RunError::write_error_at(folder))?;
         // check all files before any trial runs, which takes minutes
         let results = Self { folder: folder.to_owned() };
         let swept = faults.flat_map(|fault| ["csv", "svg"].map(|ending| results.of(fault, ending)));
@@ -55,7 +58,7 @@ impl ResultsFolder {
     /// Files that cannot be written.
     pub fn write_sweep(
         &self,
-        fault: Fault,
+        fault: SimulatedFault,
         groups: &[TaskGroup],
         swept: &FaultSweepResults,
     ) -> Result<(), DeployError> {
@@ -66,7 +69,7 @@ impl ResultsFolder {
         Ok(write("svg", fault_sweep_svg(fault, groups, swept))?)
     }
 
-    fn of(&self, fault: Fault, ending: &str) -> PathBuf {
+    fn of(&self, fault: SimulatedFault, ending: &str) -> PathBuf {
         self.folder.join(format!("{}.{ending}", fault.name()))
     }
 }
@@ -79,24 +82,24 @@ mod tests {
     #[test]
     fn what_another_run_wrote_is_kept() {
         let folder = std::env::temp_dir().join(format!("covers-results-{}", std::process::id()));
-        let create = |fault: Fault| ResultsFolder::create(&folder, std::iter::once(fault));
-        let results = create(Fault::MaskMargin).unwrap();
+        let create = |fault: SimulatedFault| ResultsFolder::create(&folder, std::iter::once(fault));
+        let results = create(SimulatedFault::MaskMargin).unwrap();
         let groups = [TaskGroup::BUTTON_PRESS];
         let scores = [(0, true), (1, false)].map(|(n, success)| score(groups[0], n, success));
         let swept = vec![(0.0, scores[..1].to_vec()), (10.0, scores[1..].to_vec())];
         for _ in 0..2 {
-            results.write_sweep(Fault::MaskMargin, &groups, &swept).unwrap();
+            results.write_sweep(SimulatedFault::MaskMargin, &groups, &swept).unwrap();
         }
-        let refused = create(Fault::MaskMargin).err().unwrap();
+        let refused = create(SimulatedFault::MaskMargin).err().unwrap();
         assert!(refused.to_string().contains("mask-growth.csv"), "{refused}");
-        create(Fault::AngleError).unwrap();
+        create(SimulatedFault::AngleError).unwrap();
         let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
-        assert_eq!(read("mask-growth.csv"), fault_sweep_csv(Fault::MaskMargin, &swept));
+        assert_eq!(read("mask-growth.csv"), fault_sweep_csv(SimulatedFault::MaskMargin, &swept));
         results.write_trials(&scores).unwrap();
         let lines = "button-press,flip x,0,1,1,1,0,2\nbutton-press,flip x,1,1,1,0,0,2\n";
         assert!(read("trials.csv").ends_with(lines));
         assert!(read("table.md").contains("| button-press | 2 | 0.50 |"));
-        let again = create(Fault::AngleError).err().unwrap();
+        let again = create(SimulatedFault::AngleError).err().unwrap();
         assert!(again.to_string().contains("table.md"), "{again}");
         std::fs::remove_dir_all(&folder).unwrap();
     }

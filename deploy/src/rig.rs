@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use envs::{TaskGroup, TaskVariant};
 use glam::DVec3;
-use inpainting::Calibration;
+use inpainting::CameraCalibration;
 use rl::BoxedEnvError;
 use robots::{ControlError, Robot, RobotState};
 use symmetry::D2;
@@ -118,12 +118,12 @@ pub trait Rig: Robot {
 
     /// Returns the estimated calibration of the camera since the last [`Rig::set_up`]. A dry run
     /// calls this without a set-up.
-    fn calibration(&self) -> Calibration;
+    fn calibration(&self) -> CameraCalibration;
 
     /// Returns the estimated calibration that is the same for all trials. A calibration from a file
     /// is compared with it, before [`Rig::set_up`]. The default is [`Rig::calibration`], which must
     /// then work at any time.
-    fn trial_independent_calibration(&self) -> Calibration {
+    fn trial_independent_calibration(&self) -> CameraCalibration {
         self.calibration()
     }
 

@@ -2,10 +2,10 @@
 
 use envs::Camera;
 use inpainting::{
-    ArmLink, Calibration, ColorCorrection, GripperMark, PerceptionSettings, PinholeCamera,
+    ArmLink, CameraCalibration, ColorCorrection, GripperMark, PerceptionSettings, PinholeCamera,
 };
 
-use super::simulated::SimulationSettings;
+use super::simulated::SimulatedRigSettings;
 
 /// Settings of the perception, which makes a real camera's pictures look like those of training.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,14 +17,14 @@ pub struct VisionSettings {
     /// Method by which the colours of the camera's pictures are corrected.
     pub colour_correction: ColorCorrection,
     /// Calibration that replaces the rig's own; `None` to use the rig's.
-    pub calibration: Option<Calibration>,
+    pub calibration: Option<CameraCalibration>,
 }
 
 /// Settings of a simulated rig and of the perception of its pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RigSettings {
     /// Faults of the simulated camera and the simulated arm.
-    pub simulation: SimulationSettings,
+    pub simulation: SimulatedRigSettings,
     /// Settings of the perception of the rig's pictures.
     pub vision: VisionSettings,
 }
@@ -32,10 +32,10 @@ pub struct RigSettings {
 impl RigSettings {
     /// Settings without faults and with the default perception.
     pub const NO_FAULTS: Self =
-        Self { simulation: SimulationSettings::NO_FAULTS, vision: VisionSettings::DEFAULT };
+        Self { simulation: SimulatedRigSettings::NO_FAULTS, vision: VisionSettings::DEFAULT };
     /// Settings with nominal faults and the default perception.
     pub const NOMINAL_FAULTS: Self =
-        Self { simulation: SimulationSettings::NOMINAL_FAULTS, vision: VisionSettings::DEFAULT };
+        Self { simulation: SimulatedRigSettings::NOMINAL_FAULTS, vision: VisionSettings::DEFAULT };
 }
 
 impl Default for VisionSettings {
@@ -59,7 +59,7 @@ impl VisionSettings {
     /// size at which observations are drawn, and no mark.
     pub(super) fn perception_settings(
         &self,
-        calibration: Calibration,
+        calibration: CameraCalibration,
         camera: &Camera,
         radii: impl Iterator<Item = f64>,
     ) -> PerceptionSettings {

@@ -10,17 +10,17 @@ use std::time::Duration;
 use envs::embodiments::{Arm, ArmSettings};
 use envs::mujoco::State;
 use envs::{
-    Camera, Control, Embodiment, EnvError, RGB_CHANNELS, Scene, SceneRenderer, SimulatedArm,
+    ActionSettings, Camera, Embodiment, EnvError, RGB_CHANNELS, Scene, SceneRenderer, SimulatedArm,
     TableTop, TaskGroup,
 };
 use glam::DVec3;
 use inpainting::{
-    Calibration, CameraImperfections, Distortion, Extrinsics, Intrinsics, SimulatedCamera,
+    CameraCalibration, CameraImperfections, Extrinsics, Intrinsics, LensDistortion, SimulatedCamera,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::BoxedEnvError;
-use robots::{Command, ControlError, LinkAddition, Robot, RobotState, Watchdog};
+use robots::{ArmCommand, ControlError, ExtraLinkMjcf, Robot, RobotState, Watchdog};
 
 use crate::DeployError;
 
@@ -28,17 +28,19 @@ use super::rig::{Rig, TaskVerdict, Trial, TrialSetUp};
 
 /// Faults of the camera and the arm of a simulated rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SimulationSettings {
+pub struct SimulatedRigSettings {
     /// Faults of the simulated camera.
     pub camera_imperfections: CameraImperfections,
     /// Delay from a command to its effect (seconds).
     pub command_latency_s: f64,
 }
 
-impl SimulationSettings {
+impl SimulatedRigSettings {
     /// Perfect camera and an arm without delay.
-    pub const NO_FAULTS: Self =
-        Self { camera_imperfections: CameraImperfections::NONE, command_latency_s: 0.0 };
+    pub const NO_FAULTS: Self = Self {
+        camera_imperfections: CameraImperfections::NO_IMPERFECTIONS,
+        command_latency_s: 0.0,
+    };
     /// Camera with the faults of real ones, and an arm with the delay of one cycle at 40 Hz.
     pub const NOMINAL_FAULTS: Self = Self {
         camera_imperfections: CameraImperfections::REALSENSE_D435,
@@ -63,7 +65,7 @@ const BALL: DVec3 = DVec3::new(0.0, 0.13, 0.17);
 
 /// Simulated arm at its table, under a camera.
 pub struct SimulatedRig {
-    settings: SimulationSettings,
+    settings: SimulatedRigSettings,
     /// Camera of the policy's training. The rig's camera has the same light and the same pose.
     policy: Camera,
     arm: Arm,
@@ -95,7 +97,7 @@ impl SimulatedRig {
     /// [`EnvError::InvalidSetting`] for an embodiment without servos, and errors of reading an
     /// arm's file.
     pub fn new(
-        settings: SimulationSettings,
+        settings: SimulatedRigSettings,
         policy: Camera,
         robot: Embodiment,
     ) -> Result<Self, DeployError> {
@@ -106,8 +108,8 @@ impl SimulatedRig {
     ///
     /// # Errors
     /// As [`SimulatedRig::new`].
-    pub fn carrying_ball(
-        settings: SimulationSettings,
+    pub fn new_with_calibration_ball(
+        settings: SimulatedRigSettings,
         policy: Camera,
         robot: Embodiment,
     ) -> Result<Self, DeployError> {
@@ -115,7 +117,12 @@ impl SimulatedRig {
         Ok(Self::of(settings, policy, arm.clone(), Embodiment::from_spec(arm)))
     }
 
-    fn of(settings: SimulationSettings, policy: Camera, arm: Arm, embodiment: Embodiment) -> Self {
+    fn of(
+        settings: SimulatedRigSettings,
+        policy: Camera,
+        arm: Arm,
+        embodiment: Embodiment,
+    ) -> Self {
         Self {
             settings,
             policy,
@@ -133,10 +140,10 @@ impl SimulatedRig {
     }
 
     /// Returns the true calibration of the simulated camera, except for the lens distortion.
-    pub fn true_calibration(&self) -> Calibration {
-        Calibration {
+    pub fn true_calibration(&self) -> CameraCalibration {
+        CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: Distortion::NONE,
+            distortion: LensDistortion::NO_DISTORTION,
             extrinsics: Extrinsics::overhead(self.policy.height),
         }
     }
@@ -173,7 +180,7 @@ impl SimulatedRig {
             group,
             robot: Watchdog::new(arm, time),
             renderer: SceneRenderer::with_arm(Arc::clone(&scene))?,
-            ghost: TableTop::new(scene, Control::default())?,
+            ghost: TableTop::new(scene, ActionSettings::default())?,
             history: VecDeque::new(),
             ideal: [pixels.clone(), pixels],
             camera,
@@ -191,7 +198,7 @@ impl SimulatedRig {
         };
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
         rng.set_stream(trial.index as u64);
-        let placement = workspace.ghost.scene().draw_placement(&mut rng);
+        let placement = workspace.ghost.scene().sample_placement(&mut rng);
         let element = trial.variant.element;
         workspace.robot.robot_mut().start_episode(element, placement)?;
         workspace.ghost.reset_to(element, placement)?;
@@ -224,7 +231,7 @@ impl SimulatedRig {
 impl Workspace {
     /// Stores the current state of the simulation, and drops the oldest one if there are too many.
     fn remember(&mut self, now: Duration) {
-        let state = self.robot.robot().table().simulation().save_state();
+        let state = self.robot.robot().environment().simulation().save_state();
         self.history.push_back((now, state));
         if self.history.len() > KEPT {
             self.history.pop_front();
@@ -310,7 +317,7 @@ fn carrying_ball(robot: Embodiment) -> Result<&'static Arm, DeployError> {
     let settings = bare.settings();
     let working = bare.chain().tip_pose(&settings.ready_joint_positions).rotation;
     let DVec3 { x, y, z } = working.conjugate() * BALL;
-    let ball = LinkAddition {
+    let ball = ExtraLinkMjcf {
         link: settings.hand_link.clone(),
         mjcf: format!(
             r#"<geom name="ball" type="sphere" size="0.02" pos="{x} {y} {z}" mass="0" rgba="1 0 1 1"/>"#
@@ -340,7 +347,7 @@ impl Robot for SimulatedRig {
         self.workspace()?.robot.state()
     }
 
-    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         self.workspace()?.robot.command(command)
     }
 
@@ -359,7 +366,7 @@ impl Rig for SimulatedRig {
     }
 
     /// Returns the trial's calibration with its errors; before the first trial, the true one.
-    fn calibration(&self) -> Calibration {
+    fn calibration(&self) -> CameraCalibration {
         let workspace = self.workspace.as_ref();
         workspace.map_or_else(
             || self.true_calibration(),
@@ -368,7 +375,7 @@ impl Rig for SimulatedRig {
     }
 
     /// Returns the true calibration, without the errors that each trial draws.
-    fn trial_independent_calibration(&self) -> Calibration {
+    fn trial_independent_calibration(&self) -> CameraCalibration {
         self.true_calibration()
     }
 

@@ -5,7 +5,7 @@ use envs::TaskGroup;
 use experiments::colours::{LineStyle, curve_style};
 use report::svg::{DOT_RADIUS, SvgPlot};
 
-use super::faults::Fault;
+use super::faults::SimulatedFault;
 use super::table::{TRIAL_CSV_HEADER, TrialScore, trial_csv_row, wilson_interval};
 
 /// Height of the panel of one task group in a figure (pixels).
@@ -17,7 +17,7 @@ const BOUNDS: [f64; 2] = [-0.05, 1.05];
 pub type FaultSweepResults = Vec<(f64, Vec<TrialScore>)>;
 
 /// Returns a table (CSV) of the trials of a sweep over a fault's amounts, a row for each trial.
-pub fn fault_sweep_csv(fault: Fault, swept: &FaultSweepResults) -> String {
+pub fn fault_sweep_csv(fault: SimulatedFault, swept: &FaultSweepResults) -> String {
     let mut text = format!("fault,amount,{TRIAL_CSV_HEADER}\n");
     for (amount, scores) in swept {
         for score in scores {
@@ -29,7 +29,11 @@ pub fn fault_sweep_csv(fault: Fault, swept: &FaultSweepResults) -> String {
 
 /// Draws the success of each group over the amount of a fault (SVG), a panel for each group, with
 /// intervals of 95 % as bands.
-pub fn fault_sweep_svg(fault: Fault, groups: &[TaskGroup], swept: &FaultSweepResults) -> String {
+pub fn fault_sweep_svg(
+    fault: SimulatedFault,
+    groups: &[TaskGroup],
+    swept: &FaultSweepResults,
+) -> String {
     let end = swept.last().map_or(0.0, |(amount, _)| *amount);
     let mut drawing = SvgPlot::new_half_width(end, fault.axis_label());
     for (number, group) in groups.iter().enumerate() {
@@ -85,7 +89,7 @@ mod tests {
 
     #[test]
     fn every_trial_has_a_row() {
-        let text = fault_sweep_csv(Fault::MaskMargin, &swept());
+        let text = fault_sweep_csv(SimulatedFault::MaskMargin, &swept());
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), 1 + 10);
         assert_eq!(lines[1], "mask-growth,0,button-press,flip x,3,1,1,1,0,2");
@@ -98,7 +102,7 @@ mod tests {
     /// begins 14 below the first.
     #[test]
     fn a_group_has_a_line_through_its_shares() {
-        let text = fault_sweep_svg(Fault::MaskMargin, &GROUPS, &swept());
+        let text = fault_sweep_svg(SimulatedFault::MaskMargin, &GROUPS, &swept());
         let y = |share: f64| 34.0 + HEIGHT + 14.0 + HEIGHT * (1.0 - (share + 0.05) / 1.1);
         let line = format!("points=\"64.0,{:.1} 504.0,{:.1}\"", y(1.0), y(0.25));
         assert!(text.contains(&line), "{line}: {text}");

@@ -55,11 +55,11 @@ pub(super) fn wilson_interval(successes: usize, trials: usize) -> [f64; 2] {
 
 /// Returns a table (text) with a row for each group: success with its interval, success at the end,
 /// the success that the paper reports for its real arm, and the policies that were chosen.
-pub fn deployment_table(scores: &[TrialScore]) -> String {
+pub fn trial_success_table(scores: &[TrialScore]) -> String {
     table(scores).text()
 }
 
-/// Returns the table of success in each task group, [`deployment_table`], in Markdown.
+/// Returns the table of success in each task group, [`trial_success_table`], in Markdown.
 pub(super) fn deployment_markdown(scores: &[TrialScore]) -> String {
     table(scores).markdown()
 }
@@ -183,7 +183,7 @@ pub(super) mod tests {
             (0..4).map(|number| score(TaskGroup::PLATE_SLIDE, number, number > 0)).collect();
         // between the trials of the other group
         scores.insert(2, score(TaskGroup::GOAL_REACH, 0, true));
-        let table = deployment_table(&scores);
+        let table = trial_success_table(&scores);
         let lines: Vec<Vec<&str>> = table.lines().map(|l| l.split_whitespace().collect()).collect();
         let expected = "plate-slide 4 0.75 0.30 to 0.95 0.00 0.45 2 (3), 3 (1)";
         assert_eq!(lines[2].join(" "), expected);

@@ -8,19 +8,19 @@ use std::time::Duration;
 use envs::embodiments::{Arm, KinovaGen3};
 use envs::{Embodiment, Layout, TaskGroup, TaskVariant};
 use glam::DVec3;
-use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
+use inpainting::{CameraCalibration, Extrinsics, Intrinsics, LensDistortion};
 use rl::BoxedEnvError;
 use robots::{
-    Command, ControlError, ControlSettings, KinematicArm, Robot, RobotState, TwistController,
-    Watchdog,
+    ArmCommand, ControlError, KinematicArm, Robot, RobotState, TwistControlSettings,
+    TwistController, Watchdog,
 };
 use symmetry::D2;
 
 use super::deployment::check_training_conditions;
 use super::dry_run::DryRunRig;
 use super::{
-    BlockedCommand, DecisionStage, Deployment, MaskCheck, Rig, SimulatedRig, SimulationSettings,
-    TaskVerdict, Trial, TrialSetUp, VisionSettings, calibration_poses,
+    DecisionStage, Deployment, MaskCheck, Rig, SimulatedRig, SimulatedRigSettings, TaskVerdict,
+    Trial, TrialSetUp, UnsentCommand, VisionSettings, calibration_poses,
 };
 use crate::DeployError;
 use experiments::{Experiment, RunFolder};
@@ -37,7 +37,7 @@ fn deployment() -> Deployment {
 }
 
 /// Loads policies of this repository, with a calibration in place of the rig's.
-pub fn pretrained(name: &str, calibration: Option<Calibration>) -> Deployment {
+pub fn pretrained(name: &str, calibration: Option<CameraCalibration>) -> Deployment {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name);
     let vision = VisionSettings { calibration, ..VisionSettings::default() };
     Deployment::load(&RunFolder::from_path(&folder), vision).unwrap()
@@ -66,8 +66,10 @@ fn dry_rig(camera: Camera) -> DryRig {
         rotation: arm.chain().tip_pose(&arm.settings().ready_joint_positions).rotation,
     };
     let posture = arm.chain().solve_ik(&start, &arm.settings().ready_joint_positions).unwrap();
-    let settings =
-        ControlSettings { limits: arm.settings().control.limits, ..ControlSettings::default() };
+    let settings = TwistControlSettings {
+        limits: arm.settings().control.limits,
+        ..TwistControlSettings::default()
+    };
     let control = TwistController::new(arm.chain().clone(), &posture, settings).unwrap();
     let clock = Rc::new(Cell::new(Duration::ZERO));
     let time = Rc::clone(&clock);
@@ -89,7 +91,7 @@ impl Robot for DryRig {
         self.robot.state()
     }
 
-    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         assert!(!self.untouched, "{command:?} was sent");
         self.robot.command(command)
     }
@@ -110,10 +112,10 @@ impl Rig for DryRig {
         })
     }
 
-    fn calibration(&self) -> Calibration {
-        Calibration {
+    fn calibration(&self) -> CameraCalibration {
+        CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: Distortion::NONE,
+            distortion: LensDistortion::NO_DISTORTION,
             extrinsics: Extrinsics::overhead(1.5),
         }
     }
@@ -141,7 +143,7 @@ impl Rig for DryRig {
 
 /// Returns `true` if the hand moves in the next second.
 fn moves(rig: &mut DryRig) -> bool {
-    let place = |dry: &mut DryRig| dry.robot.robot().control().tip_pose().position;
+    let place = |dry: &mut DryRig| dry.robot.robot().controller().tip_pose().position;
     let before = place(rig);
     rig.robot.robot_mut().advance(1.0).unwrap();
     place(rig).distance(before) > 1e-9
@@ -186,21 +188,21 @@ fn a_dry_run_sends_nothing_to_the_robot() {
     let mut deployment = deployment();
     let report = deployment.dry_run(&mut rig, &arm(), &TRIAL).unwrap();
     assert_eq!(rig.state().unwrap(), before);
-    assert_eq!((report.actions.len(), report.blocked_commands.len()), (50, 250));
+    assert_eq!((report.actions.len(), report.unsent_commands.len()), (50, 250));
     let limits = arm().settings().control.limits;
     let mut last = robots::Twist::ZERO;
-    for BlockedCommand { command, resulting_twist, refusal } in &report.blocked_commands {
+    for UnsentCommand { command, resulting_twist, refusal } in &report.unsent_commands {
         assert!(refusal.is_none() && command.check().is_ok());
         assert!(command.twist.linear.length() <= limits.max_speed + 1e-12);
         let sudden = (resulting_twist.linear - last.linear).length() / 0.025;
         assert!(sudden <= limits.max_acceleration + 1e-9, "{sudden}");
         last = *resulting_twist;
     }
-    assert!(report.blocked_commands.iter().any(|one| one.resulting_twist.linear.length() > 0.05));
+    assert!(report.unsent_commands.iter().any(|one| one.resulting_twist.linear.length() > 0.05));
     let text = report.text();
     assert!(text.contains("decision  49") && text.contains("250 commands were withheld, 0"));
     for (stage, count) in DecisionStage::ALL.into_iter().zip([51, 51, 1, 50, 50]) {
-        assert_eq!(report.latencies.count(stage), count, "{}", stage.name());
+        assert_eq!(report.latencies.measurement_count(stage), count, "{}", stage.name());
         assert!(text.contains(stage.name()), "{text}");
     }
     let broken: Camera = |_| Err("the cable is loose".into());
@@ -232,18 +234,18 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
 /// has errors of its own.
 #[test]
 fn calibrations_are_held_to_the_same_camera_in_every_trial() {
-    let mut settings = SimulationSettings::NO_FAULTS;
+    let mut settings = SimulatedRigSettings::NO_FAULTS;
     settings.camera_imperfections.position_error = 0.08;
     let camera = *deployment().training_camera();
     let mut rig = SimulatedRig::new(settings, camera, Embodiment::KINOVA_GEN3).unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.true_calibration());
     rig.set_up(&TRIAL).unwrap();
-    let misjudged = rig.calibration().position() - truth.position();
+    let misjudged = rig.calibration().camera_position() - truth.camera_position();
     assert!((misjudged.length() - 0.08).abs() < 1e-9, "{misjudged}");
     // 18 cm from what the first trial takes the camera for
-    let position = truth.position() - 0.1 * misjudged.normalize();
+    let position = truth.camera_position() - 0.1 * misjudged.normalize();
     let rotation = truth.extrinsics.rotation;
-    let file = Calibration {
+    let file = CameraCalibration {
         extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
         ..truth
     };
@@ -277,7 +279,8 @@ fn a_dry_run_without_a_table_is_refused() {
     let mut deployment = deployment();
     let camera = *deployment.training_camera();
     let mut rig =
-        SimulatedRig::new(SimulationSettings::NO_FAULTS, camera, Embodiment::KINOVA_GEN3).unwrap();
+        SimulatedRig::new(SimulatedRigSettings::NO_FAULTS, camera, Embodiment::KINOVA_GEN3)
+            .unwrap();
     let arm = rig.arm().clone();
     let failed = deployment.dry_run(&mut rig, &arm, &TRIAL);
     assert!(matches!(failed, Err(DeployError::Rig { .. })));
@@ -289,7 +292,7 @@ fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
     let mut deployment = deployment();
     let camera = *deployment.training_camera();
     let mut rig =
-        SimulatedRig::new(SimulationSettings::NOMINAL_FAULTS, camera, Embodiment::KINOVA_GEN3)
+        SimulatedRig::new(SimulatedRigSettings::NOMINAL_FAULTS, camera, Embodiment::KINOVA_GEN3)
             .unwrap();
     assert!(rig.state().is_err(), "no table is set");
     let arm = rig.arm().clone();
@@ -312,7 +315,7 @@ fn policies_that_would_act_otherwise_are_refused() {
         ("envs.layout", |e| e.envs.layout = Layout::MetaWorld),
         ("action_repeat", |e| e.envs.control.action_repeat = 5),
         ("context", |e| {
-            e.learner = LearnerSettings::OffPolicy(OffPolicySettings::three_rl());
+            e.learner = LearnerSettings::OffPolicy(OffPolicySettings::three_rl_baseline());
         }),
     ];
     check_training_conditions(&learnt.learner, &learnt.envs).unwrap();

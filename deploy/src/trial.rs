@@ -4,7 +4,7 @@
 use std::time::Instant;
 
 use envs::embodiments::Arm;
-use envs::{ACTION_DIM, Control, RGB_CHANNELS};
+use envs::{ACTION_DIM, ActionSettings, RGB_CHANNELS};
 use glam::DVec3;
 use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
@@ -50,7 +50,7 @@ pub(super) struct TrialEnv<'a> {
     pub observer: RigPerception,
     pub controller: ActionController,
     pub spec: EnvSpec,
-    pub control: Control,
+    pub control: ActionSettings,
     /// Goal position of the hand (metres, world); zero in tasks whose policy does not observe it.
     pub goal: DVec3,
     /// First picture of the trial `[size, size, 3]`; empty before it.
@@ -86,7 +86,7 @@ impl TrialEnv<'_> {
         self.observer.fetch_picture(self.rig)?;
         self.latencies.record(DecisionStage::FetchPicture, started.elapsed());
         let paint_started = Instant::now();
-        self.observer.write_without_arm(self.arm, &mut picture)?;
+        self.observer.write_picture_without_arm(self.arm, &mut picture)?;
         self.latencies.record(DecisionStage::InPainting, paint_started.elapsed());
         if let Some(strip) = &mut self.film_strip {
             let perception = self.observer.perception();
@@ -96,9 +96,10 @@ impl TrialEnv<'_> {
             self.first_picture.clone_from(&picture);
         }
         self.observer.compose_observation(&picture, &self.first_picture, &mut out.images);
-        let (hand, goal) = (self.observer.state().tip.position, self.goal);
-        let aperture = self.arm.aperture(self.observer.state());
-        let vector = envs::vector_observation(hand, aperture, goal, self.controller.target());
+        let (hand, goal) = (self.observer.arm_state().tip.position, self.goal);
+        let aperture = self.arm.aperture(self.observer.arm_state());
+        let vector =
+            envs::vector_observation(hand, aperture, goal, self.controller.target_position());
         out.vectors.copy_from_slice(&vector);
         scale_observation_vectors(&mut out.vectors);
         Ok(())
@@ -111,7 +112,8 @@ impl TrialEnv<'_> {
         let action = std::array::from_fn::<_, ACTION_DIM, _>(|i| action[i]);
         self.actions.push(action);
         self.controller.execute_action(self.rig, &mut self.observer, action)?;
-        self.latencies.record(DecisionStage::SendCommands, self.controller.command_time());
+        self.latencies
+            .record(DecisionStage::SendCommands, self.controller.time_spent_on_commands());
         let verdict = self.rig.verdict().map_err(|source| DeployError::Rig { source })?;
         self.observe(&mut out.observations)?;
         out.final_observations.clone_from(&out.observations);

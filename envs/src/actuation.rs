@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 use mujoco::{Data, Model};
 use robots::{
-    Command, ControlError, OrientationConstraint, Pose, RobotDescription, RobotState, Servo, Twist,
-    TwistController,
+    ArmCommand, ControlError, JointServoSettings, OrientationConstraint, Pose, RobotDescription,
+    RobotState, Twist, TwistController,
 };
 
 use crate::control::PHYSICS_STEPS_PER_CONTROL_STEP;
@@ -18,7 +18,7 @@ pub type JointPositions = Vec<(String, f64)>;
 /// Mechanism by which the hand follows its target; actions move that target.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
-pub enum Actuation {
+pub enum HandActuation {
     /// Weld that pulls the body `hand` to the mocap body `hand_target`. The first two actuators,
     /// `right_finger` and `left_finger`, get the finger action and its negative.
     Weld,
@@ -30,7 +30,7 @@ pub enum Actuation {
 #[derive(Debug, PartialEq)]
 pub(crate) struct ServoSettings {
     pub arm: RobotDescription,
-    pub servo: Servo,
+    pub servo: JointServoSettings,
     /// Orientation in which the hand is held.
     pub hand_rotation: DQuat,
     /// Drive of the gripper's fingers; `None` for fingers that do not move.
@@ -61,7 +61,7 @@ impl FingerDrive {
     }
 
     /// Returns the finger joint's position at a closure from 0 (open) to 1 (closed).
-    pub fn position(&self, closure: f64) -> f64 {
+    pub fn position_at_closure(&self, closure: f64) -> f64 {
         let [open, closed] = self.positions;
         open + closure * (closed - open)
     }
@@ -83,7 +83,7 @@ pub struct ServoController {
     /// Commanded finger position: 0 is open, 1 is closed.
     gripper_closure: f64,
     /// Last command of [`ServoController::command`], which stays in force.
-    commanded: Command,
+    commanded: ArmCommand,
 }
 
 /// Largest angle (radians) between the hand's orientation and the commanded one, beyond which the
@@ -99,7 +99,7 @@ impl ServoController {
             control,
             addresses: Vec::new(),
             gripper_closure: 0.0,
-            commanded: Command::default(),
+            commanded: ArmCommand::default(),
         }
     }
 
@@ -140,8 +140,8 @@ impl ServoController {
     }
 
     /// Replaces the command that the controller follows.
-    pub(crate) fn command(&mut self, command: &Command) -> Result<(), ControlError> {
-        self.control.command(command.twist)?;
+    pub(crate) fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
+        self.control.command_twist(command.twist)?;
         self.commanded = *command;
         Ok(())
     }
@@ -149,7 +149,7 @@ impl ServoController {
     /// Holds hand and fingers at their present position.
     pub(crate) fn stop(&mut self) {
         self.control.stop();
-        self.commanded = Command { twist: Twist::ZERO, gripper_closure: self.gripper_closure };
+        self.commanded = ArmCommand { twist: Twist::ZERO, gripper_closure: self.gripper_closure };
     }
 
     /// Sets the servo controls for one control step of the command that the controller follows.
@@ -179,7 +179,7 @@ impl ServoController {
         let twist = self.commanded.twist;
         let (tip, reference) = (self.state(data).tip, self.control.tip_pose());
         let Twist { linear: ahead, angular: turned } =
-            self.servos.orientation.error(&tip, &reference);
+            self.servos.orientation.pose_error(&tip, &reference);
         let held_back =
             ahead.length() > self.servos.max_target_lead && ahead.dot(twist.linear) > 0.0;
         let held_turned = turned.length() > MAX_TURN_ERROR && turned.dot(twist.angular) > 0.0;
@@ -188,7 +188,7 @@ impl ServoController {
             self.control.stop();
             return Ok(());
         }
-        self.control.command(twist)?;
+        self.control.command_twist(twist)?;
         self.control.tick(seconds)
     }
 
@@ -196,7 +196,7 @@ impl ServoController {
     pub(crate) fn state(&self, data: &Data) -> RobotState {
         let positions = self.positions(data);
         let chain = self.control.chain();
-        let joints = chain.configuration(&positions);
+        let joints = chain.extract_configuration(&positions);
         let gripper_closure =
             self.servos.finger.map_or(0.0, |drive| drive.closure(positions[drive.dof]));
         RobotState { tip: chain.tip_pose(&joints), joints, gripper_closure }
@@ -210,9 +210,9 @@ impl ServoController {
     fn follow(&mut self, target: DVec3, seconds: f64) -> Result<(), EnvError> {
         let target = Pose { position: target, rotation: self.servos.hand_rotation };
         let Twist { linear, angular } =
-            self.servos.orientation.error(&self.control.tip_pose(), &target);
+            self.servos.orientation.pose_error(&self.control.tip_pose(), &target);
         let twist = self.servos.limits.twist_towards([linear, angular], APPROACH_RATE);
-        let followed = self.control.command(twist);
+        let followed = self.control.command_twist(twist);
         match followed.and_then(|()| self.control.tick(seconds)) {
             // no error: the arm stops at the limit of its reach
             Err(ControlError::CannotFollow { .. }) => Ok(()),
@@ -232,7 +232,7 @@ impl ServoController {
     /// feed-forward that carries the arm's own weight at `positions`.
     fn controls(&self, positions: &[f64]) -> Vec<f64> {
         let ServoSettings { arm, servo, finger, .. } = &*self.servos;
-        let forces = arm.holding_forces(positions);
+        let forces = arm.gravity_compensation_forces(positions);
         // joints that are neither the arm's nor the fingers' rest
         let mut controls = arm.rest_positions();
         let velocities = self.control.joint_velocities();
@@ -241,7 +241,7 @@ impl ServoController {
             controls[joint.dof_index] = servo.control_signal(position, velocity);
         }
         if let Some(drive) = finger {
-            controls[drive.dof] = drive.position(self.gripper_closure);
+            controls[drive.dof] = drive.position_at_closure(self.gripper_closure);
         }
         for (dof, (_, motion)) in arm.free_joints().enumerate() {
             controls[dof] += servo.feed_forward(motion, forces[dof]);

@@ -1,7 +1,7 @@
 //! Buffers for observations and step outcomes of N environments.
 
 use crate::settings::VecEnvSettings;
-use crate::tabletop::VECTOR_DIM;
+use crate::tabletop::VECTOR_OBSERVATION_DIM;
 
 /// Borrowed buffers for the observations of N environments.
 #[derive(Debug)]
@@ -10,13 +10,13 @@ pub struct ObservationsMut<'a> {
     /// then those of [`ExtraView`](crate::ExtraView).
     pub images: &'a mut [u8],
     /// Observation vectors `[N, 10]`: hand, aperture, goal and lead, see
-    /// [`VECTOR_IRREPS`](crate::VECTOR_IRREPS).
+    /// [`VECTOR_OBSERVATION_IRREPS`](crate::VECTOR_OBSERVATION_IRREPS).
     pub vectors: &'a mut [f32],
 }
 
 /// Borrowed buffers for the outcome of one step of N environments.
 #[derive(Debug)]
-pub struct StepMut<'a> {
+pub struct StepResultsMut<'a> {
     /// Observations to choose the next actions from: where an episode ended, the first of the next
     /// episode.
     pub observations: ObservationsMut<'a>,
@@ -36,7 +36,7 @@ pub struct StepMut<'a> {
     pub truncated: &'a mut [bool],
 }
 
-/// Owned buffers for the results of [`VecEnv`](crate::VecEnv); [`StepMut`] documents their
+/// Owned buffers for the results of [`VecEnv`](crate::VecEnv); [`StepResultsMut`] documents their
 /// contents.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepBuffers {
@@ -68,9 +68,9 @@ impl StepBuffers {
         let (n, image) = (settings.num_envs, settings.image_len());
         Self {
             images: vec![0; n * image],
-            vectors: vec![0.0; n * VECTOR_DIM],
+            vectors: vec![0.0; n * VECTOR_OBSERVATION_DIM],
             final_images: vec![0; n * image],
-            final_vectors: vec![0.0; n * VECTOR_DIM],
+            final_vectors: vec![0.0; n * VECTOR_OBSERVATION_DIM],
             rewards: vec![0.0; n],
             success: vec![false; n],
             success_at_end: vec![false; n],
@@ -85,8 +85,8 @@ impl StepBuffers {
     }
 
     /// Returns the buffers of a step's outcome, for [`VecEnv::step`](crate::VecEnv::step) to fill.
-    pub fn step_mut(&mut self) -> StepMut<'_> {
-        StepMut {
+    pub fn step_results_mut(&mut self) -> StepResultsMut<'_> {
+        StepResultsMut {
             observations: ObservationsMut { images: &mut self.images, vectors: &mut self.vectors },
             final_observations: ObservationsMut {
                 images: &mut self.final_images,

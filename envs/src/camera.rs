@@ -167,7 +167,7 @@ impl Camera {
     }
 
     /// Draws `mark` over `rgb` `[size, size, 3]`, centred on the projection of `point` (metres).
-    pub fn draw_mark(&self, mark: &GripperMark, point: DVec3, rgb: &mut [u8]) {
+    pub fn draw_gripper_mark(&self, mark: &GripperMark, point: DVec3, rgb: &mut [u8]) {
         let [u, v] = self.project(point);
         let radii = [mark.radius, mark.hole].map(|r| r * self.pixels_per_metre());
         for_each_ring_pixel([u, -v], radii, self.size, |pixel| {
@@ -268,7 +268,7 @@ impl ExtraView {
 
     /// Returns the number of an image's last channels that are constant during an episode, so that
     /// they need to be stored only once: 3 or 0.
-    pub const fn num_still_channels(self) -> usize {
+    pub const fn num_constant_channels(self) -> usize {
         match self {
             Self::First => RGB_CHANNELS,
             Self::CloseUp | Self::FirstAndCloseUp => 0,

@@ -89,7 +89,7 @@ impl DomainRandomiser {
         }
         self.patch(hand, &mut state.rng);
         self.expose(state.gains, &mut state.rng, rgb);
-        self.camera.draw_mark(&self.camera.mark, hand, rgb);
+        self.camera.draw_gripper_mark(&self.camera.mark, hand, rgb);
     }
 
     /// Resamples the picture `rgb` through a homography, with bilinear interpolation; border pixels
@@ -102,7 +102,7 @@ impl DomainRandomiser {
         let (middle, last) = (size as f32 / 2.0 - 0.5, (size - 1) as f32);
         for (row, out) in self.levels.chunks_exact_mut(size).enumerate() {
             for (column, target) in out.iter_mut().enumerate() {
-                let [x, y] = view.nominal_offset([column as f32 - middle, middle - row as f32]);
+                let [x, y] = view.map_to_nominal([column as f32 - middle, middle - row as f32]);
                 let (source_row, source_column) = (middle - y, middle + x);
                 let (top, down) = split(source_row.clamp(0.0, last), size);
                 let (left, across) = split(source_column.clamp(0.0, last), size);

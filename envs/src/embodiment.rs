@@ -8,7 +8,7 @@ use robots::{DescriptionError, RobotFile};
 use serde::{Deserialize, Deserializer, de};
 
 use crate::embodiment_spec::EmbodimentSpec;
-use crate::embodiments::{Arm, FileArm, Hand, KinovaGen3, Sawyer, kinova_gen3_arm};
+use crate::embodiments::{Arm, FileArm, FloatingHand, KinovaGen3, Sawyer, kinova_gen3_arm};
 use crate::error::EnvError;
 use crate::instance_id::{InstanceId, impl_traits_by_name};
 
@@ -30,16 +30,17 @@ impl Embodiment {
     /// centimetres.
     pub const SAWYER: Self = Self::from_spec(&Sawyer);
     /// Gripper alone on three slides; it moves like the arm's hand and is exactly symmetric.
-    pub const HAND: Self = Self::from_spec(&Hand);
+    pub const FLOATING_HAND: Self = Self::from_spec(&FloatingHand);
     /// Kinova Gen3 with a Robotiq gripper under Cartesian control, for policies that were trained
     /// with another arm.
     pub const KINOVA_GEN3: Self = Self::from_spec(&KinovaGen3);
 
     /// Embodiments for training, in the order in which reports list them. Every task must pass its
     /// conformance rules with them.
-    pub const STANDARD: [Self; 2] = [Self::SAWYER, Self::HAND];
+    pub const STANDARD_EMBODIMENTS: [Self; 2] = [Self::SAWYER, Self::FLOATING_HAND];
     /// Embodiments that this crate provides.
-    pub const BUILT_IN: [Self; 3] = [Self::SAWYER, Self::HAND, Self::KINOVA_GEN3];
+    pub const BUILT_IN_EMBODIMENTS: [Self; 3] =
+        [Self::SAWYER, Self::FLOATING_HAND, Self::KINOVA_GEN3];
 
     /// Returns the handle of the embodiment that `spec` defines.
     ///
@@ -59,7 +60,7 @@ impl Embodiment {
     pub fn from_file(path: &Path) -> Result<Self, EnvError> {
         let absolute = std::path::absolute(path)
             .map_err(|source| DescriptionError::Read { path: path.to_owned(), source })?;
-        let text = absolute.to_str().filter(|_| RobotFile::has_extension(path));
+        let text = absolute.to_str().filter(|_| RobotFile::has_supported_extension(path));
         let Some(name) = text else {
             let name = path.display().to_string();
             return Err(EnvError::InvalidEmbodimentName { name });
@@ -112,7 +113,7 @@ impl Embodiment {
     pub fn register(self) -> Result<(), EnvError> {
         self.check_name()?;
         let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
-        let mut known = Self::BUILT_IN.iter().chain(registered.iter());
+        let mut known = Self::BUILT_IN_EMBODIMENTS.iter().chain(registered.iter());
         match known.find(|known| **known == self) {
             // the very same definition again, for instance from a second thread
             Some(known) if known.instance_id() == self.instance_id() => {}
@@ -127,9 +128,9 @@ impl Embodiment {
 
     /// Returns the embodiments whose names settings may hold: those of this crate, then the
     /// registered ones.
-    pub fn known() -> Vec<Self> {
+    pub fn all_known() -> Vec<Self> {
         let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner);
-        [&Self::BUILT_IN, &registered[..]].concat()
+        [&Self::BUILT_IN_EMBODIMENTS, &registered[..]].concat()
     }
 
     /// Returns `true` if the four variants of a task group move as exact mirror images of each
@@ -144,7 +145,7 @@ impl Embodiment {
     }
 
     pub(crate) fn check_name(self) -> Result<(), EnvError> {
-        if RobotFile::has_extension(Path::new(self.name())) {
+        if RobotFile::has_supported_extension(Path::new(self.name())) {
             return Ok(());
         }
         let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit();
@@ -170,9 +171,9 @@ impl std::str::FromStr for Embodiment {
     type Err = EnvError;
 
     fn from_str(name: &str) -> Result<Self, EnvError> {
-        let known = Self::known();
+        let known = Self::all_known();
         let found = known.iter().find(|embodiment| embodiment.name() == name);
-        if found.is_none() && RobotFile::has_extension(Path::new(name)) {
+        if found.is_none() && RobotFile::has_supported_extension(Path::new(name)) {
             return Self::from_file(Path::new(name));
         }
         found.copied().ok_or_else(|| EnvError::UnknownEmbodiment {
@@ -195,7 +196,7 @@ mod tests {
 
     use super::*;
     use crate::actuation::JointPositions;
-    use crate::embodiment_spec::EmbodimentParts;
+    use crate::embodiment_spec::EmbodimentSceneParts;
     use crate::instance_id::Named;
 
     impl EmbodimentSpec for Named {
@@ -203,7 +204,7 @@ mod tests {
             self.0
         }
 
-        fn parts(&self) -> Result<EmbodimentParts, EnvError> {
+        fn parts(&self) -> Result<EmbodimentSceneParts, EnvError> {
             unreachable!("the registry asks for the name alone")
         }
 
@@ -216,16 +217,19 @@ mod tests {
 
     #[test]
     fn names_parse_back_and_unknown_ones_list_the_choices() {
-        for embodiment in Embodiment::BUILT_IN {
+        for embodiment in Embodiment::BUILT_IN_EMBODIMENTS {
             assert_eq!(embodiment.name().parse::<Embodiment>().unwrap(), embodiment);
         }
         let message = "spot".parse::<Embodiment>().unwrap_err().to_string();
         assert!(message.contains("`spot`") && message.contains("sawyer, hand"));
         let read: Result<Embodiment, _> = serde_json::from_str("\"spot\"");
         assert!(read.unwrap_err().to_string().contains("sawyer, hand"));
-        let written = serde_json::to_string(&Embodiment::HAND).unwrap();
+        let written = serde_json::to_string(&Embodiment::FLOATING_HAND).unwrap();
         assert_eq!(written, "\"hand\"");
-        assert_eq!(serde_json::from_str::<Embodiment>(&written).unwrap(), Embodiment::HAND);
+        assert_eq!(
+            serde_json::from_str::<Embodiment>(&written).unwrap(),
+            Embodiment::FLOATING_HAND
+        );
     }
 
     #[test]
@@ -234,7 +238,7 @@ mod tests {
         crane.register().unwrap();
         crane.register().unwrap();
         assert_eq!("crane_2".parse::<Embodiment>().unwrap(), crane);
-        assert_eq!(Embodiment::known().iter().filter(|&&known| known == crane).count(), 1);
+        assert_eq!(Embodiment::all_known().iter().filter(|&&known| known == crane).count(), 1);
         let message = "spot".parse::<Embodiment>().unwrap_err().to_string();
         assert!(message.contains("crane_2"), "{message}");
         static OTHER: [Named; 3] = [Named("crane_2"), Named("sawyer"), Named("My Arm")];

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 
 use glam::DVec3;
 
-use crate::actuation::{Actuation, JointPositions};
+use crate::actuation::{HandActuation, JointPositions};
 use crate::error::EnvError;
 
 /// Distance between the claws of an open gripper (metres).
@@ -13,7 +13,7 @@ pub(crate) const OPEN_APERTURE: f64 = 0.1;
 
 /// Parts of a scene that depend on the embodiment.
 #[derive(Clone, Debug, PartialEq)]
-pub struct EmbodimentParts {
+pub struct EmbodimentSceneParts {
     /// MJCF of the embodiment, a `<mujocoinclude>` document.
     ///
     /// Required are the bodies `hand`, `right_claw` and `left_claw`, and the sites `right_tip` and
@@ -38,7 +38,7 @@ pub trait EmbodimentSpec: Any + Send + Sync {
     ///
     /// # Errors
     /// For instance [`EnvError::Robot`] for an invalid robot description.
-    fn parts(&self) -> Result<EmbodimentParts, EnvError>;
+    fn parts(&self) -> Result<EmbodimentSceneParts, EnvError>;
 
     /// Returns joint positions at which the embodiment is nearly at rest with the hand's target at
     /// `hand_target` (metres, world frame). Joints that are left out start at zero.
@@ -51,8 +51,8 @@ pub trait EmbodimentSpec: Any + Send + Sync {
     ///
     /// # Errors
     /// Errors of [`EmbodimentSpec::parts`].
-    fn actuation(&self) -> Result<Actuation, EnvError> {
-        Ok(Actuation::Weld)
+    fn actuation(&self) -> Result<HandActuation, EnvError> {
+        Ok(HandActuation::Weld)
     }
 
     /// Returns `true` if the four variants of a group move as exact mirror images of each other.

@@ -8,7 +8,7 @@ mod placing;
 use glam::DVec3;
 
 use crate::actuation::JointPositions;
-use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec};
+use crate::embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec};
 use crate::error::EnvError;
 use crate::mjcf::{Mjcf, part, parts};
 
@@ -17,12 +17,12 @@ pub(crate) use file_arm::FileArm;
 pub use kinova_gen3::KinovaGen3;
 pub(crate) use kinova_gen3::made as kinova_gen3_arm;
 
-/// Finger slides and actuators of `Sawyer` and `Hand`.
+/// Finger slides and actuators of `Sawyer` and `FloatingHand`.
 const GRIPPER: Mjcf<'static> = part!("gripper.xml");
 
-fn parts(mjcf: &'static str, included_files: &[Mjcf<'static>]) -> EmbodimentParts {
+fn parts(mjcf: &'static str, included_files: &[Mjcf<'static>]) -> EmbodimentSceneParts {
     let files = included_files.iter().chain([&GRIPPER]);
-    EmbodimentParts {
+    EmbodimentSceneParts {
         mjcf: mjcf.into(),
         included_files: files.map(|&(name, text)| (name, text.into())).collect(),
     }
@@ -30,14 +30,14 @@ fn parts(mjcf: &'static str, included_files: &[Mjcf<'static>]) -> EmbodimentPart
 
 /// Gripper alone on three slides; it moves like the arm's hand and is exactly symmetric.
 #[derive(Clone, Copy, Debug)]
-pub struct Hand;
+pub struct FloatingHand;
 
-impl EmbodimentSpec for Hand {
+impl EmbodimentSpec for FloatingHand {
     fn name(&self) -> &str {
         "hand"
     }
 
-    fn parts(&self) -> Result<EmbodimentParts, EnvError> {
+    fn parts(&self) -> Result<EmbodimentSceneParts, EnvError> {
         let included = parts!(["block.xml", "contacts.xml", "drawer_stop.xml", "peg_contacts.xml", "puck.xml"] in "hand");
         Ok(parts(part!("hand.xml").1, &included))
     }
@@ -74,7 +74,7 @@ impl EmbodimentSpec for Sawyer {
         "sawyer"
     }
 
-    fn parts(&self) -> Result<EmbodimentParts, EnvError> {
+    fn parts(&self) -> Result<EmbodimentSceneParts, EnvError> {
         let included = parts!(["block.xml", "contacts.xml", "drawer_stop.xml", "peg_contacts.xml", "puck.xml"] in "sawyer");
         Ok(parts(part!("sawyer.xml").1, &included))
     }

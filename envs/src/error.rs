@@ -237,7 +237,8 @@ pub struct ReachShortfall {
     pub missed: glam::DVec3,
     /// Distance of that position from the first joint (metres), counted like `reach`.
     pub distance: f64,
-    /// Bound on the distance of the hand from the first joint (metres): [`robots::Chain::reach`].
+    /// Bound on the distance of the hand from the first joint (metres):
+    /// [`robots::Chain::max_reach`].
     pub reach: f64,
 }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::D2;
 
 use crate::actuation::JointPositions;
-use crate::control::Control;
+use crate::control::ActionSettings;
 use crate::embodiment_spec::EmbodimentSpec;
 use crate::error::EnvError;
 use crate::mjcf::{Mjcf, parts};
@@ -74,24 +74,24 @@ impl Layout {
     }
 
     /// Returns the elements of D2 whose variants a task group has in this layout.
-    pub fn elements(self) -> &'static [D2] {
+    pub fn group_elements(self) -> &'static [D2] {
         match self {
             Self::Symmetric => &D2::ALL,
             Self::MetaWorld => &[D2::Identity],
         }
     }
 
-    /// Returns the layout's control settings: displacement by a full action (metres a decision),
+    /// Returns the layout's action settings: displacement by a full action (metres a decision),
     /// action repeat and horizon (both in control steps of 12.5 ms).
-    pub fn control(self) -> Control {
+    pub fn action_settings(self) -> ActionSettings {
         match self {
-            Self::Symmetric => Control::default(),
-            Self::MetaWorld => Control::meta_world(),
+            Self::Symmetric => ActionSettings::default(),
+            Self::MetaWorld => ActionSettings::meta_world(),
         }
     }
 
     /// Returns the lowest and the highest corner (metres) of the box that holds the hand's target.
-    pub fn target_bounds(self) -> [DVec3; 2] {
+    pub fn hand_target_bounds(self) -> [DVec3; 2] {
         match self {
             // wider along y than the hand needs, so that a target beyond a blocked hand makes it
             // push
@@ -106,7 +106,7 @@ impl Layout {
         group: TaskGroup,
     ) -> Result<Option<MetaWorldSpec<'static>>, EnvError> {
         let layout = self.name();
-        match (self, group.task().meta_world_spec()) {
+        match (self, group.identity_task().meta_world_spec()) {
             (Self::Symmetric, _) => Ok(None),
             (Self::MetaWorld, Some(spec)) => Ok(Some(spec)),
             (Self::MetaWorld, None) => Err(EnvError::NoSuchLayout { layout, group }),
@@ -153,7 +153,7 @@ impl Layout {
 
     /// Rejects an element of D2 that this layout has no variant for.
     pub(crate) fn check_variant(self, element: D2) -> Result<(), EnvError> {
-        if self.elements().contains(&element) {
+        if self.group_elements().contains(&element) {
             return Ok(());
         }
         Err(EnvError::NoSuchVariant { layout: self.name(), element })

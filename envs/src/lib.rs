@@ -25,7 +25,7 @@
 //!     for _ in 0..50 {
 //!         // a policy would choose them from batch.images and batch.vectors
 //!         let actions = [0.5; 4 * ACTION_DIM];
-//!         env.step(&actions, batch.step_mut())?;
+//!         env.step(&actions, batch.step_results_mut())?;
 //!     }
 //!     assert!(batch.truncated.iter().all(|&end| end), "50 decisions are an episode");
 //!     Ok(())
@@ -64,28 +64,29 @@ pub mod tasks;
 mod vec_env;
 mod worker;
 
-pub use actuation::{Actuation, JointPositions, ServoController};
-pub use batch::{ObservationsMut, StepBuffers, StepMut};
+pub use actuation::{HandActuation, JointPositions, ServoController};
+pub use batch::{ObservationsMut, StepBuffers, StepResultsMut};
 pub use camera::{Camera, ExtraView, GripperMark, Light, ObservationPictures, RGB_CHANNELS};
-pub use control::{Control, PHYSICS_STEPS_PER_CONTROL_STEP};
+pub use control::{ActionSettings, PHYSICS_STEPS_PER_CONTROL_STEP};
 pub use embodiment::Embodiment;
-pub use embodiment_spec::{EmbodimentParts, EmbodimentSpec};
+pub use embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec};
 pub use error::{EnvError, ReachShortfall};
 pub use layout::{HAND_TARGET_START, Layout};
 pub use messages::{EnvCommand, EnvFailure, EnvSnapshot};
 pub use mujoco::{self, Backdrop};
 pub use randomisation::DomainRandomisation;
 pub use registry::TaskRegistry;
-pub use renderer::{PerspectiveRenderer, SceneRenderer, View, ViewRenderer};
+pub use renderer::{PerspectiveRenderer, SceneRenderer, ViewRenderer, ViewSettings};
 pub use robots;
 pub use scene::{ARM_GEOM_GROUP, Scene};
 pub use settings::{MAX_THREADS, VecEnvSettings};
 pub use tabletop::{
-    ACTION_DIM, ACTION_IRREPS, DETAILS_DIM, SimulatedArm, Snapshot, Solid, StepResult, TableTop,
-    VECTOR_DIM, VECTOR_IRREPS, vector_observation,
+    ACTION_DIM, ACTION_IRREPS, STATE_DETAILS_DIM, SimulatedArm, StepResult, TableTop,
+    TableTopSnapshot, VECTOR_OBSERVATION_DIM, VECTOR_OBSERVATION_IRREPS, VisibleGeom,
+    vector_observation,
 };
 pub use task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task,
-    TaskGroup, TaskParts, TaskVariant,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskGroup,
+    TaskSceneParts, TaskState, TaskVariant,
 };
 pub use vec_env::VecEnv;

@@ -8,10 +8,12 @@ use symmetry::D2;
 use crate::batch::StepBuffers;
 use crate::domain_randomiser::CameraErrors;
 use crate::error::EnvError;
-use crate::renderer::View;
+use crate::renderer::ViewSettings;
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, DETAILS_DIM, Snapshot, StepResult, VECTOR_DIM};
+use crate::tabletop::{
+    ACTION_DIM, STATE_DETAILS_DIM, StepResult, TableTopSnapshot, VECTOR_OBSERVATION_DIM,
+};
 
 /// Failure of one environment, which does not affect the others.
 #[derive(Debug)]
@@ -51,7 +53,8 @@ pub(crate) enum WorkerCommand {
     Advance(WorkerBatch),
     /// Command to write the scripted experts' actions for the present states.
     Experts(WorkerBatch),
-    /// Command to write the positions and reward terms of the present states, see [`DETAILS_DIM`].
+    /// Command to write the positions and reward terms of the present states, see
+    /// [`STATE_DETAILS_DIM`].
     Details(WorkerBatch),
     /// Command to render the present states in the batch's view.
     Render(WorkerBatch),
@@ -78,7 +81,7 @@ pub(crate) struct WorkerReply {
 /// random streams and last observation.
 #[derive(Clone, Debug)]
 pub struct EnvSnapshot {
-    pub(crate) table: Snapshot,
+    pub(crate) table: TableTopSnapshot,
     pub(crate) rng: ChaCha8Rng,
     pub(crate) camera_state: CameraErrors,
     pub(crate) first: Vec<u8>,
@@ -92,10 +95,10 @@ pub(crate) struct WorkerBatch {
     pub commands: Vec<EnvCommand>,
     pub actions: Vec<f32>,
     pub batch: StepBuffers,
-    /// Positions and reward terms of the states, `[N, 16]`, see [`DETAILS_DIM`].
+    /// Positions and reward terms of the states, `[N, 16]`, see [`STATE_DETAILS_DIM`].
     pub details: Vec<f32>,
     /// View to render, and its pictures `[N, size, size, 3]`; `None` but for a render command.
-    pub view: Option<(View, Vec<u8>)>,
+    pub view: Option<(ViewSettings, Vec<u8>)>,
     /// Snapshots on their way to or from [`VecEnv`](crate::VecEnv); empty otherwise.
     pub snapshots: Vec<EnvSnapshot>,
     pub failures: Vec<EnvFailure>,
@@ -108,7 +111,7 @@ impl WorkerBatch {
             commands: vec![EnvCommand::Idle; settings.num_envs],
             actions: vec![0.0; settings.num_envs * ACTION_DIM],
             batch: StepBuffers::new(settings),
-            details: vec![0.0; settings.num_envs * DETAILS_DIM],
+            details: vec![0.0; settings.num_envs * STATE_DETAILS_DIM],
             view: None,
             snapshots: Vec::new(),
             failures: Vec::new(),
@@ -153,7 +156,7 @@ impl WorkerBatch {
         let image = batch.images.len() / batch.rewards.len();
         copy_row(&batch.images, row, &mut batch.final_images, row, image);
         let vectors = &mut batch.final_vectors;
-        copy_row(&batch.vectors, row, vectors, row, VECTOR_DIM);
+        copy_row(&batch.vectors, row, vectors, row, VECTOR_OBSERVATION_DIM);
         let truncated = true;
         self.write_outcome(row, &StepResult { truncated, ..StepResult::default() });
     }

@@ -40,7 +40,7 @@ impl TaskGroup {
     pub const PEG_INSERT_SIDE: Self = Self::from_task(&PegInsertSide);
 
     /// All four task groups of the COVERS paper, in the order in which reports list them.
-    pub const STANDARD: [Self; 4] =
+    pub const STANDARD_GROUPS: [Self; 4] =
         [Self::GOAL_REACH, Self::BUTTON_PRESS, Self::DRAWER_CLOSE, Self::PLATE_SLIDE];
     /// Task groups of Meta-World's MT10, in its order.
     pub const MT10: [Self; 10] = [
@@ -57,7 +57,7 @@ impl TaskGroup {
     ];
 
     /// Ten task groups in which the gripper holds no object: the standard ones first.
-    pub const TEN: [Self; 10] = [
+    pub const TEN_GROUPS: [Self; 10] = [
         Self::GOAL_REACH,
         Self::BUTTON_PRESS,
         Self::DRAWER_CLOSE,
@@ -89,9 +89,9 @@ impl TaskGroup {
     ];
 
     /// Sets of task groups by name: `standard`, `ten`, `mt10` and `all`.
-    pub const SETS: [(&str, &[Self]); 4] = [
-        ("standard", &Self::STANDARD),
-        ("ten", &Self::TEN),
+    pub const TASK_SETS: [(&str, &[Self]); 4] = [
+        ("standard", &Self::STANDARD_GROUPS),
+        ("ten", &Self::TEN_GROUPS),
         ("mt10", &Self::MT10),
         ("all", &Self::ALL),
     ];
@@ -119,7 +119,7 @@ fn is_word(word: &str) -> bool {
 /// use envs::{TaskGroup, TaskRegistry};
 ///
 /// fn main() -> Result<(), envs::EnvError> {
-///     let registry = TaskRegistry::standard();
+///     let registry = TaskRegistry::with_standard();
 ///     assert_eq!(registry.find("drawer-close")?, TaskGroup::DRAWER_CLOSE);
 ///     Ok(())
 /// }
@@ -130,18 +130,18 @@ pub struct TaskRegistry {
 }
 
 impl TaskRegistry {
-    /// Creates a registry of [`TaskGroup::STANDARD`].
-    pub fn standard() -> Self {
-        Self { groups: TaskGroup::STANDARD.to_vec() }
+    /// Creates a registry of [`TaskGroup::STANDARD_GROUPS`].
+    pub fn with_standard() -> Self {
+        Self { groups: TaskGroup::STANDARD_GROUPS.to_vec() }
     }
 
     /// Creates a registry of [`TaskGroup::MT10`].
-    pub fn mt10() -> Self {
+    pub fn with_mt10() -> Self {
         Self { groups: TaskGroup::MT10.to_vec() }
     }
 
     /// Creates a registry of [`TaskGroup::ALL`].
-    pub fn all() -> Self {
+    pub fn with_all() -> Self {
         Self { groups: TaskGroup::ALL.to_vec() }
     }
 
@@ -173,13 +173,13 @@ impl TaskRegistry {
         })
     }
 
-    /// Returns the task groups of the set called `name` ([`TaskGroup::SETS`]), or else the
+    /// Returns the task groups of the set called `name` ([`TaskGroup::TASK_SETS`]), or else the
     /// registered task group of that name alone.
     ///
     /// # Errors
     /// [`EnvError::UnknownTask`], which lists the known groups.
-    pub fn set(&self, name: &str) -> Result<Vec<TaskGroup>, EnvError> {
-        match TaskGroup::SETS.into_iter().find(|(known, _)| *known == name) {
+    pub fn find_set(&self, name: &str) -> Result<Vec<TaskGroup>, EnvError> {
+        match TaskGroup::TASK_SETS.into_iter().find(|(known, _)| *known == name) {
             // sets are of this crate: a program's own groups are chosen by name
             Some((_, groups)) => Ok(groups.to_vec()),
             None => Ok(vec![self.find(name)?]),
@@ -199,7 +199,7 @@ mod tests {
 
     use super::*;
     use crate::instance_id::Named;
-    use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, TaskParts};
+    use crate::task::{EpisodeStart, ExpertCommand, Placement, TaskSceneParts, TaskState};
     use crate::task::{StepReward, Task};
 
     impl Task for Named {
@@ -207,26 +207,26 @@ mod tests {
             self.0
         }
 
-        fn parts(&self) -> TaskParts<'_> {
-            TaskParts::default()
+        fn parts(&self) -> TaskSceneParts<'_> {
+            TaskSceneParts::default()
         }
 
-        fn draw_placement(&self, _: &mut ChaCha8Rng) -> Placement {
+        fn sample_placement(&self, _: &mut ChaCha8Rng) -> Placement {
             Placement { object: DVec3::ZERO, goal: DVec3::ZERO }
         }
 
-        fn reward(&self, _: &EpisodeStart, _: &Measurement, _: f64) -> StepReward {
+        fn reward(&self, _: &EpisodeStart, _: &TaskState, _: f64) -> StepReward {
             unreachable!("the registry asks for the name alone")
         }
 
-        fn expert(&self, _: &Placement, _: &Measurement) -> ExpertCommand {
+        fn expert(&self, _: &Placement, _: &TaskState) -> ExpertCommand {
             unreachable!("the registry asks for the name alone")
         }
     }
 
     #[test]
     fn names_are_found_again_and_unknown_ones_list_the_known() {
-        let mut registry = TaskRegistry::standard();
+        let mut registry = TaskRegistry::with_standard();
         registry.register(TaskGroup::from_task(&Named("peg-insert-2"))).unwrap();
         assert_eq!(registry.groups().len(), 5);
         for &group in registry.groups() {
@@ -239,7 +239,7 @@ mod tests {
 
     #[test]
     fn taken_and_malformed_names_are_refused() {
-        let mut registry = TaskRegistry::standard();
+        let mut registry = TaskRegistry::with_standard();
         let taken = registry.register(TaskGroup::from_task(&Named("goal-reach")));
         let message = taken.unwrap_err().to_string();
         assert!(message.contains("called `goal-reach` already"), "{message}");
@@ -249,37 +249,37 @@ mod tests {
             let refusal = refused.unwrap_err().to_string();
             assert!(refusal.contains("kebab-case"), "{refusal}");
         }
-        assert_eq!(registry, TaskRegistry::standard());
+        assert_eq!(registry, TaskRegistry::with_standard());
     }
 
     #[test]
     fn every_group_has_a_name_of_its_own() {
-        let all = TaskRegistry::all();
+        let all = TaskRegistry::with_all();
         let names: std::collections::HashSet<_> =
             all.groups().iter().map(|group| group.name()).collect();
         assert_eq!(names.len(), 14);
-        assert_eq!(TaskRegistry::mt10().groups(), TaskGroup::MT10);
+        assert_eq!(TaskRegistry::with_mt10().groups(), TaskGroup::MT10);
     }
 
     #[test]
     fn sets_hold_each_group_once_and_no_set_is_called_like_a_group() {
-        let all = TaskRegistry::all();
+        let all = TaskRegistry::with_all();
         for (name, size) in [("standard", 4), ("ten", 10), ("mt10", 10), ("all", 14)] {
-            let groups = all.set(name).unwrap();
+            let groups = all.find_set(name).unwrap();
             assert_eq!(groups.len(), size, "{name}");
             let distinct: std::collections::HashSet<_> = groups.iter().collect();
             assert_eq!(distinct.len(), size, "{name}");
             assert!(groups.iter().all(|group| all.find(group.name()).unwrap() == *group), "{name}");
             assert!(all.find(name).is_err());
         }
-        assert_eq!(all.set("push").unwrap(), [TaskGroup::PUSH]);
-        let message = all.set("mt50").unwrap_err().to_string();
+        assert_eq!(all.find_set("push").unwrap(), [TaskGroup::PUSH]);
+        let message = all.find_set("mt50").unwrap_err().to_string();
         assert!(message.contains("`mt50`") && message.contains("peg-insert-side"), "{message}");
     }
 
     #[test]
     fn there_are_sixteen_variants_of_the_standard_groups() {
-        let all = TaskGroup::STANDARD.into_iter().flat_map(TaskGroup::variants);
+        let all = TaskGroup::STANDARD_GROUPS.into_iter().flat_map(TaskGroup::variants);
         let distinct: std::collections::HashSet<_> = all.collect();
         assert_eq!(distinct.len(), 16);
     }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use mujoco::{Backdrop, CameraId, CameraView, Mirror, RenderOptions, Renderer};
+use mujoco::{Backdrop, CameraId, CameraView, RenderMirror, RenderOptions, Renderer};
 
 use crate::camera::{GripperMark, ObservationPictures, RGB_CHANNELS};
 use crate::error::EnvError;
@@ -109,7 +109,7 @@ impl SceneRenderer {
         let mirrors = self.scene.embodiment.mirrors_exactly();
         Ok(CameraView {
             camera: self.scene.camera_id,
-            mirror: Mirror {
+            mirror: RenderMirror {
                 swaps_left_right: mirrors && element.flips_x(),
                 swaps_top_bottom: mirrors && element.flips_y(),
             },
@@ -140,14 +140,14 @@ impl SceneRenderer {
         self.scene.camera.downsample(&self.rendered, rgb);
         if let Some(mark) = &self.mark {
             // not on `rendered`, since close-ups are cut from it and have no mark
-            self.scene.camera.draw_mark(mark, table.hand_position(), rgb);
+            self.scene.camera.draw_gripper_mark(mark, table.hand_position(), rgb);
         }
     }
 }
 
 /// View of a scene for people, as [`VecEnv::render`](crate::VecEnv::render) draws it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct View {
+pub struct ViewSettings {
     /// `true` for the view from a corner of the table, which faces the robot; `false` for the view
     /// from above.
     pub from_corner: bool,
@@ -157,7 +157,7 @@ pub struct View {
     pub size: usize,
 }
 
-/// Renderer of one scene in one [`View`]; stays on the thread that made it.
+/// Renderer of one scene in one [`ViewSettings`]; stays on the thread that made it.
 pub struct ViewRenderer {
     renderer: Renderer,
     camera: CameraId,
@@ -168,7 +168,7 @@ impl ViewRenderer {
     ///
     /// # Errors
     /// [`EnvError::Render`] for a size out of range, or if no off-screen OpenGL is available.
-    pub fn new(scene: &Scene, view: View) -> Result<Self, EnvError> {
+    pub fn new(scene: &Scene, view: ViewSettings) -> Result<Self, EnvError> {
         let model = Arc::clone(&scene.model);
         let camera = if view.from_corner { scene.perspective_id } else { scene.camera_id };
         let mut options = RenderOptions::default();

@@ -13,7 +13,7 @@ pub fn long_tail_reward(distance: f64, bound: f64, margin: f64) -> f64 {
 
 /// Returns the long-tailed reward of a value that should be in `[low, high]`: 1 there, and beyond
 /// either bound as in [`long_tail_reward`]. `margin` has the unit of the value.
-pub fn long_tail_between(value: f64, [low, high]: [f64; 2], margin: f64) -> f64 {
+pub fn long_tail_interval_reward(value: f64, [low, high]: [f64; 2], margin: f64) -> f64 {
     long_tail_reward((low - value).max(value - high), 0.0, margin)
 }
 
@@ -55,7 +55,7 @@ mod tests {
 
     #[test]
     fn a_value_between_its_bounds_earns_one_and_either_side_decays_alike() {
-        let reward = |value| long_tail_between(value, [0.25, 0.5], 0.5);
+        let reward = |value| long_tail_interval_reward(value, [0.25, 0.5], 0.5);
         assert_eq!([0.25, 0.3, 0.5].map(reward), [1.0; 3]);
         assert_eq!([-0.25, 1.0].map(reward), [0.1; 2]);
     }

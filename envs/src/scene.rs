@@ -7,15 +7,15 @@ use glam::DVec3;
 use mujoco::{BodyId, CameraId, Data, JointType, MocapId, Model, SiteId, State};
 use rand_chacha::ChaCha8Rng;
 
-use crate::actuation::{Actuation, ServoController};
+use crate::actuation::{HandActuation, ServoController};
 use crate::camera::Camera;
-use crate::control::{Control, PHYSICS_STEPS_PER_CONTROL_STEP};
+use crate::control::{ActionSettings, PHYSICS_STEPS_PER_CONTROL_STEP};
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::instance_id::InstanceId;
 use crate::layout::{HAND_TARGET_START, Layout, SettlingSettings};
 use crate::mjcf::{Mjcf, part};
-use crate::task::{MetaWorldSpec, Placement, TaskGroup, TaskParts};
+use crate::task::{MetaWorldSpec, Placement, TaskGroup, TaskSceneParts};
 
 /// Number of the MuJoCo geom group of the arm's and the gripper's geoms, which learners do not see.
 pub const ARM_GEOM_GROUP: usize = 3;
@@ -111,12 +111,12 @@ impl Scene {
         embodiment.check_name()?;
         let meta_world = layout.meta_world_spec(group)?;
         let hand_target_start = meta_world.map_or(HAND_TARGET_START, |spec| spec.hand_target);
-        let mut target_bounds = layout.target_bounds();
+        let mut target_bounds = layout.hand_target_bounds();
         if let Some(spec) = &meta_world {
             target_bounds[0].z = spec.lowest_target;
         }
         let settling = layout.settling(hand_target_start, embodiment.spec())?;
-        let parts = group.task().parts();
+        let parts = group.identity_task().parts();
         let of_meta_world = meta_world.map_or(&[][..], |spec| spec.start_joints);
         // the layout's come last and win over the task's own
         let start_joints = [parts.start_joints, of_meta_world].concat();
@@ -168,7 +168,7 @@ impl Scene {
 
     /// Returns the key of the scene: everything besides the state that determines the future of an
     /// episode.
-    pub(crate) fn key(&self, control: Control) -> SceneKey {
+    pub(crate) fn key(&self, control: ActionSettings) -> SceneKey {
         SceneKey {
             layout: self.layout,
             embodiment: self.embodiment,
@@ -179,10 +179,10 @@ impl Scene {
     }
 
     /// Draws a random placement of object and goal from the task's distribution.
-    pub fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    pub fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         match &self.meta_world {
-            None => self.group.task().draw_placement(rng),
-            Some(spec) => (spec.draw_placement)(rng),
+            None => self.group.identity_task().sample_placement(rng),
+            Some(spec) => (spec.sample_placement)(rng),
         }
     }
 }
@@ -195,7 +195,7 @@ pub(crate) struct SceneKey {
     group: TaskGroup,
     /// Instance ids of task and embodiment.
     instance_ids: [InstanceId; 2],
-    control: Control,
+    control: ActionSettings,
 }
 
 impl SceneKey {
@@ -226,7 +226,7 @@ pub(crate) fn check_placement(placement: &Placement) -> Result<(), EnvError> {
 }
 
 /// Rejects task parts with values that would lead to measurements and rewards that are NaN.
-fn check_parts(parts: &TaskParts<'_>, start_joints: &[(&str, f64)]) -> Result<(), EnvError> {
+fn check_parts(parts: &TaskSceneParts<'_>, start_joints: &[(&str, f64)]) -> Result<(), EnvError> {
     let offset = parts.object_offset;
     let expected = "finite numbers of metres";
     require(offset.is_finite(), "object_offset", &offset, expected)?;
@@ -249,7 +249,7 @@ fn compile(
     let meta_world_mjcf = layout.meta_world_mjcf(embodiment.spec());
     let mut parts: Vec<Mjcf<'_>> =
         vec![ARENA, (EMBODIMENT, meta_world_mjcf.unwrap_or(&embodiment_parts.mjcf))];
-    parts.extend(group.task().parts().mjcf.map(|text| (TASK, text)));
+    parts.extend(group.identity_task().parts().mjcf.map(|text| (TASK, text)));
     parts.extend(addition.map(|text| (ADDITION, text)));
     let include = |(name, _): &Mjcf<'_>| format!("<include file=\"{name}\"/>");
     let includes: String = parts.iter().map(include).collect();
@@ -268,7 +268,7 @@ fn compile(
 /// mirror them.
 fn mirrored(
     model: &Model,
-    parts: &TaskParts<'_>,
+    parts: &TaskSceneParts<'_>,
     layout: Layout,
 ) -> Result<Option<Arc<Model>>, EnvError> {
     if !parts.handed {
@@ -280,7 +280,7 @@ fn mirrored(
     let roots: Vec<_> = placed.chain(loose.map(|joint| model.joint_body(joint))).collect();
     let expected = "false, or a scene with a body `object` or `goal`, or a loose joint";
     require(!roots.is_empty(), "handed", &true, expected)?;
-    if layout.elements().len() == 1 {
+    if layout.group_elements().len() == 1 {
         return Ok(None);
     }
     Ok(Some(Arc::new(model.reflected(&roots)?)))
@@ -295,7 +295,7 @@ pub(crate) struct LooseJoint {
     pub qvel: usize,
 }
 
-fn loose_joint(model: &Model, parts: &TaskParts<'_>) -> Result<Option<LooseJoint>, EnvError> {
+fn loose_joint(model: &Model, parts: &TaskSceneParts<'_>) -> Result<Option<LooseJoint>, EnvError> {
     let Some(name) = parts.loose_joint else { return Ok(None) };
     let joint = model.joint(name)?;
     let joint_type = model.joint_type(joint);
@@ -331,7 +331,7 @@ fn decoy(model: &Model, spec: &MetaWorldSpec<'_>) -> Option<usize> {
 fn settle(
     model: &Arc<Model>,
     settling: &SettlingSettings,
-    actuation: Actuation,
+    actuation: HandActuation,
 ) -> Result<(State, Option<ServoController>), EnvError> {
     let mut data = Data::new(Arc::clone(model));
     for (name, position) in &settling.joint_positions {
@@ -341,12 +341,12 @@ fn settle(
     let hand_target = settling.hand_target.to_array();
     data.set_mocap_position(model.mocap_body("hand_target")?, hand_target)?;
     let controller = match actuation {
-        Actuation::Weld => {
+        HandActuation::Weld => {
             data.set_ctrl(&OPEN_FINGERS)?;
             data.step(settling.steps)?;
             None
         }
-        Actuation::Servos(mut controller) => {
+        HandActuation::Servos(mut controller) => {
             controller.start(model, &settling.joint_positions)?;
             for _ in 0..SERVOS_SETTLED {
                 controller.advance(&mut data, settling.hand_target, OPEN_ACTION)?;

@@ -20,10 +20,10 @@ use crate::messages::Fault;
 use crate::messages::{
     EnvCommand, EnvFailure, EnvSnapshot, WorkerBatch, WorkerCommand, WorkerReply, row_mut,
 };
-use crate::renderer::{SceneRenderer, View, ViewRenderer};
+use crate::renderer::{SceneRenderer, ViewRenderer, ViewSettings};
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, DETAILS_DIM, TableTop, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, STATE_DETAILS_DIM, TableTop, VECTOR_OBSERVATION_DIM};
 use crate::task::TaskGroup;
 
 /// State of one environment besides its simulation: random stream, camera errors, first picture and
@@ -45,7 +45,7 @@ pub(crate) struct SubEnvs {
     /// Renderer of each prepared task group. A renderer that failed is dropped and made again.
     renderers: BTreeMap<TaskGroup, SceneRenderer>,
     /// Renderers for people, made at first use.
-    views: BTreeMap<(TaskGroup, View), ViewRenderer>,
+    views: BTreeMap<(TaskGroup, ViewSettings), ViewRenderer>,
     /// Simulations of the current task group, one per environment.
     tables: Vec<TableTop>,
     /// Simulations of earlier task groups, kept for their return. Freeing blocks of several
@@ -93,7 +93,7 @@ impl SubEnvs {
             WorkerCommand::Reseed(seeds) => without_rows(self.reseed(&seeds)),
             WorkerCommand::Advance(rows) => self.with_rows(rows, Self::advance),
             WorkerCommand::Experts(rows) => self.with_rows(rows, Self::experts),
-            WorkerCommand::Details(rows) => self.with_rows(rows, Self::details),
+            WorkerCommand::Details(rows) => self.with_rows(rows, Self::state_details),
             WorkerCommand::Render(rows) => self.with_rows(rows, Self::render),
             WorkerCommand::Save(rows) => self.with_rows(rows, Self::save),
             WorkerCommand::Restore(rows) => self.with_rows(rows, Self::restore),
@@ -190,13 +190,13 @@ impl SubEnvs {
         Ok(())
     }
 
-    fn details(&mut self, rows: &mut WorkerBatch) -> Result<(), EnvError> {
+    fn state_details(&mut self, rows: &mut WorkerBatch) -> Result<(), EnvError> {
         let actions = rows.actions.chunks_exact(ACTION_DIM);
-        let details = rows.details.chunks_exact_mut(DETAILS_DIM);
+        let details = rows.details.chunks_exact_mut(STATE_DETAILS_DIM);
         for ((table, action), out) in self.tables.iter().zip(actions).zip(details) {
             out.fill(f32::NAN);
             // an environment that failed has no episode
-            if let Ok(own) = table.details(action[ACTION_DIM - 1]) {
+            if let Ok(own) = table.state_details(action[ACTION_DIM - 1]) {
                 out.copy_from_slice(&own);
             }
         }
@@ -227,7 +227,7 @@ impl SubEnvs {
                 camera_state: slot.camera_state.clone(),
                 first: slot.first.clone(),
                 image: row_mut(&mut rows.batch.images, row, image).to_vec(),
-                vector: row_mut(&mut rows.batch.vectors, row, VECTOR_DIM).to_vec(),
+                vector: row_mut(&mut rows.batch.vectors, row, VECTOR_OBSERVATION_DIM).to_vec(),
             })
         });
         rows.snapshots = snapshots.collect::<Result<_, _>>()?;
@@ -243,7 +243,8 @@ impl SubEnvs {
             let renderer = renderer_of(&mut self.renderers, table)?;
             renderer.render_backdrop(table, &mut slot.backdrop)?;
             row_mut(&mut rows.batch.images, row, image).copy_from_slice(&snapshot.image);
-            row_mut(&mut rows.batch.vectors, row, VECTOR_DIM).copy_from_slice(&snapshot.vector);
+            row_mut(&mut rows.batch.vectors, row, VECTOR_OBSERVATION_DIM)
+                .copy_from_slice(&snapshot.vector);
             (slot.rng, slot.camera_state) = (snapshot.rng, snapshot.camera_state);
             slot.first = snapshot.first;
         }
@@ -301,7 +302,8 @@ impl SubEnvs {
         }
         let image = row_mut(&mut rows.batch.images, row, self.settings.image_len());
         renderer.compose_observation(table, &slot.first, &slot.first, image);
-        row_mut(&mut rows.batch.vectors, row, VECTOR_DIM).copy_from_slice(&table.observe()?);
+        row_mut(&mut rows.batch.vectors, row, VECTOR_OBSERVATION_DIM)
+            .copy_from_slice(&table.observe()?);
         Ok(())
     }
 
@@ -327,7 +329,7 @@ impl SubEnvs {
         let (images, vectors) = rows.write_step(row, &step);
         let image = row_mut(images, row, self.settings.image_len());
         renderer.compose_observation(table, &self.picture, &slot.first, image);
-        row_mut(vectors, row, VECTOR_DIM).copy_from_slice(&vector);
+        row_mut(vectors, row, VECTOR_OBSERVATION_DIM).copy_from_slice(&vector);
         Ok(())
     }
 }

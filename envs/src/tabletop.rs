@@ -3,17 +3,17 @@
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
-use mujoco::{Data, Shape, State};
+use mujoco::{Data, GeomShape, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
 use crate::actuation::ServoController;
-use crate::control::{Control, PHYSICS_STEPS_PER_CONTROL_STEP, clip_action};
+use crate::control::{ActionSettings, PHYSICS_STEPS_PER_CONTROL_STEP, clip_action};
 use crate::embodiment_spec::OPEN_APERTURE;
 use crate::error::EnvError;
 use crate::layout::{map_point, orientation_quat};
 use crate::scene::{ARM_GEOM_GROUP, Scene, SceneKey, check_placement};
-use crate::task::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, TaskVariant};
+use crate::task::{EpisodeStart, ExpertCommand, Placement, StepReward, TaskState, TaskVariant};
 
 mod simulated_arm;
 
@@ -28,9 +28,9 @@ pub const ACTION_IRREPS: [Irrep; ACTION_DIM] = [Irrep::X, Irrep::Y, Irrep::Trivi
 /// in `[0, 1]`, goal x, y, z (metres; zero if hidden), lead x, y, z (metres). The lead is the
 /// displacement from the hand to its commanded target, without which the same action in the same
 /// place could have different effects.
-pub const VECTOR_DIM: usize = 10;
+pub const VECTOR_OBSERVATION_DIM: usize = 10;
 /// Irreps of D2 by which the vector observation's components transform under the symmetries.
-pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
+pub const VECTOR_OBSERVATION_IRREPS: [Irrep; VECTOR_OBSERVATION_DIM] = [
     Irrep::X,
     Irrep::Y,
     Irrep::Trivial,
@@ -43,24 +43,24 @@ pub const VECTOR_IRREPS: [Irrep; VECTOR_DIM] = [
     Irrep::Trivial,
 ];
 
-/// Returns the vector observation (see [`VECTOR_DIM`]) of a hand, its aperture, the goal and the
-/// hand's commanded target (metres, world frame); a goal of zeros is hidden.
+/// Returns the vector observation (see [`VECTOR_OBSERVATION_DIM`]) of a hand, its aperture, the
+/// goal and the hand's commanded target (metres, world frame); a goal of zeros is hidden.
 pub fn vector_observation(
     hand: DVec3,
     aperture: f64,
     goal: DVec3,
     target: DVec3,
-) -> [f32; VECTOR_DIM] {
+) -> [f32; VECTOR_OBSERVATION_DIM] {
     let lead = target - hand;
     [hand.x, hand.y, hand.z, aperture, goal.x, goal.y, goal.z, lead.x, lead.y, lead.z]
         .map(|value| value as f32)
 }
 
-/// Number of values of [`TableTop::details`]: hand x, y, z, aperture, object x, y, z, its second
-/// point x, y, z (see [`TaskParts::tip_body`](crate::TaskParts::tip_body)) and the goal x, y, z
-/// (metres from the centre), then the reward terms of [`StepReward`]: approach, in place and
-/// distance of the goal (metres).
-pub const DETAILS_DIM: usize = 16;
+/// Number of values of [`TableTop::state_details`]: hand x, y, z, aperture, object x, y, z, its
+/// second point x, y, z (see [`TaskSceneParts::tip_body`](crate::TaskSceneParts::tip_body)) and the
+/// goal x, y, z (metres from the centre), then the reward terms of [`StepReward`]: approach, in
+/// place and distance of the goal (metres).
+pub const STATE_DETAILS_DIM: usize = 16;
 
 /// Factor from Meta-World's rewards of control steps, in `[0, 10]`, to rewards of decisions, in
 /// `[0, 1]`.
@@ -100,7 +100,7 @@ struct Episode {
 /// Everything that determines the future of a [`TableTop`]: the simulation with its solver's warm
 /// start, the arm's controller, and the episode.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Snapshot {
+pub struct TableTopSnapshot {
     key: SceneKey,
     simulation: State,
     episode: Episode,
@@ -109,7 +109,7 @@ pub struct Snapshot {
 /// Table-top environment without pictures. All lengths are in metres, in the world frame.
 pub struct TableTop {
     scene: Arc<Scene>,
-    control: Control,
+    control: ActionSettings,
     data: Data,
     /// Simulation of the scene's other model, once a variant has used it.
     other_data: Option<Data>,
@@ -120,8 +120,8 @@ impl TableTop {
     /// Creates an environment on `scene`; call a reset before the first step.
     ///
     /// # Errors
-    /// [`EnvError::InvalidSetting`] for control settings out of range.
-    pub fn new(scene: Arc<Scene>, control: Control) -> Result<Self, EnvError> {
+    /// [`EnvError::InvalidSetting`] for action settings out of range.
+    pub fn new(scene: Arc<Scene>, control: ActionSettings) -> Result<Self, EnvError> {
         control.check()?;
         let data = Data::new(Arc::clone(&scene.model));
         Ok(Self { scene, control, data, other_data: None, episode: None })
@@ -132,9 +132,9 @@ impl TableTop {
         &self.scene
     }
 
-    /// Returns the environment's control settings: displacement by a full action (metres a
+    /// Returns the environment's action settings: displacement by a full action (metres a
     /// decision), action repeat and horizon (both in control steps of 12.5 ms).
-    pub fn control(&self) -> Control {
+    pub fn action_settings(&self) -> ActionSettings {
         self.control
     }
 
@@ -154,7 +154,7 @@ impl TableTop {
     /// # Errors
     /// [`EnvError::NoSuchVariant`], or MuJoCo's error for the state.
     pub fn reset(&mut self, element: D2, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
-        let placement = self.scene.draw_placement(rng);
+        let placement = self.scene.sample_placement(rng);
         self.reset_to(element, placement)
     }
 
@@ -177,7 +177,7 @@ impl TableTop {
         let start = EpisodeStart {
             placement,
             hand_target: scene.hand_target_start,
-            measurement: self.measure(element, &placement),
+            task_state: self.measure(element, &placement),
         };
         self.episode = Some(Episode {
             element,
@@ -238,8 +238,8 @@ impl TableTop {
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
-    pub fn save(&self) -> Result<Snapshot, EnvError> {
-        Ok(Snapshot {
+    pub fn save(&self) -> Result<TableTopSnapshot, EnvError> {
+        Ok(TableTopSnapshot {
             key: self.key(),
             simulation: self.data.save_state(),
             episode: self.episode.clone().ok_or(EnvError::NotReset)?,
@@ -251,7 +251,7 @@ impl TableTop {
     /// # Errors
     /// [`EnvError::SceneMismatch`] for a snapshot of another scene, task or control, and nothing
     /// has changed; or MuJoCo's error for the state, and no episode is running.
-    pub fn restore(&mut self, snapshot: &Snapshot) -> Result<(), EnvError> {
+    pub fn restore(&mut self, snapshot: &TableTopSnapshot) -> Result<(), EnvError> {
         let key = self.key();
         if snapshot.key != key {
             return Err(EnvError::SceneMismatch {
@@ -328,7 +328,7 @@ impl TableTop {
         // `step` leaves positions one physics step behind; kinematics alone do not alter the state
         self.data.forward_kinematics()?;
         let now = self.measure(episode.element, &episode.start.placement);
-        Ok(self.scene.group.task().reward(&episode.start, &now, finger))
+        Ok(self.scene.group.identity_task().reward(&episode.start, &now, finger))
     }
 
     /// Returns the variant of the running episode; `None` if no episode is running.
@@ -361,27 +361,27 @@ impl TableTop {
         self.scene.goal_observable.then_some(goal)
     }
 
-    /// Returns the vector observation (see [`VECTOR_IRREPS`]).
+    /// Returns the vector observation (see [`VECTOR_OBSERVATION_IRREPS`]).
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
-    pub fn observe(&self) -> Result<[f32; VECTOR_DIM], EnvError> {
+    pub fn observe(&self) -> Result<[f32; VECTOR_OBSERVATION_DIM], EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
         let goal = self.observable_goal().unwrap_or(DVec3::ZERO);
         Ok(vector_observation(self.hand_position(), self.aperture(), goal, episode.target))
     }
 
-    /// Returns the positions of the present state and its reward terms, listed at [`DETAILS_DIM`],
-    /// after a control step with the finger action `finger`.
+    /// Returns the positions of the present state and its reward terms, listed at
+    /// [`STATE_DETAILS_DIM`], after a control step with the finger action `finger`.
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
-    pub fn details(&self, finger: f32) -> Result<[f32; DETAILS_DIM], EnvError> {
+    pub fn state_details(&self, finger: f32) -> Result<[f32; STATE_DETAILS_DIM], EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
-        let (now, placement) = (self.measurement()?, episode.start.placement);
+        let (now, placement) = (self.task_state()?, episode.start.placement);
         let terms = self.reward(f64::from(finger).clamp(-1.0, 1.0))?;
         let [x, y, z, aperture, ..] = self.observe()?;
-        let mut details = [0.0; DETAILS_DIM];
+        let mut details = [0.0; STATE_DETAILS_DIM];
         details[..4].copy_from_slice(&[x, y, z, aperture]);
         let points = [now.object, now.tip, placement.goal];
         for (out, point) in details[4..13].chunks_exact_mut(3).zip(points) {
@@ -416,23 +416,23 @@ impl TableTop {
     /// Returns the scripted expert's command for the present state.
     pub(crate) fn expert_command(&self) -> Result<ExpertCommand, EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
-        let task = self.scene.group.task();
-        Ok(task.expert(&episode.start.placement, &self.measurement()?))
+        let task = self.scene.group.identity_task();
+        Ok(task.expert(&episode.start.placement, &self.task_state()?))
     }
 
     /// Returns the reward of the present state after a control step with the finger action
     /// `finger`.
     pub(crate) fn reward(&self, finger: f64) -> Result<StepReward, EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
-        let now = self.measurement()?;
-        Ok(self.scene.group.task().reward(&episode.start, &now, finger))
+        let now = self.task_state()?;
+        Ok(self.scene.group.identity_task().reward(&episode.start, &now, finger))
     }
 
-    /// Returns the measurements of the present state that the reward depends on (canonical frame).
+    /// Returns the present state of the task, on which the reward depends (canonical frame).
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
-    pub fn measurement(&self) -> Result<Measurement, EnvError> {
+    pub fn task_state(&self) -> Result<TaskState, EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
         Ok(self.measure(episode.element, &episode.start.placement))
     }
@@ -443,13 +443,13 @@ impl TableTop {
         (right.distance(left) / OPEN_APERTURE).clamp(0.0, 1.0)
     }
 
-    fn measure(&self, element: D2, placement: &Placement) -> Measurement {
+    fn measure(&self, element: D2, placement: &Placement) -> TaskState {
         let [right, left] =
             self.scene.tip_sites.map(|site| DVec3::from_array(self.data.site_position(site)));
         let at = |body| map_point(element, DVec3::from_array(self.data.body_position(body)));
         let object = self.scene.object_body.map_or(placement.object, at) + self.scene.object_offset;
         let [low, high] = self.scene.pad_bodies.map(|body| at(body).y);
-        Measurement {
+        TaskState {
             hand: map_point(element, self.hand_position()),
             tcp: map_point(element, (right + left) / 2.0),
             aperture: self.aperture(),
@@ -467,11 +467,11 @@ const SHOWN: std::ops::RangeInclusive<usize> = 0..=ARM_GEOM_GROUP;
 
 /// Geom of one colour in a scene, with its pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Solid<'a> {
+pub struct VisibleGeom<'a> {
     /// Unique name in the scene; `None` only for geoms of foreign scenes.
     pub name: Option<&'a str>,
     /// Shape of the geom in its own frame (metres).
-    pub shape: Shape,
+    pub shape: GeomShape,
     /// Position of the geom's centre (metres, world frame).
     pub position: DVec3,
     /// Axes x, y and z of the geom in the world frame, as columns.
@@ -485,13 +485,13 @@ pub struct Solid<'a> {
 impl TableTop {
     /// Returns every sphere, capsule, cylinder and box that a camera may see, in the scene's order,
     /// without the floor (a plane).
-    pub fn solids(&self) -> impl Iterator<Item = Solid<'_>> {
+    pub fn visible_geoms(&self) -> impl Iterator<Item = VisibleGeom<'_>> {
         let (data, model) = (&self.data, self.data.model());
         model.geoms().filter_map(move |geom| {
             let group = model.geom_group(geom);
             SHOWN.contains(&group).then_some(())?;
-            Some(Solid {
-                name: model.name(geom),
+            Some(VisibleGeom {
+                name: model.name_of(geom),
                 shape: model.geom_shape(geom)?,
                 position: DVec3::from_array(data.geom_position(geom)),
                 axes: DMat3::from_cols_array_2d(&data.geom_axes(geom)),

@@ -35,7 +35,7 @@ impl TaskGroup {
     }
 
     /// Returns the task that defines the group's identity variant.
-    pub fn task(self) -> &'static dyn Task {
+    pub fn identity_task(self) -> &'static dyn Task {
         self.0
     }
 
@@ -77,18 +77,18 @@ pub struct Placement {
     pub goal: DVec3,
 }
 
-/// Measurements of the state that the reward depends on, in the canonical frame (metres).
+/// State of a task, on which reward and expert depend, in the canonical frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measurement {
+pub struct TaskState {
     /// Position of the origin of the hand body (metres).
     pub hand: DVec3,
     /// Position of the tool centre point, between the fingertips (metres).
     pub tcp: DVec3,
     /// Distance between the claws divided by 0.1 m, in `[0, 1]`; 1 is open.
     pub aperture: f64,
-    /// Position of the object's reference point (metres; see [`TaskParts::object_offset`]).
+    /// Position of the object's reference point (metres; see [`TaskSceneParts::object_offset`]).
     pub object: DVec3,
-    /// Position of the object's second point (metres; see [`TaskParts::tip_body`]).
+    /// Position of the object's second point (metres; see [`TaskSceneParts::tip_body`]).
     pub tip: DVec3,
     /// Positions along y of the two finger pads (metres): first the one that is further to -y when
     /// the hand does not turn.
@@ -105,8 +105,8 @@ pub struct EpisodeStart {
     /// In the symmetric layout a hand that a weld moves rests 4 mm below it; in Meta-World's layout
     /// it is not at rest yet. An arm with servos rests at the target.
     pub hand_target: DVec3,
-    /// Measurements of the task in the start state of the episode.
-    pub measurement: Measurement,
+    /// State of the task at the start of the episode.
+    pub task_state: TaskState,
 }
 
 /// Reward, success and reward terms of one control step.
@@ -125,10 +125,10 @@ pub struct StepReward {
     pub success: bool,
 }
 
-/// Parts of a task's scene that are the same in all episodes. `TaskParts::default()` is the bare
-/// table with a hidden goal.
+/// Parts of a task's scene that are the same in all episodes. `TaskSceneParts::default()` is the
+/// bare table with a hidden goal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct TaskParts<'a> {
+pub struct TaskSceneParts<'a> {
     /// MJCF of the task's objects, a `<mujocoinclude>`; `None` for the bare table.
     ///
     /// A mocap body `object`, which is moved to the placement's object, is required; with a
@@ -185,31 +185,32 @@ pub struct MetaWorldSpec<'a> {
     /// free joint, whose body starts at the placement's object.
     pub extra_mjcf: Option<&'a str>,
     /// Function that draws a placement from Meta-World's ranges.
-    pub draw_placement: fn(&mut ChaCha8Rng) -> Placement,
+    pub sample_placement: fn(&mut ChaCha8Rng) -> Placement,
 }
 
 /// Definition of a task in its canonical frame; it keeps no state between calls.
 ///
 /// The four variants follow from mapping positions and actions by the elements of [`D2`].
-/// [`conformance::check`](crate::conformance::check) tests the requirements.
+/// [`conformance::check_conformance`](crate::conformance::check_conformance) tests the
+/// requirements.
 pub trait Task: Any + Send + Sync {
     /// Returns the task's name in kebab-case: words of lower-case letters and digits, joined by
     /// hyphens.
     fn name(&self) -> &str;
 
     /// Returns the parts of the task's scene that are the same in all episodes.
-    fn parts(&self) -> TaskParts<'_>;
+    fn parts(&self) -> TaskSceneParts<'_>;
 
     /// Draws a random placement of object and goal. All objects, or all goals, must lie in one
     /// quadrant and more than 1 mm off its axes, so that the four variants fill four quadrants.
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement;
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement;
 
     /// Returns reward and success of the state `now` of an episode with the start `start`; `finger`
     /// is the action's finger component in `[-1, 1]`.
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward;
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, finger: f64) -> StepReward;
 
     /// Returns the scripted expert's next command.
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand;
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand;
 
     /// Returns the task's settings for the layout `metaworld`; `None` if the task has no scene in
     /// that layout.

@@ -28,7 +28,7 @@ use glam::{DVec2, DVec3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::task::{Measurement, MetaWorldSpec, Placement, TaskParts};
+use crate::task::{MetaWorldSpec, Placement, TaskSceneParts, TaskState};
 
 /// Canonical x of most objects and goals (metres): right of the centre, so that a flip along x
 /// gives a different task. Windows, cabinets, blocks and pegs have ranges of their own.
@@ -44,19 +44,19 @@ const META_WORLD_HAND_BACK: DVec3 = DVec3::new(0.0, -0.2, 0.2);
 const META_WORLD_LOWEST: f64 = 0.05;
 
 /// Returns the parts of a task whose reference point is at `offset` from a body of its scene.
-fn scene(mjcf: &'static str, body: &'static str, offset: DVec3) -> TaskParts<'static> {
-    TaskParts {
+fn scene(mjcf: &'static str, body: &'static str, offset: DVec3) -> TaskSceneParts<'static> {
+    TaskSceneParts {
         mjcf: Some(mjcf),
         object_body: Some(body),
         object_offset: offset,
-        ..TaskParts::default()
+        ..TaskSceneParts::default()
     }
 }
 
 /// Returns Meta-World's settings for a task without an additional part.
 fn spec(
     name: &'static str,
-    draw_placement: fn(&mut ChaCha8Rng) -> Placement,
+    sample_placement: fn(&mut ChaCha8Rng) -> Placement,
 ) -> MetaWorldSpec<'static> {
     MetaWorldSpec {
         name,
@@ -64,7 +64,7 @@ fn spec(
         lowest_target: META_WORLD_LOWEST,
         start_joints: &[],
         extra_mjcf: None,
-        draw_placement,
+        sample_placement,
     }
 }
 
@@ -94,7 +94,7 @@ fn draw_apart(distance: f64, mut draw: impl FnMut() -> Placement) -> Placement {
 }
 
 /// Returns where the hand is when its fingertips are at `point` (metres): commands move the hand.
-fn hand_for_tips(now: &Measurement, point: DVec3) -> DVec3 {
+fn hand_for_tips(now: &TaskState, point: DVec3) -> DVec3 {
     point + (now.hand - now.tcp)
 }
 

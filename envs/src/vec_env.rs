@@ -7,15 +7,15 @@ use std::sync::Arc;
 
 use symmetry::D2;
 
-use crate::batch::{ObservationsMut, StepMut};
+use crate::batch::{ObservationsMut, StepResultsMut};
 use crate::camera::RGB_CHANNELS;
 use crate::control::check_action;
 use crate::error::EnvError;
 use crate::messages::{EnvCommand, EnvFailure, EnvSnapshot, WorkerBatch, WorkerCommand, copy_row};
-use crate::renderer::View;
+use crate::renderer::ViewSettings;
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
-use crate::tabletop::{ACTION_DIM, DETAILS_DIM, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, STATE_DETAILS_DIM, VECTOR_OBSERVATION_DIM};
 use crate::task::TaskGroup;
 use crate::worker::Worker;
 
@@ -193,7 +193,11 @@ impl VecEnv {
     /// [`EnvError::LengthMismatch`] or [`EnvError::NonFiniteAction`], and nothing has moved;
     /// [`EnvError::NotReset`]; an [`EnvError::InEnv`] with an error of OpenGL, after which
     /// [`VecEnv::reset`] makes new renderers.
-    pub fn step(&mut self, actions: &[f32], out: StepMut<'_>) -> Result<&[EnvFailure], EnvError> {
+    pub fn step(
+        &mut self,
+        actions: &[f32],
+        out: StepResultsMut<'_>,
+    ) -> Result<&[EnvFailure], EnvError> {
         self.check_step(actions, &out)?;
         self.require_running()?;
         self.rows.iter_mut().for_each(|rows| rows.commands.fill(EnvCommand::Step));
@@ -214,7 +218,7 @@ impl VecEnv {
         &mut self,
         actions: &[f32],
         commands: &[EnvCommand],
-        out: StepMut<'_>,
+        out: StepResultsMut<'_>,
     ) -> Result<&[EnvFailure], EnvError> {
         self.check_step(actions, &out)?;
         check_len("commands", commands.len(), self.settings.num_envs)?;
@@ -244,17 +248,17 @@ impl VecEnv {
     }
 
     /// Writes the positions of the present states and the reward terms of the last actions to `out`
-    /// `[N, 16]`, see [`DETAILS_DIM`]; NaN where no episode runs.
+    /// `[N, 16]`, see [`STATE_DETAILS_DIM`]; NaN where no episode runs.
     ///
     /// # Errors
     /// [`EnvError::LengthMismatch`], [`EnvError::NotReset`]; episodes go on.
-    pub fn details(&mut self, out: &mut [f32]) -> Result<(), EnvError> {
-        check_len("details", out.len(), self.settings.num_envs * DETAILS_DIM)?;
+    pub fn state_details(&mut self, out: &mut [f32]) -> Result<(), EnvError> {
+        check_len("details", out.len(), self.settings.num_envs * STATE_DETAILS_DIM)?;
         self.require_running()?;
         self.send_rows(WorkerCommand::Details)?;
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             let Range { start, end } = worker.envs;
-            out[start * DETAILS_DIM..end * DETAILS_DIM].copy_from_slice(&rows.details);
+            out[start * STATE_DETAILS_DIM..end * STATE_DETAILS_DIM].copy_from_slice(&rows.details);
         }
         Ok(())
     }
@@ -264,7 +268,7 @@ impl VecEnv {
     ///
     /// # Errors
     /// [`EnvError::LengthMismatch`], [`EnvError::NotReset`], [`EnvError::Render`]; episodes go on.
-    pub fn render(&mut self, view: View, out: &mut [u8]) -> Result<(), EnvError> {
+    pub fn render(&mut self, view: ViewSettings, out: &mut [u8]) -> Result<(), EnvError> {
         let picture = view.size * view.size * RGB_CHANNELS;
         check_len("pictures", out.len(), self.settings.num_envs * picture)?;
         self.require_running()?;
@@ -336,7 +340,7 @@ impl VecEnv {
     fn advance_rows(
         &mut self,
         actions: &[f32],
-        out: StepMut<'_>,
+        out: StepResultsMut<'_>,
     ) -> Result<&[EnvFailure], EnvError> {
         for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
             rows.actions.copy_from_slice(&actions[action_range(worker)]);
@@ -412,7 +416,8 @@ impl VecEnv {
         for (rows, worker) in self.rows.iter().zip(&self.workers) {
             let (start, end) = (worker.envs.start, worker.envs.end);
             out.images[start * image..end * image].copy_from_slice(&rows.batch.images);
-            out.vectors[start * VECTOR_DIM..end * VECTOR_DIM].copy_from_slice(&rows.batch.vectors);
+            out.vectors[start * VECTOR_OBSERVATION_DIM..end * VECTOR_OBSERVATION_DIM]
+                .copy_from_slice(&rows.batch.vectors);
         }
     }
 
@@ -422,7 +427,13 @@ impl VecEnv {
             for (row, env) in worker.envs.clone().enumerate() {
                 if rows.auto_resets(row) {
                     copy_row(&rows.batch.final_images, row, out.images, env, image);
-                    copy_row(&rows.batch.final_vectors, row, out.vectors, env, VECTOR_DIM);
+                    copy_row(
+                        &rows.batch.final_vectors,
+                        row,
+                        out.vectors,
+                        env,
+                        VECTOR_OBSERVATION_DIM,
+                    );
                 }
             }
         }
@@ -431,10 +442,10 @@ impl VecEnv {
     fn check_observations(&self, out: &ObservationsMut<'_>) -> Result<(), EnvError> {
         let n = self.settings.num_envs;
         check_len("images", out.images.len(), n * self.settings.image_len())?;
-        check_len("vectors", out.vectors.len(), n * VECTOR_DIM)
+        check_len("vectors", out.vectors.len(), n * VECTOR_OBSERVATION_DIM)
     }
 
-    fn check_step(&self, actions: &[f32], out: &StepMut<'_>) -> Result<(), EnvError> {
+    fn check_step(&self, actions: &[f32], out: &StepResultsMut<'_>) -> Result<(), EnvError> {
         let n = self.settings.num_envs;
         check_len("actions", actions.len(), n * ACTION_DIM)?;
         for (index, action) in actions.chunks_exact(ACTION_DIM).enumerate() {

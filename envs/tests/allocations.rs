@@ -9,8 +9,8 @@ use std::alloc::System;
 use std::hint::black_box;
 
 use envs::{
-    ACTION_DIM, Camera, Control, DomainRandomisation, ExtraView, StepBuffers, TaskGroup, VecEnv,
-    VecEnvSettings,
+    ACTION_DIM, ActionSettings, Camera, DomainRandomisation, ExtraView, StepBuffers, TaskGroup,
+    VecEnv, VecEnvSettings,
 };
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use symmetry::D2;
@@ -33,12 +33,12 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
     let settings = VecEnvSettings {
         num_envs: N,
         threads: 2,
-        control: Control { horizon: 30, ..Control::default() },
+        control: ActionSettings { horizon: 30, ..ActionSettings::default() },
         ..VecEnvSettings::default()
     };
     // randomised pictures start from perfect ones, so this covers both
     steps_allocate_nothing(VecEnvSettings {
-        randomisation: Some(DomainRandomisation::NOMINAL),
+        randomisation: Some(DomainRandomisation::NOMINAL_RANDOMISATION),
         ..settings
     });
     steps_allocate_nothing(VecEnvSettings {
@@ -60,7 +60,7 @@ fn steps_allocate_nothing(settings: VecEnvSettings) {
     let mut ends = 0;
     let mut steps = |n| {
         for _ in 0..n {
-            env.step(&[0.3; N * ACTION_DIM], batch.step_mut()).unwrap();
+            env.step(&[0.3; N * ACTION_DIM], batch.step_results_mut()).unwrap();
             ends += usize::from(batch.truncated[0]);
         }
     };

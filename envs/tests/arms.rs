@@ -5,8 +5,8 @@ use std::sync::Arc;
 use envs::conformance::measure_expert;
 use envs::embodiments::{Arm, ArmSettings, Finger, FingerJoint, Gripper, KinovaGen3};
 use envs::{
-    Camera, Control, Embodiment, EmbodimentSpec, EnvError, HAND_TARGET_START, Scene, TableTop,
-    TaskGroup, VecEnvSettings,
+    ActionSettings, Camera, Embodiment, EmbodimentSpec, EnvError, HAND_TARGET_START, Scene,
+    TableTop, TaskGroup, VecEnvSettings,
 };
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
@@ -19,7 +19,7 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Arc<Scene> {
 }
 
 fn started(group: TaskGroup, embodiment: Embodiment) -> TableTop {
-    let mut table = TableTop::new(scene(group, embodiment), Control::default()).unwrap();
+    let mut table = TableTop::new(scene(group, embodiment), ActionSettings::default()).unwrap();
     table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000)).unwrap();
     table
 }
@@ -31,7 +31,8 @@ fn experts_solve_every_variant_with_the_gen3() {
             scope.spawn(move || {
                 let scene = scene(group, Embodiment::KINOVA_GEN3);
                 for element in D2::ALL {
-                    let row = measure_expert(&scene, element, Control::default(), 2).unwrap();
+                    let row =
+                        measure_expert(&scene, element, ActionSettings::default(), 2).unwrap();
                     assert_eq!(row.success_rate(), 1.0, "{row:?}");
                 }
             });
@@ -47,7 +48,7 @@ fn the_gen3_rests_at_the_start() {
     assert!(off < 1e-4, "{off}");
     let [_, _, _, aperture, ..] = table.observe().unwrap();
     assert!((aperture - 1.0).abs() < 1e-3, "{aperture}");
-    let now = table.measurement().unwrap();
+    let now = table.task_state().unwrap();
     let fingers = now.hand - now.tcp;
     assert!(fingers.distance(0.045 * DVec3::Z) < 3e-3, "{fingers}");
     let fastest = table.simulation().qvel().iter().fold(0.0_f64, |most, v| most.max(v.abs()));
@@ -82,7 +83,7 @@ fn the_gen3s_open_fingers_reach_as_far_out_as_the_sawyers() {
 fn the_gen3_keeps_to_its_limits() {
     let mut table = started(TaskGroup::GOAL_REACH, Embodiment::KINOVA_GEN3);
     let arm = KinovaGen3.arm().unwrap();
-    let step = table.control();
+    let step = table.action_settings();
     let mut random = ChaCha8Rng::seed_from_u64(1001);
     let mut spent = 0.0_f64;
     let mut fastest = 0.0_f64;
@@ -92,7 +93,9 @@ fn the_gen3_keeps_to_its_limits() {
         table.step(&action).unwrap();
         fastest = fastest.max(table.hand_position().distance(before) / 0.125);
         let data = table.simulation();
-        for ((joint, motion), force) in arm.robot().free_joints().zip(data.actuator_force()) {
+        for ((joint, motion), force) in
+            arm.robot_description().free_joints().zip(data.actuator_force())
+        {
             let effort = motion.max_effort.unwrap();
             assert!(force.abs() <= effort, "{}: {force}", joint.name);
             spent = spent.max(force.abs() / effort);
@@ -168,12 +171,12 @@ fn six_joint(name: &str) -> ArmSettings {
             joint: None,
         },
         // with six joints it cannot hold the orientation everywhere
-        control: envs::robots::ControlSettings {
+        control: envs::robots::TwistControlSettings {
             tolerance: 0.02,
             angular_tolerance: 0.5,
-            ..envs::robots::ControlSettings::default()
+            ..envs::robots::TwistControlSettings::default()
         },
-        servo: envs::robots::Servo::default(),
+        servo: envs::robots::JointServoSettings::default(),
         max_target_lead: 0.03,
         additions: Vec::new(),
     }

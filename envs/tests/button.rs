@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use envs::{Camera, Control, Embodiment, Scene, TableTop, TaskGroup};
+use envs::{ActionSettings, Camera, Embodiment, Scene, TableTop, TaskGroup};
 use glam::DVec3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -25,20 +25,20 @@ const SUCCESS: f64 = 0.02;
 /// finger action `finger`. Returns the decisions in which the cap is off its rest.
 fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
     let scene = Scene::new(TaskGroup::BUTTON_PRESS, embodiment, Camera::default());
-    let mut env = TableTop::new(Arc::new(scene.unwrap()), Control::default()).unwrap();
+    let mut env = TableTop::new(Arc::new(scene.unwrap()), ActionSettings::default()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     env.reset(D2::Identity, &mut rng).unwrap();
-    let rest = env.measurement().unwrap().object;
+    let rest = env.task_state().unwrap().object;
     let (mut pushing, mut presses) = (false, Vec::new());
     for _ in 0..50 {
-        let now = env.measurement().unwrap();
+        let now = env.task_state().unwrap();
         let to = rest + (now.hand - now.tcp) - DVec3::Y * 0.08 - now.hand;
         pushing |= to.x.abs().max(to.z.abs()) < 0.006;
         let move_by =
             if pushing { DVec3::Y / 2.0 } else { (to / 0.04).clamp(DVec3::NEG_ONE, DVec3::ONE) };
         let [x, y, z] = move_by.as_vec3().to_array();
         let outcome = env.step(&[x, y, z, finger]).unwrap();
-        let way = (env.measurement().unwrap().object.y - rest.y).abs();
+        let way = (env.task_state().unwrap().object.y - rest.y).abs();
         if way > 0.002 {
             presses.push(Press {
                 goal_distance: TRAVEL - way,
@@ -52,7 +52,7 @@ fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
 
 #[test]
 fn closed_fingers_are_paid_for_every_millimetre_and_stop_short_of_success() {
-    for (embodiment, stop) in [(Embodiment::SAWYER, 0.029), (Embodiment::HAND, 0.034)] {
+    for (embodiment, stop) in [(Embodiment::SAWYER, 0.029), (Embodiment::FLOATING_HAND, 0.034)] {
         for seed in 0..5 {
             let presses = presses(embodiment, 0.5, seed);
             let rising = presses.is_sorted_by(|a, b| a.reward < b.reward + 1e-3);
@@ -68,7 +68,7 @@ fn closed_fingers_are_paid_for_every_millimetre_and_stop_short_of_success() {
 
 #[test]
 fn an_open_claw_is_paid_for_every_millimetre_until_it_succeeds() {
-    for embodiment in Embodiment::STANDARD {
+    for embodiment in Embodiment::STANDARD_EMBODIMENTS {
         for seed in 0..5 {
             let presses = presses(embodiment, -0.2, seed);
             let success = presses.iter().position(|press| press.success);

@@ -4,10 +4,10 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use envs::conformance::{ConformanceError, check, measure_expert, measure_symmetry};
+use envs::conformance::{ConformanceError, check_conformance, measure_expert, measure_symmetry};
 use envs::{
-    Camera, Control, Embodiment, EnvError, EpisodeStart, Measurement, MetaWorldSpec, Placement,
-    Scene, TaskGroup,
+    ActionSettings, Camera, Embodiment, EnvError, EpisodeStart, MetaWorldSpec, Placement, Scene,
+    TaskGroup, TaskState,
 };
 use glam::DVec3;
 use symmetry::D2;
@@ -23,18 +23,18 @@ fn leaked(task: PushBlock) -> TaskGroup {
 fn every_group_conforms() {
     std::thread::scope(|scope| {
         for group in TaskGroup::ALL {
-            scope.spawn(move || check(group).unwrap());
+            scope.spawn(move || check_conformance(group).unwrap());
         }
     });
 }
 
 #[test]
 fn a_task_of_somebody_elses_conforms() {
-    check(leaked(PushBlock::default())).unwrap();
+    check_conformance(leaked(PushBlock::default())).unwrap();
 }
 
 fn assert_flaw(what: &str, task: Spoilt, expected: &str) {
-    let message = check(task.group()).unwrap_err().to_string();
+    let message = check_conformance(task.group()).unwrap_err().to_string();
     assert!(message.contains(expected), "{what}: {message}");
 }
 
@@ -83,8 +83,8 @@ fn rewards_with_a_flaw_are_refused() {
     static CALLS: AtomicU64 = AtomicU64::new(0);
     /// 1 in the few control steps in which the hand starts to move, 0 elsewhere, so that the mean
     /// of their decision is in range.
-    fn peak(start: &EpisodeStart, now: &Measurement) -> f64 {
-        let way = now.hand.distance(start.measurement.hand);
+    fn peak(start: &EpisodeStart, now: &TaskState) -> f64 {
+        let way = now.hand.distance(start.task_state.hand);
         f64::from(u8::from(way > 0.0 && way < 1e-3))
     }
     let cases: [(&str, Reward, &str); 10] = [
@@ -140,7 +140,7 @@ fn what_a_snapshot_does_not_hold_is_refused() {
     static STEPS: AtomicU64 = AtomicU64::new(0);
     let spoilt = Spoilt {
         reward: |reward, start, now, _| {
-            if now.hand.distance(start.measurement.hand) < 1.5e-3 {
+            if now.hand.distance(start.task_state.hand) < 1.5e-3 {
                 STEPS.store(0, Ordering::Relaxed);
             }
             if STEPS.fetch_add(1, Ordering::Relaxed) > 510 {
@@ -212,7 +212,7 @@ fn placements_and_experts_with_a_flaw_are_refused() {
 #[test]
 fn a_malformed_name_is_refused() {
     let task = PushBlock { name: "Push Block".to_owned(), ..PushBlock::default() };
-    let flaw = check(leaked(task)).unwrap_err();
+    let flaw = check_conformance(leaked(task)).unwrap_err();
     let source = match flaw {
         ConformanceError::CheckFailed { source, .. } => source,
         other => panic!("{other}"),
@@ -230,7 +230,7 @@ fn a_flaw_of_the_metaworld_layout_alone_is_found() {
             lowest_target: 0.05,
             start_joints: &[],
             extra_mjcf: None,
-            draw_placement: |_| Placement { object: DVec3::ZERO, goal: DVec3::X },
+            sample_placement: |_| Placement { object: DVec3::ZERO, goal: DVec3::X },
         }),
         ..Spoilt::default()
     };
@@ -240,15 +240,15 @@ fn a_flaw_of_the_metaworld_layout_alone_is_found() {
 /// Returns the rows of every variant with `embodiment`.
 fn variants(embodiment: Embodiment) -> Vec<(Arc<Scene>, D2)> {
     let scene = |group| Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap());
-    let scenes = TaskGroup::STANDARD.map(scene);
+    let scenes = TaskGroup::STANDARD_GROUPS.map(scene);
     let of = |shared: &Arc<Scene>| D2::ALL.map(|element| (Arc::clone(shared), element));
     scenes.iter().flat_map(of).collect()
 }
 
 #[test]
 fn an_expert_that_cannot_get_there_does_not_succeed() {
-    let crawling = Control { displacement: 1e-4, horizon: 100, ..Control::default() };
-    for (scene, element) in variants(Embodiment::HAND) {
+    let crawling = ActionSettings { displacement: 1e-4, horizon: 100, ..ActionSettings::default() };
+    for (scene, element) in variants(Embodiment::FLOATING_HAND) {
         let row = measure_expert(&scene, element, crawling, 1).unwrap();
         assert_eq!((row.successes, &row.failed_seeds[..]), (0, &[0][..]), "{row:?}");
     }
@@ -258,7 +258,7 @@ fn an_expert_that_cannot_get_there_does_not_succeed() {
 /// and its pictures bit for bit.
 #[test]
 fn the_hand_mirrors_exactly() {
-    for (scene, element) in variants(Embodiment::HAND) {
+    for (scene, element) in variants(Embodiment::FLOATING_HAND) {
         let row = measure_symmetry(&scene, element, 2).unwrap();
         assert!(row.free_deviation <= 1e-12, "{row:?}");
         assert!(row.contact_deviation <= 1e-12, "{row:?}");
@@ -270,8 +270,8 @@ fn the_hand_mirrors_exactly() {
 
 #[test]
 fn no_seeds_are_refused() {
-    let (scene, element) = variants(Embodiment::HAND).remove(0);
-    let error = measure_expert(&scene, element, Control::default(), 0).unwrap_err();
+    let (scene, element) = variants(Embodiment::FLOATING_HAND).remove(0);
+    let error = measure_expert(&scene, element, ActionSettings::default(), 0).unwrap_err();
     assert!(error.to_string().contains("`seeds` is 0"), "{error}");
     assert!(measure_symmetry(&scene, element, 0).is_err());
 }

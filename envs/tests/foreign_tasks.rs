@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Camera, Control, Embodiment, EnvError, Scene, Snapshot, StepBuffers, TableTop,
-    TaskGroup, TaskParts, VecEnv, VecEnvSettings,
+    ACTION_DIM, ActionSettings, Camera, Embodiment, EnvError, Scene, StepBuffers, TableTop,
+    TableTopSnapshot, TaskGroup, TaskSceneParts, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -14,10 +14,10 @@ use crate::common::spoilt::Spoilt;
 use crate::common::{self, PushBlock};
 
 fn scene(group: TaskGroup) -> Result<Scene, EnvError> {
-    Scene::new(group, Embodiment::HAND, Camera::default())
+    Scene::new(group, Embodiment::FLOATING_HAND, Camera::default())
 }
 
-fn started(group: TaskGroup, control: Control) -> TableTop {
+fn started(group: TaskGroup, control: ActionSettings) -> TableTop {
     let mut table = TableTop::new(Arc::new(scene(group).unwrap()), control).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     table.reset(D2::Identity, &mut rng).unwrap();
@@ -40,7 +40,7 @@ fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
     let settings = VecEnvSettings {
         num_envs: 1,
         threads: 1,
-        embodiment: Embodiment::HAND,
+        embodiment: Embodiment::FLOATING_HAND,
         ..VecEnvSettings::default()
     };
     let plain = Spoilt::default().group();
@@ -54,7 +54,7 @@ fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
     for (task, says) in refused {
         let message = env.set_task_group(task, &D2::ALL).unwrap_err().to_string();
         assert!(message.contains(says), "{message}");
-        env.step(&[0.0; ACTION_DIM], batch.step_mut()).unwrap();
+        env.step(&[0.0; ACTION_DIM], batch.step_results_mut()).unwrap();
     }
     env.set_task_group(plain, &D2::ALL).unwrap();
 }
@@ -62,11 +62,11 @@ fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
 #[test]
 fn a_snapshot_of_a_namesake_or_of_another_control_is_refused() {
     let plain = Spoilt::default().group();
-    let short = Control { horizon: 100, ..Control::default() };
-    let mut table = started(plain, Control::default());
+    let short = ActionSettings { horizon: 100, ..ActionSettings::default() };
+    let mut table = started(plain, ActionSettings::default());
     let before = table.save().unwrap();
     for (other, says) in [
-        (started(generous(), Control::default()), "another task of that name"),
+        (started(generous(), ActionSettings::default()), "another task of that name"),
         (started(plain, short), "horizon: 100"),
     ] {
         let refused = table.restore(&other.save().unwrap()).unwrap_err();
@@ -74,14 +74,14 @@ fn a_snapshot_of_a_namesake_or_of_another_control_is_refused() {
         assert!(refused.to_string().contains(says), "{refused}");
         assert!(table.save().unwrap() == before);
     }
-    table.restore(&started(plain, Control::default()).save().unwrap()).unwrap();
+    table.restore(&started(plain, ActionSettings::default()).save().unwrap()).unwrap();
 }
 
 /// The loose cylinder's name is reserved in Meta-World's layout only.
 #[test]
 fn a_joint_called_decoy_is_the_tasks_own() {
     let group = with_scene(common::SCENE.replace("name=\"push\"", "name=\"decoy\""));
-    let table = started(group, Control::default());
+    let table = started(group, ActionSettings::default());
     let model = &table.scene().model;
     let address = model.joint_qpos_address(model.joint("decoy").unwrap());
     assert_eq!(table.simulation().qpos()[address], 0.0);
@@ -112,15 +112,16 @@ fn parts_that_are_not_numbers_are_refused() {
 
 #[test]
 fn objects_that_cannot_be_placed_or_mirrored_are_refused() {
-    let loose = |parts: &mut TaskParts<'_>| parts.loose_joint = Some("push");
+    let loose = |parts: &mut TaskSceneParts<'_>| parts.loose_joint = Some("push");
     let sliding = Spoilt { parts: loose, ..Spoilt::default() };
     let free = "<body name=\"free\"><freejoint name=\"push\"/><geom name=\"free\" \
                 size=\"0.01\"/></body></worldbody>";
     let text = common::SCENE.replace("name=\"push\"", "name=\"slide\"");
     let task = PushBlock { scene: text.replace("</worldbody>", free), ..PushBlock::default() };
     let both = Spoilt { task, parts: loose, ..Spoilt::default() };
-    let bare =
-        |parts: &mut TaskParts<'_>| *parts = TaskParts { handed: true, ..TaskParts::default() };
+    let bare = |parts: &mut TaskSceneParts<'_>| {
+        *parts = TaskSceneParts { handed: true, ..TaskSceneParts::default() }
+    };
     let empty = Spoilt { parts: bare, ..Spoilt::default() };
     let ball = common::SCENE.replace(
         "type=\"slide\" axis=\"0 1 0\" range=\"-0.01 0.14\" limited=\"true\"",
@@ -145,7 +146,7 @@ fn an_expert_that_asks_for_what_is_no_number_is_refused() {
     let lost = Spoilt { expert: |command, _| command.hand.x = f64::INFINITY, ..Spoilt::default() };
     let limp = Spoilt { expert: |command, _| command.finger = f64::NAN, ..Spoilt::default() };
     for (spoilt, says) in [(lost, "inf"), (limp, "the fingers to NaN")] {
-        let table = started(spoilt.group(), Control::default());
+        let table = started(spoilt.group(), ActionSettings::default());
         let message = table.expert_action().unwrap_err().to_string();
         assert!(message.contains("the expert of push-block"), "{message}");
         assert!(message.contains(says), "{message}");
@@ -155,14 +156,14 @@ fn an_expert_that_asks_for_what_is_no_number_is_refused() {
 /// With the data of another model a reset and a restoration must fail half way.
 #[test]
 fn a_start_that_fails_leaves_no_episode_running() {
-    type Start = fn(&mut TableTop, Snapshot) -> Result<(), EnvError>;
+    type Start = fn(&mut TableTop, TableTopSnapshot) -> Result<(), EnvError>;
     let reset: Start = |table, _| {
-        let placement = table.scene().draw_placement(&mut ChaCha8Rng::seed_from_u64(1));
+        let placement = table.scene().sample_placement(&mut ChaCha8Rng::seed_from_u64(1));
         table.reset_to(D2::Identity, placement)
     };
     let restore: Start = |table, snapshot| table.restore(&snapshot);
     for start in [reset, restore] {
-        let mut table = started(Spoilt::default().group(), Control::default());
+        let mut table = started(Spoilt::default().group(), ActionSettings::default());
         let snapshot = table.save().unwrap();
         let other = mujoco::Model::from_xml("<mujoco/>").unwrap();
         *table.simulation_mut() = mujoco::Data::new(Arc::new(other));

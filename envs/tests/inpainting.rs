@@ -4,7 +4,8 @@
 use std::sync::Arc;
 
 use envs::{
-    Camera, Control, Embodiment, Light, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskGroup,
+    ActionSettings, Camera, Embodiment, Light, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
+    TaskGroup,
 };
 use glam::DVec3;
 use inpainting::{ArmLink, ColorCorrection, Inpainter, InpainterSettings};
@@ -55,7 +56,7 @@ impl Studio {
         let camera = Camera { size: SIZE, light, ..Camera::default() };
         let scene = Arc::new(Scene::new(group, Embodiment::SAWYER, camera).unwrap());
         Self {
-            table: TableTop::new(Arc::clone(&scene), Control::default()).unwrap(),
+            table: TableTop::new(Arc::clone(&scene), ActionSettings::default()).unwrap(),
             raw: SceneRenderer::with_arm(Arc::clone(&scene)).unwrap(),
             alone: SceneRenderer::without_arm(Arc::clone(&scene)).unwrap(),
             shortcut: SceneRenderer::new(Arc::clone(&scene)).unwrap(),
@@ -145,7 +146,7 @@ fn differing(a: &[u8], b: &[u8]) -> impl Iterator<Item = usize> {
 /// it at once.
 #[test]
 fn painting_the_arm_out_equals_not_drawing_it() {
-    for group in TaskGroup::STANDARD {
+    for group in TaskGroup::STANDARD_GROUPS {
         let mut studio = Studio::new(group);
         for element in D2::ALL {
             let tally = studio.episode(element, ColorCorrection::MeanAndDeviation);

@@ -13,8 +13,8 @@ use symmetry::D2;
 use crate::common::PushBlock;
 
 fn table(layout: Layout, group: TaskGroup) -> TableTop {
-    let scene = Scene::new_in_layout(layout, group, Embodiment::HAND, Camera::default());
-    TableTop::new(Arc::new(scene.unwrap()), layout.control()).unwrap()
+    let scene = Scene::new_in_layout(layout, group, Embodiment::FLOATING_HAND, Camera::default());
+    TableTop::new(Arc::new(scene.unwrap()), layout.action_settings()).unwrap()
 }
 
 fn rng() -> ChaCha8Rng {
@@ -44,7 +44,7 @@ fn a_snapshot_brings_its_mirrored_objects_along() {
             let action = table.expert_action().unwrap();
             table.step(&action).unwrap();
         }
-        table.measurement().unwrap()
+        table.task_state().unwrap()
     };
     play(&mut mirrored);
     let saved = mirrored.save().unwrap();
@@ -73,7 +73,7 @@ fn a_vector_environment_runs_the_metaworld_layout_and_refuses_its_mirrored_varia
     let settings = VecEnvSettings {
         num_envs: 2,
         layout: Layout::MetaWorld,
-        control: Layout::MetaWorld.control(),
+        control: Layout::MetaWorld.action_settings(),
         ..VecEnvSettings::default()
     };
     let mut batch = StepBuffers::new(&settings);
@@ -92,7 +92,7 @@ fn a_vector_environment_runs_a_task_of_somebody_elses() {
     let group = TaskGroup::from_task(Box::leak(Box::new(PushBlock::default())));
     let mut batch = StepBuffers::new(&settings);
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
-    env.prepare_task_groups(&TaskGroup::STANDARD).unwrap();
+    env.prepare_task_groups(&TaskGroup::STANDARD_GROUPS).unwrap();
     env.set_task_group(group, &[D2::FlipY]).unwrap();
     assert!(env.reset(batch.observations_mut()).unwrap().is_empty());
     let green = |pixel: &[u8]| pixel[1] > 60 && pixel[0] < 60;

@@ -6,7 +6,9 @@ use std::sync::Arc;
 use envs::conformance::measure_expert;
 use envs::embodiments::Arm;
 use envs::robots::{OrientationConstraint, RobotFile};
-use envs::{Camera, Control, Embodiment, EnvError, Scene, TableTop, TaskGroup, VecEnvSettings};
+use envs::{
+    ActionSettings, Camera, Embodiment, EnvError, Scene, TableTop, TaskGroup, VecEnvSettings,
+};
 use glam::DVec3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -59,7 +61,7 @@ fn replaced(urdf: &str, changes: &[(&str, &str)]) -> String {
 fn assert_solves(embodiment: Embodiment, group: TaskGroup) {
     let scene = Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap());
     for element in D2::ALL {
-        let row = measure_expert(&scene, element, Control::default(), 1).unwrap();
+        let row = measure_expert(&scene, element, ActionSettings::default(), 1).unwrap();
         assert_eq!(row.successes, 1, "{} with {embodiment:?}", row.variant);
     }
 }
@@ -75,7 +77,7 @@ fn experts_solve_every_variant_with_arms_of_three_kinds() {
         let arm = asset(name);
         assert_eq!(arm.arm().unwrap().chain().joints().len(), joints);
         assert_eq!(arm.arm().unwrap().closing_seconds().is_some(), joints == 7);
-        for group in TaskGroup::STANDARD {
+        for group in TaskGroup::STANDARD_GROUPS {
             assert_solves(arm, group);
         }
     }
@@ -91,15 +93,15 @@ fn fingers_of_a_robot_are_found_and_closed() {
     assert_eq!((&joint.name[..], joint.positions[1]), ("robot/finger_1", 0.0));
     assert!((joint.positions[0] - opening).abs() < 1e-9, "{joint:?}");
     let scene = Scene::new(TaskGroup::GOAL_REACH, embodiment, Camera::default()).unwrap();
-    let mut table = TableTop::new(Arc::new(scene), Control::default()).unwrap();
+    let mut table = TableTop::new(Arc::new(scene), ActionSettings::default()).unwrap();
     table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000)).unwrap();
-    let open = table.measurement().unwrap();
+    let open = table.task_state().unwrap();
     assert!((open.aperture - 1.0).abs() < 1e-3, "{open:?}");
     assert!((open.hand - open.tcp).distance(0.045 * DVec3::Z) < 1e-3, "{open:?}");
     for _ in 0..8 {
         table.step(&[0.0, 0.0, 0.0, 1.0]).unwrap();
     }
-    let closed = table.measurement().unwrap();
+    let closed = table.task_state().unwrap();
     // claws are 0.1 m apart when open, and each comes in by the opening
     let expected = 1.0 - 2.0 * opening / 0.1;
     assert!((closed.aperture - expected).abs() < 0.02, "{closed:?}");
@@ -123,10 +125,10 @@ fn the_rotation_about_the_vertical_is_free_where_an_arm_cannot_hold_it() {
     let five = asset("five_joint_hobby.urdf").arm().unwrap();
     assert_eq!(five.settings().control.orientation, OrientationConstraint::Full);
     let scene = Scene::new(TaskGroup::GOAL_REACH, embodiment, Camera::default()).unwrap();
-    let mut table = TableTop::new(Arc::new(scene), Control::default()).unwrap();
+    let mut table = TableTop::new(Arc::new(scene), ActionSettings::default()).unwrap();
     table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000)).unwrap();
     let direction = |of: &TableTop| {
-        let now = of.measurement().unwrap();
+        let now = of.task_state().unwrap();
         now.hand - now.tcp
     };
     let mut success = false;
@@ -220,7 +222,7 @@ fn settings_hold_the_path_of_an_arm_and_its_file_the_rest() {
     assert!(text.contains("my arm.json"), "{text}");
     assert_eq!(serde_json::from_str::<VecEnvSettings>(&text).unwrap(), settings);
     let arm = embodiment.arm().unwrap();
-    assert_eq!(arm.robot().base_pose().position, DVec3::new(0.0, -0.33, 0.05));
+    assert_eq!(arm.robot_description().base_pose().position, DVec3::new(0.0, -0.33, 0.05));
     assert_eq!(arm.chain().joints().len(), 5);
     Scene::new(TaskGroup::DRAWER_CLOSE, embodiment, Camera::default()).unwrap();
     let missing = Embodiment::from_file(&folder.0.join("none.urdf")).unwrap();

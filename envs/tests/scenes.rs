@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use envs::{Camera, Control, Embodiment, HAND_TARGET_START, Layout, Scene, TableTop, TaskGroup};
+use envs::{
+    ActionSettings, Camera, Embodiment, HAND_TARGET_START, Layout, Scene, TableTop, TaskGroup,
+};
 use mujoco::Data;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -15,7 +17,7 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Scene {
 #[test]
 fn everything_in_every_scene_has_a_name() {
     for layout in Layout::ALL {
-        for embodiment in Embodiment::BUILT_IN {
+        for embodiment in Embodiment::BUILT_IN_EMBODIMENTS {
             for group in TaskGroup::ALL {
                 let scene =
                     Scene::new_in_layout(layout, group, embodiment, Camera::default()).unwrap();
@@ -32,7 +34,7 @@ fn everything_in_every_scene_has_a_name() {
 /// mm, and it leans 0.24 mm back.
 #[test]
 fn hands_rest_below_their_target() {
-    for embodiment in Embodiment::STANDARD {
+    for embodiment in Embodiment::STANDARD_EMBODIMENTS {
         let scene = scene(TaskGroup::GOAL_REACH, embodiment);
         let mut data = Data::new(Arc::clone(&scene.model));
         data.restore_state(scene.start_state()).unwrap();
@@ -66,7 +68,7 @@ fn the_hand_follows_its_target_as_the_arm_does() {
         }
         lags
     };
-    let (arm, hand) = (follow(Embodiment::SAWYER), follow(Embodiment::HAND));
+    let (arm, hand) = (follow(Embodiment::SAWYER), follow(Embodiment::FLOATING_HAND));
     // at 0.32 m/s: 12 mm by the weld's damper and 1 to 5 mm by the damping of what it pulls
     for (step, (arm_at, hand_at)) in arm.iter().zip(&hand).enumerate() {
         assert!((arm_at - hand_at).abs() < 4e-3, "step {step}: {arm_at} and {hand_at}");
@@ -77,7 +79,7 @@ fn the_hand_follows_its_target_as_the_arm_does() {
 /// The hand's collision masks leave out the walls, which must be out of its reach.
 #[test]
 fn the_hand_cannot_reach_the_walls() {
-    let scene = Arc::new(scene(TaskGroup::GOAL_REACH, Embodiment::HAND));
+    let scene = Arc::new(scene(TaskGroup::GOAL_REACH, Embodiment::FLOATING_HAND));
     let model = &scene.model;
     let inside = |wall: &str, axis: usize| {
         let wall = model.geom(wall).unwrap();
@@ -86,7 +88,7 @@ fn the_hand_cannot_reach_the_walls() {
         data.geom_position(wall)[axis].abs() - half
     };
     let walls = [inside("wall_right", 0), inside("wall_far", 1)];
-    let mut table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
+    let mut table = TableTop::new(Arc::clone(&scene), ActionSettings::default()).unwrap();
     for corner in D2::ALL {
         table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
         let [x, y] = corner.apply_xy([1.0, 1.0]);
@@ -110,10 +112,10 @@ fn the_hand_cannot_reach_the_walls() {
 /// embodiment. The limit of its joint alone would allow 5 cm.
 #[test]
 fn a_shut_drawer_stands_against_the_wall() {
-    for embodiment in Embodiment::STANDARD {
+    for embodiment in Embodiment::STANDARD_EMBODIMENTS {
         let scene = Arc::new(scene(TaskGroup::DRAWER_CLOSE, embodiment));
         let slide = scene.model.joint_qpos_address(scene.model.joint("slide").unwrap());
-        let mut table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
+        let mut table = TableTop::new(Arc::clone(&scene), ActionSettings::default()).unwrap();
         for element in D2::ALL {
             table.reset(element, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
             let mut furthest = f64::NEG_INFINITY;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use envs::embodiments::KinovaGen3;
-use envs::robots::{Command, ControlError, Robot, Twist, Watchdog};
+use envs::robots::{ArmCommand, ControlError, Robot, Twist, Watchdog};
 use envs::{Camera, Embodiment, HAND_TARGET_START, Placement, Scene, SimulatedArm, TaskGroup};
 use glam::DVec3;
 use symmetry::D2;
@@ -25,8 +25,8 @@ fn started(latency: f64) -> SimulatedArm {
     arm
 }
 
-fn moving(linear: DVec3, gripper_closure: f64) -> Command {
-    Command { twist: Twist::from_linear(linear), gripper_closure }
+fn moving(linear: DVec3, gripper_closure: f64) -> ArmCommand {
+    ArmCommand { twist: Twist::from_linear(linear), gripper_closure }
 }
 
 fn advance(arm: &mut SimulatedArm, steps: usize) {
@@ -47,7 +47,7 @@ fn a_twist_moves_the_tip_at_its_speed_and_closes_the_fingers() {
     // a second, less half of the 50 ms in which it speeds up, and the lag of its servos
     assert!((0.09..0.1).contains(&way.x) && way.y.abs() < 0.003 && way.z.abs() < 0.003, "{way}");
     assert!(state.gripper_closure > 0.95, "{}", state.gripper_closure);
-    let hand = arm.table().hand_position();
+    let hand = arm.environment().hand_position();
     assert!(hand.distance(state.tip.position) < 1e-6, "its joints tell where it is");
     arm.stop().unwrap();
     advance(&mut arm, 40);
@@ -147,14 +147,14 @@ fn capsules_follow_the_joints_that_the_arm_tells() {
     arm.command(&moving(DVec3::new(0.2, 0.1, -0.1), 1.0)).unwrap();
     advance(&mut arm, 30);
     let capsules = KinovaGen3.arm().unwrap().capsules(&arm.state().unwrap());
-    let data = arm.table().simulation();
+    let data = arm.environment().simulation();
     let model = data.model();
     let mut seen = 0;
     for geom in model.geoms().filter(|&geom| model.geom_group(geom) == envs::ARM_GEOM_GROUP) {
         let middle = DVec3::from_array(data.geom_position(geom));
         let inside = capsules.iter().map(|capsule| capsule.signed_distance(middle));
         let inside = inside.fold(f64::INFINITY, f64::min);
-        assert!(inside < 0.0, "{:?}: {inside}", model.name(geom));
+        assert!(inside < 0.0, "{:?}: {inside}", model.name_of(geom));
         seen += 1;
     }
     assert!(seen >= 10 && capsules.len() == seen, "{seen} {}", capsules.len());

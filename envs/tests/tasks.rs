@@ -3,8 +3,8 @@
 use std::sync::{Arc, LazyLock};
 
 use envs::{
-    ACTION_DIM, Camera, Control, Embodiment, EnvError, EpisodeStart, Scene, TableTop, TaskGroup,
-    VECTOR_DIM,
+    ACTION_DIM, ActionSettings, Camera, Embodiment, EnvError, EpisodeStart, Scene, TableTop,
+    TaskGroup, VECTOR_OBSERVATION_DIM,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -12,21 +12,21 @@ use symmetry::D2;
 
 static SCENES: LazyLock<Vec<Arc<Scene>>> = LazyLock::new(|| {
     let scene = |group| Scene::new(group, Embodiment::SAWYER, Camera::default()).unwrap();
-    TaskGroup::STANDARD.map(|group| Arc::new(scene(group))).to_vec()
+    TaskGroup::STANDARD_GROUPS.map(|group| Arc::new(scene(group))).to_vec()
 });
 
 fn table(group: TaskGroup) -> TableTop {
     let scene = SCENES.iter().find(|scene| scene.group == group).unwrap();
-    TableTop::new(Arc::clone(scene), Control::default()).unwrap()
+    TableTop::new(Arc::clone(scene), ActionSettings::default()).unwrap()
 }
 
-fn observe(table: &TableTop) -> [f32; VECTOR_DIM] {
+fn observe(table: &TableTop) -> [f32; VECTOR_OBSERVATION_DIM] {
     table.observe().unwrap()
 }
 
 #[test]
 fn the_goal_is_told_in_goal_reach_and_nowhere_else() {
-    let variants = TaskGroup::STANDARD.map(TaskGroup::variants);
+    let variants = TaskGroup::STANDARD_GROUPS.map(TaskGroup::variants);
     for variant in variants.concat() {
         let mut table = table(variant.group);
         table.reset(variant.element, &mut ChaCha8Rng::seed_from_u64(2)).unwrap();
@@ -46,7 +46,7 @@ fn the_lead_is_the_way_from_the_hand_to_its_target() {
     table.reset(D2::FlipX, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
     let [.., x, y, z] = observe(&table);
     assert!([x, y, z].iter().all(|lead| lead.abs() < 5e-3), "at rest: {x}, {y}, {z}");
-    let (before, length) = (table.hand_position(), table.control().displacement);
+    let (before, length) = (table.hand_position(), table.action_settings().displacement);
     table.step(&[1.0, -0.5, 0.0, 0.0]).unwrap();
     let moved = table.hand_position() - before;
     let [.., x_after, y_after, _] = observe(&table);
@@ -84,7 +84,7 @@ fn a_step_after_the_end_of_an_episode_is_an_error_and_changes_nothing() {
 #[test]
 fn impossible_control_settings_are_refused() {
     let scene = Arc::clone(&SCENES[0]);
-    let control = Control { action_repeat: 7, ..Control::default() };
+    let control = ActionSettings { action_repeat: 7, ..ActionSettings::default() };
     let message = TableTop::new(scene, control).err().unwrap().to_string();
     assert!(message.contains("500 with action repeat 7"), "{message}");
 }
@@ -97,19 +97,19 @@ fn success_at_the_end_is_that_of_the_last_control_step() {
     for seed in 0..4 {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         table.reset(D2::FlipX, &mut rng).unwrap();
-        let task = table.scene().group.task();
+        let task = table.scene().group.identity_task();
         let begun = EpisodeStart {
-            placement: table.scene().draw_placement(&mut ChaCha8Rng::seed_from_u64(seed)),
+            placement: table.scene().sample_placement(&mut ChaCha8Rng::seed_from_u64(seed)),
             hand_target: envs::HAND_TARGET_START,
-            measurement: table.measurement().unwrap(),
+            task_state: table.task_state().unwrap(),
         };
-        for decision in 0..table.control().decisions_per_episode() {
+        for decision in 0..table.action_settings().decisions_per_episode() {
             let action = match decision {
                 0..30 => table.expert_action().unwrap(),
                 _ => [0.6, -0.6, 0.6, 0.0],
             };
             let step = table.step(&action).unwrap();
-            let now = task.reward(&begun, &table.measurement().unwrap(), action[3].into());
+            let now = task.reward(&begun, &table.task_state().unwrap(), action[3].into());
             assert_eq!(step.success_at_end, now.success, "{seed}, {decision}");
             assert!(step.success || !step.success_at_end);
             left_within_a_decision += usize::from(step.success && !step.success_at_end);
@@ -121,10 +121,10 @@ fn success_at_the_end_is_that_of_the_last_control_step() {
 /// A NaN goal would end up in the observation and the reward.
 #[test]
 fn placements_that_are_not_numbers_are_refused_and_change_nothing() {
-    for group in TaskGroup::STANDARD {
+    for group in TaskGroup::STANDARD_GROUPS {
         let mut table = table(group);
         let mut rng = ChaCha8Rng::seed_from_u64(0);
-        let sound = table.scene().draw_placement(&mut rng);
+        let sound = table.scene().sample_placement(&mut rng);
         table.reset_to(D2::Identity, sound).unwrap();
         let before = table.save().unwrap();
         for bad in [f64::NAN, f64::INFINITY] {

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Camera, Control, DETAILS_DIM, DomainRandomisation, Embodiment, EnvError, ExtraView,
-    ObservationsMut, RGB_CHANNELS, Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup,
-    VECTOR_DIM, VecEnv, VecEnvSettings,
+    ACTION_DIM, ActionSettings, Camera, DomainRandomisation, Embodiment, EnvError, ExtraView,
+    ObservationsMut, RGB_CHANNELS, STATE_DETAILS_DIM, Scene, SceneRenderer, StepBuffers, TableTop,
+    TaskGroup, VECTOR_OBSERVATION_DIM, VecEnv, VecEnvSettings,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -35,7 +35,7 @@ fn trace(threads: usize, embodiment: Embodiment) -> Vec<u32> {
         env.set_task_group(group, &D2::ALL).unwrap();
         env.reset(buffers.observations_mut()).unwrap();
         for step in 0..7 {
-            env.step(&action(step), buffers.step_mut()).unwrap();
+            env.step(&action(step), buffers.step_results_mut()).unwrap();
             trace.extend(buffers.images.iter().map(|&v| u32::from(v)));
             trace.extend(buffers.vectors.iter().map(|v| v.to_bits()));
             trace.extend(buffers.rewards.iter().map(|v| v.to_bits()));
@@ -68,11 +68,11 @@ fn the_end_of_an_episode_returns_both_the_final_and_the_first_observation() {
     let start = buffers.vectors.clone();
     for step in 1..=settings.control.decisions_per_episode() {
         assert!(buffers.truncated.iter().all(|&end| !end), "before step {step}");
-        env.step(&[1.0; N * ACTION_DIM], buffers.step_mut()).unwrap();
+        env.step(&[1.0; N * ACTION_DIM], buffers.step_results_mut()).unwrap();
     }
     assert!(buffers.truncated.iter().all(|&end| end));
     for index in 0..N {
-        let row = index * VECTOR_DIM..index * VECTOR_DIM + 3;
+        let row = index * VECTOR_OBSERVATION_DIM..index * VECTOR_OBSERVATION_DIM + 3;
         assert_eq!(
             buffers.vectors[row.clone()],
             start[row.clone()],
@@ -179,7 +179,7 @@ fn row(observations: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
     let image = observations.images.len() / N;
     (
         observations.images[env * image..][..image].to_vec(),
-        observations.vectors[env * VECTOR_DIM..][..VECTOR_DIM].to_vec(),
+        observations.vectors[env * VECTOR_OBSERVATION_DIM..][..VECTOR_OBSERVATION_DIM].to_vec(),
     )
 }
 
@@ -205,7 +205,7 @@ fn rows_equal_environments_driven_by_hand(settings: VecEnvSettings) {
     }
     for step in 0..14 {
         let actions = action(step);
-        env.step(&actions, buffers.step_mut()).unwrap();
+        env.step(&actions, buffers.step_results_mut()).unwrap();
         for (index, twin) in twins.iter_mut().enumerate() {
             let action = actions[index * ACTION_DIM..][..ACTION_DIM].try_into().unwrap();
             let expected = twin.table.step(action).unwrap();
@@ -216,7 +216,7 @@ fn rows_equal_environments_driven_by_hand(settings: VecEnvSettings) {
             assert_eq!(buffers.truncated[index], expected.truncated);
             let mut observation = twin.observe();
             if expected.truncated {
-                let last = buffers.step_mut().final_observations;
+                let last = buffers.step_results_mut().final_observations;
                 assert_eq!(row(&last, index), observation, "environment {index}");
                 observation = twin.begin();
             }
@@ -228,7 +228,7 @@ fn rows_equal_environments_driven_by_hand(settings: VecEnvSettings) {
 
 #[test]
 fn success_at_any_step_and_at_the_end_are_told_apart() {
-    let settings = VecEnvSettings { control: Control::default(), ..settings(2) };
+    let settings = VecEnvSettings { control: ActionSettings::default(), ..settings(2) };
     let group = TaskGroup::GOAL_REACH;
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
     let mut batch = StepBuffers::new(&settings);
@@ -242,7 +242,7 @@ fn success_at_any_step_and_at_the_end_are_told_apart() {
             _ => [0.6, -0.6, 0.6, 0.0],
         };
         let actions = twins.each_ref().map(action);
-        env.step(actions.as_flattened(), batch.step_mut()).unwrap();
+        env.step(actions.as_flattened(), batch.step_results_mut()).unwrap();
         let expected = [0, 1, 2].map(|i| twins[i].table.step(&actions[i]).unwrap());
         assert_eq!(batch.success, expected.map(|step| step.success));
         assert_eq!(batch.success_at_end, expected.map(|step| step.success_at_end));
@@ -286,7 +286,7 @@ fn variants_are_drawn_from_the_elements_given() {
     let mut buffers = StepBuffers::new(&settings);
     env.reset(buffers.observations_mut()).unwrap();
     let goals = |batch: &StepBuffers| -> Vec<(bool, bool)> {
-        let rows = batch.vectors.chunks_exact(VECTOR_DIM);
+        let rows = batch.vectors.chunks_exact(VECTOR_OBSERVATION_DIM);
         rows.map(|row| (row[4] < 0.0, row[5] < 0.0)).collect()
     };
     assert!(goals(&buffers).iter().all(|&quadrant| quadrant == (true, false)));
@@ -301,22 +301,22 @@ fn bad_input_is_refused_and_changes_nothing() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     let mut buffers = StepBuffers::new(&settings);
-    let early = env.step(&action(0), buffers.step_mut()).unwrap_err();
+    let early = env.step(&action(0), buffers.step_results_mut()).unwrap_err();
     assert!(early.to_string().contains("no episode is running"), "{early}");
     env.reset(buffers.observations_mut()).unwrap();
-    let short = env.step(&[0.0; 3], buffers.step_mut()).unwrap_err();
+    let short = env.step(&[0.0; 3], buffers.step_results_mut()).unwrap_err();
     assert!(short.to_string().contains("`actions` has 3 elements, expected 12"));
     let mut bad = action(0);
     bad[6] = f32::INFINITY;
-    let message = env.step(&bad, buffers.step_mut()).unwrap_err().to_string();
+    let message = env.step(&bad, buffers.step_results_mut()).unwrap_err().to_string();
     assert!(message.contains("environment 1: component 2 of the action is inf"), "{message}");
     let none = env.set_task_group(TaskGroup::GOAL_REACH, &[]).unwrap_err();
     assert!(none.to_string().contains("no variants of goal-reach"));
-    env.step(&action(0), buffers.step_mut()).unwrap();
+    env.step(&action(0), buffers.step_results_mut()).unwrap();
     let mut fresh = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     let mut expected = StepBuffers::new(&settings);
     fresh.reset(expected.observations_mut()).unwrap();
-    fresh.step(&action(0), expected.step_mut()).unwrap();
+    fresh.step(&action(0), expected.step_results_mut()).unwrap();
     assert_eq!(buffers.vectors, expected.vectors);
     assert_eq!(buffers.images, expected.images);
 }
@@ -330,10 +330,10 @@ fn a_switch_ends_running_episodes() {
     env.set_task_group(TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
     env.reset(buffers.observations_mut()).unwrap();
     env.set_task_group(TaskGroup::DRAWER_CLOSE, &[D2::HalfTurn]).unwrap();
-    let stale = env.step(&action(0), buffers.step_mut()).unwrap_err();
+    let stale = env.step(&action(0), buffers.step_results_mut()).unwrap_err();
     assert!(stale.to_string().contains("no episode is running"), "{stale}");
     env.reset(buffers.observations_mut()).unwrap();
-    env.step(&action(0), buffers.step_mut()).unwrap();
+    env.step(&action(0), buffers.step_results_mut()).unwrap();
 }
 
 #[test]
@@ -348,10 +348,10 @@ fn preparing_groups_changes_nothing_that_is_seen() {
         prepared.set_task_group(group, &D2::ALL).unwrap();
         plain.reset(a.observations_mut()).unwrap();
         prepared.reset(b.observations_mut()).unwrap();
-        plain.step(&action(0), a.step_mut()).unwrap();
+        plain.step(&action(0), a.step_results_mut()).unwrap();
         // in the middle of episodes
-        prepared.prepare_task_groups(&TaskGroup::STANDARD).unwrap();
-        prepared.step(&action(0), b.step_mut()).unwrap();
+        prepared.prepare_task_groups(&TaskGroup::STANDARD_GROUPS).unwrap();
+        prepared.step(&action(0), b.step_results_mut()).unwrap();
         assert_eq!((&a.images, &a.vectors), (&b.images, &b.vectors), "{group}");
     }
 }
@@ -360,7 +360,7 @@ fn preparing_groups_changes_nothing_that_is_seen() {
 fn randomised(extra_views: ExtraView) -> VecEnvSettings {
     VecEnvSettings {
         camera: Camera { extra_views, ..Camera::default() },
-        randomisation: Some(DomainRandomisation::NOMINAL),
+        randomisation: Some(DomainRandomisation::NOMINAL_RANDOMISATION),
         ..settings(1)
     }
 }
@@ -389,13 +389,13 @@ fn restored_episodes_continue_to_the_same_bits_in_any_vector_of_the_task() {
     let mut buffers = StepBuffers::new(&settings);
     assert!(matches!(env.save(), Err(EnvError::NotReset)));
     env.reset(buffers.observations_mut()).unwrap();
-    env.step(&action(0), buffers.step_mut()).unwrap();
+    env.step(&action(0), buffers.step_results_mut()).unwrap();
     let (saved, last) = (env.save().unwrap(), buffers.vectors.clone());
     // over the end of an episode, so that random streams count, too
     let run = |vector: &mut VecEnv| {
         let mut out = StepBuffers::new(&settings);
         let steps = (1..8).map(|step| {
-            vector.step(&action(step), out.step_mut()).unwrap();
+            vector.step(&action(step), out.step_results_mut()).unwrap();
             (out.images.clone(), out.vectors.clone(), out.rewards.clone())
         });
         steps.collect::<Vec<_>>()
@@ -434,13 +434,13 @@ fn details_tell_where_the_object_is_and_how_far_from_its_goal() {
     let settings = settings(2);
     let mut env = VecEnv::new(settings, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
     let mut buffers = StepBuffers::new(&settings);
-    let mut details = [0.0; N * DETAILS_DIM];
-    assert!(matches!(env.details(&mut details), Err(EnvError::NotReset)));
+    let mut details = [0.0; N * STATE_DETAILS_DIM];
+    assert!(matches!(env.state_details(&mut details), Err(EnvError::NotReset)));
     env.reset(buffers.observations_mut()).unwrap();
-    env.step(&action(0), buffers.step_mut()).unwrap();
-    env.details(&mut details).unwrap();
-    let vectors = buffers.vectors.chunks(VECTOR_DIM);
-    for (row, vector) in details.chunks(DETAILS_DIM).zip(vectors) {
+    env.step(&action(0), buffers.step_results_mut()).unwrap();
+    env.state_details(&mut details).unwrap();
+    let vectors = buffers.vectors.chunks(VECTOR_OBSERVATION_DIM);
+    for (row, vector) in details.chunks(STATE_DETAILS_DIM).zip(vectors) {
         assert_eq!(row[..4], vector[..4]);
         let distance = (0..3).map(|i| (row[4 + i] - row[10 + i]).powi(2)).sum::<f32>().sqrt();
         assert!((row[15] - distance).abs() < 1e-5 && distance > 0.05, "{row:?}");

@@ -150,7 +150,11 @@ impl LayerError {
     ///
     /// # Errors
     /// [`EmptyMap`](LayerError::EmptyMap) and [`TooManyValues`](LayerError::TooManyValues).
-    pub fn check_map(layer: &'static str, shape: Shape, padding: usize) -> Result<(), LayerError> {
+    pub fn check_feature_map(
+        layer: &'static str,
+        shape: Shape,
+        padding: usize,
+    ) -> Result<(), LayerError> {
         match shape.padded_len(padding) {
             None => Err(LayerError::TooManyValues { layer, what: "a map" }),
             Some(_) if shape.is_empty() => Err(LayerError::EmptyMap { layer, shape }),

@@ -1,9 +1,9 @@
 //! GPU versions of the layers, through wgpu's Vulkan back end.
 //!
-//! [`available_adapters`] lists the GPUs and [`Device::open`] opens one of them. A [`GpuLayer`] is
-//! a layer or a chain of layers on a device: parameters, activations and gradients stay there. A
-//! [`ComputePlan`] combines several layers with kernels of other crates, such as a loss, and a
-//! [`CompiledPlan`] is a plan on a device.
+//! [`available_gpu_adapters`] lists the GPUs and [`GpuDevice::open`] opens one of them. A
+//! [`GpuLayer`] is a layer or a chain of layers on a device: parameters, activations and gradients
+//! stay there. A [`ComputePlan`] combines several layers with kernels of other crates, such as a
+//! loss, and a [`CompiledPlan`] is a plan on a device.
 //!
 //! A convolution is three kernels, each for all irreps at once: patches are folded by parity,
 //! multiplied by the blocks of parameters and, in the backward pass, unfolded. The numbers of a
@@ -25,10 +25,10 @@ mod plan;
 mod program;
 mod timer;
 
-pub use adapter::{Adapter, AdapterKind, available_adapters};
-pub use device::Device;
+pub use adapter::{GpuAdapter, GpuAdapterKind, available_gpu_adapters};
+pub use device::GpuDevice;
 pub use error::GpuError;
 pub use kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupFormula};
 pub use network::{GpuLayer, LayerGradients};
-pub use plan::{ComputePlan, Tensor};
+pub use plan::{ComputePlan, GpuTensor};
 pub use program::{BatchUniforms, CompiledPlan, PassSelection};

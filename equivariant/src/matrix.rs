@@ -6,7 +6,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 /// Operands of a matrix product a b, and the matrix that receives it.
 #[derive(Debug)]
-pub struct ProductOperands<'a, T> {
+pub struct MatrixProductOperands<'a, T> {
     /// Matrix that the product a b is written into.
     pub(crate) to: MatMut<'a, T>,
     /// `true` if the product is added to the values of `to`.
@@ -15,7 +15,7 @@ pub struct ProductOperands<'a, T> {
     pub(crate) b: MatRef<'a, T>,
 }
 
-impl<T: RealField + Copy> ProductOperands<'_, T> {
+impl<T: RealField + Copy> MatrixProductOperands<'_, T> {
     /// Computes the product a b and writes it into `to`, or adds it to the values there.
     pub(crate) fn run(self) {
         // Par::Seq: minibatches already occupy all threads, and one thread gives a fixed order of

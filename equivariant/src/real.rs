@@ -6,7 +6,7 @@ use std::ops::{Add, AddAssign, Div, DivAssign, Mul, MulAssign, Neg, Sub, SubAssi
 
 use rand::{Rng, RngExt};
 
-use crate::matrix::ProductOperands;
+use crate::matrix::MatrixProductOperands;
 
 /// Arithmetic of single or double precision, `f32` or `f64`. Other types cannot implement it.
 pub trait Real:
@@ -50,7 +50,7 @@ pub trait Real:
 
     /// Computes a matrix product in this precision.
     #[doc(hidden)]
-    fn multiply_matrices(product: ProductOperands<Self>);
+    fn multiply_matrices(product: MatrixProductOperands<Self>);
 }
 
 macro_rules! real {
@@ -81,7 +81,7 @@ macro_rules! real {
                 self.to_bits() as u16
             }
 
-            fn multiply_matrices(product: ProductOperands<$float>) {
+            fn multiply_matrices(product: MatrixProductOperands<$float>) {
                 product.run();
             }
         }

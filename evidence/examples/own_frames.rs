@@ -12,13 +12,13 @@ use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use cluster::Verdict;
+use cluster::PolicyVerdict;
 use evidence::{EpisodeSummary, RandomFilters, Recogniser, RecogniserSettings, RolloutContext};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{Observations, VectorEnv};
-use worlds::{TaskStream, Visit, World, WorldKind};
+use worlds::{GroupVisit, TaskStream, World, WorldKind};
 
 type Answer<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -51,15 +51,17 @@ fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 let [remembered, asked] = halves(own, other, rng);
                 let mut recogniser = Recogniser::new(RecogniserSettings::default())?;
                 recogniser.record_training(0, &remembered, rng)?;
-                let context =
-                    RolloutContext { allow_undecided: false, ..RolloutContext::of_collector(0) };
-                let decision = recogniser.assign(&asked, context, rng)?;
+                let context = RolloutContext {
+                    allow_undecided: false,
+                    ..RolloutContext::collected_by_policy(0)
+                };
+                let decision = recogniser.assign_rollout(&asked, context, rng)?;
                 let result = &decision.tests[0];
                 let test = result.test.as_ref().ok_or("fewer than 4 frames of a group")?;
                 let image = test.sources[0];
-                ratio += image.map_or(1.0, |s| s.ratio()) / REPETITIONS as f64;
+                ratio += image.map_or(1.0, |s| s.distance_ratio()) / REPETITIONS as f64;
                 score += image.map_or(0.0, |s| s.score) / REPETITIONS as f64;
-                rejected += usize::from(result.verdict == Verdict::Rejected);
+                rejected += usize::from(result.verdict == PolicyVerdict::Rejected);
             }
             let (own, other) = (&own.name, &other.name);
             println!("| {own} | {other} | {ratio:.2} | {score:.1} | {rejected} of {REPETITIONS} |");
@@ -102,14 +104,16 @@ fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 }
                 question.truncate(frames);
                 (fewest, most) = (fewest.min(question.len()), most.max(question.len()));
-                right +=
-                    usize::from(known.recognise(&question, rng)?.most_probable() == Some(index));
+                right += usize::from(
+                    known.recognise(&question, rng)?.most_probable_policy() == Some(index),
+                );
                 let mut others = Recogniser::new(RecogniserSettings::default())?;
                 let rest = groups.iter().filter(|other| other.name != group.name);
                 for (policy, other) in rest.enumerate() {
                     others.record_training(policy, &halves(other, other, rng)[0], rng)?;
                 }
-                none += usize::from(others.recognise(&question, rng)?.most_probable().is_none());
+                none +=
+                    usize::from(others.recognise(&question, rng)?.most_probable_policy().is_none());
                 asked += 1;
             }
         }
@@ -180,7 +184,7 @@ fn drawn() -> Answer<Vec<Group>> {
     let world = World::random(WorldKind::Appearance, 1000);
     let mut groups = Vec::new();
     for group in 0..world.groups.len() {
-        let visits = vec![Visit::new(group, 1)];
+        let visits = vec![GroupVisit::new(group, 1)];
         let mut stream = TaskStream::new(world.clone(), visits, 40)?;
         let spec = stream.spec().clone();
         let mut seen = Observations::new(&spec);

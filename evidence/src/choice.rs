@@ -1,6 +1,6 @@
 //! Choice of a policy among those that the evidence accepts.
 
-use cluster::Verdict;
+use cluster::PolicyVerdict;
 
 use crate::policy_test::PolicyTest;
 
@@ -41,7 +41,7 @@ impl<'a> PolicyChoice<'a> {
     /// Returns the index of the acting policy, or of an accepted other one that fits much better;
     /// `None` if the acting policy is not accepted.
     pub(crate) fn accepted_collector(&self) -> Option<usize> {
-        let own = self.collector_test().filter(|test| test.verdict == Verdict::Accepted)?;
+        let own = self.collector_test().filter(|test| test.verdict == PolicyVerdict::Accepted)?;
         let is_unlikely = own.first_observation_p_value() <= UNLIKELY;
         let is_better = |policy: &usize| {
             self.tests[*policy].first_observation_score() + MARGIN < own.first_observation_score()
@@ -96,7 +96,7 @@ impl<'a> PolicyChoice<'a> {
     /// Returns the indices of the accepted policies except the one that acted.
     fn others(&self) -> impl Iterator<Item = usize> {
         (0..self.tests.len()).filter(|&policy| {
-            policy != self.collector && self.tests[policy].verdict == Verdict::Accepted
+            policy != self.collector && self.tests[policy].verdict == PolicyVerdict::Accepted
         })
     }
 

@@ -33,12 +33,12 @@ mod tester;
 pub use error::EvidenceError;
 pub use filters::RandomFilters;
 pub use policy_test::PolicyTest;
-pub use probability::GroupProbabilities;
-pub use recogniser::{Recogniser, RolloutContext, RolloutDecision, Trial};
+pub use probability::TaskGroupProbabilities;
+pub use recogniser::{PolicyTrial, Recogniser, RolloutContext, RolloutDecision};
 pub use settings::RecogniserSettings;
 pub use summary::{EpisodeSummariser, EpisodeSummary, ImageFeatureCache, Trajectory};
 
 /// Compiles and runs the example of the README.
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
-pub struct Readme;
+struct Readme;

@@ -29,8 +29,8 @@ impl Recogniser {
     /// Returns `true` if the policy `duplicate`, which acted in the episodes `summaries` of the
     /// task group of `policy`, got about the return that it gets in its own group and that `policy`
     /// gets in this one. Then let `policy` act once more, since the group may have changed before
-    /// `duplicate` acted, and call [`Recogniser::merge`]. Two policies that differ are not proposed
-    /// again.
+    /// `duplicate` acted, and call [`Recogniser::merge_policies`]. Two policies that differ are not
+    /// proposed again.
     ///
     /// # Errors
     /// Too few episodes, unknown policies, or episodes that cannot be compared.
@@ -60,7 +60,7 @@ impl Recogniser {
     ///
     /// # Errors
     /// Errors of [`Recogniser::confirm_duplicate`].
-    pub fn merge(
+    pub fn merge_policies(
         &mut self,
         policy: usize,
         duplicate: usize,

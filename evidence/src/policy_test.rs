@@ -1,8 +1,8 @@
 //! Test of one policy: the sources of evidence and the result of their joint permutation test.
 
 use cluster::{
-    AlternativeHypothesis, CandidateFeatures, Evidence, FrameFeatures, JointTest, SourceSamples,
-    SourceTest, Verdict,
+    AlternativeHypothesis, CandidateFeatures, EvidenceSourceSamples, EvidenceSourceTest,
+    FrameFeatures, JointPermutationTest, PolicyEvidence, PolicyVerdict,
 };
 
 use crate::error::Result;
@@ -82,9 +82,9 @@ pub(crate) enum PolicyRole {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyTest {
     /// Verdict on the policy, after all sources of evidence were tested.
-    pub verdict: Verdict,
+    pub verdict: PolicyVerdict,
     /// Joint test of all sources of evidence; `None` if the policy remembers too few episodes.
-    pub test: Option<JointTest>,
+    pub test: Option<JointPermutationTest>,
     /// Sources of evidence of the joint test, in the order of its results.
     pub(crate) sources: &'static [EvidenceSource],
     /// Relative change of motion (response of the observation vector to actions) from the
@@ -105,10 +105,10 @@ pub struct PolicyTest {
 }
 
 impl PolicyTest {
-    /// Converts the test result to the type [`Evidence`] of the crate `cluster`, with the distance
-    /// of the first source that was tested.
-    pub fn evidence(&self) -> Evidence {
-        Evidence {
+    /// Converts the test result to the type [`PolicyEvidence`] of the crate `cluster`, with the
+    /// distance of the first source that was tested.
+    pub fn evidence(&self) -> PolicyEvidence {
+        PolicyEvidence {
             distance: self.source_tests().next().map_or(0.0, |(_, test)| test.distance),
             test: self.test.as_ref().map(|test| test.overall),
             verdict: self.verdict,
@@ -122,11 +122,11 @@ impl PolicyTest {
     }
 
     pub(crate) fn is_rejected(&self) -> bool {
-        self.verdict == Verdict::Rejected
+        self.verdict == PolicyVerdict::Rejected
     }
 
     /// Returns the tests of first image and first vector.
-    fn first_observation(&self) -> impl Iterator<Item = &SourceTest> {
+    fn first_observation(&self) -> impl Iterator<Item = &EvidenceSourceTest> {
         let all = self.source_tests();
         all.filter(|(source, _)| source.is_first_observation()).map(|(_, test)| test)
     }
@@ -143,7 +143,7 @@ impl PolicyTest {
     /// Returns the larger of two ratios, those of the distance of first images and of first vectors
     /// to its mean over random splits; 0 if neither was tested.
     pub(crate) fn first_observation_ratio(&self) -> f64 {
-        self.first_observation().map(SourceTest::ratio).fold(0.0, f64::max)
+        self.first_observation().map(EvidenceSourceTest::distance_ratio).fold(0.0, f64::max)
     }
 
     /// Returns the outlier score, by which policies are ranked: larger the worse the policy fits.
@@ -167,15 +167,17 @@ impl PolicyTest {
 
     /// Returns each source of evidence with its test result; sources whose pooled points are all
     /// equal are left out.
-    pub(crate) fn source_tests(&self) -> impl Iterator<Item = (EvidenceSource, &SourceTest)> {
+    pub(crate) fn source_tests(
+        &self,
+    ) -> impl Iterator<Item = (EvidenceSource, &EvidenceSourceTest)> {
         self.test.iter().flat_map(|joint| self.source_tests_of(joint))
     }
 
     /// Returns each source of evidence with its result in `joint`, a test that may not be finished.
     pub(crate) fn source_tests_of<'a>(
         &'a self,
-        joint: &'a JointTest,
-    ) -> impl Iterator<Item = (EvidenceSource, &'a SourceTest)> {
+        joint: &'a JointPermutationTest,
+    ) -> impl Iterator<Item = (EvidenceSource, &'a EvidenceSourceTest)> {
         let pairs = self.sources.iter().zip(&joint.sources);
         pairs.filter_map(|(&source, test)| Some((source, test.as_ref()?)))
     }
@@ -188,7 +190,7 @@ pub(crate) const CERTAIN: f64 = 1e-3;
 /// Returns `true` if the tested and the remembered episodes differ in one source of evidence at the
 /// significance level `level`: by the exact p-value, or with certainty by the fitted tail, if the
 /// test ended before exact p-values were fine enough.
-pub(crate) fn differs(test: &SourceTest, level: f64) -> bool {
+pub(crate) fn differs(test: &EvidenceSourceTest, level: f64) -> bool {
     test.p_value <= level || test.tail_p_value <= CERTAIN * level
 }
 
@@ -253,14 +255,14 @@ pub(crate) fn samples(
     sources: &[EvidenceSource],
     rollout: &[&EpisodeSummary],
     remembered: &[&EpisodeSummary],
-) -> Result<Vec<SourceSamples>> {
+) -> Result<Vec<EvidenceSourceSamples>> {
     let samples = |&source: &EvidenceSource| {
         let (rollout, buffer) = (frames(rollout, source)?, frames(remembered, source)?);
         // a policy whose returns exceed the remembered ones serves the group all the same
         let is_return = source == EvidenceSource::Return;
         let alternative =
             if is_return { AlternativeHypothesis::Less } else { AlternativeHypothesis::TwoSided };
-        Ok(SourceSamples { clouds: CandidateFeatures { buffer, rollout }, alternative })
+        Ok(EvidenceSourceSamples { clouds: CandidateFeatures { buffer, rollout }, alternative })
     };
     sources.iter().map(samples).collect()
 }

@@ -3,7 +3,7 @@
 /// Probability for each policy that episodes belong to its task group, and that they belong to
 /// none.
 #[derive(Clone, Debug, PartialEq)]
-pub struct GroupProbabilities {
+pub struct TaskGroupProbabilities {
     /// Probability of each policy's task group, in the order of the policies.
     pub policies: Vec<f64>,
     /// Probability of a task group that no policy knows.
@@ -20,7 +20,7 @@ const TYPICAL_WEIGHT: f64 = 0.5;
 /// Least weight of a policy whose difference from the episodes may be drift.
 const DRIFT_WEIGHT: f64 = 0.1;
 
-impl GroupProbabilities {
+impl TaskGroupProbabilities {
     /// Creates the probabilities from the weight and the outlier score of each policy.
     pub(crate) fn new(policies: impl Iterator<Item = (f64, f64)>) -> Self {
         let (weights, outlier_scores) = policies.unzip::<_, _, Vec<_>, Vec<_>>();
@@ -35,7 +35,7 @@ impl GroupProbabilities {
 
     /// Returns the index of the most probable policy; `None` if it is more probable that none fits.
     /// Among equals the smallest outlier score wins, then the first policy.
-    pub fn most_probable(&self) -> Option<usize> {
+    pub fn most_probable_policy(&self) -> Option<usize> {
         let policies = self.policies.iter().zip(&self.outlier_scores).enumerate();
         let best = policies
             .min_by(|(_, (p, score)), (_, (q, other))| q.total_cmp(p).then(score.total_cmp(other)));
@@ -72,27 +72,30 @@ pub(crate) fn weight(p_value: f64, may_be_drift: bool) -> f64 {
 mod tests {
     use super::*;
 
-    fn most_probable(policies: &[(f64, f64)]) -> Option<usize> {
+    fn most_probable_policy(policies: &[(f64, f64)]) -> Option<usize> {
         let weighed = policies.iter().map(|&(p, score)| (weight(p, true), score));
-        GroupProbabilities::new(weighed).most_probable()
+        TaskGroupProbabilities::new(weighed).most_probable_policy()
     }
 
     #[test]
     fn of_equals_the_best_fit_is_named_and_then_the_first() {
-        assert_eq!(most_probable(&[(0.5, 2.0), (0.9, 1.0)]), Some(1));
-        assert_eq!(most_probable(&[(0.5, 1.0), (0.9, 2.0)]), Some(0));
-        assert_eq!(most_probable(&[(0.5, 1.0), (0.9, 1.0)]), Some(0));
-        assert_eq!(most_probable(&[(0.01, 0.0), (0.9, 1.0)]), Some(1));
-        assert_eq!(GroupProbabilities::new([(0.0, 0.0)].into_iter()).most_probable(), None);
+        assert_eq!(most_probable_policy(&[(0.5, 2.0), (0.9, 1.0)]), Some(1));
+        assert_eq!(most_probable_policy(&[(0.5, 1.0), (0.9, 2.0)]), Some(0));
+        assert_eq!(most_probable_policy(&[(0.5, 1.0), (0.9, 1.0)]), Some(0));
+        assert_eq!(most_probable_policy(&[(0.01, 0.0), (0.9, 1.0)]), Some(1));
+        assert_eq!(
+            TaskGroupProbabilities::new([(0.0, 0.0)].into_iter()).most_probable_policy(),
+            None
+        );
     }
 
     #[test]
     fn one_strange_episode_is_typical_of_no_policy() {
         // of 41 episodes, the strange one is the farthest from the rest
         let [strange, usual] = [1.0 / 41.0, 0.3].map(|p_value| (weight(p_value, true), 0.0));
-        assert!(!GroupProbabilities::new([strange; 3].into_iter()).fits_any_policy());
-        assert!(GroupProbabilities::new([strange, usual].into_iter()).fits_any_policy());
-        assert!(!GroupProbabilities::new([].into_iter()).fits_any_policy());
+        assert!(!TaskGroupProbabilities::new([strange; 3].into_iter()).fits_any_policy());
+        assert!(TaskGroupProbabilities::new([strange, usual].into_iter()).fits_any_policy());
+        assert!(!TaskGroupProbabilities::new([].into_iter()).fits_any_policy());
     }
 
     #[test]

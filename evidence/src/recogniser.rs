@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use cluster::{Decision, Verdict, changepoint_candidates, changepoint_test};
+use cluster::{AssignedPolicy, PolicyVerdict, changepoint_candidates, changepoint_test};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -15,7 +15,7 @@ use crate::memory::{PolicyMemory, all_summaries, check_comparable};
 use crate::policy_test::{
     EvidenceSource, PolicyRole, PolicyTest, TestStage, frames, whole_episodes,
 };
-use crate::probability::{GroupProbabilities, weight};
+use crate::probability::{TaskGroupProbabilities, weight};
 use crate::settings::RecogniserSettings;
 use crate::summary::EpisodeSummary;
 use crate::tester::PolicyTester;
@@ -24,13 +24,13 @@ use crate::tester::PolicyTester;
 #[derive(Clone, Debug, PartialEq)]
 pub struct RolloutDecision {
     /// Policy that the episodes are assigned to: an existing one, a new one, or none yet.
-    pub policy: Decision,
+    pub policy: AssignedPolicy,
     /// Test of each policy, in the order of the policies.
     pub tests: Vec<PolicyTest>,
     /// Changepoint, in decisions of all environments since the start of the rollout, if the task
     /// group changed: episodes that began before it belong to the earlier group.
-    /// [`Recogniser::assign`] judges the later episodes, [`Recogniser::review`] the earlier ones,
-    /// unless `group_changed`.
+    /// [`Recogniser::assign_rollout`] judges the later episodes, [`Recogniser::review_policy`] the
+    /// earlier ones, unless `group_changed`.
     pub changepoint: Option<usize>,
     /// `true` if the task group changed after the acting policy was proposed, so that earlier
     /// rollouts show another task group.
@@ -38,7 +38,7 @@ pub struct RolloutDecision {
     /// Indices of the policies that are rejected for this task group from here on.
     pub rejected: Vec<usize>,
     /// Trial that the named policy must pass, unless it is the one that acted.
-    pub trial: Trial,
+    pub trial: PolicyTrial,
     /// `true` if the named policy is provisional: evidence from before it acted rejects it, because
     /// images or vectors differ or it was merged, so its returns must show that it serves the
     /// group.
@@ -48,7 +48,7 @@ pub struct RolloutDecision {
 /// Trial of the policy that a decision names, before the decision is final: the episodes that it
 /// must collect itself, unless it is the policy that acted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Trial {
+pub enum PolicyTrial {
     /// No trial of the named policy: the decision is final.
     #[default]
     None,
@@ -64,7 +64,7 @@ pub enum Trial {
     Waived,
 }
 
-impl Trial {
+impl PolicyTrial {
     /// Returns the trial of a named policy: first episodes if several policies may fit, else a
     /// rollout.
     fn of_policy(is_contested: bool) -> Self {
@@ -74,9 +74,9 @@ impl Trial {
 
 impl RolloutDecision {
     /// Returns the indices of the policies that the evidence accepts.
-    pub fn accepted(&self) -> Vec<usize> {
+    pub fn accepted_policies(&self) -> Vec<usize> {
         let policies = 0..self.tests.len();
-        policies.filter(|&policy| self.tests[policy].verdict == Verdict::Accepted).collect()
+        policies.filter(|&policy| self.tests[policy].verdict == PolicyVerdict::Accepted).collect()
     }
 }
 
@@ -91,14 +91,15 @@ pub struct RolloutContext<'a> {
     /// Value of [`RolloutDecision::is_provisional`] in the decision that proposed the acting
     /// policy.
     pub is_provisional: bool,
-    /// `true` if the decision may be [`Decision::Undecided`], so that another rollout is collected.
+    /// `true` if the decision may be [`AssignedPolicy::Undecided`], so that another rollout is
+    /// collected.
     pub allow_undecided: bool,
 }
 
 impl RolloutContext<'_> {
     /// Creates the context of a rollout that the policy `collector` collected without being
     /// proposed for it, with no rejected policies.
-    pub fn of_collector(collector: usize) -> Self {
+    pub fn collected_by_policy(collector: usize) -> Self {
         Self { collector, allow_undecided: true, ..Self::default() }
     }
 }
@@ -226,14 +227,15 @@ impl Recogniser {
 
     /// Decides which policy a rollout belongs to that the policy `context.collector` collected.
     /// `Existing` with another policy, and `New`, ask for a rollout of that policy and for
-    /// [`Recogniser::review`]. A rollout that is too little to decide is kept, and judged together
-    /// with the next similar one. `Undecided`, if `context` allows it, asks for another rollout; no
-    /// policy may train on this one. After a changepoint, only the later episodes count.
+    /// [`Recogniser::review_policy`]. A rollout that is too little to decide is kept, and judged
+    /// together with the next similar one. `Undecided`, if `context` allows it, asks for another
+    /// rollout; no policy may train on this one. After a changepoint, only the later episodes
+    /// count.
     ///
     /// # Errors
     /// [`EvidenceError::NoPolicy`] for a collector above [`policy_count`](Self::policy_count); too
     /// few episodes, or episodes that cannot be compared.
-    pub fn assign(
+    pub fn assign_rollout(
         &mut self,
         summaries: &[EpisodeSummary],
         context: RolloutContext,
@@ -244,7 +246,7 @@ impl Recogniser {
         let place = self.find_changepoint(&summaries, rng)?;
         let case = Case { summaries: &summaries[place.unwrap_or(0)..], context };
         let mut decision = self.screen(case, rng)?;
-        if decision.policy == Decision::Undecided {
+        if decision.policy == AssignedPolicy::Undecided {
             decision = self.decide_with_kept(case, decision, rng)?;
         }
         decision.changepoint = place.map(|place| summaries[place].began);
@@ -274,18 +276,18 @@ impl Recogniser {
     /// episodes. If there are `max_policies` already, the most similar one is named instead,
     /// without a trial. If too many wait for their first training, the episodes are kept.
     fn create_policy(&mut self, case: Case, decision: RolloutDecision) -> Result<RolloutDecision> {
-        if decision.policy != Decision::New {
+        if decision.policy != AssignedPolicy::New {
             return Ok(decision);
         }
         if self.memories.len() >= self.settings.max_policies {
             let similar = self.most_similar(&decision.tests);
-            let policy = Decision::Existing(similar.unwrap_or(case.context.collector));
-            return Ok(RolloutDecision { policy, trial: Trial::None, ..decision });
+            let policy = AssignedPolicy::Existing(similar.unwrap_or(case.context.collector));
+            return Ok(RolloutDecision { policy, trial: PolicyTrial::None, ..decision });
         }
         let untrained = self.memories.iter().filter(|memory| !memory.is_trained).count();
         if case.context.allow_undecided && untrained >= MAX_UNTRAINED {
             self.keep_undecided(case);
-            return Ok(RolloutDecision { policy: Decision::Undecided, ..decision });
+            return Ok(RolloutDecision { policy: AssignedPolicy::Undecided, ..decision });
         }
         let mut memory = PolicyMemory::default();
         let mut summaries: Vec<_> = case.summaries.iter().copied().cloned().collect();
@@ -318,11 +320,11 @@ impl Recogniser {
         let other = others.first().copied().filter(|_| is_rejected || !is_familiar);
         let named = choice.accepted_collector().or(other);
         Ok(RolloutDecision {
-            policy: named.map_or(Decision::Undecided, Decision::Existing),
+            policy: named.map_or(AssignedPolicy::Undecided, AssignedPolicy::Existing),
             changepoint: None,
             group_changed: false,
             rejected: is_rejected.then_some(collector).into_iter().collect(),
-            trial: Trial::of_policy(is_familiar || others.len() > 1),
+            trial: PolicyTrial::of_policy(is_familiar || others.len() > 1),
             is_provisional: false,
             tests,
         })
@@ -332,11 +334,11 @@ impl Recogniser {
     /// that it collected itself. Its own motion and returns are compared, too. If it is rejected
     /// and there is a changepoint, only the earlier episodes count, for whose group the policy was
     /// proposed. If images or vectors reject a policy that they had accepted, the group has
-    /// changed, and the rollout is judged as by [`Recogniser::assign`].
+    /// changed, and the rollout is judged as by [`Recogniser::assign_rollout`].
     ///
     /// # Errors
-    /// Errors of [`Recogniser::assign`].
-    pub fn review(
+    /// Errors of [`Recogniser::assign_rollout`].
+    pub fn review_policy(
         &mut self,
         summaries: &[EpisodeSummary],
         context: RolloutContext,
@@ -348,7 +350,7 @@ impl Recogniser {
         let role = if is_provisional { PolicyRole::Provisional } else { PolicyRole::Returning };
         let mut case = Case { summaries: &summaries, context };
         let mut decision = self.decide(case, role, rng)?;
-        let keep = Decision::Existing(context.collector);
+        let keep = AssignedPolicy::Existing(context.collector);
         let mut place = None;
         if decision.policy != keep {
             place = self.find_changepoint(&summaries, rng)?;
@@ -366,8 +368,8 @@ impl Recogniser {
             case.summaries = &summaries[place.unwrap_or(0)..];
             let mut anew = self.decide_anew(case, place.is_some(), rng)?;
             // trials could go on for ever in groups that change with every rollout
-            if !context.allow_undecided && anew.trial != Trial::Waived {
-                anew.trial = Trial::None;
+            if !context.allow_undecided && anew.trial != PolicyTrial::Waived {
+                anew.trial = PolicyTrial::None;
             }
             anew.changepoint = place.map(|place| summaries[place].began);
             return Ok(RolloutDecision { group_changed: true, ..anew });
@@ -389,12 +391,14 @@ impl Recogniser {
         let case = Case { context, ..case };
         let decision = self.screen(case, rng)?;
         match decision.policy {
-            Decision::Existing(_) if !has_changepoint && decision.trial == Trial::Rollout => {
-                Ok(RolloutDecision { trial: Trial::Waived, ..decision })
+            AssignedPolicy::Existing(_)
+                if !has_changepoint && decision.trial == PolicyTrial::Rollout =>
+            {
+                Ok(RolloutDecision { trial: PolicyTrial::Waived, ..decision })
             }
-            Decision::Existing(_) if !context.allow_undecided => Ok(decision),
+            AssignedPolicy::Existing(_) if !context.allow_undecided => Ok(decision),
             _ => {
-                let undecided = RolloutDecision { policy: Decision::Undecided, ..decision };
+                let undecided = RolloutDecision { policy: AssignedPolicy::Undecided, ..decision };
                 self.decide_with_kept(case, undecided, rng)
             }
         }
@@ -460,13 +464,13 @@ impl Recogniser {
         &self,
         summaries: &[EpisodeSummary],
         rng: &mut impl Rng,
-    ) -> Result<GroupProbabilities> {
+    ) -> Result<TaskGroupProbabilities> {
         if summaries.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
         }
         let summaries: Vec<_> = summaries.iter().collect();
         // an index beyond all policies: none of them acted
-        let context = RolloutContext::of_collector(self.memories.len());
+        let context = RolloutContext::collected_by_policy(self.memories.len());
         let case = Case { summaries: &summaries, context };
         let tests = self.test_all(case, TestStage::Confirmation, PolicyRole::Other, rng)?;
         let weighed = tests.iter().zip(&self.memories).map(|(test, memory)| {
@@ -476,7 +480,7 @@ impl Recogniser {
             let own = if is_known { weight(test.tail_p_value(), may_be_drift) } else { 0.0 };
             (own, test.outlier_score())
         });
-        Ok(GroupProbabilities::new(weighed))
+        Ok(TaskGroupProbabilities::new(weighed))
     }
 
     /// Returns a tester of policies with the settings of the recogniser.
@@ -524,7 +528,7 @@ impl Recogniser {
             let (memory, mut own) = (&self.memories[policy], ChaCha8Rng::seed_from_u64(seed));
             let mut result = self.tester().test(memory, summaries, role, stage, &mut own)?;
             if context.rejected.contains(&policy) {
-                result.verdict = Verdict::Rejected;
+                result.verdict = PolicyVerdict::Rejected;
             }
             Ok(result)
         });
@@ -555,11 +559,11 @@ impl Recogniser {
         };
         let is_familiar = choice.looks_familiar(self.settings.doubt);
         Ok(RolloutDecision {
-            policy: named.map_or(Decision::New, Decision::Existing),
+            policy: named.map_or(AssignedPolicy::New, AssignedPolicy::Existing),
             changepoint: None,
             group_changed: false,
             rejected: (0..tests.len()).filter(is_rejected).collect(),
-            trial: Trial::of_policy(is_familiar || others.len() != 1),
+            trial: PolicyTrial::of_policy(is_familiar || others.len() != 1),
             is_provisional: named.is_some_and(|policy| tests[policy].is_rejected()),
             tests,
         })

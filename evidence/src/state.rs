@@ -36,11 +36,11 @@ fn version<'de, D: Deserializer<'de>>(deserializer: D) -> Result<u32, D::Error> 
 
 impl Recogniser {
     /// Serialises the memories of all policies and the undecided rollouts for
-    /// [`Recogniser::restore`].
+    /// [`Recogniser::restore_state`].
     ///
     /// # Errors
     /// Errors of the serialiser.
-    pub fn state<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+    pub fn serialise_state<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let (policies, undecided) = (&self.memories, &self.undecided);
         State { format: VERSION, policies, undecided }.serialize(serializer)
     }
@@ -52,7 +52,7 @@ impl Recogniser {
     /// are not finite, lists of different lengths, unknown policy indices, a cycle of merges, a
     /// policy or undecided rollout without episodes or with more than `memory`. Nothing is replaced
     /// then.
-    pub fn restore<'de, D: Deserializer<'de>>(&mut self, state: D) -> Result<(), D::Error> {
+    pub fn restore_state<'de, D: Deserializer<'de>>(&mut self, state: D) -> Result<(), D::Error> {
         let state: State<Vec<PolicyMemory>, VecDeque<UndecidedRollout>> =
             State::deserialize(state)?;
         self.check_state(&state.policies, &state.undecided).map_err(D::Error::custom)?;

@@ -1,6 +1,6 @@
 //! Test of new episodes against the memory of one policy.
 
-use cluster::{JointTest, SourceTest, Verdict, joint_test};
+use cluster::{EvidenceSourceTest, JointPermutationTest, PolicyVerdict, joint_permutation_test};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::Result;
@@ -70,7 +70,7 @@ impl PolicyTester<'_> {
         // a merged policy is rejected unless it acted itself
         let is_out = memory.is_merged() && role == PolicyRole::Other;
         let mut result = PolicyTest {
-            verdict: if is_out { Verdict::Rejected } else { Verdict::Accepted },
+            verdict: if is_out { PolicyVerdict::Rejected } else { PolicyVerdict::Accepted },
             test: None,
             sources,
             motion_change: relative_change(summaries, &remembered, EvidenceSource::Motion),
@@ -92,8 +92,8 @@ impl PolicyTester<'_> {
         let all = self.0.permutations;
         let splits = [all / 4, all / 2, all, 3 * all];
         let splits = if stage == TestStage::Screening { &splits[..3] } else { &splits[..] };
-        let decided = |test: &JointTest| self.is_decided(&result, test, stage);
-        let test = joint_test(&samples(sources, &seen, &known)?, splits, decided, rng)?;
+        let decided = |test: &JointPermutationTest| self.is_decided(&result, test, stage);
+        let test = joint_permutation_test(&samples(sources, &seen, &known)?, splits, decided, rng)?;
         result.test = Some(test);
         if !is_out {
             result.verdict = self.verdict(&result, stage);
@@ -104,10 +104,15 @@ impl PolicyTester<'_> {
     /// Returns `true` if more random splits would not change the outcome of a test: enough of them
     /// reach the largest score, or a difference that counts is far more significant than the level
     /// requires.
-    fn is_decided(self, result: &PolicyTest, joint: &JointTest, stage: TestStage) -> bool {
+    fn is_decided(
+        self,
+        result: &PolicyTest,
+        joint: &JointPermutationTest,
+        stage: TestStage,
+    ) -> bool {
         let reaching = joint.overall.p_value * (1 + joint.overall.null.permutations) as f64;
         let limit = CERTAIN * self.level(stage);
-        let is_certain = |(source, test): (EvidenceSource, &SourceTest)| {
+        let is_certain = |(source, test): (EvidenceSource, &EvidenceSourceTest)| {
             test.tail_p_value <= limit && self.counts(result, stage, source, test)
         };
         // `reaching` is a whole number but for rounding, hence the half
@@ -124,7 +129,7 @@ impl PolicyTester<'_> {
     /// Returns the verdict on a policy after a finished test. Screening uses exact p-values, and
     /// confirmation those of the fitted tail, because its level is finer than the number of splits
     /// resolves.
-    fn verdict(self, result: &PolicyTest, stage: TestStage) -> Verdict {
+    fn verdict(self, result: &PolicyTest, stage: TestStage) -> PolicyVerdict {
         let level = self.level(stage);
         let mut different = result.source_tests().filter(|&(source, test)| match stage {
             TestStage::Screening => differs(test, level),
@@ -135,9 +140,9 @@ impl PolicyTester<'_> {
         let is_against = different.any(|(source, test)| self.counts(result, stage, source, test))
             || (result.role == PolicyRole::Provisional && !self.may_keep_return(result));
         match (is_against, stage) {
-            (false, _) => Verdict::Accepted,
-            (true, TestStage::Screening) => Verdict::Doubted,
-            (true, TestStage::Confirmation) => Verdict::Rejected,
+            (false, _) => PolicyVerdict::Accepted,
+            (true, TestStage::Screening) => PolicyVerdict::Doubted,
+            (true, TestStage::Confirmation) => PolicyVerdict::Rejected,
         }
     }
 
@@ -148,7 +153,7 @@ impl PolicyTester<'_> {
         result: &PolicyTest,
         stage: TestStage,
         source: EvidenceSource,
-        test: &SourceTest,
+        test: &EvidenceSourceTest,
     ) -> bool {
         (stage == TestStage::Screening && source.is_first_observation())
             || self.exceeds_drift(result, source, test)
@@ -231,19 +236,24 @@ impl PolicyTester<'_> {
 
     /// Returns `true` if a difference is larger than drift or training explains, whatever its
     /// significance.
-    fn exceeds_drift(self, result: &PolicyTest, source: EvidenceSource, test: &SourceTest) -> bool {
+    fn exceeds_drift(
+        self,
+        result: &PolicyTest,
+        source: EvidenceSource,
+        test: &EvidenceSourceTest,
+    ) -> bool {
         match source {
             EvidenceSource::Image | EvidenceSource::Vector => {
-                test.ratio() >= self.least_ratio(result)
+                test.distance_ratio() >= self.least_ratio(result)
             }
             EvidenceSource::Motion => {
                 let has_turned = result.motion_change >= self.0.min_motion;
-                has_turned && test.ratio() >= self.least_training_ratio(result)
+                has_turned && test.distance_ratio() >= self.least_training_ratio(result)
             }
             // a policy with a proven gain is judged by its returns instead
             EvidenceSource::RewardGradient => {
                 let has_turned = result.gradient_change >= self.0.min_motion;
-                let is_large = test.ratio() >= self.least_training_ratio(result);
+                let is_large = test.distance_ratio() >= self.least_training_ratio(result);
                 result.gain < PROVEN_GAIN && has_turned && is_large
             }
             EvidenceSource::Return => result.return_loss >= self.0.min_loss,

@@ -1,7 +1,7 @@
 //! Sizes of differences at which policies are rejected, and the decisions that follow.
 
-use cluster::{Decision, Verdict};
-use evidence::{EpisodeSummary, Recogniser, RolloutContext, RolloutDecision, Trial};
+use cluster::{AssignedPolicy, PolicyVerdict};
+use evidence::{EpisodeSummary, PolicyTrial, Recogniser, RolloutContext, RolloutDecision};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -17,9 +17,9 @@ fn motion_that_changed_by_less_than_twice_what_chance_makes_is_drift() {
     };
     let small = test(1.3);
     assert!(small.motion_change > 0.25 && small.tail_p_value() < 1e-6, "{small:?}");
-    assert_eq!(small.verdict, Verdict::Accepted, "{small:?}");
+    assert_eq!(small.verdict, PolicyVerdict::Accepted, "{small:?}");
     let large = test(2.2);
-    assert_eq!(large.verdict, Verdict::Rejected, "{large:?}");
+    assert_eq!(large.verdict, PolicyVerdict::Rejected, "{large:?}");
 }
 
 /// A policy that trains moves differently, and its returns rise.
@@ -28,9 +28,9 @@ fn motion_that_changed_while_returns_rose_is_training() {
     let (recogniser, mut rng) = knowing_images(&[0.0]);
     let mut seen = episodes(20, 0.0, 2.2, &mut rng);
     let verdict = |episodes: &[EpisodeSummary]| settle(&recogniser, episodes, 0).tests[0].verdict;
-    assert_eq!(verdict(&seen), Verdict::Rejected);
+    assert_eq!(verdict(&seen), PolicyVerdict::Rejected);
     set_returns(&mut seen, |value| value + 100.0);
-    assert_eq!(verdict(&seen), Verdict::Accepted);
+    assert_eq!(verdict(&seen), PolicyVerdict::Accepted);
 }
 
 /// Policies know images around these numbers; the second one acts in episodes around `seen`.
@@ -41,20 +41,20 @@ fn second_acts(known: &[f32], seen: f32) -> (Recogniser, RolloutDecision) {
 }
 
 fn ratio(decision: &RolloutDecision) -> f64 {
-    decision.tests[0].test.as_ref().unwrap().sources[0].unwrap().ratio()
+    decision.tests[0].test.as_ref().unwrap().sources[0].unwrap().distance_ratio()
 }
 
 #[test]
 fn a_policy_whose_group_drifted_is_tried_if_it_is_by_far_the_nearest() {
     for known in [&[0.0, 3.0][..], &[0.0, 3.0, -3.0]] {
         let (recogniser, decision) = second_acts(known, 0.45);
-        assert_eq!(decision.tests[0].verdict, Verdict::Rejected);
+        assert_eq!(decision.tests[0].verdict, PolicyVerdict::Rejected);
         assert!(ratio(&decision) > 1.5, "{}", ratio(&decision));
-        assert_eq!(decision.policy, Decision::Existing(0), "{}", ratio(&decision));
+        assert_eq!(decision.policy, AssignedPolicy::Existing(0), "{}", ratio(&decision));
         assert!(decision.is_provisional);
         // above the limit of a policy that was away and looked alike, and above all limits
         for (seen, ratios, expected) in
-            [(0.45, 1.5..1.8, Verdict::Accepted), (0.8, 1.8..9.0, Verdict::Rejected)]
+            [(0.45, 1.5..1.8, PolicyVerdict::Accepted), (0.8, 1.8..9.0, PolicyVerdict::Rejected)]
         {
             let context = RolloutContext { rejected: &[1], is_provisional: true, ..must_decide(0) };
             let mut rng = ChaCha8Rng::seed_from_u64(77);
@@ -76,7 +76,7 @@ fn no_policy_is_tried_that_is_too_far_or_as_far_as_another_one() {
     ];
     for (known, seen) in far_or_between {
         let (_, decision) = second_acts(known, seen);
-        assert_eq!(decision.policy, Decision::New, "{}", ratio(&decision));
+        assert_eq!(decision.policy, AssignedPolicy::New, "{}", ratio(&decision));
     }
 }
 
@@ -87,21 +87,28 @@ fn new_groups_wait_while_eight_policies_are_untrained() {
         (1_u8..=9).map(|group| episodes(20, 10.0 * f32::from(group), 1.0, &mut rng)).collect();
     // two equal rollouts
     let mut twice = |known: &mut Recogniser, group: usize, allow_undecided| {
-        let context = RolloutContext { allow_undecided, ..RolloutContext::of_collector(0) };
-        let mut assign = || known.assign(&groups[group - 1], context, &mut rng).unwrap().policy;
+        let context = RolloutContext { allow_undecided, ..RolloutContext::collected_by_policy(0) };
+        let mut assign =
+            || known.assign_rollout(&groups[group - 1], context, &mut rng).unwrap().policy;
         ([assign(), assign()], known.policy_count())
     };
     for group in 1..=8 {
-        let waits_once = [Decision::Undecided, Decision::New];
+        let waits_once = [AssignedPolicy::Undecided, AssignedPolicy::New];
         assert_eq!(twice(&mut recogniser, group, true), (waits_once, group + 1));
     }
     let mut at_once = recogniser.clone();
-    assert_eq!(twice(&mut recogniser, 9, true), ([Decision::Undecided; 2], 9));
+    assert_eq!(twice(&mut recogniser, 9, true), ([AssignedPolicy::Undecided; 2], 9));
     // the next rollout creates the policy once another one has trained
     recogniser.record_training(3, &groups[2], &mut ChaCha8Rng::seed_from_u64(5)).unwrap();
-    assert_eq!(twice(&mut recogniser, 9, true), ([Decision::New, Decision::Existing(9)], 10));
+    assert_eq!(
+        twice(&mut recogniser, 9, true),
+        ([AssignedPolicy::New, AssignedPolicy::Existing(9)], 10)
+    );
     // where no rollout may stay undecided, there is no limit
-    assert_eq!(twice(&mut at_once, 9, false), ([Decision::New, Decision::Existing(9)], 10));
+    assert_eq!(
+        twice(&mut at_once, 9, false),
+        ([AssignedPolicy::New, AssignedPolicy::Existing(9)], 10)
+    );
 }
 
 /// Policy 0 was proposed, and acts where the group has become that of policy 1.
@@ -112,24 +119,29 @@ fn a_group_that_changed_before_the_trial_is_judged_anew() {
         let seen = images.iter().flat_map(|&image| episodes(20, image, 1.0, &mut rng));
         let mut seen: Vec<_> = seen.collect();
         seen.iter_mut().enumerate().for_each(|(began, summary)| summary.began = began);
-        let context =
-            RolloutContext { allow_undecided, rejected: &[1], ..RolloutContext::of_collector(0) };
-        let found = recogniser.review(&seen, context, &mut rng).unwrap();
+        let context = RolloutContext {
+            allow_undecided,
+            rejected: &[1],
+            ..RolloutContext::collected_by_policy(0)
+        };
+        let found = recogniser.review_policy(&seen, context, &mut rng).unwrap();
         let next = episodes(20, 10.0, 1.0, &mut rng);
-        let next = recogniser.assign(&next, RolloutContext::of_collector(0), &mut rng).unwrap();
-        assert_eq!(next.policy, Decision::Existing(1));
+        let next = recogniser
+            .assign_rollout(&next, RolloutContext::collected_by_policy(0), &mut rng)
+            .unwrap();
+        assert_eq!(next.policy, AssignedPolicy::Existing(1));
         (found.policy, found.trial, found.changepoint, found.group_changed)
     };
-    let other = Decision::Existing(1);
+    let other = AssignedPolicy::Existing(1);
     // in the whole rollout, so that policy 1 may train on it
     for allow_undecided in [true, false] {
-        assert_eq!(review(&[10.0], allow_undecided), (other, Trial::Waived, None, true));
+        assert_eq!(review(&[10.0], allow_undecided), (other, PolicyTrial::Waived, None, true));
     }
     // in a part of the rollout, after a third group, so that policy 1 needs a rollout of its own
     let waits = review(&[20.0, 10.0], true);
-    assert_eq!((waits.0, waits.2, waits.3), (Decision::Undecided, Some(20), true));
-    assert_eq!(review(&[20.0, 10.0], false), (other, Trial::None, Some(20), true));
+    assert_eq!((waits.0, waits.2, waits.3), (AssignedPolicy::Undecided, Some(20), true));
+    assert_eq!(review(&[20.0, 10.0], false), (other, PolicyTrial::None, Some(20), true));
     // the group of policy 0 came first
     let stays = review(&[0.0, 10.0], true);
-    assert_eq!((stays.0, stays.3), (Decision::Existing(0), false));
+    assert_eq!((stays.0, stays.3), (AssignedPolicy::Existing(0), false));
 }

@@ -1,7 +1,7 @@
 //! Policies that turn out to serve one group.
 
-use cluster::{Decision, Verdict};
-use evidence::{EpisodeSummary, Recogniser, RolloutContext, Trial};
+use cluster::{AssignedPolicy, PolicyVerdict};
+use evidence::{EpisodeSummary, PolicyTrial, Recogniser, RolloutContext};
 use worlds::WorldKind;
 
 use crate::common::{
@@ -19,16 +19,20 @@ fn policies_that_serve_one_group_are_merged() {
     train(&mut recogniser, 2, of_group[40..].to_vec());
     let seen = rollout(kind, 1000, 0, 0);
     let decision = assign(&recogniser, &seen, 0);
-    assert_eq!(recogniser.find_duplicate(0, &decision.accepted()), Some(1), "it looks alike");
+    assert_eq!(
+        recogniser.find_duplicate(0, &decision.accepted_policies()),
+        Some(1),
+        "it looks alike"
+    );
     let of_other = rollout(kind, 1000, 0, 1);
     assert!(!recogniser.confirm_duplicate(0, 1, &of_other, &mut rng()).unwrap());
-    assert_eq!(recogniser.find_duplicate(0, &decision.accepted()), Some(2));
+    assert_eq!(recogniser.find_duplicate(0, &decision.accepted_policies()), Some(2));
     assert!(recogniser.confirm_duplicate(0, 2, &seen[..5], &mut rng()).unwrap());
-    recogniser.merge(0, 2, &seen[..5], &seen[5..], &mut rng()).unwrap();
+    recogniser.merge_policies(0, 2, &seen[..5], &seen[5..], &mut rng()).unwrap();
     assert_eq!(recogniser.merged_into(), [Some(2), None, None], "policy 2 acted in both groups");
     let after_merge = assign(&recogniser, &seen, 2);
-    assert_eq!(after_merge.tests[0].verdict, Verdict::Rejected);
-    assert_eq!(recogniser.find_duplicate(2, &after_merge.accepted()), None);
+    assert_eq!(after_merge.tests[0].verdict, PolicyVerdict::Rejected);
+    assert_eq!(recogniser.find_duplicate(2, &after_merge.accepted_policies()), None);
     let found = recogniser.recognise(&seen, &mut rng()).unwrap();
     assert_eq!(found.policies[0], 0.0);
 }
@@ -49,7 +53,7 @@ fn merged(more: f32) -> (Recogniser, [usize; 2]) {
     let seen = rollout(KIND, 1000, 0, 0);
     assert!(recogniser.confirm_duplicate(0, 1, &seen[..5], &mut rng()).unwrap());
     let again = richer(seen[5..].to_vec());
-    recogniser.merge(0, 1, &seen[..5], &again, &mut rng()).unwrap();
+    recogniser.merge_policies(0, 1, &seen[..5], &again, &mut rng()).unwrap();
     let pair = if recogniser.merged_into()[0].is_some() { [1, 0] } else { [0, 1] };
     assert_eq!(recogniser.merged_into()[pair[1]], Some(pair[0]));
     (recogniser, pair)
@@ -62,7 +66,7 @@ fn of_two_policies_the_one_that_acted_in_both_groups_continues() {
     let (recogniser, pair) = merged(1.05);
     assert_eq!(pair, [1, 0]);
     let decision = assign(&recogniser, &rollout(KIND, 1000, 1, 1), 1);
-    assert_eq!(decision.policy, Decision::Existing(1));
+    assert_eq!(decision.policy, AssignedPolicy::Existing(1));
     assert_eq!(merged(1.25).1, [0, 1], "its returns are clearly higher");
 }
 
@@ -74,19 +78,23 @@ fn a_merged_policy_is_tried_again_where_the_other_does_not_serve() {
         // the one that continues acts as in its own group in the group of the other one
         let foreign = rollout(KIND, 1000, gone, kept);
         let decision = settle(&recogniser, &foreign, kept);
-        let proposed = Decision::Existing(gone);
+        let proposed = AssignedPolicy::Existing(gone);
         assert_eq!(decision.policy, proposed, "{:#?}", decision.tests);
-        assert!(decision.trial == Trial::Episodes && decision.is_provisional);
+        assert!(decision.trial == PolicyTrial::Episodes && decision.is_provisional);
         assert!(!decision.rejected.contains(&gone));
         let rejected = &decision.rejected;
         let context = RolloutContext { rejected, is_provisional: true, ..must_decide(gone) };
         let elsewhere = review(&recogniser, &rollout(KIND, 1000, kept, gone), context);
-        assert_eq!(elsewhere.policy, Decision::New, "tried once");
+        assert_eq!(elsewhere.policy, AssignedPolicy::New, "tried once");
         let own = rollout(KIND, 1000, gone, gone);
-        assert_eq!(review(&recogniser, &own, context).policy, Decision::Existing(gone));
+        assert_eq!(review(&recogniser, &own, context).policy, AssignedPolicy::Existing(gone));
         recogniser.record_training(gone, &own, &mut rng()).unwrap();
         assert_eq!(recogniser.merged_into(), [None, None]);
         let of_gone = assign(&recogniser, &own, gone);
-        assert_eq!(recogniser.find_duplicate(gone, &of_gone.accepted()), None, "merged once");
+        assert_eq!(
+            recogniser.find_duplicate(gone, &of_gone.accepted_policies()),
+            None,
+            "merged once"
+        );
     }
 }

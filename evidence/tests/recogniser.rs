@@ -1,9 +1,9 @@
 //! Decisions on episodes of drawn worlds.
 
-use cluster::{Decision, Verdict};
+use cluster::{AssignedPolicy, PolicyVerdict};
 use evidence::{
-    EpisodeSummariser, EpisodeSummary, ImageFeatureCache, Recogniser, RecogniserSettings,
-    RolloutContext, Trial,
+    EpisodeSummariser, EpisodeSummary, ImageFeatureCache, PolicyTrial, Recogniser,
+    RecogniserSettings, RolloutContext,
 };
 use symmetry::{D2, Irrep};
 use worlds::WorldKind;
@@ -33,18 +33,18 @@ fn groups_that_look_different_are_told_apart_by_screening() {
         for (group, collector) in (0..3).flat_map(|g| [(g, g), (g, (g + 1) % 3)]) {
             let seen = rollout(kind, 1000, group, group);
             let decision = assign(&recogniser, &seen, collector);
-            if decision.policy == Decision::Undecided {
+            if decision.policy == AssignedPolicy::Undecided {
                 undecided += 1;
                 continue;
             }
-            let (name, expected) = (kind.name(), Decision::Existing(group));
+            let (name, expected) = (kind.name(), AssignedPolicy::Existing(group));
             assert_eq!(decision.policy, expected, "{name} {:#?}", decision.tests);
         }
         let unknown = rollout(kind, 1000, 3, 0);
         let decision = assign(&recogniser, &unknown, 0);
-        assert_eq!(decision.policy, Decision::Undecided);
+        assert_eq!(decision.policy, AssignedPolicy::Undecided);
         let second = settle(&recogniser, &unknown, 0);
-        assert_eq!(second.policy, Decision::New);
+        assert_eq!(second.policy, AssignedPolicy::New);
     }
     assert!(undecided <= 1, "{undecided}");
 }
@@ -58,10 +58,10 @@ fn groups_that_look_alike_are_told_apart_by_motion_and_returns() {
             let decision = review(&recogniser, &seen, must_decide(policy));
             (decision.tests[policy].verdict, decision.policy)
         };
-        let (name, accepted) = (kind.name(), Verdict::Accepted);
-        assert_eq!(verdict(0, 0), (accepted, Decision::Existing(0)), "{name}");
-        assert_eq!(verdict(1, 1), (accepted, Decision::Existing(1)), "{name}");
-        assert_eq!(verdict(1, 0), (Verdict::Rejected, Decision::Existing(1)), "{name}");
+        let (name, accepted) = (kind.name(), PolicyVerdict::Accepted);
+        assert_eq!(verdict(0, 0), (accepted, AssignedPolicy::Existing(0)), "{name}");
+        assert_eq!(verdict(1, 1), (accepted, AssignedPolicy::Existing(1)), "{name}");
+        assert_eq!(verdict(1, 0), (PolicyVerdict::Rejected, AssignedPolicy::Existing(1)), "{name}");
     }
 }
 
@@ -69,23 +69,26 @@ fn groups_that_look_alike_are_told_apart_by_motion_and_returns() {
 fn no_more_policies_are_created_than_the_settings_allow() {
     let unknown = rollout(WorldKind::Appearance, 1000, 3, 0);
     let state = knowing(WorldKind::Appearance, 1000, 3);
-    let state = state.state(serde_json::value::Serializer).unwrap();
+    let state = state.serialise_state(serde_json::value::Serializer).unwrap();
     let bounded = |max_policies| {
         let settings = RecogniserSettings { max_policies, ..RecogniserSettings::default() };
         let mut recogniser = Recogniser::new(settings).unwrap();
-        recogniser.restore(&state).unwrap();
+        recogniser.restore_state(&state).unwrap();
         recogniser
     };
-    assert_eq!(settle(&bounded(4), &unknown, 0).policy, Decision::New);
+    assert_eq!(settle(&bounded(4), &unknown, 0).policy, AssignedPolicy::New);
     // whichever policy acted and whichever were rejected before, the same one is the most similar
     let named = [(0, &[][..]), (1, &[0]), (2, &[0, 1])].map(|(reviewed, rejected)| {
         let mut full = bounded(3);
         let context = RolloutContext { rejected, ..must_decide(reviewed) };
-        let found = full.review(&unknown, context, &mut rng()).unwrap();
-        assert!(found.trial == Trial::None && full.policy_count() == 3, "{found:?}");
+        let found = full.review_policy(&unknown, context, &mut rng()).unwrap();
+        assert!(found.trial == PolicyTrial::None && full.policy_count() == 3, "{found:?}");
         found.policy
     });
-    assert!(matches!(named[0], Decision::Existing(0..3)) && named == [named[0]; 3], "{named:?}");
+    assert!(
+        matches!(named[0], AssignedPolicy::Existing(0..3)) && named == [named[0]; 3],
+        "{named:?}"
+    );
 }
 
 /// Rollouts need not be a multiple of the horizon: their last episodes are still running.
@@ -107,15 +110,15 @@ fn running_episodes_at_the_end_do_not_hide_motion_and_returns() {
         let sources = decision.tests[0].test.as_ref().unwrap().sources.len();
         (sources, decision.tests[0].verdict)
     };
-    assert_eq!(tested(0, 15), (5, Verdict::Accepted));
-    assert_eq!(tested(1, 15), (5, Verdict::Rejected));
-    let first_observations_alone = (2, Verdict::Accepted);
+    assert_eq!(tested(0, 15), (5, PolicyVerdict::Accepted));
+    assert_eq!(tested(1, 15), (5, PolicyVerdict::Rejected));
+    let first_observations_alone = (2, PolicyVerdict::Accepted);
     assert_eq!(tested(1, 9), first_observations_alone, "fewer than half are whole");
 }
 
 /// Number of episodes that a recogniser remembers for a policy.
 fn remembered(recogniser: &Recogniser, policy: usize) -> usize {
-    let state = recogniser.state(serde_json::value::Serializer).unwrap();
+    let state = recogniser.serialise_state(serde_json::value::Serializer).unwrap();
     state["policies"][policy]["accounts"].as_array().unwrap().len()
 }
 
@@ -135,7 +138,7 @@ fn a_rejected_policy_is_not_proposed_again() {
     let seen = rollout(WorldKind::Target, 1000, 1, 0);
     let context = RolloutContext { rejected: &[1], ..must_decide(0) };
     let decision = review(&recogniser, &seen, context);
-    assert_eq!(decision.policy, Decision::New);
+    assert_eq!(decision.policy, AssignedPolicy::New);
     assert!(decision.rejected.contains(&0) && decision.rejected.contains(&1));
 }
 
@@ -147,11 +150,14 @@ fn a_rollout_that_straddles_a_switch_is_cut_at_the_episode() {
         let mixed = summaries(stream(WorldKind::Appearance, 1000, &visits, 5), 4, Some(0));
         let decision = assign(&recogniser, &mixed, 0);
         let began = before * HORIZON * 5;
-        assert_eq!((decision.policy, decision.changepoint), (Decision::Existing(1), Some(began)));
+        assert_eq!(
+            (decision.policy, decision.changepoint),
+            (AssignedPolicy::Existing(1), Some(began))
+        );
     }
     let whole = summaries(stream(WorldKind::Appearance, 1000, &[(0, 4)], 5), 4, Some(0));
     let decision = assign(&recogniser, &whole, 0);
-    assert_eq!((decision.policy, decision.changepoint), (Decision::Existing(0), None));
+    assert_eq!((decision.policy, decision.changepoint), (AssignedPolicy::Existing(0), None));
 }
 
 /// A rollout that is reused creates a policy, which then trains on it.
@@ -159,8 +165,8 @@ fn a_rollout_that_straddles_a_switch_is_cut_at_the_episode() {
 fn a_rollout_that_created_its_policy_is_remembered_once() {
     let mut recogniser = knowing(WorldKind::Appearance, 1000, 1);
     let mut seen = rollout(WorldKind::Appearance, 1000, 1, 0);
-    let found = recogniser.assign(&seen, must_decide(0), &mut rng()).unwrap();
-    assert_eq!(found.policy, Decision::New);
+    let found = recogniser.assign_rollout(&seen, must_decide(0), &mut rng()).unwrap();
+    assert_eq!(found.policy, AssignedPolicy::New);
     seen.iter_mut().for_each(EpisodeSummary::keep_first_observation);
     recogniser.record_training(1, &seen, &mut rng()).unwrap();
     assert_eq!(remembered(&recogniser, 1), seen.len());
@@ -177,7 +183,11 @@ fn one_episode_names_its_policy_or_none_and_more_are_surer() {
             assert!((sum - 1.0).abs() < 1e-12);
             if episodes > 1 {
                 let expected = (group < 3).then_some(group);
-                assert_eq!(found.most_probable(), expected, "{episodes} of {group}: {found:?}");
+                assert_eq!(
+                    found.most_probable_policy(),
+                    expected,
+                    "{episodes} of {group}: {found:?}"
+                );
             }
         }
     }
@@ -191,7 +201,7 @@ fn a_policy_that_remembers_too_little_is_not_named() {
     recogniser.record_training(1, &few[..3], &mut rng()).unwrap();
     let seen = rollout(WorldKind::Appearance, 1000, 0, 0);
     let found = recogniser.recognise(&seen, &mut rng()).unwrap();
-    assert_eq!((found.most_probable(), found.policies[1]), (Some(0), 0.0));
+    assert_eq!((found.most_probable_policy(), found.policies[1]), (Some(0), 0.0));
 }
 
 /// The first frames of some tasks never vary: nothing is divided by zero, and others differ.
@@ -206,10 +216,10 @@ fn frames_that_are_all_equal_say_nothing_of_each_other() {
     };
     recogniser.record_training(0, &still(1.0), &mut rng()).unwrap();
     let same = assign(&recogniser, &still(1.0), 0);
-    assert_eq!(same.policy, Decision::Existing(0));
+    assert_eq!(same.policy, AssignedPolicy::Existing(0));
     let test = same.tests[0].test.as_ref().unwrap();
     assert!(test.sources.iter().all(Option::is_none) && test.overall.score.is_finite());
-    assert_eq!(settle(&recogniser, &still(2.0), 0).policy, Decision::New);
+    assert_eq!(settle(&recogniser, &still(2.0), 0).policy, AssignedPolicy::New);
 }
 
 #[test]
@@ -244,23 +254,23 @@ fn a_policy_whose_group_drifted_meanwhile_is_tried() {
         let visits = [(1, 8), (0, 242), (1, 8)];
         let late = summaries_of(&trajectories(stream(kind, seed, &visits, 5), 258, None)[1250..]);
         let decision = settle(&recogniser, &late, 0);
-        if decision.tests[1].verdict == Verdict::Accepted {
+        if decision.tests[1].verdict == PolicyVerdict::Accepted {
             continue;
         }
-        assert_ne!(decision.policy, Decision::Existing(0), "seed {seed}");
-        if decision.policy == Decision::New {
+        assert_ne!(decision.policy, AssignedPolicy::Existing(0), "seed {seed}");
+        if decision.policy == AssignedPolicy::New {
             continue;
         }
         tried += 1;
-        assert!(decision.trial == Trial::Episodes && !decision.rejected.contains(&1));
+        assert!(decision.trial == PolicyTrial::Episodes && !decision.rejected.contains(&1));
         let is_provisional = decision.is_provisional;
         let rejected = &decision.rejected;
         let context = RolloutContext { rejected, is_provisional, ..must_decide(1) };
         let own = review(&recogniser, &late[..20], context);
-        assert_eq!(own.policy, Decision::Existing(1), "seed {seed}: {:#?}", own.tests);
+        assert_eq!(own.policy, AssignedPolicy::Existing(1), "seed {seed}: {:#?}", own.tests);
         recogniser.record_training(1, &late[..20], &mut rng()).unwrap();
         let next = settle(&recogniser, &late[20..], 1);
-        assert_eq!(next.policy, Decision::Existing(1), "seed {seed}");
+        assert_eq!(next.policy, AssignedPolicy::Existing(1), "seed {seed}");
     }
     assert!(tried > 0);
 }
@@ -279,9 +289,9 @@ fn a_provisional_policy_must_keep_its_return() {
         assert!(!decision.is_provisional || is_provisional);
         decision.policy
     };
-    assert_eq!(decision(1.0, true), Decision::Existing(0));
-    assert_eq!(decision(0.8, false), Decision::Existing(0));
-    assert_eq!(decision(0.8, true), Decision::New);
+    assert_eq!(decision(1.0, true), AssignedPolicy::Existing(0));
+    assert_eq!(decision(0.8, false), AssignedPolicy::Existing(0));
+    assert_eq!(decision(0.8, true), AssignedPolicy::New);
 }
 
 /// Colours stray over hundreds of rounds; what is remembered is the latest.
@@ -293,7 +303,7 @@ fn slow_drift_splits_nothing() {
         for rollout in all.chunks(20) {
             if recogniser.policy_count() > 0 {
                 let decision = settle(&recogniser, rollout, 0);
-                assert_eq!(decision.policy, Decision::Existing(0), "seed {seed}");
+                assert_eq!(decision.policy, AssignedPolicy::Existing(0), "seed {seed}");
             }
             recogniser.record_training(0, rollout, &mut rng()).unwrap();
         }
@@ -306,7 +316,7 @@ fn a_new_policy_remembers_only_the_group_it_was_created_for() {
     let mixed = summaries(stream(WorldKind::Appearance, 1000, &[(1, 2), (2, 2)], 5), 4, Some(1));
     recogniser.record_training(1, &mixed, &mut rng()).unwrap();
     let one = recogniser.recognise(&rollout(WorldKind::Appearance, 1000, 1, 0), &mut rng());
-    assert_eq!(one.unwrap().most_probable(), Some(1));
+    assert_eq!(one.unwrap().most_probable_policy(), Some(1));
     let other = recogniser.recognise(&rollout(WorldKind::Appearance, 1000, 2, 0), &mut rng());
-    assert_eq!(other.unwrap().most_probable(), None);
+    assert_eq!(other.unwrap().most_probable_policy(), None);
 }

@@ -9,7 +9,7 @@ use crate::common::{knowing, rng, rollout};
 const KIND: WorldKind = WorldKind::Appearance;
 
 fn state(recogniser: &Recogniser) -> Value {
-    recogniser.state(serde_json::value::Serializer).unwrap()
+    recogniser.serialise_state(serde_json::value::Serializer).unwrap()
 }
 
 #[test]
@@ -23,14 +23,19 @@ fn memory_is_bounded_and_survives_a_file() {
     }
     assert!(size(&recogniser) < 11 * before / 10, "a thousand visits later");
     let mut restored = Recogniser::new(*recogniser.settings()).unwrap();
-    restored.restore(&state(&recogniser)).unwrap();
+    restored.restore_state(&state(&recogniser)).unwrap();
     assert_eq!(restored, recogniser);
     // the index after the last one is that of the next new policy, which no decision proposes
     let unknown = RolloutContext { collector: 2, ..RolloutContext::default() };
     for (error, policy) in [
         (restored.record_training(7, &seen, &mut rng()).unwrap_err(), 7),
-        (restored.assign(&seen, RolloutContext::of_collector(7), &mut rng()).unwrap_err(), 7),
-        (restored.review(&seen, unknown, &mut rng()).unwrap_err(), 2),
+        (
+            restored
+                .assign_rollout(&seen, RolloutContext::collected_by_policy(7), &mut rng())
+                .unwrap_err(),
+            7,
+        ),
+        (restored.review_policy(&seen, unknown, &mut rng()).unwrap_err(), 2),
     ] {
         assert_eq!(error.to_string(), format!("policy {policy} was named, 2 are known"));
     }
@@ -41,10 +46,14 @@ fn memory_is_bounded_and_survives_a_file() {
 fn damaged_states_are_refused() {
     let mut recogniser = knowing(KIND, 1000, 2);
     recogniser
-        .assign(&rollout(KIND, 1000, 3, 0), RolloutContext::of_collector(0), &mut rng())
+        .assign_rollout(
+            &rollout(KIND, 1000, 3, 0),
+            RolloutContext::collected_by_policy(0),
+            &mut rng(),
+        )
         .unwrap();
     let whole = state(&recogniser);
-    assert!(recogniser.clone().restore(&whole).is_ok());
+    assert!(recogniser.clone().restore_state(&whole).is_ok());
     let summary = whole["policies"][0]["accounts"][0].clone();
     let many = json!(vec![summary; 41]);
     let cases = [
@@ -68,11 +77,11 @@ fn damaged_states_are_refused() {
         let mut damaged = whole.clone();
         damaged.pointer_mut(place).unwrap()[field] = value;
         let mut restored = recogniser.clone();
-        let message = restored.restore(&damaged).unwrap_err().to_string();
+        let message = restored.restore_state(&damaged).unwrap_err().to_string();
         assert!(message.contains(part), "{place} {field}: {message}");
         assert_eq!(restored, recogniser, "nothing is restored by halves");
     }
-    assert!(recogniser.restore(&json!("text")).is_err());
+    assert!(recogniser.restore_state(&json!("text")).is_err());
 }
 
 /// Whoever follows merges must come to a policy that acts.
@@ -84,7 +93,7 @@ fn states_with_cycles_of_merges_are_refused() {
         for (policy, heir) in state["policies"].as_array_mut().unwrap().iter_mut().zip(heirs) {
             policy["heir"] = json!(heir);
         }
-        recogniser.clone().restore(&state).is_ok()
+        recogniser.clone().restore_state(&state).is_ok()
     };
     assert!(with_merges([Some(2), None, Some(1)]) && with_merges([Some(1), None, Some(1)]));
     assert!(!with_merges([None, Some(2), Some(1)]) && !with_merges([Some(2), Some(0), Some(1)]));
@@ -102,7 +111,7 @@ fn an_error_leaves_everything_as_it_was() {
             let mut other = recogniser.clone();
             assert!(other.record_training(policy, &summaries, &mut rng()).is_err());
             assert!(other.confirm_duplicate(0, 1, &summaries, &mut rng()).is_err());
-            assert!(other.merge(0, 1, &seen[..5], &summaries, &mut rng()).is_err());
+            assert!(other.merge_policies(0, 1, &seen[..5], &summaries, &mut rng()).is_err());
             assert_eq!(other, recogniser);
         }
         recogniser.clone().record_training(1, &summaries, &mut rng()).unwrap_err().to_string()

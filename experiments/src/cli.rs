@@ -19,13 +19,13 @@ pub fn thread_count_parser() -> RangedI64ValueParser<u16> {
 
 /// Command-line option for the number of worker threads.
 #[derive(Clone, Copy, Debug, Args)]
-pub struct Threads {
+pub struct ThreadCountOption {
     /// Number of worker threads (default: one per CPU); results do not depend on it.
     #[arg(long, value_parser = thread_count_parser())]
     pub threads: Option<u16>,
 }
 
-impl Threads {
+impl ThreadCountOption {
     /// Returns the number of worker threads: the requested one, or else that of available CPUs.
     pub fn count(self) -> usize {
         let available = || std::thread::available_parallelism().map_or(1, usize::from);
@@ -50,5 +50,5 @@ pub fn progress_bar(length: usize) -> ProgressBar {
 pub fn print_escaped(out: &mut impl Write, line: &str) -> Result<(), RunError> {
     let line = escape_unprintable_lines(line);
     let written = writeln!(out, "{line}").and_then(|()| out.flush());
-    written.map_err(RunError::writing(Path::new("standard output")))
+    written.map_err(RunError::write_error_at(Path::new("standard output")))
 }

@@ -6,8 +6,8 @@ use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEn
 use crate::error::RunError;
 use crate::experiment::{Experiment, SeedSequence};
 use crate::latest_frame::LatestFrame;
-use crate::schedule::{StreamClock, Timetable, Visit};
-use crate::stream::Stream;
+use crate::schedule::{GroupVisit, StreamClock, Timetable};
+use crate::stream::SwitchableVecEnv;
 use learner::TaskLabel;
 
 /// Vectorised environment of one run, which changes its task group as the schedule says.
@@ -15,7 +15,7 @@ use learner::TaskLabel;
 /// On [`StreamClock::EnvironmentTime`], group, variants and placements depend only on the seed and
 /// the number of decisions so far: they are drawn again from these whenever all episodes end.
 pub(crate) struct ClockedStream {
-    stream: Stream,
+    stream: SwitchableVecEnv,
     tasks: TaskRegistry,
     timetable: Timetable,
     seeds: SeedSequence,
@@ -62,7 +62,7 @@ impl ClockedStream {
     ) -> Result<Self, RunError> {
         let groups = experiment.schedule.resolve_groups(tasks)?;
         let ranks = experiment.learner.process_ranks().clone();
-        let stream = Stream::on_ranks(experiment.envs, &groups, ranks)?;
+        let stream = SwitchableVecEnv::on_ranks(experiment.envs, &groups, ranks)?;
         Ok(Self {
             begun: Observations::new(stream.spec()),
             is_begun: false,
@@ -82,7 +82,7 @@ impl ClockedStream {
     }
 
     /// Returns the wrapped environments, whose task group this stream changes.
-    pub fn environments(&self) -> &Stream {
+    pub fn environments(&self) -> &SwitchableVecEnv {
         &self.stream
     }
 
@@ -101,7 +101,7 @@ impl ClockedStream {
     }
 
     /// Returns the visit to a task group with index `index`, and all earlier visits.
-    pub fn visit_and_earlier(&self, index: usize) -> (&Visit, &[Visit]) {
+    pub fn visit_and_earlier(&self, index: usize) -> (&GroupVisit, &[GroupVisit]) {
         self.timetable.visit_and_earlier(index)
     }
 
@@ -146,14 +146,14 @@ impl ClockedStream {
         self.shown = None;
         match self.clock {
             StreamClock::EnvironmentTime => Ok(()),
-            StreamClock::LearnerIterations => self.enter(index, self.seeds.nth(iteration)),
+            StreamClock::LearnerIterations => self.enter(index, self.seeds.nth_seed(iteration)),
         }
     }
 
     fn enter(&mut self, index: usize, seed: u64) -> Result<(), RunError> {
         let (visit, _) = self.timetable.visit_and_earlier(index);
         let group = self.tasks.find(&visit.group)?;
-        self.stream.switch_to(group, &visit.variants)?;
+        self.stream.switch_task_group(group, &visit.variants)?;
         self.stream.reseed(seed)?;
         self.running = index;
         Ok(())
@@ -166,7 +166,7 @@ impl ClockedStream {
             StreamClock::EnvironmentTime => {
                 // a rollout that lasts beyond the last visit stays in it
                 let index = self.timetable.visit_index_at(self.now).unwrap_or(self.running);
-                self.enter(index, self.seeds.nth(self.now))
+                self.enter(index, self.seeds.nth_seed(self.now))
             }
             StreamClock::LearnerIterations => Ok(()),
         }
@@ -237,12 +237,12 @@ mod tests {
     /// Returns a stream of eight environments with episodes of ten decisions: 80 decisions of one
     /// group, then 120 of another.
     fn world(decisions: usize) -> ClockedStream {
-        let mut experiment = Budget::Smoke.experiment(Method::Covers).with_threads(1);
+        let mut experiment = Budget::Smoke.preset_experiment(Method::Covers).with_threads(1);
         experiment.schedule.order = crate::schedule::VisitOrder::Fixed;
         experiment.schedule.groups.truncate(2);
         experiment.schedule.groups[0].decisions = 80;
         experiment.schedule.groups[1].decisions = 120;
-        let (tasks, labels) = (TaskRegistry::standard(), TaskLabel::default());
+        let (tasks, labels) = (TaskRegistry::with_standard(), TaskLabel::default());
         ClockedStream::new(&experiment, &tasks, labels, decisions).unwrap()
     }
 

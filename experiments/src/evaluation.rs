@@ -9,22 +9,22 @@ mod score;
 use envs::{TaskGroup, TaskRegistry, TaskVariant, VecEnvSettings};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use rl::{Ranks, RolloutStats};
+use rl::{ProcessRanks, RolloutStats};
 use symmetry::D2;
 
 use crate::error::RunError;
 use crate::experiment::Experiment;
-use crate::schedule::Schedule;
+use crate::schedule::TaskSchedule;
 use crate::stop::StopSignal;
-use crate::stream::Stream;
+use crate::stream::SwitchableVecEnv;
 use learner::{Learner, PolicyEvaluation, TaskLabel};
 
 use cache::{CacheKey, EvaluationCache};
 use dormancy::UnitActivities;
 
 pub use dormancy::{DORMANCY_THRESHOLD, DormantUnits};
-pub use recognition::{RECOGNITION_EPISODES, Recognition};
-pub use score::{GroupScore, OwnPolicies, PolicyScore, Score, average_by_group};
+pub use recognition::{RECOGNITION_EPISODE_COUNTS, RecognitionCount};
+pub use score::{GroupScore, OwnPolicyByGroup, PolicyScore, VariantScore, average_scores_by_group};
 
 /// Number of the ChaCha stream that learners draw from during recognition. Environments use streams
 /// that count up from 0 under the same seed, so this one is counted down from the top.
@@ -34,9 +34,9 @@ const RECOGNITION_STREAM: u64 = u64::MAX;
 #[derive(Clone, Debug, Default)]
 pub struct EvaluationResults {
     /// Score of each task variant, in the order of scoring.
-    pub scores: Vec<Score>,
+    pub scores: Vec<VariantScore>,
     /// Counts of the policies that the learner named for shown episodes; empty if it was not asked.
-    pub recognitions: Vec<Recognition>,
+    pub recognitions: Vec<RecognitionCount>,
     activities: UnitActivities,
 }
 
@@ -54,9 +54,9 @@ impl EvaluationResults {
 /// placements. Results of policies whose parameters have not changed are reused: use a new
 /// evaluator for another learner.
 pub struct Evaluator {
-    stream: Stream,
+    stream: SwitchableVecEnv,
     groups: Vec<TaskGroup>,
-    schedule: Schedule,
+    schedule: TaskSchedule,
     seed: u64,
     labels: TaskLabel,
     cache: EvaluationCache,
@@ -71,24 +71,24 @@ impl Evaluator {
     pub fn new(
         settings: VecEnvSettings,
         tasks: &TaskRegistry,
-        schedule: Schedule,
+        schedule: TaskSchedule,
         seed: u64,
         labels: TaskLabel,
     ) -> Result<Self, RunError> {
-        Self::on_ranks(settings, tasks, schedule, seed, labels, Ranks::default())
+        Self::on_ranks(settings, tasks, schedule, seed, labels, ProcessRanks::default())
     }
 
     fn on_ranks(
         settings: VecEnvSettings,
         tasks: &TaskRegistry,
-        schedule: Schedule,
+        schedule: TaskSchedule,
         seed: u64,
         labels: TaskLabel,
-        ranks: Ranks,
+        ranks: ProcessRanks,
     ) -> Result<Self, RunError> {
         let groups = schedule.resolve_groups(tasks)?;
         Ok(Self {
-            stream: Stream::on_ranks(settings, &groups, ranks)?,
+            stream: SwitchableVecEnv::on_ranks(settings, &groups, ranks)?,
             groups,
             schedule,
             seed,
@@ -102,7 +102,7 @@ impl Evaluator {
     ///
     /// # Errors
     /// As [`Evaluator::new`].
-    pub fn of_run(
+    pub fn for_experiment(
         run: &Experiment,
         tasks: &TaskRegistry,
         labels: TaskLabel,
@@ -113,7 +113,7 @@ impl Evaluator {
     }
 
     /// Returns all variants of the scheduled task groups, in the order in which they are scored.
-    pub fn variants(&self) -> Vec<TaskVariant> {
+    pub fn task_variants(&self) -> Vec<TaskVariant> {
         self.groups
             .iter()
             .flat_map(|&group| D2::ALL.map(|element| TaskVariant { group, element }))
@@ -132,11 +132,11 @@ impl Evaluator {
     pub fn score_all_variants(
         &mut self,
         learner: &mut dyn Learner,
-        own: &OwnPolicies,
+        own: &OwnPolicyByGroup,
         rounds: usize,
     ) -> Result<EvaluationResults, RunError> {
         let mut results = EvaluationResults::default();
-        for variant in self.variants() {
+        for variant in self.task_variants() {
             self.score_variant(learner, variant, own, rounds, &mut results)?;
         }
         Ok(results)
@@ -154,7 +154,7 @@ impl Evaluator {
     ) -> Result<usize, RunError> {
         let mut rng = recognition_rng(self.seed);
         self.labels.set(variant.group.name());
-        self.stream.switch_to(variant.group, &[variant.element])?;
+        self.stream.switch_task_group(variant.group, &[variant.element])?;
         self.stream.reseed(self.seed)?;
         let recognised = learner.recognise_policy(&mut self.stream, None, &mut rng)?;
         Ok(recognised.policy)
@@ -173,7 +173,7 @@ impl Evaluator {
         &mut self,
         learner: &mut dyn Learner,
         variant: TaskVariant,
-        own: &OwnPolicies,
+        own: &OwnPolicyByGroup,
         rounds: usize,
         results: &mut EvaluationResults,
     ) -> Result<(), RunError> {
@@ -196,7 +196,7 @@ impl Evaluator {
             }
             own => own.map(|_| score),
         };
-        results.scores.push(Score {
+        results.scores.push(VariantScore {
             group: variant.group,
             element: variant.element,
             seen_in_training: self

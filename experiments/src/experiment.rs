@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::error::RunError;
-use crate::schedule::{Schedule, StreamClock, Timetable};
-use crate::stream::Stream;
+use crate::schedule::{StreamClock, TaskSchedule, Timetable};
+use crate::stream::SwitchableVecEnv;
 use learner::overrides::{parse_json, read_json};
 use learner::{DeviceChoice, GroupingSettings, LearnerSettings, TaskLabel};
 
@@ -35,7 +35,7 @@ pub struct Experiment {
     /// since placements follow the run's seed.
     pub envs: VecEnvSettings,
     /// Order and length of the training stream's visits to task groups.
-    pub schedule: Schedule,
+    pub schedule: TaskSchedule,
     /// Number, times and length of the run's evaluations.
     pub evaluation: EvaluationPlan,
     /// Interval and number of the run's checkpoints.
@@ -88,7 +88,7 @@ pub struct EvaluationPlan {
 
 impl EvaluationPlan {
     /// Evaluation plan with a single evaluation, after the training stream.
-    pub const AFTER_STREAM_ONLY: Self = Self {
+    pub const ONLY_FINAL_EVALUATION: Self = Self {
         episodes_per_env: 1,
         visit_episodes_per_env: 0,
         every: None,
@@ -152,8 +152,8 @@ impl Experiment {
 
     /// Sets the symmetry group of the networks and keeps their width; [`Group::C1`] gives ordinary
     /// networks.
-    pub fn with_group(mut self, group: Group) -> Self {
-        self.learner.set_group(group);
+    pub fn with_symmetry_group(mut self, group: Group) -> Self {
+        self.learner.set_symmetry_group(group);
         self
     }
 
@@ -178,7 +178,7 @@ impl Experiment {
         self.check_rollouts()?;
         self.check_visits()?;
         self.check_still_channels()?;
-        let spec = Stream::env_spec(&self.envs);
+        let spec = SwitchableVecEnv::env_spec(&self.envs);
         self.learner.new_learner(&spec, &TaskLabel::default())?;
         Ok(())
     }
@@ -245,7 +245,8 @@ impl Experiment {
     fn check_still_channels(&self) -> Result<(), RunError> {
         match &self.learner {
             LearnerSettings::OffPolicy(settings)
-                if settings.still_channels > self.envs.camera.extra_views.num_still_channels() =>
+                if settings.still_channels
+                    > self.envs.camera.extra_views.num_constant_channels() =>
             {
                 Err(RunError::InvalidSetting {
                     name: "off_policy.still_channels",
@@ -339,7 +340,7 @@ pub(crate) struct SeedSequence(ChaCha8Rng);
 
 impl SeedSequence {
     /// Returns the seed with index `number`, from 0, in the sequence.
-    pub fn nth(&self, number: usize) -> u64 {
+    pub fn nth_seed(&self, number: usize) -> u64 {
         let mut rng = self.0.clone();
         rng.set_word_pos(BLOCK * number as u128);
         rng.random()
@@ -354,7 +355,7 @@ mod tests {
     use learner::CoversSettings;
 
     fn smoke() -> Experiment {
-        Budget::Smoke.experiment(Method::Covers)
+        Budget::Smoke.preset_experiment(Method::Covers)
     }
 
     fn covers(experiment: &mut Experiment) -> &mut CoversSettings {
@@ -371,8 +372,8 @@ mod tests {
 
     #[test]
     fn a_replay_that_would_keep_a_close_up_once_an_episode_is_refused() {
-        let tasks = TaskRegistry::standard();
-        let mut run = Budget::Smoke.experiment(Method::Clear);
+        let tasks = TaskRegistry::with_standard();
+        let mut run = Budget::Smoke.preset_experiment(Method::Clear);
         run.envs.camera.extra_views = envs::ExtraView::CloseUp;
         let message = run.check(&tasks).unwrap_err().to_string();
         assert!(message.contains("`off_policy.still_channels` is 3"), "{message}");
@@ -388,7 +389,7 @@ mod tests {
         let experiment = smoke().with_seed(7);
         let first_words = |mut rng: ChaCha8Rng| -> [u64; 2] { [rng.random(), rng.random()] };
         let seeds = experiment.environment_seeds();
-        let seeds = (0..20).map(|number| seeds.nth(number));
+        let seeds = (0..20).map(|number| seeds.nth_seed(number));
         let seeds = seeds.chain([experiment.evaluation_seed()]);
         let slots = seeds.flat_map(|seed| (0..20).map(move |stream| (seed, stream)));
         let slots = slots.map(|(seed, stream)| {
@@ -443,9 +444,9 @@ mod tests {
         ];
         for spoil in cases {
             let mut experiment = smoke();
-            assert!(experiment.check(&TaskRegistry::standard()).is_ok());
+            assert!(experiment.check(&TaskRegistry::with_standard()).is_ok());
             spoil(&mut experiment);
-            assert!(experiment.check(&TaskRegistry::standard()).is_err(), "{experiment:?}");
+            assert!(experiment.check(&TaskRegistry::with_standard()).is_err(), "{experiment:?}");
         }
     }
 
@@ -460,8 +461,10 @@ mod tests {
 
     #[test]
     fn settings_survive_json() {
-        let experiment =
-            Budget::ZeroShot.experiment(Method::Covers).with_group(Group::C1).with_seed(u64::MAX);
+        let experiment = Budget::ZeroShot
+            .preset_experiment(Method::Covers)
+            .with_symmetry_group(Group::C1)
+            .with_seed(u64::MAX);
         let text = serde_json::to_string_pretty(&experiment).unwrap();
         assert_eq!(serde_json::from_str::<Experiment>(&text).unwrap(), experiment);
         let wrong = text.replace("\"order\"", "\"odrer\"");

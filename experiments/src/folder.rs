@@ -7,14 +7,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use rl::{EnvSpec, Ranks};
+use rl::{EnvSpec, ProcessRanks};
 use serde::Deserialize;
 
 use crate::error::RunError;
-use crate::evaluation::OwnPolicies;
+use crate::evaluation::OwnPolicyByGroup;
 use crate::experiment::Experiment;
 use crate::sheet::Picture;
-use learner::disk::{Disk, LocalDisk, NoDisk, PARTIAL_EXTENSION, parent_folder, write_atomically};
+use learner::disk::{
+    Disk, LocalDisk, NoDisk, PARTIAL_FILE_EXTENSION, parent_folder, write_atomically,
+};
 use learner::{CheckpointExtent, Learner, LearnerSettings, TaskLabel};
 
 use super::checkpoints;
@@ -75,7 +77,7 @@ pub struct RunFolder {
     /// [`FencedDisk`](crate::lock::FencedDisk); equal to `disk` without lock.
     unfenced: Arc<dyn Disk>,
     overwrite: bool,
-    ranks: Ranks,
+    ranks: ProcessRanks,
 }
 
 impl RunFolder {
@@ -85,7 +87,7 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::Write`].
     pub fn create(parent: &Path, name: &str) -> Result<Self, RunError> {
-        create_dir_all(parent).map_err(RunError::writing(parent))?;
+        create_dir_all(parent).map_err(RunError::write_error_at(parent))?;
         let mut attempt = 1;
         loop {
             let suffix = if attempt == 1 { String::new() } else { format!("-{attempt}") };
@@ -106,7 +108,7 @@ impl RunFolder {
     /// Returns a handle to a run's folder without accessing it.
     pub fn from_path(path: &Path) -> Self {
         let disk: Arc<dyn Disk> = Arc::new(LocalDisk);
-        let (path, unfenced, ranks) = (path.to_owned(), Arc::clone(&disk), Ranks::default());
+        let (path, unfenced, ranks) = (path.to_owned(), Arc::clone(&disk), ProcessRanks::default());
         Self { path, unfenced, disk, overwrite: false, ranks }
     }
 
@@ -118,13 +120,13 @@ impl RunFolder {
     }
 
     /// Sets the ranks, the processes that compute the run together; the first alone changes files.
-    pub fn on_ranks(self, ranks: Ranks) -> Self {
+    pub fn on_ranks(self, ranks: ProcessRanks) -> Self {
         let folder = Self { ranks, ..self };
         if folder.ranks.is_first() { folder } else { folder.with_disk(Arc::new(NoDisk)) }
     }
 
     /// Returns the ranks, which are the processes that compute the run together.
-    pub fn process_ranks(&self) -> &Ranks {
+    pub fn process_ranks(&self) -> &ProcessRanks {
         &self.ranks
     }
 
@@ -196,7 +198,8 @@ impl RunFolder {
     /// Removes the files of the run in the folder, so that another can start; other files stay.
     pub(crate) fn remove_run_files(&self) -> Result<(), RunError> {
         let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
-        let sync = |folder: &Path| self.disk.sync_folder(folder).map_err(RunError::writing(folder));
+        let sync =
+            |folder: &Path| self.disk.sync_folder(folder).map_err(RunError::write_error_at(folder));
         // The summary first: a run that has ended is not resumed without a checkpoint. Then all
         // checkpoints, synced before anything else goes: after a power cut, none of them may be
         // taken for a checkpoint of the next run.
@@ -250,7 +253,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// [`RunError::ChangedTable`], [`RunError::Read`].
-    pub fn verify_tables(&self) -> Result<(), RunError> {
+    pub fn verify_table_checksums(&self) -> Result<(), RunError> {
         /// Part of `summary.json` that holds the checksums of the run's tables.
         #[derive(Deserialize)]
         struct Checksums {
@@ -258,9 +261,9 @@ impl RunFolder {
             tables: BTreeMap<String, String>,
         }
         let path = self.file_path(SUMMARY_FILE);
-        let summary = std::fs::read(&path).map_err(RunError::reading(&path))?;
+        let summary = std::fs::read(&path).map_err(RunError::read_error_at(&path))?;
         let summary: Checksums =
-            serde_json::from_slice(&summary).map_err(RunError::reading(&path))?;
+            serde_json::from_slice(&summary).map_err(RunError::read_error_at(&path))?;
         for name in TABLES {
             let Some(expected) = summary.tables.get(name) else { continue };
             let table_path = self.file_path(name);
@@ -297,8 +300,9 @@ impl RunFolder {
     /// [`RunError::Write`].
     pub fn write_experiment(&self, experiment: &Experiment) -> Result<(), RunError> {
         let path = self.file_path(EXPERIMENT);
-        let text =
-            serde_json::to_string_pretty(experiment).map_err(RunError::writing(&path))? + "\n";
+        let text = serde_json::to_string_pretty(experiment)
+            .map_err(RunError::write_error_at(&path))?
+            + "\n";
         self.replace_file(EXPERIMENT, text.as_bytes())
     }
 
@@ -317,7 +321,7 @@ impl RunFolder {
         spec: &EnvSpec,
         labels: &TaskLabel,
     ) -> Result<Box<dyn Learner>, RunError> {
-        self.load_with_own_policies(learner, spec, labels).map(|loaded| loaded.0)
+        self.load_learner_with_own_policies(learner, spec, labels).map(|loaded| loaded.0)
     }
 
     /// Loads the learner of the newest intact checkpoint and the own policies of the groups. A
@@ -325,16 +329,16 @@ impl RunFolder {
     ///
     /// # Errors
     /// As [`RunFolder::load_learner`].
-    pub fn load_with_own_policies(
+    pub fn load_learner_with_own_policies(
         &self,
         learner: &LearnerSettings,
         spec: &EnvSpec,
         labels: &TaskLabel,
-    ) -> Result<(Box<dyn Learner>, OwnPolicies), RunError> {
+    ) -> Result<(Box<dyn Learner>, OwnPolicyByGroup), RunError> {
         let load = |path: &Path| {
             let (learner, note) = learner.load_for_acting(path, spec, labels)?;
             if note.is_empty() {
-                return Ok((learner, OwnPolicies::default()));
+                return Ok((learner, OwnPolicyByGroup::default()));
             }
             let mut saved = SavedRun::parse(path, &note)?;
             saved.recount_rollouts(path)?;
@@ -352,7 +356,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// As [`Learner::save`]; nothing is created if the learner cannot be saved.
-    pub fn pack(
+    pub fn create_packed(
         path: &Path,
         experiment: &Experiment,
         learner: &dyn Learner,
@@ -361,7 +365,7 @@ impl RunFolder {
         let folder = Self::from_path(path);
         let checkpoint = checkpoints::checkpoint_path(&folder.checkpoint_folder(), 0);
         let bytes = learner.to_checkpoint_bytes(&checkpoint, extent, "")?;
-        create_dir(path).map_err(RunError::writing(path))?;
+        create_dir(path).map_err(RunError::write_error_at(path))?;
         folder.prepare_for_run()?;
         folder.write_experiment(experiment)?;
         write_atomically(folder.disk(), &checkpoint, &bytes)?;
@@ -393,13 +397,14 @@ impl RunFolder {
         // a line torn by a full disk or a power cut must not swallow the next one
         let torn = contents.last().is_some_and(|&last| last != b'\n');
         let line = format!("{}{line}\n", if torn { "\n" } else { "" });
-        self.disk.append(&path, line.as_bytes()).map_err(RunError::writing(&path))
+        self.disk.append(&path, line.as_bytes()).map_err(RunError::write_error_at(&path))
     }
 
     /// Appends the provenance of a process that works on the run to `provenance.jsonl`.
     pub(crate) fn record_provenance(&self, provenance: &Provenance) -> Result<(), RunError> {
-        let line = serde_json::to_string(provenance).map_err(RunError::writing(&self.path))?;
-        self.append_line(Provenance::FILE_NAME, &line)
+        let line =
+            serde_json::to_string(provenance).map_err(RunError::write_error_at(&self.path))?;
+        self.append_line(Provenance::PROVENANCE_FILE, &line)
     }
 
     /// Syncs the named files of the run's folder to the disk; files that do not exist are skipped.
@@ -438,7 +443,7 @@ impl RunFolder {
         for folder in [&path, &self.path] {
             for entry in read_dir(folder).map_err(write)? {
                 let entry = entry.map_err(write)?.path();
-                if entry.extension().is_some_and(|extension| extension == PARTIAL_EXTENSION) {
+                if entry.extension().is_some_and(|extension| extension == PARTIAL_FILE_EXTENSION) {
                     self.disk.remove(&entry).map_err(write)?;
                 }
             }
@@ -448,7 +453,7 @@ impl RunFolder {
 
     /// Writes an image as the PNG file called `name` in the run's folder.
     pub(crate) fn write_png(&self, name: &str, picture: &Picture) -> Result<(), RunError> {
-        let bytes = picture.to_png().map_err(RunError::writing(&self.file_path(name)))?;
+        let bytes = picture.to_png().map_err(RunError::write_error_at(&self.file_path(name)))?;
         self.replace_file(name, &bytes)
     }
 }

@@ -1,6 +1,7 @@
 //! Runs of a learner on a stream of table-top tasks.
 //!
-//! - [`Stream`]: task groups on MuJoCo as an environment that a [`learner::Learner`] trains on.
+//! - [`SwitchableVecEnv`]: task groups on MuJoCo as an environment that a [`learner::Learner`]
+//!   trains on.
 //! - [`Experiment`]: all settings of a run; [`presets`] has those of each method.
 //! - [`Run`]: a whole run with its files, as `examples/continual_stream.rs` shows. It can be
 //!   stopped at any rollout and resumed later.
@@ -44,12 +45,12 @@ pub use error::RunError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 pub use folder::{FolderSnapshot, RunFolder, SUMMARY_FILE};
 pub use latest_frame::LatestFrame;
-pub use progress::{EvaluationReport, RolloutReport, RunEvent, Summary};
-pub use provenance::{Provenance, instruction_sets, processor_name};
+pub use progress::{EvaluationReport, RolloutReport, RunEvent, RunSummary};
+pub use provenance::{Provenance, cpu_instruction_sets, processor_name};
 pub use run::Run;
 pub use run_data::{GroupFilm, RunData};
 pub use run_stats::{RunStats, surviving_policy};
 pub use schema::{DormantUnitsRow, RecognitionRow, RolloutRow, ScoreRow, TimingRow};
 pub use stop::{StopSignal, catch_file_size_signal};
-pub use stream::{Stream, VECTOR_INPUT_SCALING, scale_observation_vectors};
+pub use stream::{SwitchableVecEnv, VECTOR_INPUT_SCALING, scale_observation_vectors};
 pub use workers::thread_pool;

@@ -3,14 +3,14 @@
 use std::collections::BTreeMap;
 
 use crate::error::RunError;
-use crate::evaluation::{DormantUnits, Recognition, Score};
+use crate::evaluation::{DormantUnits, RecognitionCount, VariantScore};
 
 use crate::folder::{RunFolder, SAVED_TIMINGS_FILE, TIMINGS_FILE, crc32_hex};
 use crate::progress::{EvaluationReport, RolloutReport};
 use crate::rows::TableSnapshots;
 use crate::schema::{DormantUnitsRow, RecognitionRow, ScoreRow, TimingRow};
 use crate::table::CsvFile;
-use crate::timings::{TimingSums, first_rows};
+use crate::timings::{TimingSums, first_timing_rows};
 
 /// CSV tables of a run in progress. Rows are written before the next rollout starts.
 pub(crate) struct RunTables {
@@ -42,7 +42,7 @@ impl RunTables {
             scores: open("evaluation.csv", snapshots.scores)?,
             units: open("units.csv", snapshots.units)?,
             recognition: open("recognition.csv", snapshots.recognition)?,
-            timings: open(TIMINGS_FILE, first_rows(&timings, rollouts))?,
+            timings: open(TIMINGS_FILE, first_timing_rows(&timings, rollouts))?,
         })
     }
 
@@ -59,11 +59,11 @@ impl RunTables {
 
     /// Returns the sums of the wall-clock seconds of the rollouts so far, as far as they are known.
     pub fn timing_sums(&self) -> TimingSums {
-        TimingSums::of_table(self.timings())
+        TimingSums::of_table(self.timings_csv())
     }
 
     /// Returns the contents of `timings.csv`.
-    pub fn timings(&self) -> &[u8] {
+    pub fn timings_csv(&self) -> &[u8] {
         self.timings.text()
     }
 
@@ -113,7 +113,7 @@ fn timing_row(progress: &RolloutReport) -> TimingRow {
     }
 }
 
-fn score_row(evaluation: &EvaluationReport, score: &Score) -> ScoreRow {
+fn score_row(evaluation: &EvaluationReport, score: &VariantScore) -> ScoreRow {
     ScoreRow {
         rollouts: evaluation.rollouts,
         decisions: evaluation.decisions,
@@ -142,7 +142,7 @@ fn units_row(evaluation: &EvaluationReport, dormancy: &DormantUnits) -> DormantU
     }
 }
 
-fn recognition_row(recognition: &Recognition) -> RecognitionRow {
+fn recognition_row(recognition: &RecognitionCount) -> RecognitionRow {
     RecognitionRow {
         group: recognition.group.name().to_owned(),
         element: recognition.element.to_string(),
@@ -165,8 +165,8 @@ fn row(progress: &RolloutReport) -> Vec<(String, String)> {
         ("straddles", progress.spans_switch.to_string()),
         ("policy", iteration.policy.to_string()),
         ("created", iteration.policy_created.to_string()),
-        ("reward", number(progress.reward())),
-        ("success", number(progress.success())),
+        ("reward", number(progress.scaled_mean_return())),
+        ("success", number(progress.success_rate())),
         ("success_at_end", number(iteration.rollout_stats.success_at_end_rate())),
     ];
     let metrics = iteration.metrics.iter().map(|(name, metric)| (name, metric.to_string()));
@@ -185,7 +185,7 @@ mod tests {
     fn scores_end_with_those_of_the_groups_own_policy() {
         let evaluation =
             EvaluationReport { rollouts: 3, decisions: 240, results: EvaluationResults::default() };
-        let score = |own| Score {
+        let score = |own| VariantScore {
             group: TaskGroup::GOAL_REACH,
             element: D2::FlipX,
             seen_in_training: true,

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use crate::error::RunError;
 use crate::experiment::Experiment;
-use crate::stream::Stream;
+use crate::stream::SwitchableVecEnv;
 use learner::{GroupingSettings, LearnerSettings};
 
 const MEBIBYTE: u64 = 1 << 20;
@@ -67,7 +67,7 @@ fn check(threads: usize, data: u64) -> Result<(), RunError> {
     }
     // containers and machines limit resident memory instead of address space
     let needed = resident_bytes(threads, data);
-    let machine = available_bytes().map(|left| Limit { name: MACHINE.to_owned(), left });
+    let machine = available_memory_bytes().map(|left| Limit { name: MACHINE.to_owned(), left });
     let mut limits = container_limit().into_iter().chain(machine);
     limits.try_for_each(|limit| limit.check(needed))
 }
@@ -79,7 +79,7 @@ fn resident_bytes(threads: usize, data: u64) -> u64 {
 
 /// Returns the bytes of a run's rollout and of its replay buffers.
 fn data_bytes(experiment: &Experiment) -> u64 {
-    let image: usize = Stream::env_spec(&experiment.envs).image_shape.iter().product();
+    let image: usize = SwitchableVecEnv::env_spec(&experiment.envs).image_shape.iter().product();
     let rollout = (experiment.learner.rollout_steps() as u64).saturating_mul(image as u64);
     rollout.saturating_add(replay_bytes(experiment))
 }
@@ -91,7 +91,7 @@ fn replay_bytes(experiment: &Experiment) -> u64 {
     let LearnerSettings::OffPolicy(settings) = &experiment.learner else {
         return 0;
     };
-    let [height, width, channels] = Stream::env_spec(&experiment.envs).image_shape;
+    let [height, width, channels] = SwitchableVecEnv::env_spec(&experiment.envs).image_shape;
     let image = height * width * channels.saturating_sub(settings.still_channels);
     let replays = match settings.grouping {
         GroupingSettings::Single => 1,
@@ -173,7 +173,7 @@ fn used() -> u64 {
 
 /// Returns the memory of the machine that programs can take (bytes), with free space of swap;
 /// `None` if the system does not report it.
-pub fn available_bytes() -> Option<u64> {
+pub fn available_memory_bytes() -> Option<u64> {
     available(&fs::read_to_string("/proc/meminfo").ok()?)
 }
 
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn the_system_says_what_is_used_and_free() {
         assert!(used() > MEBIBYTE);
-        assert!(available_bytes().is_some_and(|bytes| bytes > MEBIBYTE));
+        assert!(available_memory_bytes().is_some_and(|bytes| bytes > MEBIBYTE));
         assert_eq!(line_kibibytes("VmSize:\t  12 kB\n", "VmSize"), Some(12));
         assert_eq!(line_kibibytes("VmSizes: 12 kB\n", "VmSize"), None);
         let meminfo = "MemFree: 1 kB\nMemAvailable: 5 kB\nSwapFree: 2 kB\n";
@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn a_replay_takes_the_memory_of_its_images() {
-        let mut experiment = Budget::TableProtocol.experiment(Method::Clear);
+        let mut experiment = Budget::TableProtocol.preset_experiment(Method::Clear);
         let bytes = replay_bytes(&experiment);
         // 2.05 GB were measured of the program with a full replay, 2.9 GB after a resumption
         assert!(((2 << 30)..(3 << 30)).contains(&bytes), "{bytes}");
@@ -216,19 +216,19 @@ mod tests {
         experiment.schedule.groups[0].decisions = 500;
         experiment.schedule.cycles = 1;
         assert_eq!(replay_bytes(&experiment), 500 * 48 * 48 * 3 / 4 * 7);
-        assert_eq!(replay_bytes(&Budget::Full.experiment(Method::Covers)), 0);
+        assert_eq!(replay_bytes(&Budget::Full.preset_experiment(Method::Covers)), 0);
     }
 
     #[test]
     fn needs_are_above_what_was_measured_and_grow_with_threads_and_images() {
-        let smoke = Budget::Smoke.experiment(Method::Covers);
+        let smoke = Budget::Smoke.preset_experiment(Method::Covers);
         let mib = |experiment: Experiment| run_memory_bytes(&experiment) / MEBIBYTE;
         for (threads, measured) in [(1, 393), (4, 583), (16, 807)] {
             let needed = mib(smoke.clone().with_threads(threads));
             assert!((measured..2 * measured).contains(&needed), "{threads}: {needed}");
         }
         // 475 MiB were measured over hours
-        let full = Budget::Full.experiment(Method::Covers).with_threads(1);
+        let full = Budget::Full.preset_experiment(Method::Covers).with_threads(1);
         assert!((475..600).contains(&mib(full.clone())), "{}", mib(full));
         assert_eq!(memory_request_mib(400 * MEBIBYTE), 512);
         assert_eq!(memory_request_mib(410 * MEBIBYTE), 768);

@@ -5,14 +5,14 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::error::RunError;
-use learner::disk::{LocalDisk, PARTIAL_EXTENSION, parent_folder, write_atomically};
+use learner::disk::{LocalDisk, PARTIAL_FILE_EXTENSION, parent_folder, write_atomically};
 
 /// Output file of a command, which must not exist yet.
-pub struct NewFile {
+pub struct NewOutputFile {
     path: PathBuf,
 }
 
-impl NewFile {
+impl NewOutputFile {
     /// Returns a handle to an output file that does not exist yet; creates nothing.
     ///
     /// # Errors
@@ -28,10 +28,10 @@ impl NewFile {
     /// # Errors
     /// [`RunError::Write`]; [`RunError::FileExists`] for a partial file, which another command is
     /// writing or left behind.
-    pub fn prepare(&self) -> Result<(), RunError> {
+    pub fn prepare_folder(&self) -> Result<(), RunError> {
         let write = |error| RunError::cannot_write(&self.path, error);
         fs::create_dir_all(parent_folder(&self.path)).map_err(write)?;
-        let path = self.path.with_added_extension(PARTIAL_EXTENSION);
+        let path = self.path.with_added_extension(PARTIAL_FILE_EXTENSION);
         match File::create_new(&path) {
             Err(error) if error.kind() == ErrorKind::AlreadyExists => {
                 Err(RunError::FileExists { path })

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::RunError;
 use crate::experiment::Experiment;
-use crate::schedule::MAX_DECISIONS;
+use crate::schedule::MAX_STREAM_DECISIONS;
 use learner::read_checkpoint_note;
 
 use crate::checkpoints::rollouts_in_name;
@@ -15,7 +15,7 @@ use crate::run_stats::RunStats;
 
 /// Upper bound on the decisions of a run in a valid checkpoint. Learners discard some rollouts, so
 /// a run may take more decisions than its stream has, but never a thousand times as many.
-const TOO_MANY: usize = 1000 * MAX_DECISIONS;
+const TOO_MANY: usize = 1000 * MAX_STREAM_DECISIONS;
 
 /// Progress of a run: statistics, the next evaluation and the tables so far.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -42,7 +42,10 @@ pub(crate) struct SavedRun {
 
 impl RunState {
     /// Serialises the run's state and its settings `experiment` as JSON, the note of a checkpoint.
-    pub fn into_note(self, experiment: &Experiment) -> Result<String, serde_json::Error> {
+    pub fn into_checkpoint_note(
+        self,
+        experiment: &Experiment,
+    ) -> Result<String, serde_json::Error> {
         serde_json::to_string(&SavedRun {
             // results do not depend on threads, so checkpoints must not either
             experiment: experiment.clone().with_threads(1),
@@ -67,7 +70,7 @@ impl SavedRun {
     /// [`RunError::Read`], also for counts and rows that no run has, and for a checkpoint whose
     /// name states another number of rollouts.
     pub fn parse(path: &Path, note: &str) -> Result<Self, RunError> {
-        let saved: Self = serde_json::from_str(note).map_err(RunError::reading(path))?;
+        let saved: Self = serde_json::from_str(note).map_err(RunError::read_error_at(path))?;
         let wrong = |what: &str| RunError::damaged_file(path, format!("the run's note: {what}"));
         saved.check().map_err(wrong)?;
         let rollouts = saved.state.stats.rollouts;
@@ -136,7 +139,7 @@ mod tests {
             tables: tables("rollout,group\n0,a\n1,\"b\nc\"\n"),
         };
         change(&mut state);
-        let text = state.into_note(&Budget::Smoke.experiment(Method::Covers));
+        let text = state.into_checkpoint_note(&Budget::Smoke.preset_experiment(Method::Covers));
         SavedRun::parse(Path::new("file"), &text.unwrap())
     }
 

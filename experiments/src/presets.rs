@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
 
 use crate::experiment::{CheckpointPlan, EvaluationPlan, Experiment};
-use crate::schedule::Schedule;
+use crate::schedule::TaskSchedule;
 use learner::{CoversSettings, GroupingSettings, LearnerSettings, OffPolicySettings};
 
 /// Number of environments of a run, so that a rollout of 500 decisions in all is one episode of 50
@@ -98,9 +98,9 @@ impl Method {
     /// Returns the settings of the method's learner.
     pub fn learner_settings(self) -> LearnerSettings {
         LearnerSettings::OffPolicy(match self {
-            Self::Clear => OffPolicySettings::clear(),
-            Self::ClearBc => OffPolicySettings::clear_bc(),
-            Self::ThreeRl => OffPolicySettings::three_rl(),
+            Self::Clear => OffPolicySettings::clear_baseline(),
+            Self::ClearBc => OffPolicySettings::clear_baseline_with_cloning(),
+            Self::ThreeRl => OffPolicySettings::three_rl_baseline(),
             Self::EquiSac => OffPolicySettings::equi_sac(),
             Self::CoversSac => OffPolicySettings::covers_sac(),
             _ => return LearnerSettings::Covers(self.covers()),
@@ -129,7 +129,7 @@ impl Method {
 
     /// Returns the method whose preset has the run's learner and environments, under any budget;
     /// `None` for custom settings. Seed, threads, stream, evaluation and checkpoints may differ.
-    pub fn of_run(run: &Experiment) -> Option<Self> {
+    pub fn from_experiment(run: &Experiment) -> Option<Self> {
         let is = |method: &Self| {
             let mut budgets = Budget::value_variants().iter();
             budgets.any(|budget| budget.preset_with_run_settings(*method, run) == *run)
@@ -156,7 +156,9 @@ impl Method {
         let mut envs = VecEnvSettings { num_envs: NUM_ENVS, ..VecEnvSettings::default() };
         match self {
             Self::Paper => envs.camera.size = PAPER_PICTURES,
-            Self::CoversRandomised => envs.randomisation = Some(DomainRandomisation::NOMINAL),
+            Self::CoversRandomised => {
+                envs.randomisation = Some(DomainRandomisation::NOMINAL_RANDOMISATION)
+            }
             _ => {}
         }
         if self.shows_close_ups(budget) {
@@ -178,7 +180,10 @@ fn symmetrised(ppo: PpoSettings) -> PpoSettings {
 /// fields of D2 has a quarter of the parameters of an ordinary one, so both networks have about as
 /// many.
 fn slim() -> NetworkSettings {
-    NetworkSettings { group: Group::C1, ..NetworkSettings::strided(vec![2, 4, 8, 8], 16) }
+    NetworkSettings {
+        group: Group::C1,
+        ..NetworkSettings::with_strided_encoder(vec![2, 4, 8, 8], 16)
+    }
 }
 
 /// Size of a preset run: number of training decisions, and of episodes of the evaluations.
@@ -225,7 +230,7 @@ impl Budget {
     }
 
     /// Returns the settings of a run of `method` under this budget.
-    pub fn experiment(self, method: Method) -> Experiment {
+    pub fn preset_experiment(self, method: Method) -> Experiment {
         let (mut learner, mut envs) = (method.learner_settings(), method.envs(self));
         if self == Self::Smoke {
             envs.num_envs = 8;
@@ -249,8 +254,8 @@ impl Budget {
     /// `run`. If `run` assigns policies by a rule that only earlier versions had, the preset takes
     /// that rule, too.
     pub fn preset_with_run_settings(self, method: Method, run: &Experiment) -> Experiment {
-        let mut preset = self.experiment(method).with_seed(run.learner.seed());
-        preset.learner.take_removed_grouping(&run.learner);
+        let mut preset = self.preset_experiment(method).with_seed(run.learner.seed());
+        preset.learner.inherit_removed_grouping(&run.learner);
         Experiment {
             schedule: run.schedule.clone(),
             evaluation: run.evaluation,
@@ -261,11 +266,11 @@ impl Budget {
 
     /// Returns the schedule of task groups that a run of `method` trains on. The smoke budget's
     /// visits last whole rollouts, of `rollout` decisions.
-    fn schedule(self, method: Method, rollout: usize) -> Schedule {
+    fn schedule(self, method: Method, rollout: usize) -> TaskSchedule {
         let unit = if self == Self::Smoke { rollout } else { 1000 };
         // of Goal Reach, Button Press, Drawer Close and Plate Slide, in units
         let standard = |visits: [usize; 4]| {
-            TaskGroup::STANDARD.into_iter().zip(visits.map(|visit| visit * unit)).collect()
+            TaskGroup::STANDARD_GROUPS.into_iter().zip(visits.map(|visit| visit * unit)).collect()
         };
         let long = |groups: &[TaskGroup]| groups.iter().map(|&group| long_visit(group)).collect();
         let learns_fast = method == Method::CoversSac;
@@ -278,7 +283,7 @@ impl Budget {
             Self::Full => standard([4, 12, 6, 31]),
             Self::TableProtocol => standard([6, 18, 9, 35]),
             Self::ZeroShot => standard([8, 27, 12, 40]),
-            Self::Ten => long(&TaskGroup::TEN),
+            Self::Ten => long(&TaskGroup::TEN_GROUPS),
             Self::Mt10 => long(&TaskGroup::MT10),
             Self::All => long(&TaskGroup::ALL),
         };
@@ -287,7 +292,7 @@ impl Budget {
             Self::Full | Self::TableProtocol => 3,
             Self::Short | Self::ZeroShot | Self::Ten | Self::Mt10 | Self::All => 2,
         };
-        let mut schedule = Schedule::shuffled(cycles, &visits);
+        let mut schedule = TaskSchedule::shuffled(cycles, &visits);
         if self == Self::ZeroShot {
             for plan in &mut schedule.groups {
                 plan.variants = vec![D2::Identity];
@@ -299,29 +304,29 @@ impl Budget {
     fn evaluation(self) -> EvaluationPlan {
         match self {
             Self::Smoke => {
-                EvaluationPlan { recognition_repeats: 1, ..EvaluationPlan::AFTER_STREAM_ONLY }
+                EvaluationPlan { recognition_repeats: 1, ..EvaluationPlan::ONLY_FINAL_EVALUATION }
             }
             Self::Short => {
-                EvaluationPlan { episodes_per_env: 2, ..EvaluationPlan::AFTER_STREAM_ONLY }
+                EvaluationPlan { episodes_per_env: 2, ..EvaluationPlan::ONLY_FINAL_EVALUATION }
             }
             Self::Full | Self::ZeroShot => EvaluationPlan {
                 episodes_per_env: 4,
                 // as many as in the end, so that forgetting is measured on the same episodes
                 visit_episodes_per_env: 4,
-                ..EvaluationPlan::AFTER_STREAM_ONLY
+                ..EvaluationPlan::ONLY_FINAL_EVALUATION
             },
             // an evaluation after each of 20 visits plays all groups seen so far
             Self::Ten | Self::Mt10 | Self::All => EvaluationPlan {
                 episodes_per_env: 2,
                 visit_episodes_per_env: 2,
-                ..EvaluationPlan::AFTER_STREAM_ONLY
+                ..EvaluationPlan::ONLY_FINAL_EVALUATION
             },
             // 10 rounds of 10 environments give 100 episodes; evaluations between play a fifth
             Self::TableProtocol => EvaluationPlan {
                 episodes_per_env: 10,
                 visit_episodes_per_env: 2,
                 recognition_repeats: 10,
-                ..EvaluationPlan::AFTER_STREAM_ONLY
+                ..EvaluationPlan::ONLY_FINAL_EVALUATION
             },
         }
     }

@@ -8,7 +8,7 @@ use rl::RewardWarning;
 use serde::Serialize;
 
 use crate::error::RunError;
-use crate::evaluation::{EvaluationResults, GroupScore, Score};
+use crate::evaluation::{EvaluationResults, GroupScore, VariantScore};
 use crate::folder::{RunFolder, SUMMARY_FILE};
 
 /// Report of one training iteration: the learner's own, and the ground truth that the learner never
@@ -41,14 +41,14 @@ pub struct RolloutReport {
 impl RolloutReport {
     /// Returns the mean return of the episodes that ended in the rollout, on the paper's scale, in
     /// `[0, 500]`; `None` if no episode ended.
-    pub fn reward(&self) -> Option<f64> {
+    pub fn scaled_mean_return(&self) -> Option<f64> {
         let mean_return = self.iteration.rollout_stats.mean_return()?;
         Some(mean_return * self.reward_scale)
     }
 
     /// Returns the share of the rollout's ended episodes that succeeded at any step, in `[0, 1]`;
     /// `None` if no episode ended.
-    pub fn success(&self) -> Option<f64> {
+    pub fn success_rate(&self) -> Option<f64> {
         self.iteration.rollout_stats.success_rate()
     }
 }
@@ -76,7 +76,7 @@ pub enum RunEvent {
 
 /// Summary of a whole run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Summary {
+pub struct RunSummary {
     /// Number of decisions taken in training.
     pub decisions: usize,
     /// Wall-clock seconds of training, without evaluations, as far as they are known.
@@ -88,7 +88,8 @@ pub struct Summary {
     /// Number of policies that were merged into others.
     #[serde(rename = "merged")]
     pub merged_policies: usize,
-    /// Failures of single environments in training, see [`crate::Stream::environment_failures`].
+    /// Failures of single environments in training, see
+    /// [`crate::SwitchableVecEnv::environment_failures`].
     #[serde(rename = "failures")]
     pub environment_failures: usize,
     /// Number of rollouts that span a task switch; both accuracies leave them out.
@@ -104,17 +105,18 @@ pub struct Summary {
     /// Scores of each task group in the last evaluation.
     pub groups: Vec<GroupScore>,
     /// Scores of each task variant in the last evaluation.
-    pub variants: Vec<Score>,
+    pub variants: Vec<VariantScore>,
     /// CRC-32 of each table of the finished run by file name, as eight hexadecimal digits. It
     /// detects tables that were changed later.
     #[serde(rename = "tables")]
     pub table_checksums: BTreeMap<String, String>,
 }
 
-impl Summary {
+impl RunSummary {
     /// Writes the summary to the folder of a run, which marks the run as finished.
     pub(crate) fn write(&self, folder: &RunFolder) -> Result<(), RunError> {
-        let text = serde_json::to_string_pretty(self).map_err(RunError::writing(folder.path()))?;
+        let text =
+            serde_json::to_string_pretty(self).map_err(RunError::write_error_at(folder.path()))?;
         folder.replace_file(SUMMARY_FILE, text.as_bytes())
     }
 }

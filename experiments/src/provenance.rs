@@ -51,7 +51,7 @@ pub struct Provenance {
 
 impl Provenance {
     /// Name of the file with the provenance records in a run's folder.
-    pub const FILE_NAME: &str = "provenance.jsonl";
+    pub const PROVENANCE_FILE: &str = "provenance.jsonl";
 
     /// Returns the provenance of this process, which continues a run after `rollouts` rollouts.
     pub(crate) fn of_this_process(
@@ -67,10 +67,10 @@ impl Provenance {
             covers_version: env!("CARGO_PKG_VERSION").to_owned(),
             commit: option_env!("COVERS_COMMIT").map(str::to_owned),
             clean_checkout: option_env!("COVERS_CLEAN").map(|clean| clean == "true"),
-            mujoco_version: envs::mujoco::version(),
+            mujoco_version: envs::mujoco::library_version(),
             renderer,
             processor: processor_name().unwrap_or_else(|| "unknown".to_owned()),
-            instruction_sets: instruction_sets(),
+            instruction_sets: cpu_instruction_sets(),
             operating_system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             threads,
             gpu: gpu.map(str::to_owned),
@@ -83,8 +83,8 @@ impl Provenance {
     /// # Errors
     /// [`RunError::Read`].
     pub fn read(folder: &Path) -> Result<Vec<Self>, RunError> {
-        let path = folder.join(Self::FILE_NAME);
-        let text = std::fs::read_to_string(&path).map_err(RunError::reading(&path))?;
+        let path = folder.join(Self::PROVENANCE_FILE);
+        let text = std::fs::read_to_string(&path).map_err(RunError::read_error_at(&path))?;
         let lines = text.lines();
         Ok(lines.flat_map(serde_json::from_str).collect())
     }
@@ -106,7 +106,7 @@ pub fn processor_name() -> Option<String> {
 
 /// Returns the CPU's vector instruction sets that affect speed.
 #[cfg(target_arch = "x86_64")]
-pub fn instruction_sets() -> Vec<String> {
+pub fn cpu_instruction_sets() -> Vec<String> {
     let sets = [
         // the networks' kernels have versions for these sets
         ("avx512f", is_x86_feature_detected!("avx512f")),
@@ -118,7 +118,7 @@ pub fn instruction_sets() -> Vec<String> {
 
 /// Returns no instruction sets: none is detected on this architecture.
 #[cfg(not(target_arch = "x86_64"))]
-pub fn instruction_sets() -> Vec<String> {
+pub fn cpu_instruction_sets() -> Vec<String> {
     Vec::new()
 }
 

@@ -3,7 +3,7 @@
 use csv::{Reader, StringRecord};
 use serde::{Deserialize, Serialize};
 
-use crate::run_stats::{RolloutCounts, add_rollout_count};
+use crate::run_stats::{RolloutCountsByGroup, add_rollout_count};
 
 /// Contents of a run's tables at a checkpoint, from which lost or damaged files are restored.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -32,8 +32,8 @@ struct AssignmentColumns {
 
 impl TableSnapshots {
     /// Counts the rollouts of each group by policy, without those that span a task switch.
-    pub fn rollout_counts(&self) -> Result<RolloutCounts, csv::Error> {
-        let mut served = RolloutCounts::default();
+    pub fn rollout_counts(&self) -> Result<RolloutCountsByGroup, csv::Error> {
+        let mut served = RolloutCountsByGroup::default();
         for row in Reader::from_reader(self.metrics.as_bytes()).deserialize() {
             let AssignmentColumns { group, spans_switch, policy } = row?;
             if !spans_switch {

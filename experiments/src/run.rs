@@ -11,7 +11,7 @@ use rl::RewardWarning;
 
 use crate::clocked_stream::ClockedStream;
 use crate::error::RunError;
-use crate::evaluation::{Evaluator, Score, average_by_group};
+use crate::evaluation::{Evaluator, VariantScore, average_scores_by_group};
 use crate::experiment::Experiment;
 use crate::latest_frame::LatestFrame;
 use learner::{CheckpointExtent, DeviceChoice, IterationReport, Learner};
@@ -23,7 +23,7 @@ use crate::logs::RunTables;
 use crate::memory;
 use crate::note::RunState;
 use crate::printable::printable_message;
-use crate::progress::{EvaluationReport, RolloutReport, RunEvent, Summary};
+use crate::progress::{EvaluationReport, RolloutReport, RunEvent, RunSummary};
 use crate::provenance::Provenance;
 use crate::run_stats::RunStats;
 use crate::scoring::{StoppableEvaluation, recognition_repeats};
@@ -48,7 +48,7 @@ pub struct Run {
     /// Episodes in each environment of the evaluation that is due before the next rollout; 0 for
     /// none.
     due: usize,
-    last_scores: Vec<Score>,
+    last_scores: Vec<VariantScore>,
     /// Number of rollouts and value of `due` in the newest checkpoint.
     saved: Option<(usize, usize)>,
     /// Kinds of reward warnings that were given, each once.
@@ -66,7 +66,7 @@ impl Run {
     /// [`RunError::InvalidSetting`], [`RunError::FolderHoldsRun`], [`RunError::Locked`]; errors of
     /// the environments or the file system.
     pub fn start(experiment: Experiment, folder: RunFolder) -> Result<Self, RunError> {
-        Self::start_with_tasks(experiment, TaskRegistry::all(), folder)
+        Self::start_with_tasks(experiment, TaskRegistry::with_all(), folder)
     }
 
     /// Starts a run over task groups of the registry `tasks`, with `folder` for its files.
@@ -91,7 +91,7 @@ impl Run {
     /// [`learner::LearnerError::PoliciesOnlyCheckpoint`] for a packed folder; errors of the
     /// environments.
     pub fn resume(folder: &Path, threads: Option<usize>) -> Result<Self, RunError> {
-        let (folder, tasks) = (RunFolder::from_path(folder), TaskRegistry::all());
+        let (folder, tasks) = (RunFolder::from_path(folder), TaskRegistry::with_all());
         Self::resume_with_tasks(folder, threads, DeviceChoice::Cpu, tasks)
     }
 
@@ -117,7 +117,7 @@ impl Run {
         // environments before threads: the first model of a process sets an environment variable
         // for software rendering
         let stream = ClockedStream::new(&experiment, &tasks, labels.clone(), stats.decisions)?;
-        let evaluator = Evaluator::of_run(&experiment, &tasks, labels)?;
+        let evaluator = Evaluator::for_experiment(&experiment, &tasks, labels)?;
         let pool = thread_pool(experiment.envs.threads)?;
         // tables are opened last, since that removes rows behind the checkpoint, which must not
         // happen if anything else fails
@@ -216,7 +216,7 @@ impl Run {
 
     /// Trains on one more rollout or runs the evaluation that is due, and saves a checkpoint if one
     /// is due. Returns `None` if the run has finished, or after a [stop](Run::set_stop_signal) was
-    /// requested; then [`Run::save`] keeps the progress since the last checkpoint.
+    /// requested; then [`Run::save_checkpoint`] keeps the progress since the last checkpoint.
     ///
     /// # Errors
     /// Errors of all parts; [`RunError::Panicked`], and [`RunError::FailedEarlier`] after an error.
@@ -254,7 +254,7 @@ impl Run {
         // the last checkpoints are saved both before and after the final evaluation, which may take
         // minutes
         if self.visit().is_none() || (rollouts > 0 && rollouts.is_multiple_of(every)) {
-            self.save()?;
+            self.save_checkpoint()?;
         }
         Ok(Some(event))
     }
@@ -345,7 +345,7 @@ impl Run {
     ///
     /// # Errors
     /// Errors of the evaluation.
-    pub fn evaluate(&mut self, rounds: usize) -> Result<Vec<Score>, RunError> {
+    pub fn evaluate(&mut self, rounds: usize) -> Result<Vec<VariantScore>, RunError> {
         let results = self.scoring(&StopSignal::default()).score(rounds, 0)?;
         Ok(results.unwrap_or_default().scores)
     }
@@ -360,7 +360,7 @@ impl Run {
     /// # Errors
     /// [`RunError::FailedEarlier`], [`learner::LearnerError::NotFinite`], [`RunError::Write`].
     /// Older checkpoints stay.
-    pub fn save(&mut self) -> Result<(), RunError> {
+    pub fn save_checkpoint(&mut self) -> Result<(), RunError> {
         if self.broken {
             return Err(RunError::FailedEarlier);
         }
@@ -374,7 +374,9 @@ impl Run {
             due_episodes_per_env: due,
             tables: self.tables.snapshot(),
         };
-        let note = state.into_note(&self.experiment).map_err(RunError::writing(&path))?;
+        let note = state
+            .into_checkpoint_note(&self.experiment)
+            .map_err(RunError::write_error_at(&path))?;
         let bytes = self.learner.to_checkpoint_bytes(&path, CheckpointExtent::Everything, &note)?;
         let checksum = crc32fast::hash(&bytes).into();
         check_equal_on_ranks(&self.folder, "have checkpoints with checksums", checksum)?;
@@ -388,8 +390,8 @@ impl Run {
     fn write_checkpoint(&self, bytes: &[u8]) -> Result<(), RunError> {
         // tables and logs are synced first, so that a checkpoint is never ahead of them on the disk
         self.tables.sync()?;
-        self.folder.replace_file(SAVED_TIMINGS_FILE, self.tables.timings())?;
-        self.folder.sync_files(&[Provenance::FILE_NAME, LOG])?;
+        self.folder.replace_file(SAVED_TIMINGS_FILE, self.tables.timings_csv())?;
+        self.folder.sync_files(&[Provenance::PROVENANCE_FILE, LOG])?;
         let (disk, keep) = (self.folder.disk(), self.experiment.checkpoints.keep);
         let (folder, rollouts) = (self.folder.checkpoint_folder(), self.stats.rollouts);
         checkpoints::write_checkpoint(disk, &folder, rollouts, bytes, keep)
@@ -402,7 +404,7 @@ impl Run {
     ///
     /// # Errors
     /// Errors of the evaluation or of writing the file.
-    pub fn summary(&mut self) -> Result<Option<Summary>, RunError> {
+    pub fn summary(&mut self) -> Result<Option<RunSummary>, RunError> {
         if self.last_scores.is_empty() {
             let rounds = self.experiment.evaluation.episodes_per_env;
             let stop = self.stop.clone();
@@ -412,7 +414,7 @@ impl Run {
             self.last_scores = results.scores;
         }
         let stats = &self.stats;
-        let summary = Summary {
+        let summary = RunSummary {
             decisions: stats.decisions,
             seconds: stats.seconds,
             decisions_per_second: self.tables.timing_sums().decisions_per_second(),
@@ -422,7 +424,7 @@ impl Run {
             switch_rollouts: stats.switch_rollouts,
             assignment_accuracy: stats.assignment_accuracy(),
             revisit_accuracy: stats.revisit_accuracy(),
-            groups: average_by_group(&self.last_scores),
+            groups: average_scores_by_group(&self.last_scores),
             variants: self.last_scores.clone(),
             table_checksums: self.tables.checksums(),
         };

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use symmetry::D2;
 
 use crate::error::RunError;
-use crate::evaluation::RECOGNITION_EPISODES;
+use crate::evaluation::RECOGNITION_EPISODE_COUNTS;
 use crate::experiment::Experiment;
 use crate::folder::RunFolder;
 use crate::printable::escape_unprintable;
@@ -86,7 +86,7 @@ impl RunData {
     pub fn read(path: &Path) -> Result<Self, RunError> {
         let folder = RunFolder::from_path(path);
         if folder.is_finished() {
-            folder.verify_tables()?;
+            folder.verify_table_checksums()?;
         }
         let scores: Vec<ScoreRow> = rows(&folder.file_path("evaluation.csv"))?;
         let rollouts: Vec<RolloutRow> = rows(&folder.file_path("metrics.csv"))?;
@@ -108,7 +108,7 @@ impl RunData {
             return Err(unfit(path, problem));
         }
         // runs of older versions have no provenance
-        let has_provenance = path.join(Provenance::FILE_NAME).exists();
+        let has_provenance = path.join(Provenance::PROVENANCE_FILE).exists();
         let provenance = if has_provenance { Provenance::read(path)? } else { Vec::new() };
         Ok(Self {
             name: name_of(path)?,
@@ -158,7 +158,7 @@ impl RunData {
     /// Returns for each policy the threshold of the rollout's distance to it: the grouping's fixed
     /// threshold, or the largest distance under permutation, which chance alone can reach. Items
     /// are `None` for groupings that permute other scores than distances.
-    pub fn thresholds(&self, row: &RolloutRow) -> Vec<Option<f64>> {
+    pub fn policy_distance_thresholds(&self, row: &RolloutRow) -> Vec<Option<f64>> {
         match self.experiment.learner.grouping() {
             GroupingSettings::Threshold { threshold } => vec![Some(threshold); row.distances.len()],
             GroupingSettings::Evidence(_) => vec![None; row.distances.len()],
@@ -173,7 +173,7 @@ impl RunData {
     }
 
     /// Returns the distinct Git commits that the run was made with; local changes are marked.
-    pub fn commits(&self) -> Vec<String> {
+    pub fn git_commits(&self) -> Vec<String> {
         let commits = self.provenance.iter().map(|process| {
             let commit = process.commit.as_deref().unwrap_or("unknown");
             let commit: String = escape_unprintable(commit).chars().take(COMMIT_LENGTH).collect();
@@ -344,7 +344,7 @@ fn check_recognition(
     let scored = |group: &str| scores.iter().any(|row| row.group == group);
     let sound = |row: &RecognitionRow| {
         counted(row.count)
-            && RECOGNITION_EPISODES.contains(&row.episodes_shown)
+            && RECOGNITION_EPISODE_COUNTS.contains(&row.episodes_shown)
             && scored(&row.group)
     };
     if !answers.iter().all(sound) {
@@ -367,7 +367,7 @@ fn check_recognition(
     let variants = scores.iter().filter(|row| Some(row.rollouts) == last);
     let mut expected = 0;
     for (row, episodes) in
-        variants.flat_map(|row| RECOGNITION_EPISODES.map(|episodes| (row, episodes)))
+        variants.flat_map(|row| RECOGNITION_EPISODE_COUNTS.map(|episodes| (row, episodes)))
     {
         let asked = times.get(&(row.group.as_str(), row.element.as_str(), episodes));
         let asked = asked.copied().unwrap_or(0);
@@ -399,14 +399,14 @@ fn unfit(folder: &Path, problem: &str) -> RunError {
 
 /// Returns the last part of a path, also for `.`.
 fn name_of(path: &Path) -> Result<String, RunError> {
-    let whole = path.canonicalize().map_err(RunError::reading(path))?;
+    let whole = path.canonicalize().map_err(RunError::read_error_at(path))?;
     let name = whole.file_name().unwrap_or(whole.as_os_str());
     Ok(escape_unprintable(&name.to_string_lossy()))
 }
 
 /// Reads all rows of a complete table (CSV) of a run.
 fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
-    let text = std::fs::read(path).map_err(RunError::reading(path))?;
+    let text = std::fs::read(path).map_err(RunError::read_error_at(path))?;
     // without a line end the last cell may be cut, and pass for another number
     if text.last().is_some_and(|&last| last != b'\n') {
         let problem = "the last row has no line end, as every row of a whole table has: the file \
@@ -441,7 +441,7 @@ fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Option<Vec<R>>, Run
 fn whole_rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
     let text = match std::fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
-        read => read.map_err(RunError::reading(path))?,
+        read => read.map_err(RunError::read_error_at(path))?,
     };
     let end = text.iter().rposition(|&byte| byte == b'\n');
     let whole = &text[..end.map_or(0, |end| end + 1)];
@@ -456,7 +456,7 @@ mod tests {
 
     #[test]
     fn a_run_has_seconds_where_every_rollout_has() {
-        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let mut run = RunData::empty("run", Budget::Smoke.preset_experiment(Method::Covers));
         assert_eq!(run.training_seconds(), Some(0.0));
         // of a process after a crash that took the table with it
         run.timings = vec![TimingRow::default()];
@@ -466,7 +466,7 @@ mod tests {
     /// A table that was sorted by variants has the rows of a group apart.
     #[test]
     fn a_group_is_named_once_wherever_its_rows_are() {
-        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let mut run = RunData::empty("run", Budget::Smoke.preset_experiment(Method::Covers));
         let row = |group: &str| ScoreRow { group: group.to_owned(), ..ScoreRow::default() };
         run.scores = ["b", "a", "b"].map(row).to_vec();
         assert_eq!(run.scored_groups(), ["b", "a"]);
@@ -474,19 +474,23 @@ mod tests {
 
     #[test]
     fn distances_are_held_to_chance_or_to_the_threshold_of_the_paper() {
-        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let mut run = RunData::empty("run", Budget::Smoke.preset_experiment(Method::Covers));
         let row = RolloutRow {
             distances: vec![Some(0.5), None],
             permutation_maxima: vec![Some(0.25), None],
             ..RolloutRow::default()
         };
-        assert_eq!(run.thresholds(&row), [None, None], "sources of evidence have no common unit");
+        assert_eq!(
+            run.policy_distance_thresholds(&row),
+            [None, None],
+            "sources of evidence have no common unit"
+        );
         let learner::LearnerSettings::Covers(settings) = &mut run.experiment.learner else {
             panic!("covers learns by PPO");
         };
         settings.grouping = serde_json::from_str(r#"{"calibrated": {}}"#).unwrap();
-        assert_eq!(run.thresholds(&row), [Some(0.25), None]);
+        assert_eq!(run.policy_distance_thresholds(&row), [Some(0.25), None]);
         run.experiment.learner = Method::Paper.learner_settings();
-        assert_eq!(run.thresholds(&row), [Some(1.0), Some(1.0)]);
+        assert_eq!(run.policy_distance_thresholds(&row), [Some(1.0), Some(1.0)]);
     }
 }

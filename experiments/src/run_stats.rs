@@ -6,12 +6,12 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::evaluation::OwnPolicies;
+use crate::evaluation::OwnPolicyByGroup;
 use crate::schema::RolloutRow;
 
 /// Number of rollouts by task group and by the policy that they were assigned to, without rollouts
 /// that span a task switch.
-pub type RolloutCounts = BTreeMap<String, BTreeMap<usize, usize>>;
+pub type RolloutCountsByGroup = BTreeMap<String, BTreeMap<usize, usize>>;
 
 /// Statistics of a run from the ground-truth groups, which the learner does not see.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -30,7 +30,7 @@ pub struct RunStats {
     /// task switch. Checkpoints leave them out, since the rows of `metrics.csv` in the checkpoint
     /// hold them.
     #[serde(skip)]
-    pub rollout_counts: RolloutCounts,
+    pub rollout_counts: RolloutCountsByGroup,
     /// Number of rollouts trained on, including those that span a task switch.
     pub rollouts: usize,
     /// Number of decisions taken in training.
@@ -52,7 +52,7 @@ pub struct RunStats {
     #[serde(rename = "right_returns")]
     pub correct_revisits: usize,
     /// Number of failures of single environments in training, see
-    /// [`crate::Stream::environment_failures`].
+    /// [`crate::SwitchableVecEnv::environment_failures`].
     #[serde(rename = "failures")]
     pub environment_failures: usize,
     /// Wall-clock seconds of training, without evaluations. Checkpoints leave them out, so that
@@ -120,7 +120,7 @@ impl RunStats {
 
     /// Returns the policy that served each task group in most of its rollouts; the lowest index
     /// wins ties. Merged policies count as the policy that acts for them, and groups may share one.
-    pub fn own_policies(&self) -> OwnPolicies {
+    pub fn own_policies(&self) -> OwnPolicyByGroup {
         let own = |(group, served): (&String, &BTreeMap<usize, usize>)| {
             let mut acted: BTreeMap<usize, usize> = BTreeMap::new();
             for (&policy, &rollouts) in served {
@@ -186,7 +186,7 @@ pub fn surviving_policy(merged_into: &[Option<usize>], policy: usize) -> usize {
 }
 
 /// Adds one rollout of `group` that was assigned to `policy` to the counts `served`.
-pub(crate) fn add_rollout_count(served: &mut RolloutCounts, group: &str, policy: usize) {
+pub(crate) fn add_rollout_count(served: &mut RolloutCountsByGroup, group: &str, policy: usize) {
     let of_group = served.entry(group.to_owned()).or_default();
     *of_group.entry(policy).or_default() += 1;
 }

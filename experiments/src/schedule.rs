@@ -10,13 +10,13 @@ use crate::error::RunError;
 
 /// Largest number of decisions of a training stream, more than a thousand times as many as presets
 /// have.
-pub const MAX_DECISIONS: usize = 288_000_000;
+pub const MAX_STREAM_DECISIONS: usize = 288_000_000;
 
 /// Plan of the training stream: task groups, cycles, order and clock, which the learner does not
 /// see.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Schedule {
+pub struct TaskSchedule {
     /// Task groups of one cycle of the stream, each once.
     pub groups: Vec<GroupSchedule>,
     /// Number of cycles through the task groups, at least 1.
@@ -72,7 +72,7 @@ pub enum VisitOrder {
 
 /// Visit of the training stream to one task group: its variants and its length.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Visit {
+pub struct GroupVisit {
     /// Name of the visited task group; the learner does not see it.
     pub group: String,
     /// Elements of D2 whose variants the episodes of the visit are drawn from.
@@ -81,7 +81,7 @@ pub struct Visit {
     pub decisions: usize,
 }
 
-impl Schedule {
+impl TaskSchedule {
     /// Creates a shuffled schedule on [`StreamClock::EnvironmentTime`] with all variants of these
     /// groups; each pair holds a group and the decisions of one visit.
     pub fn shuffled(cycles: usize, visits: &[(TaskGroup, usize)]) -> Self {
@@ -123,17 +123,17 @@ impl Schedule {
         Ok(())
     }
 
-    /// Returns the number of decisions of the whole stream, at most [`MAX_DECISIONS`].
+    /// Returns the number of decisions of the whole stream, at most [`MAX_STREAM_DECISIONS`].
     pub fn total_decisions(&self) -> usize {
-        self.checked_decisions().unwrap_or(MAX_DECISIONS)
+        self.checked_decisions().unwrap_or(MAX_STREAM_DECISIONS)
     }
 
-    /// Returns the decisions of the whole stream; `None` above [`MAX_DECISIONS`].
+    /// Returns the decisions of the whole stream; `None` above [`MAX_STREAM_DECISIONS`].
     fn checked_decisions(&self) -> Option<usize> {
         let mut visits = self.groups.iter().map(|plan| plan.decisions);
         let cycle = visits.try_fold(0, usize::checked_add)?;
         let total = cycle.checked_mul(self.cycles)?;
-        (total <= MAX_DECISIONS).then_some(total)
+        (total <= MAX_STREAM_DECISIONS).then_some(total)
     }
 
     /// Returns the task groups of the schedule, looked up by their names in `tasks`.
@@ -180,8 +180,9 @@ impl Schedule {
     }
 
     /// Draws the visits of the whole training stream, in order. [`VisitOrder::Switching`] may
-    /// switch groups every `period` decisions. The schedule must have passed [`Schedule::check`].
-    pub fn draw_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+    /// switch groups every `period` decisions. The schedule must have passed
+    /// [`TaskSchedule::check`].
+    pub fn draw_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<GroupVisit> {
         match self.order {
             VisitOrder::Fixed => (0..self.cycles)
                 .flat_map(|_| self.groups.iter().map(GroupSchedule::visit))
@@ -191,8 +192,8 @@ impl Schedule {
         }
     }
 
-    fn shuffled_visits(&self, rng: &mut ChaCha8Rng) -> Vec<Visit> {
-        let mut visits: Vec<Visit> = Vec::with_capacity(self.groups.len() * self.cycles);
+    fn shuffled_visits(&self, rng: &mut ChaCha8Rng) -> Vec<GroupVisit> {
+        let mut visits: Vec<GroupVisit> = Vec::with_capacity(self.groups.len() * self.cycles);
         for _ in 0..self.cycles {
             let mut order: Vec<usize> = (0..self.groups.len()).collect();
             for last in (1..order.len()).rev() {
@@ -207,7 +208,7 @@ impl Schedule {
         visits
     }
 
-    fn switching_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<Visit> {
+    fn switching_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<GroupVisit> {
         let others = self.groups.len() - 1;
         let mut current = rng.random_range(0..=others);
         let mut visits = vec![self.groups[current].empty_visit()];
@@ -254,25 +255,25 @@ impl GroupSchedule {
         Ok(())
     }
 
-    fn visit(&self) -> Visit {
-        Visit { decisions: self.decisions, ..self.empty_visit() }
+    fn visit(&self) -> GroupVisit {
+        GroupVisit { decisions: self.decisions, ..self.empty_visit() }
     }
 
-    fn empty_visit(&self) -> Visit {
-        Visit { group: self.group.clone(), variants: self.variants.clone(), decisions: 0 }
+    fn empty_visit(&self) -> GroupVisit {
+        GroupVisit { group: self.group.clone(), variants: self.variants.clone(), decisions: 0 }
     }
 }
 
 /// Visits of a training stream to task groups, with the decisions at which they end.
 #[derive(Clone, Debug)]
 pub(crate) struct Timetable {
-    visits: Vec<Visit>,
+    visits: Vec<GroupVisit>,
     /// Number of decisions from the start of the stream to the end of each visit.
     ends: Vec<usize>,
 }
 
 impl Timetable {
-    pub fn new(visits: Vec<Visit>) -> Self {
+    pub fn new(visits: Vec<GroupVisit>) -> Self {
         let mut end = 0;
         let ends = visits.iter().map(|visit| {
             end += visit.decisions;
@@ -289,7 +290,7 @@ impl Timetable {
     }
 
     /// Returns the visit to a task group with index `index`, and all earlier visits.
-    pub fn visit_and_earlier(&self, index: usize) -> (&Visit, &[Visit]) {
+    pub fn visit_and_earlier(&self, index: usize) -> (&GroupVisit, &[GroupVisit]) {
         (&self.visits[index], &self.visits[..index])
     }
 }
@@ -300,16 +301,16 @@ mod tests {
     use rand::SeedableRng;
     use std::collections::HashSet;
 
-    fn shuffled(cycles: usize, decisions: [usize; 4]) -> Schedule {
-        let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
-        Schedule::shuffled(cycles, &visits)
+    fn shuffled(cycles: usize, decisions: [usize; 4]) -> TaskSchedule {
+        let visits: Vec<_> = TaskGroup::STANDARD_GROUPS.into_iter().zip(decisions).collect();
+        TaskSchedule::shuffled(cycles, &visits)
     }
 
-    fn visits(schedule: &Schedule, seed: u64) -> Vec<Visit> {
+    fn visits(schedule: &TaskSchedule, seed: u64) -> Vec<GroupVisit> {
         schedule.draw_visits(1, &mut ChaCha8Rng::seed_from_u64(seed))
     }
 
-    fn never_twice_running(visits: &[Visit]) -> bool {
+    fn never_twice_running(visits: &[GroupVisit]) -> bool {
         visits.windows(2).all(|pair| pair[0].group != pair[1].group)
     }
 
@@ -329,16 +330,16 @@ mod tests {
 
     #[test]
     fn a_fixed_stream_repeats_its_list() {
-        let schedule = Schedule { order: VisitOrder::Fixed, ..shuffled(2, [1; 4]) };
+        let schedule = TaskSchedule { order: VisitOrder::Fixed, ..shuffled(2, [1; 4]) };
         let groups = visits(&schedule, 0).into_iter().map(|visit| visit.group);
         let groups: Vec<String> = groups.collect();
-        let names = TaskGroup::STANDARD.map(|group| group.name().to_owned());
+        let names = TaskGroup::STANDARD_GROUPS.map(|group| group.name().to_owned());
         assert_eq!(groups, [names.clone(), names].concat());
     }
 
     #[test]
     fn a_switching_stream_is_as_long_and_its_visits_have_the_mean_length() {
-        let schedule = Schedule { order: VisitOrder::Switching, ..shuffled(500, [2, 8, 4, 2]) };
+        let schedule = TaskSchedule { order: VisitOrder::Switching, ..shuffled(500, [2, 8, 4, 2]) };
         let visits = visits(&schedule, 1);
         assert!(never_twice_running(&visits));
         let total: usize = visits.iter().map(|visit| visit.decisions).sum();
@@ -365,7 +366,7 @@ mod tests {
 
     #[test]
     fn plans_that_make_no_stream_are_refused_by_name() {
-        type Spoil = fn(&mut Schedule);
+        type Spoil = fn(&mut TaskSchedule);
         let cases: [(Spoil, &str); 8] = [
             (|s| s.groups.clear(), "at least one group"),
             (|s| s.cycles = 0, "`schedule.cycles` is 0"),
@@ -394,9 +395,9 @@ mod tests {
     #[test]
     fn names_are_resolved_and_unknown_ones_refused_with_the_known() {
         let mut schedule = shuffled(1, [1; 4]);
-        let tasks = TaskRegistry::standard();
+        let tasks = TaskRegistry::with_standard();
         let groups = schedule.resolve_groups(&tasks).unwrap();
-        assert_eq!(groups, TaskGroup::STANDARD);
+        assert_eq!(groups, TaskGroup::STANDARD_GROUPS);
         schedule.groups[1].group = "peg-insert".to_owned();
         let message = schedule.resolve_groups(&tasks).unwrap_err().to_string();
         assert!(message.contains("peg-insert") && message.contains("drawer-close"));
@@ -404,7 +405,7 @@ mod tests {
 
     #[test]
     fn a_visit_ends_where_the_next_begins() {
-        let visit = |decisions: usize| Visit {
+        let visit = |decisions: usize| GroupVisit {
             group: decisions.to_string(),
             variants: Vec::new(),
             decisions,

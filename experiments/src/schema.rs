@@ -105,8 +105,8 @@ pub struct ScoreRow {
     /// Mean return of the episodes on the paper's scale, in `[0, 500]`.
     pub reward: f64,
     /// Index of the task group's own policy among the learner's policies
-    /// ([`OwnPolicies`](crate::evaluation::OwnPolicies)). All `own_` columns are `None` if the
-    /// group had none yet, and in rows of older versions.
+    /// ([`OwnPolicyByGroup`](crate::evaluation::OwnPolicyByGroup)). All `own_` columns are `None`
+    /// if the group had none yet, and in rows of older versions.
     #[serde(default)]
     pub own_policy: Option<usize>,
     /// Share of episodes in which the group's own policy succeeded at any step, in `[0, 1]`.
@@ -122,7 +122,7 @@ pub struct ScoreRow {
 
 impl ScoreRow {
     /// Returns `true` if the learner chose another policy than the group's own.
-    pub fn is_mismatch(&self) -> bool {
+    pub fn is_policy_mismatch(&self) -> bool {
         let both = self.policy.zip(self.own_policy);
         both.is_some_and(|(policy, own)| policy != own)
     }

@@ -4,7 +4,7 @@ use envs::TaskVariant;
 use rayon::ThreadPool;
 
 use crate::error::RunError;
-use crate::evaluation::{EvaluationResults, Evaluator, OwnPolicies};
+use crate::evaluation::{EvaluationResults, Evaluator, OwnPolicyByGroup};
 use crate::experiment::Experiment;
 use learner::Learner;
 
@@ -25,7 +25,7 @@ pub(crate) struct StoppableEvaluation<'a> {
     pool: &'a ThreadPool,
     learner: &'a mut dyn Learner,
     evaluator: &'a mut Evaluator,
-    own: OwnPolicies,
+    own: OwnPolicyByGroup,
     stop: &'a StopSignal,
 }
 
@@ -34,7 +34,7 @@ impl<'a> StoppableEvaluation<'a> {
         pool: &'a ThreadPool,
         learner: &'a mut dyn Learner,
         evaluator: &'a mut Evaluator,
-        own: OwnPolicies,
+        own: OwnPolicyByGroup,
         stop: &'a StopSignal,
     ) -> Self {
         evaluator.set_stop_signal(stop.clone());
@@ -70,7 +70,7 @@ impl<'a> StoppableEvaluation<'a> {
         mut visit: impl FnMut(&mut Evaluator, &mut dyn Learner, TaskVariant) -> Result<(), RunError>
         + Send,
     ) -> Result<bool, RunError> {
-        for variant in self.evaluator.variants() {
+        for variant in self.evaluator.task_variants() {
             if self.stop.is_requested() {
                 return Ok(false);
             }

@@ -75,7 +75,8 @@ fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec
     let scene = Arc::new(scene);
     let mut table = TableTop::new(Arc::clone(&scene), settings.control)?;
     let mut renderer = SceneRenderer::new(scene)?;
-    let placement = group.task().draw_placement(&mut ChaCha8Rng::seed_from_u64(settings.seed));
+    let placement =
+        group.identity_task().sample_placement(&mut ChaCha8Rng::seed_from_u64(settings.seed));
     D2::ALL
         .into_iter()
         .map(|element| {
@@ -93,7 +94,7 @@ pub fn mark_goal(table: &TableTop, rgb: &mut [u8]) {
     if let Some(goal) = table.observable_goal() {
         let camera = table.scene().camera;
         let mark = GripperMark { color: VECTOR_GOAL, ..camera.mark };
-        camera.draw_mark(&mark, goal, rgb);
+        camera.draw_gripper_mark(&mark, goal, rgb);
     }
 }
 

@@ -8,7 +8,7 @@ use crate::error::RunError;
 use crate::experiment::Experiment;
 use crate::memory;
 use crate::sheet::contact_sheet;
-use crate::stream::Stream;
+use crate::stream::SwitchableVecEnv;
 use learner::overrides::check_same_settings;
 use learner::{DeviceChoice, Learner, TaskLabel};
 
@@ -44,7 +44,7 @@ pub(crate) fn start(
     tasks: TaskRegistry,
     folder: RunFolder,
 ) -> Result<PreparedRun, RunError> {
-    experiment.learner.set_ranks(folder.process_ranks().clone())?;
+    experiment.learner.set_process_ranks(folder.process_ranks().clone())?;
     experiment.check(&tasks)?;
     memory::check_run_memory(&experiment)?;
     let (folder, lock) = folder.lock()?;
@@ -63,7 +63,7 @@ fn begin(locked: LockedRun, new: bool, start_message: String) -> Result<Prepared
     // First of all, while the process has one thread: loading a model sets an environment variable
     // for software rendering.
     let sheet = contact_sheet(&experiment.envs, &groups)?;
-    let (spec, labels) = (Stream::env_spec(&experiment.envs), TaskLabel::default());
+    let (spec, labels) = (SwitchableVecEnv::env_spec(&experiment.envs), TaskLabel::default());
     let learner = experiment.learner.new_learner(&spec, &labels)?;
     // from here on only the disk can fail, so no invalid settings cost the files of another run
     if new {
@@ -100,13 +100,13 @@ pub(crate) fn resume(
     }
     let (folder, lock) = folder.lock()?;
     let mut experiment = folder.read_experiment()?.with_device(device)?;
-    experiment.learner.set_ranks(folder.process_ranks().clone())?;
+    experiment.learner.set_process_ranks(folder.process_ranks().clone())?;
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;
     memory::check_run_memory(&experiment)?;
     let locked = LockedRun { lock, experiment, tasks, folder };
     let settings = &locked.experiment;
-    let (spec, labels) = (Stream::env_spec(&settings.envs), TaskLabel::default());
+    let (spec, labels) = (SwitchableVecEnv::env_spec(&settings.envs), TaskLabel::default());
     let read = |path: &Path| {
         let (learner, note) = settings.learner.load_for_training(path, &spec, &labels)?;
         let mut saved = SavedRun::parse(path, &note)?;

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::flag;
 
-use rl::Ranks;
+use rl::ProcessRanks;
 
 use crate::error::RunError;
 
@@ -17,7 +17,7 @@ pub struct StopSignal {
     requested: Arc<AtomicBool>,
     /// `true` once a call of [`StopSignal::is_requested`] has returned `true`.
     seen: Arc<AtomicBool>,
-    ranks: Ranks,
+    ranks: ProcessRanks,
 }
 
 impl StopSignal {
@@ -55,7 +55,7 @@ impl StopSignal {
 
     /// Returns a stop signal that all `ranks` see once it is requested on one of them. They must
     /// call [`StopSignal::is_requested`] equally often.
-    pub(crate) fn on_ranks(self, ranks: Ranks) -> Self {
+    pub(crate) fn on_ranks(self, ranks: ProcessRanks) -> Self {
         Self { ranks, ..self }
     }
 

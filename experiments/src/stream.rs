@@ -2,8 +2,10 @@
 
 use std::time::Instant;
 
-use envs::{Control, EnvError, ObservationsMut, StepMut, TaskGroup, VecEnv, VecEnvSettings};
-use rl::{BoxedEnvError, EnvSpec, Observations, Ranks, StepOutcome, Transition, VectorEnv};
+use envs::{
+    ActionSettings, EnvError, ObservationsMut, StepResultsMut, TaskGroup, VecEnv, VecEnvSettings,
+};
+use rl::{BoxedEnvError, EnvSpec, Observations, ProcessRanks, StepOutcome, Transition, VectorEnv};
 use symmetry::D2;
 
 use crate::error::RunError;
@@ -27,7 +29,7 @@ pub struct InputScaling {
 
 /// Components of the network's vector input, in order. Components that change sign under a flip
 /// have offset 0, so scaling preserves flips; so have goals, whose zero means hidden.
-pub const VECTOR_INPUT_SCALING: [InputScaling; envs::VECTOR_DIM] = [
+pub const VECTOR_INPUT_SCALING: [InputScaling; envs::VECTOR_OBSERVATION_DIM] = [
     position("hand x", 0.0),
     position("hand y", 0.0),
     position("hand z", MIDDLE_HEIGHT),
@@ -51,41 +53,42 @@ const fn position(name: &'static str, offset: f32) -> InputScaling {
 
 /// Vectorised environments of a run as the learner sees them, with scaled observations. The task
 /// group is set from outside and shows only in the observations.
-pub struct Stream {
+pub struct SwitchableVecEnv {
     env: VecEnv,
     spec: EnvSpec,
     truncated: Vec<bool>,
     failures: usize,
     seconds: f64,
     stop: StopSignal,
-    ranks: Ranks,
+    ranks: ProcessRanks,
 }
 
-impl Stream {
+impl SwitchableVecEnv {
     /// Creates environments of the first of `groups`, with variants drawn from all four elements.
     /// The other groups are prepared, so that a later switch takes no time.
     ///
     /// # Errors
     /// [`RunError::InvalidSetting`] if `groups` is empty; errors of the environments.
     pub fn new(settings: VecEnvSettings, groups: &[TaskGroup]) -> Result<Self, RunError> {
-        Self::on_ranks(settings, groups, Ranks::default())
+        Self::on_ranks(settings, groups, ProcessRanks::default())
     }
 
-    /// Creates environments as [`Stream::new`] does; each of the processes `ranks` steps a share.
+    /// Creates environments as [`SwitchableVecEnv::new`] does; each of the processes `ranks` steps
+    /// a share.
     ///
     /// # Errors
-    /// As [`Stream::new`].
+    /// As [`SwitchableVecEnv::new`].
     pub fn on_ranks(
         settings: VecEnvSettings,
         groups: &[TaskGroup],
-        ranks: Ranks,
+        ranks: ProcessRanks,
     ) -> Result<Self, RunError> {
         let first = *groups.first().ok_or_else(|| RunError::InvalidSetting {
             name: "groups",
             value: "empty".to_owned(),
             expected: "at least one task group",
         })?;
-        let share = ranks.share(settings.num_envs);
+        let share = ranks.local_range(settings.num_envs);
         let mut env = VecEnv::new_shard(settings, first, &D2::ALL, share)?;
         env.prepare_task_groups(groups)?;
         Ok(Self {
@@ -111,7 +114,7 @@ impl Stream {
         EnvSpec {
             num_envs: settings.num_envs,
             image_shape: [size, size, settings.camera.extra_views.num_channels()],
-            vector_irreps: envs::VECTOR_IRREPS.to_vec(),
+            vector_irreps: envs::VECTOR_OBSERVATION_IRREPS.to_vec(),
             action_irreps: envs::ACTION_IRREPS.to_vec(),
             choices: vec![],
         }
@@ -122,7 +125,7 @@ impl Stream {
     ///
     /// # Errors
     /// Errors of the environments.
-    pub fn switch_to(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
+    pub fn switch_task_group(&mut self, group: TaskGroup, elements: &[D2]) -> Result<(), EnvError> {
         self.env.set_task_group(group, elements)
     }
 
@@ -183,11 +186,11 @@ impl Stream {
 }
 
 /// Returns the factor from a return to the paper's scale, for episodes under `control`.
-pub(crate) fn reward_scale(control: &Control) -> f64 {
+pub(crate) fn reward_scale(control: &ActionSettings) -> f64 {
     PERFECT_EPISODE / control.decisions_per_episode() as f64
 }
 
-impl VectorEnv for Stream {
+impl VectorEnv for SwitchableVecEnv {
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }
@@ -213,7 +216,7 @@ impl VectorEnv for Stream {
         let clock = Instant::now();
         let step = self.env.step(
             actions,
-            StepMut {
+            StepResultsMut {
                 observations: borrow(&mut out.observations),
                 final_observations: borrow(&mut out.final_observations),
                 rewards: &mut out.rewards,
@@ -242,11 +245,11 @@ fn borrow(observations: &mut Observations) -> ObservationsMut<'_> {
 
 /// Scales observation vectors `[N, 10]` of N environments to network inputs, in place.
 pub fn scale_observation_vectors(vectors: &mut [f32]) {
-    vectors.chunks_exact_mut(envs::VECTOR_DIM).for_each(scale_row);
+    vectors.chunks_exact_mut(envs::VECTOR_OBSERVATION_DIM).for_each(scale_row);
 }
 
 fn scale_rows(vectors: &mut [f32], which: &[bool]) {
-    let rows = vectors.chunks_exact_mut(envs::VECTOR_DIM).zip(which);
+    let rows = vectors.chunks_exact_mut(envs::VECTOR_OBSERVATION_DIM).zip(which);
     rows.filter(|(_, chosen)| **chosen).for_each(|(row, _)| scale_row(row));
 }
 

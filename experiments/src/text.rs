@@ -2,24 +2,24 @@
 
 use std::fmt::{self, Write};
 
-use crate::evaluation::{Score, average_by_group};
-use crate::{RolloutReport, RunEvent, Summary};
+use crate::evaluation::{VariantScore, average_scores_by_group};
+use crate::{RolloutReport, RunEvent, RunSummary};
 
-/// Line of column names, printed above the lines of [`rollout_line`].
-pub const ROLLOUT_HEADER: &str =
+/// Line of column names, printed above the lines of [`format_rollout_line`].
+pub const ROLLOUT_LINE_HEADER: &str =
     "decisions  group         policy      reward  success  distance to each policy (z)";
 
 /// Formats an event of a run for the terminal: a line for a rollout, a table for an evaluation.
-pub fn event_text(event: &RunEvent) -> String {
+pub fn format_run_event(event: &RunEvent) -> String {
     match event {
-        RunEvent::Rollout(progress) => rollout_line(progress),
+        RunEvent::Rollout(progress) => format_rollout_line(progress),
         RunEvent::Evaluation(evaluation) => score_table(&evaluation.results.scores),
     }
 }
 
 /// Formats a rollout as one line: decisions, true group, assigned policy (`new`, or `2nd` if a
 /// second rollout was needed to choose it), mean reward, success, W1 to each compared policy.
-pub fn rollout_line(progress: &RolloutReport) -> String {
+pub fn format_rollout_line(progress: &RolloutReport) -> String {
     let iteration = &progress.iteration;
     let evidence = iteration.evidence.iter();
     let line = RolloutLine {
@@ -28,10 +28,10 @@ pub fn rollout_line(progress: &RolloutReport) -> String {
         policy: iteration.policy,
         policy_created: iteration.policy_created,
         needed_second_rollout: iteration.discarded > 0,
-        reward: progress.reward(),
-        success: progress.success(),
+        reward: progress.scaled_mean_return(),
+        success: progress.success_rate(),
         distances_and_z_scores: evidence
-            .map(|evidence| (Some(evidence.distance), evidence.score()))
+            .map(|evidence| (Some(evidence.distance), evidence.test_score()))
             .collect(),
     };
     line.to_string()
@@ -92,12 +92,12 @@ pub fn format_number(value: Option<f64>, digits: usize) -> String {
 /// Formats the scores of one evaluation as a table with a line for each group; held-out variants
 /// stand in brackets. Further lines name groups of which the learner played a variant with another
 /// policy than the group's own.
-pub fn score_table(scores: &[Score]) -> String {
+pub fn score_table(scores: &[VariantScore]) -> String {
     let mut table = String::from(
         "group         policy  episodes  success  at end  reward of 500  identity  flip x  flip y  half turn\n\
          ------------  ------  --------  -------  ------  -------------  --------  ------  ------  ---------",
     );
-    let groups = average_by_group(scores);
+    let groups = average_scores_by_group(scores);
     for group in &groups {
         let policies: Vec<String> = group.policies.iter().map(usize::to_string).collect();
         // writing to a String cannot fail
@@ -142,7 +142,7 @@ pub fn score_table(scores: &[Score]) -> String {
 }
 
 /// Formats the summary of a run as a table of scores and a line of totals.
-pub fn run_summary_table(summary: &Summary) -> String {
+pub fn run_summary_table(summary: &RunSummary) -> String {
     let mut table = score_table(&summary.variants);
     let _ = write!(
         table,
@@ -179,7 +179,7 @@ mod tests {
 
     #[test]
     fn failures_and_merges_are_mentioned_where_there_were_any() {
-        let mut summary = Summary {
+        let mut summary = RunSummary {
             decisions: 100,
             seconds: 2.0,
             decisions_per_second: Some(50.0),
@@ -204,7 +204,7 @@ mod tests {
 
     #[test]
     fn held_out_variants_stand_in_brackets() {
-        let scores = D2::ALL.map(|element| Score {
+        let scores = D2::ALL.map(|element| VariantScore {
             group: TaskGroup::PLATE_SLIDE,
             element,
             seen_in_training: element == D2::Identity,
@@ -226,7 +226,7 @@ mod tests {
         let own = PolicyScore { policy: 1, success: 0.9, success_at_end: 0.8, reward: 400.0 };
         let with = |policy| {
             let own = Some(own);
-            let scores = D2::ALL.map(|element| Score {
+            let scores = D2::ALL.map(|element| VariantScore {
                 group: TaskGroup::PLATE_SLIDE,
                 element,
                 seen_in_training: true,

@@ -28,7 +28,7 @@ impl TimingSums {
 }
 
 /// Returns the header and the complete rows of the first `rollouts` rollouts of a timings table.
-pub fn first_rows(table: &[u8], rollouts: usize) -> String {
+pub fn first_timing_rows(table: &[u8], rollouts: usize) -> String {
     let text = String::from_utf8_lossy(table);
     let mut lines = text.split_inclusive('\n');
     let Some(header) = lines.next().filter(|line| line.ends_with('\n')) else {
@@ -54,7 +54,7 @@ mod tests {
     #[test]
     fn timings_are_kept_up_to_the_checkpoint() {
         let text = "rollout,total\n0,1.5\n1,2.5\n2,3.5\n";
-        let kept = |table: &str, rollouts| first_rows(table.as_bytes(), rollouts);
+        let kept = |table: &str, rollouts| first_timing_rows(table.as_bytes(), rollouts);
         assert_eq!(kept(text, 2), "rollout,total\n0,1.5\n1,2.5\n");
         assert_eq!(kept(text, 9), text);
         assert_eq!(kept(&text[..text.len() - 1], 9), kept(text, 2));

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
-use crate::distortion::Distortion;
+use crate::distortion::LensDistortion;
 use crate::error::{InpaintingError, require_that};
 
 /// Largest displacement of a point by the distortion of a lens, relative to the distance from the
@@ -18,16 +18,16 @@ const TOLERANCE: f64 = 1e-6;
 
 /// Calibrated camera with lens distortion.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Calibration {
+pub struct CameraCalibration {
     /// Intrinsics of the camera: picture size, focal lengths and principal point.
     pub intrinsics: Intrinsics,
     /// Distortion of the lens.
-    pub distortion: Distortion,
+    pub distortion: LensDistortion,
     /// Pose of the camera in the world.
     pub extrinsics: Extrinsics,
 }
 
-impl Calibration {
+impl CameraCalibration {
     /// Rejects an invalid camera ([`PinholeCamera::check`]), and a lens that displaces points
     /// between the optical axis and the edges of the picture by more than half of their distance
     /// from the axis.
@@ -64,8 +64,8 @@ impl Calibration {
     }
 
     /// Returns the position of the camera in the world (metres).
-    pub fn position(&self) -> DVec3 {
-        self.extrinsics.position()
+    pub fn camera_position(&self) -> DVec3 {
+        self.extrinsics.camera_position()
     }
 
     /// Returns the column and row (pixels; the middle of the first one is at 0.5) that show the
@@ -118,20 +118,20 @@ pub(crate) mod tests {
 
     use super::*;
 
-    const BENT: Distortion = Distortion::brown_conrady([0.03, -0.03], [0.001, -0.001]);
+    const BENT: LensDistortion = LensDistortion::brown_conrady([0.03, -0.03], [0.001, -0.001]);
 
     /// Returns a calibration 1.5 m over the table that looks straight down.
-    pub fn overhead() -> Calibration {
-        Calibration {
+    pub fn overhead() -> CameraCalibration {
+        CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: Distortion::NONE,
+            distortion: LensDistortion::NO_DISTORTION,
             extrinsics: Extrinsics::overhead(1.5),
         }
     }
 
     #[test]
     fn directions_and_pixels_are_inverse_to_each_other() {
-        let camera = Calibration {
+        let camera = CameraCalibration {
             distortion: BENT,
             extrinsics: Extrinsics {
                 rotation: DMat3::from_rotation_x(3.0) * DMat3::from_rotation_z(0.4),
@@ -151,7 +151,7 @@ pub(crate) mod tests {
 
     #[test]
     fn slopes_are_differences() {
-        let camera = Calibration {
+        let camera = CameraCalibration {
             distortion: BENT,
             extrinsics: Extrinsics { rotation: DMat3::IDENTITY, translation: DVec3::ZERO },
             ..overhead()
@@ -172,19 +172,19 @@ pub(crate) mod tests {
         let camera = overhead();
         let point = DVec3::new(0.2, -0.1, 0.3);
         let [right, down] = camera.to_pinhole().project(point).unwrap();
-        let [column, row] = camera.project_direction(point - camera.position()).unwrap();
+        let [column, row] = camera.project_direction(point - camera.camera_position()).unwrap();
         let centre = camera.intrinsics.principal_point;
         assert!((column - centre[0] - right).abs() < 1e-9 && (row - centre[1] - down).abs() < 1e-9);
         assert!(column > centre[0] && row > centre[1], "x is right, -y down");
-        assert_eq!(camera.position(), 1.5 * DVec3::Z);
+        assert_eq!(camera.camera_position(), 1.5 * DVec3::Z);
     }
 
     /// At 0.82 focal lengths from the axis, x (1 - x^2 / 2) is largest, so the formula names the
     /// place of 0.62 for what stands at 1 as well.
     #[test]
     fn nothing_shows_beyond_a_fold() {
-        let camera = Calibration {
-            distortion: Distortion::brown_conrady([-0.5, 0.0], [0.0; 2]),
+        let camera = CameraCalibration {
+            distortion: LensDistortion::brown_conrady([-0.5, 0.0], [0.0; 2]),
             extrinsics: Extrinsics { rotation: DMat3::IDENTITY, translation: DVec3::ZERO },
             ..overhead()
         };
@@ -197,8 +197,8 @@ pub(crate) mod tests {
     #[test]
     fn a_lens_that_is_no_lens_is_refused() {
         let check = |radial: [f64; 6]| {
-            let distortion = Distortion { radial, ..Distortion::NONE };
-            Calibration { distortion, ..overhead() }.check()
+            let distortion = LensDistortion { radial, ..LensDistortion::NO_DISTORTION };
+            CameraCalibration { distortion, ..overhead() }.check()
         };
         for (k1, says) in [(f64::NAN, "NaN"), (3.0, "3.0"), (-3.0, "-3.0")] {
             let message = check([k1, 0.0, 0.0, 0.0, 0.0, 0.0]).unwrap_err().to_string();

@@ -71,7 +71,7 @@ impl Extrinsics {
     }
 
     /// Returns the position of the camera in the world (metres).
-    pub fn position(&self) -> DVec3 {
+    pub fn camera_position(&self) -> DVec3 {
         -(self.rotation.transpose() * self.translation)
     }
 

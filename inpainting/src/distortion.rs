@@ -15,7 +15,7 @@ const PRECISION: f64 = 1e-13;
 ///
 /// Points are in focal lengths from the optical axis, x right and y down.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Distortion {
+pub struct LensDistortion {
     /// Coefficients k1 to k6. At the distance r from the axis the lens magnifies by
     /// (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6).
     pub radial: [f64; 6],
@@ -23,9 +23,9 @@ pub struct Distortion {
     pub tangential: [f64; 2],
 }
 
-impl Distortion {
+impl LensDistortion {
     /// Distortion of a pinhole camera: none.
-    pub const NONE: Self = Self { radial: [0.0; 6], tangential: [0.0; 2] };
+    pub const NO_DISTORTION: Self = Self { radial: [0.0; 6], tangential: [0.0; 2] };
 
     /// Returns the distortion with the radial coefficients k1 and k2 and the tangential ones p1 and
     /// p2.
@@ -103,13 +103,13 @@ impl Distortion {
     }
 }
 
-impl fmt::Display for Distortion {
+impl fmt::Display for LensDistortion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "radial {:?}, tangential {:?}", self.radial, self.tangential)
     }
 }
 
-impl Add for Distortion {
+impl Add for LensDistortion {
     type Output = Self;
 
     /// Adds the coefficients of two distortions.
@@ -127,10 +127,10 @@ mod tests {
 
     use super::*;
 
-    fn distortion() -> impl Strategy<Value = Distortion> {
+    fn distortion() -> impl Strategy<Value = LensDistortion> {
         let radial = prop::array::uniform6(-0.05..0.05);
         let tangential = prop::array::uniform2(-0.005..0.005);
-        (radial, tangential).prop_map(|(radial, tangential)| Distortion { radial, tangential })
+        (radial, tangential).prop_map(|(radial, tangential)| LensDistortion { radial, tangential })
     }
 
     proptest! {
@@ -170,7 +170,7 @@ mod tests {
     #[test]
     fn the_coefficients_are_opencvs() {
         let all = [0.3, -0.2, 0.001, -0.0005, 0.05, 0.25, -0.15, 0.02];
-        let lens = Distortion::from_opencv(&all).unwrap();
+        let lens = LensDistortion::from_opencv(&all).unwrap();
         for (point, expected) in [
             ([0.4, -0.3], [0.40321276327499256, -0.3022533224562444]),
             ([1.1, 0.7], [1.1881958640434591, 0.7583655498458374]),
@@ -178,24 +178,24 @@ mod tests {
             let [x, y] = lens.distort(point);
             assert!((x - expected[0]).abs() < 1e-15 && (y - expected[1]).abs() < 1e-15, "{x} {y}");
         }
-        let short = Distortion::from_opencv(&all[..4]).unwrap();
+        let short = LensDistortion::from_opencv(&all[..4]).unwrap();
         let radial = 1.0 + 0.3 * 0.25 - 0.2 * 0.0625;
         let u = 0.4 * radial + 2.0 * 0.001 * 0.4 * -0.3 - 0.0005 * (0.25 + 2.0 * 0.16);
         let v = -0.3 * radial + 0.001 * (0.25 + 2.0 * 0.09) - 2.0 * 0.0005 * 0.4 * -0.3;
         let [x, y] = short.distort([0.4, -0.3]);
         assert!((x - u).abs() < 1e-15 && (y - v).abs() < 1e-15);
-        assert_eq!(Distortion::NONE.distort([0.4, -0.3]), [0.4, -0.3]);
+        assert_eq!(LensDistortion::NO_DISTORTION.distort([0.4, -0.3]), [0.4, -0.3]);
         let padded = [&all[..], &[0.0; 6]].concat();
-        assert_eq!(Distortion::from_opencv(&padded), Distortion::from_opencv(&all));
+        assert_eq!(LensDistortion::from_opencv(&padded), LensDistortion::from_opencv(&all));
         for bad in [&all[..3], &all[..6], &[&all[..], &[0.0, 0.1, 0.0, 0.0]].concat()] {
-            let message = Distortion::from_opencv(bad).unwrap_err().to_string();
+            let message = LensDistortion::from_opencv(bad).unwrap_err().to_string();
             assert!(message.contains("4, 5 or 8 numbers"), "{message}");
         }
     }
 
     #[test]
     fn a_point_beyond_the_fold_has_no_inverse() {
-        let barrel = Distortion::brown_conrady([-0.5, 0.0], [0.0; 2]);
+        let barrel = LensDistortion::brown_conrady([-0.5, 0.0], [0.0; 2]);
         assert!(barrel.undistort([0.4, 0.0]).is_some());
         assert!(barrel.undistort([0.9, 0.0]).is_none());
     }

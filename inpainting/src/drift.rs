@@ -50,7 +50,7 @@ mod tests {
         exposure_drift_sd: 0.2,
         white_balance_drift_sd: 0.05,
         drift_correlation_time: 2.0,
-        ..CameraImperfections::NONE
+        ..CameraImperfections::NO_IMPERFECTIONS
     };
 
     /// Logarithms of the gains every `period` seconds.
@@ -90,6 +90,6 @@ mod tests {
         let first = drift.sample_gains(&DRIFTING, 3.0, rng);
         assert_eq!(drift.sample_gains(&DRIFTING, 3.0, rng), first);
         assert_ne!(drift.sample_gains(&DRIFTING, 4.0, rng), first);
-        assert_eq!(drift.sample_gains(&CameraImperfections::NONE, 9.0, rng), [1.0; 3]);
+        assert_eq!(drift.sample_gains(&CameraImperfections::NO_IMPERFECTIONS, 9.0, rng), [1.0; 3]);
     }
 }

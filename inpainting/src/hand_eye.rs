@@ -5,13 +5,13 @@ mod model;
 
 use glam::DVec3;
 
-use crate::calibration::Calibration;
+use crate::calibration::CameraCalibration;
 use crate::camera::{VALID_COORDINATES, has_valid_coordinates};
 use crate::error::{InpaintingError, require_that};
 
 use model::{HandEyeFit, LIMIT_SIGMAS, OUTLINE_SD, rotated};
 
-pub use model::{BallOffset, BallSighting, HandEyeSettings, Residual};
+pub use model::{BallOffsetInHand, BallResidual, BallSighting, HandEyeSettings};
 
 /// Minimum number of arm poses of a hand-eye calibration.
 pub const MIN_CALIBRATION_POSES: usize = 10;
@@ -36,7 +36,7 @@ const CONVERGED: f64 = 1e-12;
 
 /// Standard deviations of the results of a hand-eye calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Uncertainty {
+pub struct HandEyeUncertainty {
     /// Standard deviation of the camera's position (metres, world).
     pub position_sd: DVec3,
     /// Standard deviation of the camera's angles about its own axes, right, down and forwards
@@ -60,22 +60,22 @@ pub struct FocalLengthEstimate {
 pub struct HandEyeCalibration {
     /// Calibrated camera, with the given distortion, and with the given focal lengths unless these
     /// are estimated.
-    pub calibration: Calibration,
+    pub calibration: CameraCalibration,
     /// Position of the ball in the hand's frame (metres).
     pub ball_offset: DVec3,
     /// Residuals of the arm poses, in the order given.
-    pub residuals: Vec<Residual>,
+    pub residuals: Vec<BallResidual>,
     /// Residuals of the arm poses that were left out because the others contradict them, the worst
     /// first: distances from where the others predict the ball.
-    pub outliers: Vec<Residual>,
+    pub outliers: Vec<BallResidual>,
     /// Uncertainty of the results, estimated from the residuals, for the given focal lengths unless
     /// these are estimated.
-    pub uncertainty: Uncertainty,
+    pub uncertainty: HandEyeUncertainty,
     /// Focal lengths estimated from the arm poses; `None` if the poses do not determine them.
     pub focal_length: Option<FocalLengthEstimate>,
     /// Uncertainty that one pixel of noise would cause, which shows how well the arm poses are
     /// spread.
-    pub uncertainty_per_pixel: Uncertainty,
+    pub uncertainty_per_pixel: HandEyeUncertainty,
 }
 
 impl HandEyeCalibration {
@@ -96,7 +96,7 @@ impl HandEyeCalibration {
     /// camera's pose, and [`InpaintingError::WrongFocalLength`] for given focal lengths that the
     /// poses contradict.
     pub fn solve(
-        start: &Calibration,
+        start: &CameraCalibration,
         settings: impl Into<HandEyeSettings>,
         sightings: &[BallSighting],
     ) -> Result<Self, InpaintingError> {
@@ -119,7 +119,7 @@ impl HandEyeCalibration {
     /// Returns the calibration of a fit without outliers, unless the arm poses do not determine it.
     fn of(
         best: &HandEyeFit<'_>,
-        start: &Calibration,
+        start: &CameraCalibration,
         outliers: &[BallSighting],
     ) -> Result<Self, InpaintingError> {
         let dilution = dilution_of(best).filter(is_tolerable).ok_or_else(|| undetermined(best))?;
@@ -128,7 +128,7 @@ impl HandEyeCalibration {
         if !best.settings().estimate_focal_length {
             focal.map_or(Ok(()), |focal| check_focal(focal, start))?;
         }
-        let unseen = |pose_number| Residual {
+        let unseen = |pose_number| BallResidual {
             pose_number,
             distance_px: f64::INFINITY,
             table_distance_m: None,
@@ -140,10 +140,10 @@ impl HandEyeCalibration {
         Ok(Self {
             focal_length: focal,
             calibration: best.calibration(),
-            ball_offset: best.offset(),
+            ball_offset: best.ball_offset(),
             residuals: best.residuals(),
             outliers: left_out.collect(),
-            uncertainty: Uncertainty {
+            uncertainty: HandEyeUncertainty {
                 position_sd: noise * dilution.position_sd,
                 angle_sd: noise * dilution.angle_sd,
                 ball_offset_sd: noise * dilution.ball_offset_sd,
@@ -165,7 +165,7 @@ impl HandEyeCalibration {
     }
 
     /// Returns the residual of the arm pose that fits worst; `None` without poses.
-    pub fn largest_residual(&self) -> Option<&Residual> {
+    pub fn largest_residual(&self) -> Option<&BallResidual> {
         let residuals = self.residuals.iter();
         residuals.max_by(|a, b| a.distance_px.total_cmp(&b.distance_px))
     }
@@ -180,7 +180,7 @@ fn root_mean_square(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 /// Rejects an invalid start of the search, too few arm poses, and numbers out of range.
 fn check(
-    start: &Calibration,
+    start: &CameraCalibration,
     settings: &HandEyeSettings,
     sightings: &[BallSighting],
 ) -> Result<(), InpaintingError> {
@@ -222,7 +222,7 @@ fn check(
 /// # Errors
 /// [`InpaintingError::HandUnseenFromStart`].
 fn best<'a>(
-    start: &Calibration,
+    start: &CameraCalibration,
     settings: HandEyeSettings,
     sightings: &'a [BallSighting],
 ) -> Result<HandEyeFit<'a>, InpaintingError> {
@@ -245,7 +245,7 @@ struct Worst {
     /// Index of the pose's sighting of the ball.
     index: usize,
     /// Distance of the pose's ball from where the other poses predict it.
-    residual: Residual,
+    residual: BallResidual,
     /// Largest distance of that ball that counts as noise (pixels).
     limit: f64,
     /// Sum of the squared residuals of the other poses (square pixels).
@@ -288,23 +288,23 @@ fn outlier(best: &HandEyeFit<'_>) -> Option<Worst> {
 }
 
 /// Returns the error of arm poses that do not fit: of one pose if the others fit each other.
-fn misfit(best: &HandEyeFit<'_>, start: &Calibration, worst: &Worst) -> InpaintingError {
-    let Residual { pose_number: pose, distance_px: pixels, .. } = worst.residual;
+fn misfit(best: &HandEyeFit<'_>, start: &CameraCalibration, worst: &Worst) -> InpaintingError {
+    let BallResidual { pose_number: pose, distance_px: pixels, .. } = worst.residual;
     let limit = worst.limit;
     if worst.others_fit {
         return InpaintingError::OutlierPose { pose, pixels, limit };
     }
     let settings = *best.settings();
-    let free = HandEyeSettings { ball_offset: BallOffset::Unknown, ..settings };
+    let free = HandEyeSettings { ball_offset: BallOffsetInHand::Unknown, ..settings };
     let fit = self::best(start, free, best.sightings()).ok();
-    let fit =
-        fit.filter(|fit| settings.ball_offset != BallOffset::Unknown && fit.is_within_limits());
+    let fit = fit
+        .filter(|fit| settings.ball_offset != BallOffsetInHand::Unknown && fit.is_within_limits());
     InpaintingError::InconsistentPoses {
         pose,
         pixels,
         limit,
         accuracy: settings.arm_position_sd,
-        fitted: fit.map(|fit| fit.offset()),
+        fitted: fit.map(|fit| fit.ball_offset()),
     }
 }
 
@@ -338,9 +338,9 @@ fn minimised(mut fit: HandEyeFit<'_>) -> HandEyeFit<'_> {
 
 /// Estimates the focal length, by solving again with it among the unknowns; `None` if the arm poses
 /// do not determine it.
-fn focal(best: &HandEyeFit<'_>, start: &Calibration) -> Option<FocalLengthEstimate> {
+fn focal(best: &HandEyeFit<'_>, start: &CameraCalibration) -> Option<FocalLengthEstimate> {
     let fit = minimised(best.with_focal_estimation(true));
-    let variance = fit.normal_equations().variances()?[fit.focal_index()];
+    let variance = fit.normal_equations().variances()?[fit.focal_length_index()];
     let ratio = fit.calibration().intrinsics.focal_lengths[0] / start.intrinsics.focal_lengths[0];
     // the unknown is the logarithm of the focal length
     let sigma = ratio * fit.noise_sd() * variance.sqrt();
@@ -348,7 +348,10 @@ fn focal(best: &HandEyeFit<'_>, start: &Calibration) -> Option<FocalLengthEstima
 }
 
 /// Rejects given focal lengths that the estimate contradicts.
-fn check_focal(focal: FocalLengthEstimate, start: &Calibration) -> Result<(), InpaintingError> {
+fn check_focal(
+    focal: FocalLengthEstimate,
+    start: &CameraCalibration,
+) -> Result<(), InpaintingError> {
     let [sigmas, part] = WRONG_FOCAL;
     let off = (focal.ratio_to_given - 1.0).abs();
     if off <= part || off <= sigmas * focal.ratio_sd {
@@ -364,17 +367,17 @@ fn check_focal(focal: FocalLengthEstimate, start: &Calibration) -> Result<(), In
 
 /// Returns the standard deviations of the unknowns that a pixel of noise causes; `None` if the arm
 /// poses do not determine all unknowns.
-fn dilution_of(fit: &HandEyeFit<'_>) -> Option<Uncertainty> {
+fn dilution_of(fit: &HandEyeFit<'_>) -> Option<HandEyeUncertainty> {
     let mut variances = fit.normal_equations().variances()?;
     // where the offset is known, the focal length is in its place
-    variances[fit.focal_index()] = 0.0;
+    variances[fit.focal_length_index()] = 0.0;
     let of = |first: usize| DVec3::from_slice(&variances[first..]).map(f64::sqrt);
-    Some(Uncertainty { angle_sd: of(0), position_sd: of(3), ball_offset_sd: of(6) })
+    Some(HandEyeUncertainty { angle_sd: of(0), position_sd: of(3), ball_offset_sd: of(6) })
 }
 
 /// Returns `true` if the standard deviations that a pixel of noise causes are within
 /// [`MAX_DILUTION`].
-fn is_tolerable(dilution: &Uncertainty) -> bool {
+fn is_tolerable(dilution: &HandEyeUncertainty) -> bool {
     let [distance, angle] = MAX_DILUTION;
     let lengths = [dilution.position_sd.length(), dilution.ball_offset_sd.length()];
     lengths.iter().all(|length| *length <= distance) && dilution.angle_sd.length() <= angle
@@ -404,7 +407,7 @@ fn undetermined(fit: &HandEyeFit<'_>) -> InpaintingError {
 /// Returns the error of a start from which the camera does not see a hand, with the number of the
 /// first such arm pose.
 fn unseen(
-    start: &Calibration,
+    start: &CameraCalibration,
     settings: HandEyeSettings,
     sightings: &[BallSighting],
 ) -> InpaintingError {

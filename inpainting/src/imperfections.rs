@@ -1,6 +1,6 @@
 //! Parameters of the imperfections of a simulated camera.
 
-use crate::distortion::Distortion;
+use crate::distortion::LensDistortion;
 use crate::error::{InpaintingError, require_positive, require_that};
 
 /// Deviations of a simulated camera from a perfect one with an exact calibration.
@@ -9,7 +9,7 @@ use crate::error::{InpaintingError, require_positive, require_that};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraImperfections {
     /// Lens distortion that is missing in the calibration.
-    pub distortion: Distortion,
+    pub distortion: LensDistortion,
     /// Distance between the camera's true and calibrated positions, in a random direction (metres).
     pub position_error: f64,
     /// Angle between the camera's true and calibrated orientations, about a random axis (radians).
@@ -33,8 +33,8 @@ pub struct CameraImperfections {
 
 impl CameraImperfections {
     /// Imperfections of a perfect camera: the calibration is exact, and pictures have no delay.
-    pub const NONE: Self = Self {
-        distortion: Distortion::NONE,
+    pub const NO_IMPERFECTIONS: Self = Self {
+        distortion: LensDistortion::NO_DISTORTION,
         position_error: 0.0,
         angle_error: 0.0,
         exposure_drift_sd: 0.0,
@@ -52,7 +52,7 @@ impl CameraImperfections {
     /// distortion, but some is left. The noise at a middle grey is 3 levels of 255. The exposure is
     /// the sensor's default, rounded.
     pub const REALSENSE_D435: Self = Self {
-        distortion: Distortion::brown_conrady([0.01, -0.01], [0.0005, -0.0005]),
+        distortion: LensDistortion::brown_conrady([0.01, -0.01], [0.0005, -0.0005]),
         position_error: 0.005,
         angle_error: 0.5_f64.to_radians(),
         exposure_drift_sd: 0.1,
@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn figures_out_of_range_are_named() {
-        CameraImperfections::NONE.check().unwrap();
+        CameraImperfections::NO_IMPERFECTIONS.check().unwrap();
         CameraImperfections::REALSENSE_D435.check().unwrap();
         type Change = fn(&mut CameraImperfections);
         let changes: [(Change, &str); 5] = [

@@ -19,14 +19,14 @@ mod simulated_camera;
 mod warp;
 
 pub use ball::CalibrationBall;
-pub use calibration::Calibration;
+pub use calibration::CameraCalibration;
 pub use camera::{Extrinsics, Intrinsics, PinholeCamera};
 pub use color::ColorCorrection;
-pub use distortion::Distortion;
+pub use distortion::LensDistortion;
 pub use error::InpaintingError;
 pub use hand_eye::{
-    BallOffset, BallSighting, FocalLengthEstimate, HandEyeCalibration, HandEyeSettings,
-    MIN_CALIBRATION_POSES, Residual, Uncertainty,
+    BallOffsetInHand, BallResidual, BallSighting, FocalLengthEstimate, HandEyeCalibration,
+    HandEyeSettings, HandEyeUncertainty, MIN_CALIBRATION_POSES,
 };
 pub use imperfections::CameraImperfections;
 pub use inpainter::{Inpainter, InpainterSettings};

@@ -5,7 +5,7 @@ mod settings;
 
 use glam::DVec3;
 
-use crate::calibration::Calibration;
+use crate::calibration::CameraCalibration;
 use crate::camera::{Intrinsics, PinholeCamera};
 use crate::error::{InpaintingError, check_picture_size};
 use crate::inpainter::Inpainter;
@@ -122,7 +122,10 @@ impl Perception {
     }
 }
 
-fn rectification(calibration: &Calibration, view: &PinholeCamera) -> Result<Warp, InpaintingError> {
+fn rectification(
+    calibration: &CameraCalibration,
+    view: &PinholeCamera,
+) -> Result<Warp, InpaintingError> {
     let Intrinsics { width, height, .. } = calibration.intrinsics;
     let across = view.intrinsics.width;
     let back = view.extrinsics.rotation.transpose();
@@ -142,7 +145,7 @@ mod tests {
     use crate::calibration::tests::overhead;
     use crate::camera::Extrinsics;
     use crate::color::ColorCorrection;
-    use crate::distortion::Distortion;
+    use crate::distortion::LensDistortion;
     use crate::links::{ArmLink, Capsule};
     use crate::mark::GripperMark;
 
@@ -165,12 +168,12 @@ mod tests {
     }
 
     /// Returns a tilted camera whose lens distorts.
-    fn askew() -> Calibration {
+    fn askew() -> CameraCalibration {
         let tilt = DMat3::from_rotation_x(0.03) * DMat3::from_rotation_z(-0.2);
         let rotation = tilt * Extrinsics::overhead(0.0).rotation;
         let position = DVec3::new(0.05, -0.12, 1.8);
-        Calibration {
-            distortion: Distortion::brown_conrady([0.03, -0.02], [0.001, 0.0]),
+        CameraCalibration {
+            distortion: LensDistortion::brown_conrady([0.03, -0.02], [0.001, 0.0]),
             extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
             ..overhead()
         }
@@ -181,9 +184,9 @@ mod tests {
 
     /// Renders a camera's picture of a table with a block from (0.1, 0.05) to (0.22, 0.17), and of
     /// an arm of one black link.
-    fn frame(camera: &Calibration, link: Option<[DVec3; 2]>) -> Vec<u8> {
+    fn frame(camera: &CameraCalibration, link: Option<[DVec3; 2]>) -> Vec<u8> {
         let Intrinsics { width, height, .. } = camera.intrinsics;
-        let eye = camera.position();
+        let eye = camera.camera_position();
         let pixel = |index: usize| {
             let middle = [(index % width) as f64 + 0.5, (index / width) as f64 + 0.5];
             let way = camera.direction_of_pixel(middle).unwrap();
@@ -206,7 +209,7 @@ mod tests {
 
     /// Returns the policy camera's picture of the table with the block.
     fn expected() -> Vec<u8> {
-        let camera = Calibration { intrinsics: policy().intrinsics, ..overhead() };
+        let camera = CameraCalibration { intrinsics: policy().intrinsics, ..overhead() };
         frame(&camera, None)
     }
 

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use rand_chacha::ChaCha8Rng;
 
-use crate::calibration::Calibration;
+use crate::calibration::CameraCalibration;
 use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
 use crate::drift::GainDrift;
 use crate::error::{InpaintingError, check_picture_size, require_that};
@@ -25,7 +25,7 @@ const BORDER: f64 = 1.0;
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimulatedCamera {
     imperfections: CameraImperfections,
-    calibration: Calibration,
+    calibration: CameraCalibration,
     ideal: PinholeCamera,
     lens: Warp,
     sensor: Sensor,
@@ -42,18 +42,18 @@ impl SimulatedCamera {
     /// # Errors
     /// [`InpaintingError::InvalidValue`], also for a distortion without inverse in the picture.
     pub fn new(
-        truth: Calibration,
+        truth: CameraCalibration,
         imperfections: CameraImperfections,
         mut rng: ChaCha8Rng,
     ) -> Result<Self, InpaintingError> {
         truth.check()?;
         imperfections.check()?;
         let distortion = truth.distortion + imperfections.distortion;
-        let bent = Calibration { distortion, ..truth };
+        let bent = CameraCalibration { distortion, ..truth };
         bent.check()?;
         let (ideal, lens) = lens(&bent)?;
         let Intrinsics { width, height, .. } = truth.intrinsics;
-        let calibration = Calibration {
+        let calibration = CameraCalibration {
             extrinsics: perturbed(&truth.extrinsics, &imperfections, &mut rng),
             ..truth
         };
@@ -70,7 +70,7 @@ impl SimulatedCamera {
     }
 
     /// Returns the reported calibration, which deviates from the true one.
-    pub fn reported_calibration(&self) -> &Calibration {
+    pub fn reported_calibration(&self) -> &CameraCalibration {
         &self.calibration
     }
 
@@ -118,7 +118,7 @@ impl SimulatedCamera {
 
 /// Returns the pinhole camera whose picture contains all that the lens shows, and the warp from its
 /// pictures to those of the lens.
-fn lens(camera: &Calibration) -> Result<(PinholeCamera, Warp), InpaintingError> {
+fn lens(camera: &CameraCalibration) -> Result<(PinholeCamera, Warp), InpaintingError> {
     let places = places(camera)?;
     let ideal = pinhole(camera, &places);
     ideal.check()?;
@@ -130,7 +130,7 @@ fn lens(camera: &Calibration) -> Result<(PinholeCamera, Warp), InpaintingError> 
 }
 
 /// Returns the point at which a pinhole of focal length 1 shows what each pixel shows.
-fn places(camera: &Calibration) -> Result<Vec<[f64; 2]>, InpaintingError> {
+fn places(camera: &CameraCalibration) -> Result<Vec<[f64; 2]>, InpaintingError> {
     let Intrinsics { width, height, .. } = camera.intrinsics;
     let middles = (0..width * height).map(|i| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5]);
     let places: Option<Vec<_>> = middles.map(|middle| camera.undistort_pixel(middle)).collect();
@@ -142,7 +142,7 @@ fn places(camera: &Calibration) -> Result<Vec<[f64; 2]>, InpaintingError> {
 }
 
 /// Returns the pinhole camera with a square picture that contains all points of `places`.
-fn pinhole(camera: &Calibration, places: &[[f64; 2]]) -> PinholeCamera {
+fn pinhole(camera: &CameraCalibration, places: &[[f64; 2]]) -> PinholeCamera {
     let focal = camera.intrinsics.focal_lengths[0];
     let coordinates = places.iter().flatten();
     let reach = focal * coordinates.fold(0.0, |most: f64, part| most.max(part.abs()));
@@ -167,7 +167,7 @@ fn perturbed(
     rng: &mut ChaCha8Rng,
 ) -> Extrinsics {
     let (axis, offset) = (random_direction(rng), random_direction(rng));
-    let position: DVec3 = truth.position() + imperfections.position_error * offset;
+    let position: DVec3 = truth.camera_position() + imperfections.position_error * offset;
     let rotation = DMat3::from_axis_angle(axis, imperfections.angle_error) * truth.rotation;
     Extrinsics { rotation, translation: -(rotation * position) }
 }
@@ -178,14 +178,14 @@ mod tests {
 
     use super::*;
     use crate::calibration::tests::overhead;
-    use crate::distortion::Distortion;
+    use crate::distortion::LensDistortion;
 
     fn rng(seed: u64) -> ChaCha8Rng {
         ChaCha8Rng::seed_from_u64(seed)
     }
 
-    fn small() -> Calibration {
-        Calibration {
+    fn small() -> CameraCalibration {
+        CameraCalibration {
             intrinsics: Intrinsics {
                 width: 64,
                 height: 48,
@@ -214,11 +214,11 @@ mod tests {
     #[test]
     fn without_imperfections_a_picture_is_a_part_of_the_ideal_one_to_the_bit() {
         let mut camera = SimulatedCamera::new(
-            Calibration {
+            CameraCalibration {
                 intrinsics: Intrinsics { principal_point: [31.0, 24.0], ..small().intrinsics },
                 ..small()
             },
-            CameraImperfections::NONE,
+            CameraImperfections::NO_IMPERFECTIONS,
             rng(1000),
         )
         .unwrap();
@@ -237,12 +237,12 @@ mod tests {
         let imperfections = CameraImperfections {
             position_error: 0.01,
             angle_error: 0.02,
-            ..CameraImperfections::NONE
+            ..CameraImperfections::NO_IMPERFECTIONS
         };
         for seed in 1000..1010 {
             let camera = SimulatedCamera::new(small(), imperfections, rng(seed)).unwrap();
             let (known, truth) = (camera.reported_calibration(), small());
-            let off = known.position().distance(truth.position());
+            let off = known.camera_position().distance(truth.camera_position());
             assert!((off - 0.01).abs() < 1e-12, "{off}");
             let turn = known.extrinsics.rotation * truth.extrinsics.rotation.transpose();
             let trace = turn.x_axis.x + turn.y_axis.y + turn.z_axis.z;
@@ -256,8 +256,9 @@ mod tests {
     /// A dot of the ideal picture appears at its distorted position.
     #[test]
     fn the_lens_bends_what_is_seen() {
-        let distortion = Distortion::brown_conrady([0.3, 0.0], [0.0, 0.02]);
-        let mut camera = made(CameraImperfections { distortion, ..CameraImperfections::NONE });
+        let distortion = LensDistortion::brown_conrady([0.3, 0.0], [0.0, 0.02]);
+        let mut camera =
+            made(CameraImperfections { distortion, ..CameraImperfections::NO_IMPERFECTIONS });
         let side = camera.ideal_camera().intrinsics.width;
         let (column, row) = (side / 2 + 20, side / 2 - 14);
         let mut scene = vec![0; 3 * side * side];
@@ -284,15 +285,17 @@ mod tests {
 
     #[test]
     fn two_instants_are_blurred_and_colours_drift() {
-        let mut camera = made(CameraImperfections::NONE);
+        let mut camera = made(CameraImperfections::NO_IMPERFECTIONS);
         let (mut black, white) =
             (scene(&camera), vec![255; 3 * camera.ideal_camera().num_pixels()]);
         black.fill(0);
         let mut out = vec![0; 3 * 64 * 48];
         camera.take_picture(&[&black, &white], 0.0, &mut out).unwrap();
         assert!(out.iter().all(|&level| level == 188), "half of the light");
-        let mut drifting =
-            made(CameraImperfections { exposure_drift_sd: 0.1, ..CameraImperfections::NONE });
+        let mut drifting = made(CameraImperfections {
+            exposure_drift_sd: 0.1,
+            ..CameraImperfections::NO_IMPERFECTIONS
+        });
         let grey = vec![120; white.len()];
         let mut levels: Vec<u8> = Vec::new();
         for second in 0..20 {
@@ -318,19 +321,19 @@ mod tests {
 
     #[test]
     fn pictures_of_the_wrong_size_and_folding_lenses_are_refused() {
-        let mut camera = made(CameraImperfections::NONE);
+        let mut camera = made(CameraImperfections::NO_IMPERFECTIONS);
         let scene = scene(&camera);
         let mut out = vec![0; 3 * 64 * 48];
         assert!(camera.take_picture(&[&scene[3..]], 0.0, &mut out).is_err());
         assert!(camera.take_picture(&[&scene], 0.0, &mut out[3..]).is_err());
         let message = camera.take_picture(&[], 0.0, &mut out).unwrap_err().to_string();
         assert!(message.contains("at least one"), "{message}");
-        let wide = Calibration {
+        let wide = CameraCalibration {
             intrinsics: Intrinsics { focal_lengths: [20.0; 2], ..small().intrinsics },
-            distortion: Distortion::brown_conrady([-0.4, 0.0], [0.0; 2]),
+            distortion: LensDistortion::brown_conrady([-0.4, 0.0], [0.0; 2]),
             ..small()
         };
-        let refused = SimulatedCamera::new(wide, CameraImperfections::NONE, rng(1000));
+        let refused = SimulatedCamera::new(wide, CameraImperfections::NO_IMPERFECTIONS, rng(1000));
         let distortion_message = refused.unwrap_err().to_string();
         assert!(distortion_message.contains("`distortion`"), "{distortion_message}");
     }

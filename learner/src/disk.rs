@@ -109,7 +109,7 @@ impl Disk for NoDisk {
 }
 
 /// Extension of the names of temporary files, which are renamed once they are written in full.
-pub const PARTIAL_EXTENSION: &str = "partial";
+pub const PARTIAL_FILE_EXTENSION: &str = "partial";
 
 /// Replaces the file at `path` atomically: the new file appears whole or not at all, also after a
 /// power cut.
@@ -136,7 +136,7 @@ pub fn write_atomically(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> Result<()
 /// locks.
 fn partial_name(path: &Path) -> PathBuf {
     static PROCESS: LazyLock<u64> = LazyLock::new(os_random_u64);
-    path.with_added_extension(format!("{:016x}.{PARTIAL_EXTENSION}", *PROCESS))
+    path.with_added_extension(format!("{:016x}.{PARTIAL_FILE_EXTENSION}", *PROCESS))
 }
 
 /// Returns a random number from the operating system, independent of the seeds of runs.
@@ -148,7 +148,7 @@ pub fn os_random_u64() -> u64 {
 ///
 /// # Errors
 /// [`LearnerError::Write`].
-pub fn check_writable(disk: &dyn Disk, path: &Path) -> Result<(), LearnerError> {
+pub fn check_path_writable(disk: &dyn Disk, path: &Path) -> Result<(), LearnerError> {
     let partial = partial_name(path);
     let tried = if path.is_dir() {
         Err(io::ErrorKind::IsADirectory.into())

@@ -10,9 +10,9 @@ mod threshold;
 
 pub use evidence::EvidenceGrouping;
 pub use grouping::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Episodes, Grouping,
-    GroupingDecision, GroupingUpdate, RecognisedPolicy,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Grouping,
+    GroupingDecision, GroupingUpdate, RecognisedPolicy, RolloutEpisodes,
 };
 pub use oracle::{SinglePolicyGrouping, TaskLabel};
-pub use settings::{GroupingSettings, RemovedSettings};
+pub use settings::{GroupingSettings, RemovedGroupingSettings};
 pub use threshold::ThresholdGrouping;

@@ -12,14 +12,15 @@ mod tensor_file;
 
 pub use collection::read_checkpoint_note;
 pub use collection::{
-    CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, Rollout,
-    RolloutHandover, StepView, Training,
+    CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, PolicyTrainer,
+    Rollout, RolloutHandover, RolloutStep,
 };
-pub use covers::{Covers, CoversSettings};
+pub use covers::{CoversLearner, CoversSettings};
 pub use device::{DeviceChoice, LearningDevice};
 pub use learner::per_policy_column_names;
 pub use learner::{
-    CheckpointExtent, IterationReport, IterationSeconds, Learner, Metric, Metrics, PolicyEvaluation,
+    CheckpointExtent, IterationReport, IterationSeconds, Learner, MetricValue, Metrics,
+    PolicyEvaluation,
 };
-pub use off_policy::{OffPolicy, OffPolicySettings};
+pub use off_policy::{OffPolicyLearner, OffPolicySettings};
 pub use settings::LearnerSettings;

@@ -1,8 +1,8 @@
 //! Learners of continual reinforcement learning from unlabelled streams of tasks: COVERS (Liu et
 //! al., CoRL 2023), the same with replays, CLEAR and 3RL.
 //!
-//! - [`Learner`]: trains on the rollouts of any [`rl::VectorEnv`]. [`Covers`] is Algorithm 1 of the
-//!   paper and [`OffPolicy`] its counterpart with replays.
+//! - [`Learner`]: trains on the rollouts of any [`rl::VectorEnv`]. [`CoversLearner`] is Algorithm 1
+//!   of the paper and [`OffPolicyLearner`] its counterpart with replays.
 //! - [`Grouping`]: assigns each rollout to a policy.
 //! - [`LearnerSettings`]: settings of a learner, which build it or load it from a checkpoint.
 //! - [`disk`]: file operations of checkpoints and runs.
@@ -15,15 +15,16 @@ mod learners;
 pub mod overrides;
 
 pub use error::LearnerError;
-pub use evidence::Trial;
+pub use evidence::PolicyTrial;
 pub use groupings::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Episodes,
-    EvidenceGrouping, Grouping, GroupingDecision, GroupingSettings, GroupingUpdate,
-    RecognisedPolicy, RemovedSettings, SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, EvidenceGrouping,
+    Grouping, GroupingDecision, GroupingSettings, GroupingUpdate, RecognisedPolicy,
+    RemovedGroupingSettings, RolloutEpisodes, SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
 };
 pub use learners::{
-    CheckpointExtent, CommonSettings, Covers, CoversSettings, DeviceChoice, IterationReport,
-    IterationSeconds, Learner, LearnerSettings, LearningDevice, Metric, Metrics, NewPolicyInit,
-    OffPolicy, OffPolicySettings, PolicyCollection, PolicyCollectionSettings, PolicyEvaluation,
-    Rollout, RolloutHandover, StepView, Training, per_policy_column_names, read_checkpoint_note,
+    CheckpointExtent, CommonSettings, CoversLearner, CoversSettings, DeviceChoice, IterationReport,
+    IterationSeconds, Learner, LearnerSettings, LearningDevice, MetricValue, Metrics,
+    NewPolicyInit, OffPolicyLearner, OffPolicySettings, PolicyCollection, PolicyCollectionSettings,
+    PolicyEvaluation, PolicyTrainer, Rollout, RolloutHandover, RolloutStep,
+    per_policy_column_names, read_checkpoint_note,
 };

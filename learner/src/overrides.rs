@@ -51,7 +51,7 @@ impl FromStr for SettingOverride {
 /// # Errors
 /// [`LearnerError::UnknownSetting`] for an unknown path, [`LearnerError::WrongSetting`] for
 /// a value of another type.
-pub fn apply<T: Serialize + DeserializeOwned>(
+pub fn apply_overrides<T: Serialize + DeserializeOwned>(
     overrides: &[SettingOverride],
     settings: T,
 ) -> Result<T, LearnerError> {
@@ -88,7 +88,7 @@ pub fn check_same_settings<T: Serialize>(
     asked: &T,
     written: &T,
 ) -> Result<(), LearnerError> {
-    let differences = differences(asked, written)?;
+    let differences = setting_differences(asked, written)?;
     if differences.is_empty() {
         return Ok(());
     }
@@ -96,7 +96,7 @@ pub fn check_same_settings<T: Serialize>(
 }
 
 /// Returns the fields in which two sets of settings differ, with both values of each, as text.
-pub fn differences<T: Serialize>(one: &T, other: &T) -> Result<String, LearnerError> {
+pub fn setting_differences<T: Serialize>(one: &T, other: &T) -> Result<String, LearnerError> {
     let mut differing = Vec::new();
     compare(&tree(one)?, &tree(other)?, "", &mut differing);
     Ok(differing.join("; "))

@@ -1,8 +1,8 @@
 //! Algorithm 1 without MuJoCo: the learner on a toy environment whose hidden group changes.
 
-use cluster::Verdict;
+use cluster::PolicyVerdict;
 use learner::{
-    Covers, CoversSettings, GroupingSettings, IterationReport, Learner, LearnerSettings,
+    CoversLearner, CoversSettings, GroupingSettings, IterationReport, Learner, LearnerSettings,
     NewPolicyInit, RolloutHandover, TaskLabel,
 };
 use rl::VectorEnv;
@@ -19,9 +19,9 @@ fn with(mut settings: CoversSettings, change: impl FnOnce(&mut CoversSettings)) 
 }
 
 /// The learner of `settings` after rollouts in these groups, with its reports.
-fn after(settings: CoversSettings, groups: &[usize]) -> (Covers, Vec<IterationReport>) {
+fn after(settings: CoversSettings, groups: &[usize]) -> (CoversLearner, Vec<IterationReport>) {
     let mut env = Bars::new();
-    let mut covers = Covers::new(settings, env.spec()).unwrap();
+    let mut covers = CoversLearner::new(settings, env.spec()).unwrap();
     let reports = env.train(&mut covers, groups);
     (covers, reports)
 }
@@ -45,23 +45,23 @@ fn a_new_group_creates_a_policy_and_an_old_one_is_recalled() {
     assert_eq!(decisions, [100, 100, 300, 100, 200, 200, 200, 100]);
     assert_eq!(each(&reports, |report| report.discarded == 1), created);
     let verdicts: Vec<_> = reports[2].evidence.iter().map(|e| e.verdict).collect();
-    assert_eq!(verdicts, [Verdict::Rejected]);
+    assert_eq!(verdicts, [PolicyVerdict::Rejected]);
 }
 
 #[test]
 fn settings_that_would_disable_assignment_are_refused() {
     let mut env = Bars::new();
     let small = with(settings(), |s| s.buffer_episodes = Some(3));
-    assert_refused(Covers::new(small, env.spec()), "`buffer_episodes` is 3");
+    assert_refused(CoversLearner::new(small, env.spec()), "`buffer_episodes` is 3");
     // episodes of 5 steps never show 6 frames
     let long = with(settings(), |s| s.first_frames = 6);
-    let mut covers = Covers::new(long, env.spec()).unwrap();
+    let mut covers = CoversLearner::new(long, env.spec()).unwrap();
     assert_refused(covers.learn(&mut env), "of 0 episodes, expected at least 4");
     let oracle = with(settings(), |s| s.grouping = GroupingSettings::Oracle);
-    assert_refused(Covers::new(oracle, env.spec()), "a grouping without labels");
+    assert_refused(CoversLearner::new(oracle, env.spec()), "a grouping without labels");
     env.spec.num_envs = 50;
     env.limited = true;
-    let mut short = Covers::new(settings(), env.spec()).unwrap();
+    let mut short = CoversLearner::new(settings(), env.spec()).unwrap();
     assert_refused(short.learn(&mut env), "rollouts of 2 steps end before an episode of 5");
 }
 
@@ -69,7 +69,7 @@ fn settings_that_would_disable_assignment_are_refused() {
 fn few_environments_are_recognised_over_several_rounds() {
     let mut env = Bars::new();
     env.spec.num_envs = 4;
-    let mut covers = Covers::new(settings(), env.spec()).unwrap();
+    let mut covers = CoversLearner::new(settings(), env.spec()).unwrap();
     env.train(&mut covers, &[0, 1]);
     let recognised = [0, 1].map(|group| env.recognised(&mut covers, group, None));
     assert_eq!(recognised, [Some(0), Some(1)]);
@@ -79,7 +79,7 @@ fn few_environments_are_recognised_over_several_rounds() {
 fn recognition_finds_the_policy_and_does_not_disturb_learning() {
     let run = |recognise: bool| {
         let mut env = Bars::new();
-        let mut covers = Covers::new(settings(), env.spec()).unwrap();
+        let mut covers = CoversLearner::new(settings(), env.spec()).unwrap();
         env.train(&mut covers, &[0, 1]);
         for group in (0..2).filter(|_| recognise) {
             assert_eq!(Bars::new().recognised(&mut covers, group, None), Some(group));
@@ -106,7 +106,7 @@ fn one_episode_names_a_known_group_and_many_can_say_that_no_policy_fits() {
 #[test]
 fn a_policy_that_does_not_exist_is_named() {
     let mut env = Bars::new();
-    let mut covers = Covers::new(settings(), env.spec()).unwrap();
+    let mut covers = CoversLearner::new(settings(), env.spec()).unwrap();
     assert_refused(covers.evaluate_policy(7, &mut env, 1), "`policy` is 7");
 }
 
@@ -125,7 +125,7 @@ fn the_noise_of_rollouts_keeps_its_direction_as_set() {
     };
     assert_eq!(trained(0.5), trained(0.5));
     assert_ne!(trained(0.5), trained(0.0));
-    assert_refused(Covers::new(single(1.0), &Bars::new().spec), "noise_correlation");
+    assert_refused(CoversLearner::new(single(1.0), &Bars::new().spec), "noise_correlation");
 }
 
 /// Settings whose updates change nothing that could be seen.
@@ -158,13 +158,13 @@ fn a_buffer_grows_up_to_its_bound_or_without() {
         let settings = with(settings(), |s| s.buffer_episodes = buffer_episodes);
         let (covers, reports) = after(settings, &[0, 0, 0]);
         let decisions: usize = reports.iter().map(|report| report.decisions).sum();
-        (covers.buffered_episodes(0), decisions / HORIZON)
+        (covers.num_buffered_episodes(0), decisions / HORIZON)
     };
     let (bounded, shown) = grown(Some(30));
     assert!(bounded == Some(30) && shown >= 60);
     let (unbounded, shown_all) = grown(None);
     assert_eq!(unbounded, Some(shown_all));
-    assert_eq!(after(settings(), &[0]).0.buffered_episodes(1), None, "there is one policy");
+    assert_eq!(after(settings(), &[0]).0.num_buffered_episodes(1), None, "there is one policy");
 }
 
 #[test]
@@ -193,11 +193,14 @@ fn a_new_policy_is_random_or_a_copy_of_the_nearest() {
 #[test]
 fn the_papers_reading_learns_and_asks_for_its_images() {
     let paper = CoversSettings::paper();
-    assert_refused(Covers::new(paper.clone(), &Bars::new().spec), "expected exactly 128 x 128");
+    assert_refused(
+        CoversLearner::new(paper.clone(), &Bars::new().spec),
+        "expected exactly 128 x 128",
+    );
     let settings = CoversSettings { network: settings().network, rollout_steps: 100, ..paper };
     let (covers, reports) = after(settings, &[0, 0, 1, 1]);
     assert_eq!(each(&reports, |report| (report.decisions, report.discarded)), [(100, 0); 4]);
-    let kept = (0..covers.policy_count()).map(|index| covers.buffered_episodes(index).unwrap());
+    let kept = (0..covers.policy_count()).map(|index| covers.num_buffered_episodes(index).unwrap());
     assert_eq!(kept.sum::<usize>(), 80);
 }
 

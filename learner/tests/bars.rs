@@ -1,7 +1,7 @@
 //! A toy environment whose hidden group changes, and what learners do in it.
 
 use learner::{
-    CheckpointExtent, CoversSettings, IterationReport, Learner, LearnerError, Metric,
+    CheckpointExtent, CoversSettings, IterationReport, Learner, LearnerError, MetricValue,
     PolicyCollection, PolicyCollectionSettings,
 };
 use rand::{RngExt, SeedableRng};
@@ -73,7 +73,7 @@ impl Bars {
         let [first, second] = [0; 2].map(|_| {
             let mut rng = ChaCha8Rng::seed_from_u64(9);
             let recognised = learner.recognise_policy(&mut self.clone(), episodes, &mut rng);
-            recognised.unwrap().accepted()
+            recognised.unwrap().accepted_policy()
         });
         assert_eq!(first, second);
         first
@@ -121,7 +121,7 @@ pub fn covers_settings() -> CoversSettings {
 /// A metric of an iteration that is one number.
 pub fn number(iteration: &IterationReport, name: &str) -> f64 {
     match iteration.metrics.metric(name) {
-        Some(Metric::Number(value)) => *value,
+        Some(MetricValue::Number(value)) => *value,
         other => panic!("{name} is {other:?}"),
     }
 }

@@ -2,10 +2,12 @@
 //! same bits.
 
 use learner::{
-    CheckpointExtent, GroupingSettings, IterationReport, Learner, OffPolicy, OffPolicySettings,
+    CheckpointExtent, GroupingSettings, IterationReport, Learner, OffPolicyLearner,
+    OffPolicySettings,
 };
 use rl::{
-    ContextSettings, CriticSettings, EncoderSettings, NetworkSettings, SacSettings, VectorEnv,
+    CriticSettings, EncoderSettings, NetworkSettings, RecurrentContextSettings, SacSettings,
+    VectorEnv,
 };
 use symmetry::Group;
 
@@ -47,7 +49,7 @@ fn toy(method: OffPolicySettings) -> OffPolicySettings {
 /// Mean return of the mean actions after this many iterations.
 fn learned(settings: OffPolicySettings, shown: bool, turns: usize) -> f64 {
     let mut env = Guess::new(ENVS, shown, 1);
-    let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
+    let mut learner = OffPolicyLearner::new(settings, env.spec()).unwrap();
     for _ in 0..turns {
         learner.learn(&mut env).unwrap();
     }
@@ -58,7 +60,9 @@ fn learned(settings: OffPolicySettings, shown: bool, turns: usize) -> f64 {
 /// Of 8 at most. A policy that stands still gets 8 * (1 - 0.45).
 #[test]
 fn a_goal_that_is_shown_is_learnt() {
-    for method in [OffPolicySettings::clear(), OffPolicySettings::clear_bc()] {
+    for method in
+        [OffPolicySettings::clear_baseline(), OffPolicySettings::clear_baseline_with_cloning()]
+    {
         let run = |turns| learned(toy(method.clone()), true, turns);
         let (frozen, learned) = (run(0), run(30));
         assert!(learned > 7.0, "learned {learned}");
@@ -69,10 +73,10 @@ fn a_goal_that_is_shown_is_learnt() {
 /// Of 8 at most; the first decision of an episode is a guess. Without a context every one is.
 #[test]
 fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
-    let context = Some(ContextSettings { size: 8, length: 2 });
-    let remembering = OffPolicySettings { context, ..toy(OffPolicySettings::three_rl()) };
+    let context = Some(RecurrentContextSettings { size: 8, length: 2 });
+    let remembering = OffPolicySettings { context, ..toy(OffPolicySettings::three_rl_baseline()) };
     let remembering = learned(remembering, false, 40);
-    let forgetful = learned(toy(OffPolicySettings::clear()), false, 40);
+    let forgetful = learned(toy(OffPolicySettings::clear_baseline()), false, 40);
     assert!(remembering > 5.0, "remembering {remembering}");
     assert!(forgetful < 2.0, "forgetful {forgetful}");
 }
@@ -103,7 +107,7 @@ fn sorting() -> OffPolicySettings {
 fn every_group_has_a_policy_and_a_replay() {
     let mut env = Bars::new();
     let settings = OffPolicySettings { capacity: 1000, ..sorting() };
-    let mut learner = OffPolicy::new(settings, env.spec()).unwrap();
+    let mut learner = OffPolicyLearner::new(settings, env.spec()).unwrap();
     let turns = env.train(&mut learner, &[0, 0, 1, 1, 0]);
     let each = |figure: fn(&IterationReport) -> usize| turns.iter().map(figure).collect::<Vec<_>>();
     assert_eq!(each(|turn| turn.policy), [0, 0, 1, 1, 0]);
@@ -119,7 +123,7 @@ fn every_group_has_a_policy_and_a_replay() {
 #[test]
 fn a_saved_learner_continues_alike() {
     let single = OffPolicySettings { grouping: GroupingSettings::Single, ..sorting() };
-    let context = Some(ContextSettings { size: 8, length: 3 });
+    let context = Some(RecurrentContextSettings { size: 8, length: 3 });
     assert_continues_alike(sorting(), Bars::new(), "off-policy");
     let mut with_context = OffPolicySettings { context, ..single.clone() };
     with_context.sac.average_rate = Some(0.1);
@@ -133,7 +137,7 @@ fn a_saved_learner_continues_alike() {
 fn packed_policies_recognise_and_hold_no_replay() {
     let path = scratch("packed-sac");
     let mut env = Bars::new();
-    let mut learner = OffPolicy::new(sorting(), env.spec()).unwrap();
+    let mut learner = OffPolicyLearner::new(sorting(), env.spec()).unwrap();
     env.train(&mut learner, &[0, 1]);
     let size = |extent| {
         learner.save(&path, extent, "").unwrap();
@@ -143,7 +147,7 @@ fn packed_policies_recognise_and_hold_no_replay() {
     let packed = size(CheckpointExtent::Policies { episodes_per_policy: 20 });
     // both hold the summaries of episodes
     assert!(3 * packed < 2 * whole, "{packed} of {whole}");
-    let (mut copy, _) = OffPolicy::load(&path, env.spec()).unwrap();
+    let (mut copy, _) = OffPolicyLearner::load(&path, env.spec()).unwrap();
     std::fs::remove_file(&path).unwrap();
     let recognised = [0, 1].map(|group| env.recognised(&mut copy, group, None));
     assert_eq!(recognised, [Some(0), Some(1)]);
@@ -161,12 +165,12 @@ fn settings_out_of_range_are_named() {
         (|s| s.rollout_steps = 7, "`rollout_steps` is 7"),
         (|s| s.rollout_steps = 1000 << 40, "the rollouts"),
         // D2 needs a multiple of four
-        (|s| s.context = Some(ContextSettings { size: 6, length: 2 }), "context.size"),
+        (|s| s.context = Some(RecurrentContextSettings { size: 6, length: 2 }), "context.size"),
     ];
     for (spoil, part) in cases {
         let mut settings = sorting();
         settings.network.group = Group::D2;
         spoil(&mut settings);
-        assert_refused(OffPolicy::new(settings, Bars::new().spec()), part);
+        assert_refused(OffPolicyLearner::new(settings, Bars::new().spec()), part);
     }
 }

@@ -3,11 +3,11 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use cluster::{Assignment, Decision, Evidence, Verdict};
+use cluster::{AssignedPolicy, Assignment, PolicyEvidence, PolicyVerdict};
 use learner::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, Covers, CoversSettings,
-    EpisodeRequirements, Grouping, GroupingDecision, GroupingUpdate, Learner, LearnerError,
-    OffPolicy, OffPolicySettings, Trial,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, CoversLearner,
+    CoversSettings, EpisodeRequirements, Grouping, GroupingDecision, GroupingUpdate, Learner,
+    LearnerError, OffPolicyLearner, OffPolicySettings, PolicyTrial,
 };
 use rand_chacha::ChaCha8Rng;
 use rl::{CriticSettings, SacSettings, VectorEnv};
@@ -20,7 +20,7 @@ use crate::bars::{Bars, assert_refused, covers_settings, network, number, scratc
 struct Script {
     /// Episodes that a decision needs; 0 for one.
     episodes: usize,
-    decisions: Vec<Decision>,
+    decisions: Vec<AssignedPolicy>,
     iterations: usize,
     /// Decisions on the first trials.
     trials: Vec<GroupingDecision>,
@@ -69,13 +69,13 @@ impl Grouping for Script {
             AssignmentRequest::Assign { allow_undecided } => {
                 assert!(allow_undecided);
                 let clouds = data.clouds()?;
-                let kept = clouds.iter().map(|cloud| cloud.buffer.episodes());
+                let kept = clouds.iter().map(|cloud| cloud.buffer.num_episodes());
                 *self.kept.lock().unwrap() = kept.collect();
                 let is_first = self.doubts && !std::mem::replace(&mut self.is_doubted, true);
                 let changes = self.changes[usize::from(!is_first)];
                 GroupingDecision {
                     changepoint: changes.then_some(self.changepoint),
-                    ..with_trial(if is_first { Decision::Undecided } else { decision })
+                    ..with_trial(if is_first { AssignedPolicy::Undecided } else { decision })
                 }
             }
             AssignmentRequest::Confirm { .. } if !self.trials.is_empty() => self.trials.remove(0),
@@ -87,7 +87,11 @@ impl Grouping for Script {
                 GroupingDecision {
                     changepoint: proposal.changepoint,
                     rejected,
-                    ..with_trial(if stays { Decision::Existing(collector) } else { Decision::New })
+                    ..with_trial(if stays {
+                        AssignedPolicy::Existing(collector)
+                    } else {
+                        AssignedPolicy::New
+                    })
                 }
             }
             AssignmentRequest::Recognise => panic!("nothing is recognised"),
@@ -137,19 +141,19 @@ impl Grouping for Script {
 }
 
 /// A decision that demands a trial, also if there is evidence against the policy.
-fn with_trial(decision: Decision, is_provisional: bool) -> GroupingDecision {
-    let against = Evidence { distance: 1.0, test: None, verdict: Verdict::Rejected };
+fn with_trial(decision: AssignedPolicy, is_provisional: bool) -> GroupingDecision {
+    let against = PolicyEvidence { distance: 1.0, test: None, verdict: PolicyVerdict::Rejected };
     let assignment = Assignment { decision, evidence: vec![against; 2] };
     GroupingDecision {
-        trial: Trial::Episodes,
-        is_provisional: is_provisional && matches!(decision, Decision::Existing(_)),
+        trial: PolicyTrial::Episodes,
+        is_provisional: is_provisional && matches!(decision, AssignedPolicy::Existing(_)),
         ..assignment.into()
     }
 }
 
 /// Script in which policy 1 is created, and policy 0 continues.
 fn create_and_return(script: Script) -> Script {
-    Script { decisions: vec![Decision::New, Decision::Existing(0)], ..script }
+    Script { decisions: vec![AssignedPolicy::New, AssignedPolicy::Existing(0)], ..script }
 }
 
 fn bars() -> Bars {
@@ -158,20 +162,20 @@ fn bars() -> Bars {
     env
 }
 
-fn learner(script: Script) -> (Bars, Covers) {
+fn learner(script: Script) -> (Bars, CoversLearner) {
     learner_of(100, script)
 }
 
 /// A learner whose rollouts have so many decisions.
-fn learner_of(rollout_steps: usize, script: Script) -> (Bars, Covers) {
+fn learner_of(rollout_steps: usize, script: Script) -> (Bars, CoversLearner) {
     let env = bars();
     let settings = CoversSettings { rollout_steps, ..covers_settings() };
-    let covers = Covers::with_grouping(settings, env.spec(), Box::new(script)).unwrap();
+    let covers = CoversLearner::with_grouping(settings, env.spec(), Box::new(script)).unwrap();
     (env, covers)
 }
 
 /// A learner that trains by soft actor-critic.
-fn off_policy(script: Script) -> (Bars, OffPolicy) {
+fn off_policy(script: Script) -> (Bars, OffPolicyLearner) {
     let env = bars();
     let method = OffPolicySettings::equi_sac();
     let settings = OffPolicySettings {
@@ -181,7 +185,7 @@ fn off_policy(script: Script) -> (Bars, OffPolicy) {
         rollout_steps: 100,
         ..method
     };
-    let learner = OffPolicy::with_grouping(settings, env.spec(), Box::new(script)).unwrap();
+    let learner = OffPolicyLearner::with_grouping(settings, env.spec(), Box::new(script)).unwrap();
     (env, learner)
 }
 
@@ -272,7 +276,7 @@ fn no_replay_takes_a_rollout_that_is_undecided_or_of_two_groups() {
 fn a_policy_keeps_no_frames_of_the_group_before() {
     let kept = |changepoint| {
         let script = Script {
-            decisions: vec![Decision::New, Decision::Existing(1)],
+            decisions: vec![AssignedPolicy::New, AssignedPolicy::Existing(1)],
             changes: [false, true],
             changepoint,
             doubts: true,
@@ -286,7 +290,7 @@ fn a_policy_keeps_no_frames_of_the_group_before() {
 }
 
 /// Decision on a trial in which the group has changed.
-fn changed(decision: Decision, trial: Trial) -> GroupingDecision {
+fn changed(decision: AssignedPolicy, trial: PolicyTrial) -> GroupingDecision {
     GroupingDecision { group_changed: true, trial, ..with_trial(decision, false) }
 }
 
@@ -298,11 +302,11 @@ fn no_replay_takes_rollouts_of_an_earlier_group() {
         let script = Script { is_provisional: true, trials: trials.to_vec(), ..Script::default() };
         replayed(script)[2]
     };
-    let passes = with_trial(Decision::Existing(0), true);
-    for named in [Decision::New, Decision::Existing(1)] {
+    let passes = with_trial(AssignedPolicy::Existing(0), true);
+    for named in [AssignedPolicy::New, AssignedPolicy::Existing(1)] {
         // policy 1 has 100 decisions of its own
-        let own = if named == Decision::New { 0 } else { 100 };
-        let moved = changed(named, Trial::Rollout);
+        let own = if named == AssignedPolicy::New { 0 } else { 100 };
+        let moved = changed(named, PolicyTrial::Rollout);
         assert_eq!(tried(std::slice::from_ref(&moved)), (250, own + 100));
         assert_eq!(tried(&[passes.clone(), moved]), (350, own + 100));
     }
@@ -312,10 +316,10 @@ fn no_replay_takes_rollouts_of_an_earlier_group() {
 /// few episodes: it collects its own rollout then, which is reviewed.
 #[test]
 fn a_waived_trial_saves_a_rollout_unless_a_few_episodes_showed_the_change() {
-    let passes = with_trial(Decision::Existing(0), false);
-    let waived = changed(Decision::Existing(1), Trial::Waived);
-    let back = changed(Decision::Existing(0), Trial::Waived);
-    let created = with_trial(Decision::Existing(1), false);
+    let passes = with_trial(AssignedPolicy::Existing(0), false);
+    let waived = changed(AssignedPolicy::Existing(1), PolicyTrial::Waived);
+    let back = changed(AssignedPolicy::Existing(0), PolicyTrial::Waived);
+    let created = with_trial(AssignedPolicy::Existing(1), false);
     for (third, expected) in [
         (vec![passes, waived.clone()], (1, 250)),
         (vec![waived.clone()], (1, 250)),
@@ -332,8 +336,11 @@ fn a_waived_trial_saves_a_rollout_unless_a_few_episodes_showed_the_change() {
 fn whole_episodes_are_collected_for_groupings_that_ask() {
     // the first rollout of all is trained on without a decision
     for (whole_episodes, expected) in [(true, [20; 3]), (false, [0; 3])] {
-        let script =
-            Script { decisions: vec![Decision::Existing(0)], whole_episodes, ..Script::default() };
+        let script = Script {
+            decisions: vec![AssignedPolicy::Existing(0)],
+            whole_episodes,
+            ..Script::default()
+        };
         let trajectories = Arc::clone(&script.trajectories);
         run(learner(script), 2);
         assert_eq!(*trajectories.lock().unwrap(), expected);
@@ -344,7 +351,7 @@ fn whole_episodes_are_collected_for_groupings_that_ask() {
 #[test]
 fn no_policy_trains_on_steps_after_a_changepoint() {
     let trained = |end| {
-        let decisions = vec![Decision::Existing(0); 2];
+        let decisions = vec![AssignedPolicy::Existing(0); 2];
         let (mut env, mut covers) = learner(Script { decisions, end, ..Script::default() });
         env.train(&mut covers, &[0, 0]);
         covers.to_checkpoint_bytes(Path::new("none"), CheckpointExtent::Everything, "").unwrap()
@@ -355,7 +362,8 @@ fn no_policy_trains_on_steps_after_a_changepoint() {
 
 #[test]
 fn a_grouping_from_outside_decides_and_is_saved() {
-    let decisions = vec![Decision::New, Decision::Existing(0), Decision::Existing(1)];
+    let decisions =
+        vec![AssignedPolicy::New, AssignedPolicy::Existing(0), AssignedPolicy::Existing(1)];
     let (mut env, mut covers) = learner(Script { decisions, ..Script::default() });
     let iterations = (0..4).map(|_| covers.learn(&mut env).unwrap());
     let iterations: Vec<_> = iterations.map(|one| (one.policy, one.policy_created)).collect();
@@ -363,11 +371,11 @@ fn a_grouping_from_outside_decides_and_is_saved() {
     let path = scratch("script");
     covers.save(&path, CheckpointExtent::Everything, "").unwrap();
     // the settings name another grouping than the one that decided
-    assert_refused(Covers::load(&path, env.spec()), "grouping");
+    assert_refused(CoversLearner::load(&path, env.spec()), "grouping");
     // a policy that does not exist is refused
-    let others = [vec![Decision::Existing(0); 4], vec![Decision::Existing(7)]].concat();
+    let others = [vec![AssignedPolicy::Existing(0); 4], vec![AssignedPolicy::Existing(7)]].concat();
     let other = Box::new(Script { decisions: others, ..Script::default() });
-    let (mut copy, _) = Covers::load_with_grouping(&path, env.spec(), other).unwrap();
+    let (mut copy, _) = CoversLearner::load_with_grouping(&path, env.spec(), other).unwrap();
     std::fs::remove_file(path).unwrap();
     assert_eq!(copy.learn(&mut env).unwrap().policy, 0);
     assert_refused(copy.learn(&mut env), "`policy` is 7");

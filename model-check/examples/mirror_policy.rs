@@ -8,7 +8,7 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use equivariant::{Layer, LayerSignature, Linear, Relu, Sequential, Shape};
-use model_check::{CheckSettings, check, read_model};
+use model_check::{ModelSymmetrySettings, check_model_symmetry, read_model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -18,10 +18,10 @@ const FIELDS: usize = 32;
 fn main() -> Result<(), Box<dyn Error>> {
     let quadruped = || concat!(env!("CARGO_MANIFEST_DIR"), "/assets/models/quadruped.xml").into();
     let path: PathBuf = std::env::args_os().nth(1).map_or_else(quadruped, Into::into);
-    let found = check(&read_model(&path)?, &CheckSettings::default())?;
+    let found = check_model_symmetry(&read_model(&path)?, &ModelSymmetrySettings::default())?;
     print!("{}", found.text());
     let maps = found.maps.ok_or("a model without maps has no equivariant network")?;
-    let (group, observation) = (maps.group, maps.qpos.followed_by(&maps.qvel));
+    let (group, observation) = (maps.group, maps.qpos.concatenated_with(&maps.qvel));
     let hidden = group.regular_type(FIELDS);
     let [inputs, outputs] = [&observation, &maps.ctrl].map(|map| map.field_type(group));
     println!("observation `{inputs}`, action `{outputs}`");

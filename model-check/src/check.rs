@@ -6,41 +6,41 @@ use glam::DVec3;
 use mujoco::{Model, NumberArray};
 use serde::Serialize;
 
-use crate::compare::{Comparison, Difference, Measure};
+use crate::compare::{Comparison, DifferenceMeasure, MirrorDifference};
 use crate::effect;
-use crate::error::CheckError;
+use crate::error::ModelSymmetryError;
 use crate::maps::SymmetryMaps;
-use crate::mirror::Plane;
+use crate::mirror::MirrorPlane;
 use crate::names::{are_mirror_names, is_left};
-use crate::pairs::{Corrections, Pairs};
-use crate::snapshot::{Kind, PosedModel};
+use crate::pairs::{MirrorCorrections, MirrorPairs};
+use crate::snapshot::{ModelObjectKind, PosedModel};
 
-/// Settings of the symmetry check of a model, [`check`].
+/// Settings of the symmetry check of a model, [`check_model_symmetry`].
 #[derive(Clone, Debug, PartialEq)]
-pub struct CheckSettings {
+pub struct ModelSymmetrySettings {
     /// Smallest difference that is listed: a share of the value, an angle in radians, or ten times
     /// a length in metres.
     pub tolerance: f64,
     /// Corrections of the proposed plane and pairs.
-    pub corrections: Corrections,
+    pub corrections: MirrorCorrections,
     /// `true` to simulate the effect on the motion of each difference between left and right.
     pub simulates: bool,
 }
 
-impl Default for CheckSettings {
+impl Default for ModelSymmetrySettings {
     /// Returns a tolerance of 0.001 (0.1 %, 0.1 mm, 0.06 degrees), with effects.
     fn default() -> Self {
-        Self { tolerance: 1e-3, corrections: Corrections::default(), simulates: true }
+        Self { tolerance: 1e-3, corrections: MirrorCorrections::default(), simulates: true }
     }
 }
 
 /// Result of the comparison of a model's left and right sides.
 #[derive(Clone, Debug, Serialize)]
-pub struct ModelCheck {
+pub struct ModelSymmetryReport {
     /// Plane and counterparts, in the form of a file of corrections.
-    pub corrections: Corrections,
+    pub corrections: MirrorCorrections,
     /// Differences, those with the largest effect first.
-    pub differences: Vec<Difference>,
+    pub differences: Vec<MirrorDifference>,
     /// Root mean square by which two copies of the same side diverge after a second of mirrored
     /// torques (radians and metres); `None` if that is not simulated.
     pub twin_divergence: Option<f64>,
@@ -53,23 +53,26 @@ pub struct ModelCheck {
 /// Compares the left side of a model with its right side.
 ///
 /// # Errors
-/// [`CheckError::UnknownObject`] and [`CheckError::InvalidPlane`] for corrections,
-/// [`CheckError::InvalidTolerance`].
-pub fn check(model: &Model, settings: &CheckSettings) -> Result<ModelCheck, CheckError> {
+/// [`ModelSymmetryError::UnknownObject`] and [`ModelSymmetryError::InvalidPlane`] for corrections,
+/// [`ModelSymmetryError::InvalidTolerance`].
+pub fn check_model_symmetry(
+    model: &Model,
+    settings: &ModelSymmetrySettings,
+) -> Result<ModelSymmetryReport, ModelSymmetryError> {
     let tolerance = settings.tolerance;
     if !(0.0..=1.0).contains(&tolerance) {
-        return Err(CheckError::InvalidTolerance { tolerance });
+        return Err(ModelSymmetryError::InvalidTolerance { tolerance });
     }
     let snapshot = PosedModel::new(model);
     let corrections = &settings.corrections;
     let forced = corrections.indices(&snapshot)?;
     let planes = match corrections.plane {
         Some(plane) if plane.is_valid() => vec![plane],
-        Some(plane) => return Err(CheckError::InvalidPlane { plane }),
+        Some(plane) => return Err(ModelSymmetryError::InvalidPlane { plane }),
         None => proposed_planes(&snapshot),
     };
     let compared = planes.into_iter().map(|plane| {
-        let pairs = Pairs::new(&snapshot, &plane, &forced);
+        let pairs = MirrorPairs::new(&snapshot, &plane, &forced);
         let comparison = Comparison::new(&snapshot, &pairs, &plane, tolerance);
         (plane, pairs, comparison)
     });
@@ -77,10 +80,10 @@ pub fn check(model: &Model, settings: &CheckSettings) -> Result<ModelCheck, Chec
         .min_by_key(|(_, pairs, comparison)| comparison.differences.len() + pairs.unpaired_count());
     // there is always a proposal
     let Some((plane, pairs, mut comparison)) = best else {
-        return Err(CheckError::InvalidPlane { plane: Plane::default() });
+        return Err(ModelSymmetryError::InvalidPlane { plane: MirrorPlane::default() });
     };
     let mut differences = std::mem::take(&mut comparison.differences);
-    let ignores = |difference: &Difference| {
+    let ignores = |difference: &MirrorDifference| {
         let names = [&difference.left, &difference.right];
         let names = names.map(|name| format!("{} {name}", difference.kind));
         corrections.ignore.iter().any(|ignored| names.contains(ignored))
@@ -91,8 +94,9 @@ pub fn check(model: &Model, settings: &CheckSettings) -> Result<ModelCheck, Chec
         Ok(maps) if settings.simulates => effect::simulate(model, maps, &mut differences),
         _ => None,
     };
-    let rank =
-        |difference: &Difference| (difference.effect.unwrap_or(-1.0), difference.scaled_amount());
+    let rank = |difference: &MirrorDifference| {
+        (difference.effect.unwrap_or(-1.0), difference.scaled_amount())
+    };
     differences.sort_by(|a, b| {
         let ((a, small), (b, large)) = (rank(a), rank(b));
         b.total_cmp(&a).then(large.total_cmp(&small))
@@ -102,27 +106,28 @@ pub fn check(model: &Model, settings: &CheckSettings) -> Result<ModelCheck, Chec
         Err(reason) => (None, Some(reason)),
     };
     let corrections = corrections_of(&snapshot, &pairs, &plane, &corrections.ignore);
-    Ok(ModelCheck { corrections, differences, twin_divergence, maps, unmapped })
+    Ok(ModelSymmetryReport { corrections, differences, twin_divergence, maps, unmapped })
 }
 
 /// Returns candidate planes across y, across x and across the mean direction from right to left
 /// names, through the world's origin, the bodies on the world, and between named bodies.
-fn proposed_planes(snapshot: &PosedModel) -> Vec<Plane> {
-    let bodies = 1..snapshot.count(Kind::Body);
-    let names: Vec<_> = bodies.clone().map(|body| snapshot.name(Kind::Body, body)).collect();
+fn proposed_planes(snapshot: &PosedModel) -> Vec<MirrorPlane> {
+    let bodies = 1..snapshot.count(ModelObjectKind::Body);
+    let names: Vec<_> =
+        bodies.clone().map(|body| snapshot.name(ModelObjectKind::Body, body)).collect();
     let named = |one: usize| {
         let is_of = |other: &usize| {
             matches!((names[one - 1], names[other - 1]), (Some(a), Some(b))
                 if are_mirror_names(a, b) && is_left(a, b))
         };
-        bodies.clone().find(is_of).map(|other| [one, other].map(|body| snapshot.frame(body).0))
+        bodies.clone().find(is_of).map(|other| [one, other].map(|body| snapshot.body_frame(body).0))
     };
     let named: Vec<[DVec3; 2]> = bodies.clone().filter_map(named).collect();
     let across: DVec3 = named.iter().map(|[left, right]| *left - *right).sum();
     let mut normals = vec![DVec3::Y, DVec3::X];
     normals.extend(across.try_normalize());
     let roots = bodies.clone().filter(|&body| snapshot.parent(body) == 0);
-    let mut points: Vec<DVec3> = roots.map(|body| snapshot.frame(body).0).collect();
+    let mut points: Vec<DVec3> = roots.map(|body| snapshot.body_frame(body).0).collect();
     // more roots than arms of a robot are objects of a scene
     points.truncate(4);
     points.insert(0, DVec3::ZERO);
@@ -136,10 +141,13 @@ fn proposed_planes(snapshot: &PosedModel) -> Vec<Plane> {
         offsets.extend(between.get(between.len() / 2));
         let mass = |body: usize| snapshot.number(NumberArray::BodyMass, body);
         let total: f64 = bodies.clone().map(mass).sum();
-        let centre: DVec3 =
-            bodies.clone().map(|body| mass(body) * snapshot.position(Kind::Body, body)).sum();
+        let centre: DVec3 = bodies
+            .clone()
+            .map(|body| mass(body) * snapshot.object_position(ModelObjectKind::Body, body))
+            .sum();
         offsets.push(normal.dot(centre) / total.max(1e-9));
-        let new = offsets.into_iter().map(|offset| Plane { normal: normal.to_array(), offset });
+        let new =
+            offsets.into_iter().map(|offset| MirrorPlane { normal: normal.to_array(), offset });
         planes.extend(new);
     }
     planes
@@ -147,19 +155,19 @@ fn proposed_planes(snapshot: &PosedModel) -> Vec<Plane> {
 
 fn corrections_of(
     snapshot: &PosedModel,
-    pairs: &Pairs,
-    plane: &Plane,
+    pairs: &MirrorPairs,
+    plane: &MirrorPlane,
     ignore: &[String],
-) -> Corrections {
+) -> MirrorCorrections {
     let list = |kind| {
         let pairs = pairs.left_right_pairs(kind, snapshot, plane).into_iter();
-        pairs.map(|pair| pair.map(|index| snapshot.label(kind, index))).collect::<Vec<_>>()
+        pairs.map(|pair| pair.map(|index| snapshot.object_label(kind, index))).collect::<Vec<_>>()
     };
-    let lists = Kind::ALL.into_iter().map(|kind| (kind, list(kind))).collect();
-    Corrections { plane: Some(*plane), pairs: lists, ignore: ignore.to_vec() }
+    let lists = ModelObjectKind::ALL.into_iter().map(|kind| (kind, list(kind))).collect();
+    MirrorCorrections { plane: Some(*plane), pairs: lists, ignore: ignore.to_vec() }
 }
 
-impl Difference {
+impl MirrorDifference {
     /// Returns one line that names both objects, the property and the amount.
     fn line(&self) -> String {
         let Self { kind, left, right, property, amount, .. } = self;
@@ -167,10 +175,12 @@ impl Difference {
             return format!("{kind} {left} has no counterpart on {right}");
         }
         let amount = match self.measure {
-            Measure::Share | Measure::Scale => format!("differs by {:.3} %", 100.0 * amount),
-            Measure::Metres => format!("differs by {:.2} mm", 1000.0 * amount),
-            Measure::Radians => format!("differs by {amount:.4} rad"),
-            Measure::Exact => "differs".to_owned(),
+            DifferenceMeasure::Share | DifferenceMeasure::Scale => {
+                format!("differs by {:.3} %", 100.0 * amount)
+            }
+            DifferenceMeasure::Metres => format!("differs by {:.2} mm", 1000.0 * amount),
+            DifferenceMeasure::Radians => format!("differs by {amount:.4} rad"),
+            DifferenceMeasure::Exact => "differs".to_owned(),
         };
         let numbers = |values: &[f64]| {
             let texts: Vec<String> = values.iter().map(|value| format!("{value:.6}")).collect();
@@ -187,13 +197,13 @@ impl Difference {
     }
 }
 
-impl ModelCheck {
+impl ModelSymmetryReport {
     /// Returns the report as text: the plane, and a line for each difference.
     pub fn text(&self) -> String {
         let pairs: usize = self.corrections.pairs.values().map(Vec::len).sum();
         // writing to a String cannot fail
         let mut text = String::new();
-        if let Some(Plane { normal, offset }) = self.corrections.plane {
+        if let Some(MirrorPlane { normal, offset }) = self.corrections.plane {
             // no negative zeros
             let [x, y, z] = normal.map(|part| part + 0.0);
             let offset = offset + 0.0;

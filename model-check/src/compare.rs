@@ -9,9 +9,9 @@ use glam::{DMat3, DQuat, DVec3};
 use mujoco::{IntegerArray as Int, NumberArray as Num, RowEdit, raw};
 use serde::Serialize;
 
-use crate::mirror::{Mirror, Plane, principal, quat_values};
-use crate::pairs::Pairs;
-use crate::snapshot::{Kind, PosedModel};
+use crate::mirror::{Mirror, MirrorPlane, principal, quat_values};
+use crate::pairs::MirrorPairs;
+use crate::snapshot::{ModelObjectKind, PosedModel};
 
 /// Length (metres) that counts as much as a relative difference of 1.
 const LENGTH_SCALE: f64 = 0.1;
@@ -21,7 +21,7 @@ const ROUNDING: f64 = 1e-9;
 /// Measure of a difference between two rows of values, such as a share, a length or an angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Measure {
+pub enum DifferenceMeasure {
     /// Largest difference of two elements, as a share of the larger one.
     Share,
     /// Largest difference of two elements, as a share of the largest element.
@@ -36,9 +36,9 @@ pub enum Measure {
 
 /// Property in which an object differs from the mirror image of its counterpart.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Difference {
+pub struct MirrorDifference {
     /// Kind of the objects.
-    pub kind: Kind,
+    pub kind: ModelObjectKind,
     /// Name of the left object.
     pub left: String,
     /// Name of its counterpart; that of the left object again where it lies in the plane and is
@@ -53,7 +53,7 @@ pub struct Difference {
     /// Size of the difference.
     pub amount: f64,
     /// Measure of `amount`.
-    pub measure: Measure,
+    pub measure: DifferenceMeasure,
     /// Root mean square by which the joints of both sides diverge after a second of mirrored
     /// torques, where this is the only difference (radians and metres); `None` if it is not
     /// simulated.
@@ -63,17 +63,17 @@ pub struct Difference {
     pub(crate) edits: Vec<RowEdit>,
 }
 
-impl Difference {
+impl MirrorDifference {
     /// Returns the size of the difference in a unit in which lengths, angles and shares are
     /// comparable.
     pub(crate) fn scaled_amount(&self) -> f64 {
-        self.amount / if self.measure == Measure::Metres { LENGTH_SCALE } else { 1.0 }
+        self.amount / if self.measure == DifferenceMeasure::Metres { LENGTH_SCALE } else { 1.0 }
     }
 }
 
 /// Differences between the sides of a whole model, and the maps between the sides.
 pub(crate) struct Comparison {
-    pub differences: Vec<Difference>,
+    pub differences: Vec<MirrorDifference>,
     /// For each body with a counterpart, the map from its frame to the counterpart's.
     pub mirrors: Vec<Option<Mirror>>,
     /// Sign by which each joint's coordinate is mirrored.
@@ -84,47 +84,52 @@ pub(crate) struct Comparison {
 
 struct Comparer<'a> {
     snapshot: &'a PosedModel<'a>,
-    pairs: &'a Pairs,
+    pairs: &'a MirrorPairs,
     tolerance: f64,
 }
 
 /// Objects whose properties are compared, [left, right].
 #[derive(Clone, Copy)]
 struct Subject {
-    kind: Kind,
+    kind: ModelObjectKind,
     pair: [usize; 2],
 }
 
 impl Comparison {
-    pub fn new(snapshot: &PosedModel, pairs: &Pairs, plane: &Plane, tolerance: f64) -> Self {
+    pub fn new(
+        snapshot: &PosedModel,
+        pairs: &MirrorPairs,
+        plane: &MirrorPlane,
+        tolerance: f64,
+    ) -> Self {
         let comparer = Comparer { snapshot, pairs, tolerance };
         let mut comparison = Self {
             differences: Vec::new(),
-            mirrors: vec![None; snapshot.count(Kind::Body)],
-            joint_signs: vec![1.0; snapshot.count(Kind::Joint)],
-            control_signs: vec![1.0; snapshot.count(Kind::Actuator)],
+            mirrors: vec![None; snapshot.count(ModelObjectKind::Body)],
+            joint_signs: vec![1.0; snapshot.count(ModelObjectKind::Joint)],
+            control_signs: vec![1.0; snapshot.count(ModelObjectKind::Actuator)],
         };
         let list = |kind| pairs.left_right_pairs(kind, snapshot, plane);
-        for pair in list(Kind::Body) {
+        for pair in list(ModelObjectKind::Body) {
             comparison.compare_bodies(&comparer, pair, plane);
         }
-        for pair in list(Kind::Actuator) {
+        for pair in list(ModelObjectKind::Actuator) {
             comparison.compare_actuators(&comparer, pair);
         }
-        for pair in list(Kind::Sensor) {
-            let subject = Subject { kind: Kind::Sensor, pair };
+        for pair in list(ModelObjectKind::Sensor) {
+            let subject = Subject { kind: ModelObjectKind::Sensor, pair };
             for (property, array) in [("cutoff", Num::SensorCutoff), ("noise", Num::SensorNoise)] {
                 comparison.differences.extend(comparer.same(subject, property, array, 1));
             }
         }
-        for pair in list(Kind::Keyframe) {
+        for pair in list(ModelObjectKind::Keyframe) {
             comparison.compare_keyframes(&comparer, pair);
         }
         comparison.add_unpaired(snapshot, pairs);
         comparison
     }
 
-    fn compare_bodies(&mut self, comparer: &Comparer, pair: [usize; 2], plane: &Plane) {
+    fn compare_bodies(&mut self, comparer: &Comparer, pair: [usize; 2], plane: &MirrorPlane) {
         let (mirror, found) = match pair {
             [0, 0] => (plane.mirror(), Vec::new()),
             _ => self.body_mirror(comparer, pair, plane),
@@ -134,7 +139,7 @@ impl Comparison {
         let [left, right] = pair;
         self.mirrors[right] = Some(mirror.inverse());
         self.mirrors[left] = Some(mirror);
-        for (joint, other) in comparer.counterparts(Kind::Joint, pair) {
+        for (joint, other) in comparer.counterparts(ModelObjectKind::Joint, pair) {
             let sign = comparer.joint_sign([joint, other], &mirror);
             self.joint_signs[joint] = sign;
             self.joint_signs[other] = sign;
@@ -147,8 +152,8 @@ impl Comparison {
         &self,
         comparer: &Comparer,
         pair: [usize; 2],
-        plane: &Plane,
-    ) -> (Mirror, Vec<Difference>) {
+        plane: &MirrorPlane,
+    ) -> (Mirror, Vec<MirrorDifference>) {
         let snapshot = comparer.snapshot;
         let above = self.mirrors[snapshot.parent(pair[0])].unwrap_or(plane.mirror());
         let rotations = pair.map(|body| snapshot.rotation(Num::BodyQuat, body));
@@ -168,12 +173,18 @@ impl Comparison {
         let counts = options.map(|mirror| comparer.contents(pair, &mirror).len());
         let best = (0..3).min_by_key(|&option| counts[option]).unwrap_or(0);
         let mirror = options[best];
-        let subject = Subject { kind: Kind::Body, pair };
+        let subject = Subject { kind: ModelObjectKind::Body, pair };
         let mut found = Vec::new();
         if best < 2 {
             let edit = Some((Num::BodyPos, pair[1]));
             let values = [image, positions[1]].map(|position| position.to_array());
-            found.extend(comparer.compare(subject, "position", Measure::Metres, &values, edit));
+            found.extend(comparer.compare(
+                subject,
+                "position",
+                DifferenceMeasure::Metres,
+                &values,
+                edit,
+            ));
         }
         if best == 1 {
             let expected = DQuat::from_mat3(&(above.turn * one * mirror.turn.transpose()));
@@ -184,26 +195,31 @@ impl Comparison {
     }
 
     /// Adds the objects without counterparts whose bodies have one.
-    fn add_unpaired(&mut self, snapshot: &PosedModel, pairs: &Pairs) {
-        for kind in Kind::ALL {
+    fn add_unpaired(&mut self, snapshot: &PosedModel, pairs: &MirrorPairs) {
+        for kind in ModelObjectKind::ALL {
             let unpaired_count =
-                (0..snapshot.count(kind)).filter(|&at| pairs.of(kind, at).is_none());
-            for index in unpaired_count.filter(|&at| kind != Kind::Geom || snapshot.collides(at)) {
+                (0..snapshot.count(kind)).filter(|&at| pairs.counterpart_of(kind, at).is_none());
+            for index in unpaired_count
+                .filter(|&at| kind != ModelObjectKind::Geom || snapshot.geom_collides(at))
+            {
                 let owner = match kind {
-                    Kind::Body => Some(snapshot.parent(index)),
-                    _ => snapshot.body(kind, index),
+                    ModelObjectKind::Body => Some(snapshot.parent(index)),
+                    _ => snapshot.body_of_object(kind, index),
                 };
                 // a body without counterpart is reported, what it carries is not
-                let Some(other) = pairs.of(Kind::Body, owner.unwrap_or(0)) else { continue };
-                self.differences.push(Difference {
+                let Some(other) = pairs.counterpart_of(ModelObjectKind::Body, owner.unwrap_or(0))
+                else {
+                    continue;
+                };
+                self.differences.push(MirrorDifference {
                     kind,
-                    left: snapshot.label(kind, index),
-                    right: snapshot.label(Kind::Body, other),
+                    left: snapshot.object_label(kind, index),
+                    right: snapshot.object_label(ModelObjectKind::Body, other),
                     property: "counterpart".to_owned(),
                     expected: Vec::new(),
                     found: Vec::new(),
                     amount: 1.0,
-                    measure: Measure::Exact,
+                    measure: DifferenceMeasure::Exact,
                     effect: None,
                     edits: Vec::new(),
                 });
@@ -212,11 +228,11 @@ impl Comparison {
     }
 
     fn compare_actuators(&mut self, comparer: &Comparer, pair: [usize; 2]) {
-        let subject = Subject { kind: Kind::Actuator, pair };
+        let subject = Subject { kind: ModelObjectKind::Actuator, pair };
         let row = |array, width| pair.map(|at| comparer.snapshot.row(array, at, width).to_vec());
         let [mut gear, other_gear] = row(Num::ActuatorGear, 6);
-        let sign = match comparer.snapshot.target(Kind::Actuator, pair[0]) {
-            Some((Kind::Joint, joint)) => {
+        let sign = match comparer.snapshot.target_object(ModelObjectKind::Actuator, pair[0]) {
+            Some((ModelObjectKind::Joint, joint)) => {
                 self.joint_signs[joint] * (gear[0] * other_gear[0]).signum()
             }
             _ => 1.0,
@@ -231,19 +247,19 @@ impl Comparison {
             [mirrored_range(one, sign).to_vec(), other.to_vec()]
         };
         for (property, array, measure, values) in [
-            ("gear", Num::ActuatorGear, Measure::Share, [gear, other_gear]),
-            ("gain", Num::ActuatorGainprm, Measure::Share, row(Num::ActuatorGainprm, 10)),
-            ("bias", Num::ActuatorBiasprm, Measure::Share, [bias, other_bias]),
+            ("gear", Num::ActuatorGear, DifferenceMeasure::Share, [gear, other_gear]),
+            ("gain", Num::ActuatorGainprm, DifferenceMeasure::Share, row(Num::ActuatorGainprm, 10)),
+            ("bias", Num::ActuatorBiasprm, DifferenceMeasure::Share, [bias, other_bias]),
             (
                 "control range",
                 Num::ActuatorCtrlrange,
-                Measure::Scale,
+                DifferenceMeasure::Scale,
                 mirrored(Num::ActuatorCtrlrange),
             ),
             (
                 "force range",
                 Num::ActuatorForcerange,
-                Measure::Scale,
+                DifferenceMeasure::Scale,
                 mirrored(Num::ActuatorForcerange),
             ),
         ] {
@@ -261,10 +277,11 @@ impl Comparison {
                 let subject = Subject { kind, pair };
                 let values = values.map(|value| [value]);
                 let difference =
-                    comparer.compare(subject, property, Measure::Radians, &values, None);
+                    comparer.compare(subject, property, DifferenceMeasure::Radians, &values, None);
                 found.extend(difference.map(|mut difference| {
-                    let [left, right] = keys.map(|key| snapshot.label(Kind::Keyframe, key));
-                    difference.kind = Kind::Keyframe;
+                    let [left, right] =
+                        keys.map(|key| snapshot.object_label(ModelObjectKind::Keyframe, key));
+                    difference.kind = ModelObjectKind::Keyframe;
                     difference.left = format!("{left}, {}", difference.left);
                     difference.right = format!("{right}, {}", difference.right);
                     difference
@@ -272,21 +289,26 @@ impl Comparison {
             }
         };
         let [nq, nu] = [snapshot.model.nq(), snapshot.model.nu()];
-        for joint in (0..self.joint_signs.len()).filter(|&joint| snapshot.is_scalar(joint)) {
-            let Some(other) = comparer.pairs.of(Kind::Joint, joint) else { continue };
+        for joint in (0..self.joint_signs.len()).filter(|&joint| snapshot.is_scalar_joint(joint)) {
+            let Some(other) = comparer.pairs.counterpart_of(ModelObjectKind::Joint, joint) else {
+                continue;
+            };
             let at = [joint, other].map(|joint| snapshot.index(Int::JntQposadr, joint));
             let rest = at.map(|at| snapshot.number(Num::Qpos0, at));
             let [one, own] =
                 [0, 1].map(|side| snapshot.number(Num::KeyQpos, keys[side] * nq + at[side]));
             let image = self.joint_signs[joint] * (one - rest[0]) + rest[1];
-            add(Kind::Joint, "position", [joint, other], [image, own]);
+            add(ModelObjectKind::Joint, "position", [joint, other], [image, own]);
         }
         for (actuator, sign) in self.control_signs.iter().enumerate() {
-            let Some(other) = comparer.pairs.of(Kind::Actuator, actuator) else { continue };
+            let Some(other) = comparer.pairs.counterpart_of(ModelObjectKind::Actuator, actuator)
+            else {
+                continue;
+            };
             let pair = [actuator, other];
             let [one, own] =
                 [0, 1].map(|side| snapshot.number(Num::KeyCtrl, keys[side] * nu + pair[side]));
-            add(Kind::Actuator, "control", pair, [sign * one, own]);
+            add(ModelObjectKind::Actuator, "control", pair, [sign * one, own]);
         }
         self.differences.extend(found);
     }
@@ -294,31 +316,42 @@ impl Comparison {
 
 impl Comparer<'_> {
     /// Returns the objects of a kind on the first body that have counterparts, each pair once.
-    fn counterparts(&self, kind: Kind, [left, right]: [usize; 2]) -> Vec<(usize, usize)> {
-        let all = (0..self.snapshot.count(kind)).map(|one| (one, self.pairs.of(kind, one)));
+    fn counterparts(
+        &self,
+        kind: ModelObjectKind,
+        [left, right]: [usize; 2],
+    ) -> Vec<(usize, usize)> {
+        let all =
+            (0..self.snapshot.count(kind)).map(|one| (one, self.pairs.counterpart_of(kind, one)));
         let pairs = all.filter_map(|(one, other)| Some((one, other?)));
         pairs
             .filter(|&(one, other)| {
-                self.snapshot.body(kind, one) == Some(left) && (left != right || one <= other)
+                self.snapshot.body_of_object(kind, one) == Some(left)
+                    && (left != right || one <= other)
             })
             .collect()
     }
 
     /// Returns the differences between the masses, joints, geoms, sites and cameras of two bodies.
-    fn contents(&self, pair: [usize; 2], mirror: &Mirror) -> Vec<Difference> {
+    fn contents(&self, pair: [usize; 2], mirror: &Mirror) -> Vec<MirrorDifference> {
         let mut found = Vec::new();
         if pair[0] != 0 {
             self.compare_masses(pair, mirror, &mut found);
         }
-        for kind in [Kind::Joint, Kind::Geom, Kind::Site, Kind::Camera] {
+        for kind in [
+            ModelObjectKind::Joint,
+            ModelObjectKind::Geom,
+            ModelObjectKind::Site,
+            ModelObjectKind::Camera,
+        ] {
             for (one, other) in self.counterparts(kind, pair) {
                 let subject = Subject { kind, pair: [one, other] };
                 match kind {
-                    Kind::Joint if self.snapshot.is_scalar(one) => {
+                    ModelObjectKind::Joint if self.snapshot.is_scalar_joint(one) => {
                         self.compare_joints(subject, mirror, &mut found);
                     }
-                    Kind::Joint => {}
-                    Kind::Geom => self.compare_geoms(subject, mirror, &mut found),
+                    ModelObjectKind::Joint => {}
+                    ModelObjectKind::Geom => self.compare_geoms(subject, mirror, &mut found),
                     _ => self.compare_views(subject, mirror, &mut found),
                 }
             }
@@ -326,8 +359,8 @@ impl Comparer<'_> {
         found
     }
 
-    fn compare_masses(&self, pair: [usize; 2], mirror: &Mirror, found: &mut Vec<Difference>) {
-        let subject = Subject { kind: Kind::Body, pair };
+    fn compare_masses(&self, pair: [usize; 2], mirror: &Mirror, found: &mut Vec<MirrorDifference>) {
+        let subject = Subject { kind: ModelObjectKind::Body, pair };
         found.extend(self.same(subject, "mass", Num::BodyMass, 1));
         if pair.iter().all(|&body| self.snapshot.number(Num::BodyMass, body) == 0.0) {
             return;
@@ -339,7 +372,7 @@ impl Comparer<'_> {
         });
         let image = mirror.tensor(one);
         let values = [image, other].map(tensor_values);
-        let difference = self.compare(subject, "inertia", Measure::Scale, &values, None);
+        let difference = self.compare(subject, "inertia", DifferenceMeasure::Scale, &values, None);
         found.extend(difference.map(|difference| {
             let expected = if pair[0] == pair[1] { (image + other) * 0.5 } else { image };
             let (moments, axes) = principal(expected);
@@ -347,7 +380,7 @@ impl Comparer<'_> {
                 row_edit(Num::BodyInertia, pair[1], &moments.to_array()),
                 row_edit(Num::BodyIquat, pair[1], &quat_values(axes)),
             ];
-            Difference { edits, ..difference }
+            MirrorDifference { edits, ..difference }
         }));
     }
 
@@ -367,14 +400,14 @@ impl Comparer<'_> {
     /// Returns the sign by which a joint's coordinate is mirrored. Where the limits fit the
     /// opposite of what the axis says, it is theirs: the axis points the wrong way then.
     fn joint_sign(&self, pair: [usize; 2], mirror: &Mirror) -> f64 {
-        if !self.snapshot.is_scalar(pair[0]) {
+        if !self.snapshot.is_scalar_joint(pair[0]) {
             return 1.0;
         }
         let sign = self.axis_sign(pair, mirror);
-        let subject = Subject { kind: Kind::Joint, pair };
+        let subject = Subject { kind: ModelObjectKind::Joint, pair };
         let fits = |tried| {
             let limits = self.limits(pair, tried);
-            self.compare(subject, "range", Measure::Scale, &limits, None).is_none()
+            self.compare(subject, "range", DifferenceMeasure::Scale, &limits, None).is_none()
         };
         let limited = pair.map(|joint| self.snapshot.integer(Int::JntLimited, joint) != 0);
         let is_wrong = pair[0] != pair[1] && limited == [true; 2] && !fits(sign) && fits(-sign);
@@ -391,7 +424,7 @@ impl Comparer<'_> {
         [image.map(|limit| limit + rest[1]), [other[0], other[1]]]
     }
 
-    fn compare_joints(&self, subject: Subject, mirror: &Mirror, found: &mut Vec<Difference>) {
+    fn compare_joints(&self, subject: Subject, mirror: &Mirror, found: &mut Vec<MirrorDifference>) {
         let (snapshot, pair) = (self.snapshot, subject.pair);
         let address = |array| pair.map(|joint| snapshot.index(array, joint));
         let dofs = address(Int::JntDofadr);
@@ -402,14 +435,20 @@ impl Comparer<'_> {
             ("stiffness", Num::JntStiffness, pair),
         ] {
             let (values, edit) = (rows.map(|row| [snapshot.number(array, row)]), (array, rows[1]));
-            found.extend(self.compare(subject, property, Measure::Share, &values, Some(edit)));
+            found.extend(self.compare(
+                subject,
+                property,
+                DifferenceMeasure::Share,
+                &values,
+                Some(edit),
+            ));
         }
         let sign = self.joint_sign(pair, mirror);
         let axis = snapshot.vector(Num::JntAxis, pair[1]);
         let (property, measure, image) = if sign == self.axis_sign(pair, mirror) {
-            ("axis", Measure::Radians, self.axis_image(pair[0], mirror) * sign)
+            ("axis", DifferenceMeasure::Radians, self.axis_image(pair[0], mirror) * sign)
         } else {
-            ("sign", Measure::Exact, -axis)
+            ("sign", DifferenceMeasure::Exact, -axis)
         };
         let axes = [image, axis].map(|axis| axis.to_array());
         let edit = |array| Some((array, pair[1]));
@@ -421,28 +460,40 @@ impl Comparer<'_> {
             let anchor = anchor + (other - anchor).project_onto(axis);
             let anchors = [anchor, other].map(|point| point.to_array());
             let edit = edit(Num::JntPos);
-            found.extend(self.compare(subject, "anchor", Measure::Metres, &anchors, edit));
+            found.extend(self.compare(
+                subject,
+                "anchor",
+                DifferenceMeasure::Metres,
+                &anchors,
+                edit,
+            ));
         }
         found.extend(self.integers(subject, "limited", Int::JntLimited));
         if snapshot.integer(Int::JntLimited, pair[1]) != 0 {
             let limits = self.limits(pair, sign);
             let edit = edit(Num::JntRange);
-            found.extend(self.compare(subject, "range", Measure::Scale, &limits, edit));
+            found.extend(self.compare(subject, "range", DifferenceMeasure::Scale, &limits, edit));
         }
         let at = address(Int::JntQposadr);
         let rest = at.map(|at| snapshot.number(Num::Qpos0, at));
         let spring = at.map(|at| snapshot.number(Num::QposSpring, at));
         let rests = [[sign * rest[0]], [rest[1]]];
-        found.extend(self.compare(subject, "reference", Measure::Radians, &rests, None));
+        found.extend(self.compare(subject, "reference", DifferenceMeasure::Radians, &rests, None));
         let springs = [[sign * (spring[0] - rest[0]) + rest[1]], [spring[1]]];
         let spring_edit = Some((Num::QposSpring, at[1]));
         let name = "spring reference";
-        found.extend(self.compare(subject, name, Measure::Radians, &springs, spring_edit));
+        found.extend(self.compare(
+            subject,
+            name,
+            DifferenceMeasure::Radians,
+            &springs,
+            spring_edit,
+        ));
     }
 
     /// Compares geoms, whose shapes are symmetric about the axes of their frames; of meshes and
     /// height fields, only the position of their centre.
-    fn compare_geoms(&self, subject: Subject, mirror: &Mirror, found: &mut Vec<Difference>) {
+    fn compare_geoms(&self, subject: Subject, mirror: &Mirror, found: &mut Vec<MirrorDifference>) {
         let (snapshot, pair) = (self.snapshot, subject.pair);
         let shape = snapshot.integer(Int::GeomType, pair[0]).cast_unsigned();
         let radii = pair.map(|geom| {
@@ -463,14 +514,20 @@ impl Comparer<'_> {
             radii
         });
         let rotations = pair.map(|geom| snapshot.rotation(Num::GeomQuat, geom));
-        let size = self.compare(subject, "size", Measure::Share, &sorted, None);
+        let size = self.compare(subject, "size", DifferenceMeasure::Share, &sorted, None);
         if let Some(size) = size {
             let edits = vec![row_edit(Num::GeomSize, pair[1], &sizes[0])];
-            found.push(Difference { edits, ..size });
+            found.push(MirrorDifference { edits, ..size });
         } else {
             let [one, other] = [0, 1].map(|side| tensor(radii[side], rotations[side]));
             let values = [mirror.tensor(one), other].map(tensor_values);
-            found.extend(self.compare(subject, "orientation", Measure::Scale, &values, None));
+            found.extend(self.compare(
+                subject,
+                "orientation",
+                DifferenceMeasure::Scale,
+                &values,
+                None,
+            ));
         }
         match shape {
             raw::mjGEOM_PLANE => {
@@ -478,7 +535,13 @@ impl Comparer<'_> {
                 // a plane is the same anywhere in itself
                 let height = (mirror.point(points[0]) - points[1]).dot(rotations[1] * DVec3::Z);
                 let values = [[height], [0.0]];
-                found.extend(self.compare(subject, "position", Measure::Metres, &values, None));
+                found.extend(self.compare(
+                    subject,
+                    "position",
+                    DifferenceMeasure::Metres,
+                    &values,
+                    None,
+                ));
             }
             _ => found.extend(self.point(subject, "position", Num::GeomPos, mirror)),
         }
@@ -501,16 +564,18 @@ impl Comparer<'_> {
 
     /// Compares sites and cameras. Axes of a site may be permuted and their signs changed; the
     /// image of a mirrored camera is flipped from left to right.
-    fn compare_views(&self, subject: Subject, mirror: &Mirror, found: &mut Vec<Difference>) {
+    fn compare_views(&self, subject: Subject, mirror: &Mirror, found: &mut Vec<MirrorDifference>) {
         let (position, orientation) = match subject.kind {
-            Kind::Site => (Num::SitePos, Num::SiteQuat),
+            ModelObjectKind::Site => (Num::SitePos, Num::SiteQuat),
             _ => (Num::CamPos, Num::CamQuat),
         };
         found.extend(self.point(subject, "position", position, mirror));
         let rotations = subject.pair.map(|index| self.snapshot.rotation(orientation, index));
         let [one, other] = rotations.map(DMat3::from_quat);
         let flip = match subject.kind {
-            Kind::Site => (other.transpose() * mirror.turn * one).to_cols_array().map(f64::round),
+            ModelObjectKind::Site => {
+                (other.transpose() * mirror.turn * one).to_cols_array().map(f64::round)
+            }
             _ => DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0)).to_cols_array(),
         };
         let flip = DMat3::from_cols_array(&flip);
@@ -519,14 +584,14 @@ impl Comparer<'_> {
             let expected = DQuat::from_mat3(&(mirror.turn * one * flip.transpose()));
             found.extend(self.rotation(subject, expected, rotations[1], None));
         }
-        if subject.kind == Kind::Camera {
+        if subject.kind == ModelObjectKind::Camera {
             found.extend(self.same(subject, "field of view", Num::CamFovy, 1));
         }
     }
 
-    fn integers(&self, subject: Subject, property: &str, array: Int) -> Option<Difference> {
+    fn integers(&self, subject: Subject, property: &str, array: Int) -> Option<MirrorDifference> {
         let values = subject.pair.map(|row| [f64::from(self.snapshot.integer(array, row))]);
-        self.compare(subject, property, Measure::Exact, &values, None)
+        self.compare(subject, property, DifferenceMeasure::Exact, &values, None)
     }
 
     /// Compares rows that mirroring does not change.
@@ -536,9 +601,15 @@ impl Comparer<'_> {
         property: &str,
         array: Num,
         width: usize,
-    ) -> Option<Difference> {
+    ) -> Option<MirrorDifference> {
         let values = subject.pair.map(|row| self.snapshot.row(array, row, width));
-        self.compare(subject, property, Measure::Share, &values, Some((array, subject.pair[1])))
+        self.compare(
+            subject,
+            property,
+            DifferenceMeasure::Share,
+            &values,
+            Some((array, subject.pair[1])),
+        )
     }
 
     fn point(
@@ -547,10 +618,16 @@ impl Comparer<'_> {
         property: &str,
         array: Num,
         mirror: &Mirror,
-    ) -> Option<Difference> {
+    ) -> Option<MirrorDifference> {
         let [one, other] = subject.pair.map(|row| self.snapshot.vector(array, row));
         let values = [mirror.point(one), other].map(|point| point.to_array());
-        self.compare(subject, property, Measure::Metres, &values, Some((array, subject.pair[1])))
+        self.compare(
+            subject,
+            property,
+            DifferenceMeasure::Metres,
+            &values,
+            Some((array, subject.pair[1])),
+        )
     }
 
     fn rotation(
@@ -559,11 +636,11 @@ impl Comparer<'_> {
         image: DQuat,
         found: DQuat,
         edit: Option<(Num, usize)>,
-    ) -> Option<Difference> {
+    ) -> Option<MirrorDifference> {
         // a quaternion and its negative are one rotation
         let image = if image.dot(found) < 0.0 { -image } else { image };
         let values = [image, found].map(quat_values);
-        self.compare(subject, "orientation", Measure::Radians, &values, edit)
+        self.compare(subject, "orientation", DifferenceMeasure::Radians, &values, edit)
     }
 
     /// Returns the difference between the mirror image of left values and right ones if it is above
@@ -572,28 +649,33 @@ impl Comparer<'_> {
         &self,
         subject: Subject,
         property: &str,
-        measure: Measure,
+        measure: DifferenceMeasure,
         [image, found]: &[impl AsRef<[f64]>; 2],
         edit: Option<(Num, usize)>,
-    ) -> Option<Difference> {
+    ) -> Option<MirrorDifference> {
         let (image, found) = (image.as_ref(), found.as_ref());
         let (amount, limit) = match measure {
-            Measure::Exact => (f64::from(u8::from(image != found)), 0.5),
-            Measure::Metres => (distance(image, found), self.tolerance * LENGTH_SCALE),
+            DifferenceMeasure::Exact => (f64::from(u8::from(image != found)), 0.5),
+            DifferenceMeasure::Metres => (distance(image, found), self.tolerance * LENGTH_SCALE),
             // the elements of a quaternion are those of half the angle
-            Measure::Radians if image.len() == 4 => (2.0 * distance(image, found), self.tolerance),
-            Measure::Radians => (distance(image, found), self.tolerance),
-            Measure::Share | Measure::Scale => (share(measure, image, found), self.tolerance),
+            DifferenceMeasure::Radians if image.len() == 4 => {
+                (2.0 * distance(image, found), self.tolerance)
+            }
+            DifferenceMeasure::Radians => (distance(image, found), self.tolerance),
+            DifferenceMeasure::Share | DifferenceMeasure::Scale => {
+                (share(measure, image, found), self.tolerance)
+            }
         };
-        let [left, right] = subject.pair.map(|index| self.snapshot.label(subject.kind, index));
+        let [left, right] =
+            subject.pair.map(|index| self.snapshot.object_label(subject.kind, index));
         let is_in_plane = subject.pair[0] == subject.pair[1];
-        let expected: Vec<f64> = if is_in_plane && measure != Measure::Exact {
+        let expected: Vec<f64> = if is_in_plane && measure != DifferenceMeasure::Exact {
             image.iter().zip(found).map(|(a, b)| 0.5 * (a + b)).collect()
         } else {
             image.to_vec()
         };
         let edits = edit.map(|(array, row)| row_edit(array, row, &expected)).into_iter().collect();
-        (amount > limit).then(|| Difference {
+        (amount > limit).then(|| MirrorDifference {
             kind: subject.kind,
             left,
             right,
@@ -633,12 +715,12 @@ fn distance(one: &[f64], other: &[f64]) -> f64 {
 }
 
 /// Returns the largest difference as a share of the larger element, or of the largest of all.
-fn share(measure: Measure, one: &[f64], other: &[f64]) -> f64 {
+fn share(measure: DifferenceMeasure, one: &[f64], other: &[f64]) -> f64 {
     let elements = one.iter().zip(other);
     let largest =
         elements.clone().fold(ROUNDING, |most: f64, (a, b)| most.max(a.abs()).max(b.abs()));
     let shares = elements.map(|(a, b)| match measure {
-        Measure::Share => (a - b).abs() / a.abs().max(b.abs()).max(ROUNDING),
+        DifferenceMeasure::Share => (a - b).abs() / a.abs().max(b.abs()).max(ROUNDING),
         _ => (a - b).abs() / largest,
     });
     shares.fold(0.0, f64::max)

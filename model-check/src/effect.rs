@@ -6,7 +6,7 @@ use std::sync::Arc;
 use mujoco::{Data, IntegerArray as Int, Model, NumberArray as Num, RowEdit, SimError, raw};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
-use crate::compare::Difference;
+use crate::compare::MirrorDifference;
 use crate::maps::SymmetryMaps;
 
 /// Simulated time (seconds).
@@ -25,7 +25,7 @@ const MAX_SIMULATED: usize = 40;
 pub(crate) fn simulate(
     model: &Model,
     maps: &SymmetryMaps,
-    differences: &mut [Difference],
+    differences: &mut [MirrorDifference],
 ) -> Option<f64> {
     let edits: Vec<&[RowEdit]> =
         differences.iter().map(|difference| &difference.edits[..]).collect();

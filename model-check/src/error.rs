@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use mujoco::ModelError;
 use robots::DescriptionError;
 
-use crate::mirror::Plane;
-use crate::snapshot::Kind;
+use crate::mirror::MirrorPlane;
+use crate::snapshot::ModelObjectKind;
 
 /// Error of checking a model.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum CheckError {
+pub enum ModelSymmetryError {
     /// File that cannot be read.
     #[error("cannot read {}: {source}", path.display())]
     Read {
@@ -38,7 +38,7 @@ pub enum CheckError {
     #[error("the model has no {kind} `{name}`; it has: {}", known.join(", "))]
     UnknownObject {
         /// Kind of the object.
-        kind: Kind,
+        kind: ModelObjectKind,
         /// Name in the corrections.
         name: String,
         /// Names that reports use for the objects of this kind.
@@ -48,7 +48,7 @@ pub enum CheckError {
     #[error("the plane is {plane:?}; expected a normal of length 1 and a finite offset")]
     InvalidPlane {
         /// Plane in the corrections.
-        plane: Plane,
+        plane: MirrorPlane,
     },
     /// Tolerance that would hide every difference, or that is negative.
     #[error("the tolerance is {tolerance}, expected a number from 0 to 1")]

@@ -11,11 +11,11 @@ mod pairs;
 mod read;
 mod snapshot;
 
-pub use check::{CheckSettings, ModelCheck, check};
-pub use compare::{Difference, Measure};
-pub use error::CheckError;
+pub use check::{ModelSymmetryReport, ModelSymmetrySettings, check_model_symmetry};
+pub use compare::{DifferenceMeasure, MirrorDifference};
+pub use error::ModelSymmetryError;
 pub use maps::{SignedPermutation, SymmetryMaps};
-pub use mirror::Plane;
-pub use pairs::Corrections;
+pub use mirror::MirrorPlane;
+pub use pairs::MirrorCorrections;
 pub use read::read_model;
-pub use snapshot::Kind;
+pub use snapshot::ModelObjectKind;

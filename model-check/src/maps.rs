@@ -10,9 +10,9 @@ use serde::Serialize;
 use symmetry::{FieldType, Group, Irrep, irrep_major_permutation};
 
 use crate::compare::Comparison;
-use crate::mirror::{Plane, quat, quat_values};
-use crate::pairs::Pairs;
-use crate::snapshot::{Kind, PosedModel};
+use crate::mirror::{MirrorPlane, quat, quat_values};
+use crate::pairs::MirrorPairs;
+use crate::snapshot::{ModelObjectKind, PosedModel};
 
 /// Distance of a rounded entry from the entry that is still taken for a permutation.
 const ROUNDING: f64 = 1e-3;
@@ -82,7 +82,7 @@ impl SignedPermutation {
     }
 
     /// Returns the map of the concatenation of a vector of this map and one of `other`.
-    pub fn followed_by(&self, other: &Self) -> Self {
+    pub fn concatenated_with(&self, other: &Self) -> Self {
         let sources = other.sources.iter().map(|source| source + self.sources.len());
         Self {
             sources: self.sources.iter().copied().chain(sources).collect(),
@@ -158,27 +158,28 @@ impl SymmetryMaps {
     /// signed permutation because its frame or the plane is askew.
     pub(crate) fn new(
         snapshot: &PosedModel,
-        pairs: &Pairs,
+        pairs: &MirrorPairs,
         comparison: &Comparison,
-        plane: &Plane,
+        plane: &MirrorPlane,
     ) -> Result<Self, String> {
         let model = snapshot.model;
         let mut qpos = SignedPermutation::new(model.nq());
         let mut qvel = SignedPermutation::new(model.nv());
         let mut shift = vec![0.0; model.nq()];
-        for joint in 0..snapshot.count(Kind::Joint) {
+        for joint in 0..snapshot.count(ModelObjectKind::Joint) {
             let mut mapped = || {
-                let other = pairs.of(Kind::Joint, joint)?;
+                let other = pairs.counterpart_of(ModelObjectKind::Joint, joint)?;
                 let at = |array| [other, joint].map(|joint| snapshot.index(array, joint));
                 let ([to, from], [to_dof, from_dof]) = (at(Int::JntQposadr), at(Int::JntDofadr));
                 let sign = comparison.joint_signs[joint];
-                if snapshot.is_scalar(joint) {
+                if snapshot.is_scalar_joint(joint) {
                     let [one, image] = [from, to].map(|entry| snapshot.number(Num::Qpos0, entry));
                     shift[to] = image - sign * one;
                     qpos.set(to, from, [[sign]])?;
                     return qvel.set(to_dof, from_dof, [[sign]]);
                 }
-                let mirror = comparison.mirrors[snapshot.body(Kind::Joint, joint)?]?;
+                let mirror =
+                    comparison.mirrors[snapshot.body_of_object(ModelObjectKind::Joint, joint)?]?;
                 let turning = rows(-mirror.turn);
                 if snapshot.joint_type(joint) == raw::mjJNT_BALL {
                     qpos.set(to, from, quat_rows(mirror.turn, mirror.turn))?;
@@ -191,13 +192,13 @@ impl SymmetryMaps {
                 qvel.set(to_dof, from_dof, rows(world.turn))?;
                 qvel.set(to_dof + 3, from_dof + 3, turning)
             };
-            mapped().ok_or_else(|| unmapped(snapshot, Kind::Joint, joint))?;
+            mapped().ok_or_else(|| unmapped(snapshot, ModelObjectKind::Joint, joint))?;
         }
         let mut ctrl = SignedPermutation::new(model.nu());
         for (actuator, &sign) in comparison.control_signs.iter().enumerate() {
-            let other = pairs.of(Kind::Actuator, actuator);
+            let other = pairs.counterpart_of(ModelObjectKind::Actuator, actuator);
             let set = other.and_then(|other| ctrl.set(other, actuator, [[sign]]));
-            set.ok_or_else(|| unmapped(snapshot, Kind::Actuator, actuator))?;
+            set.ok_or_else(|| unmapped(snapshot, ModelObjectKind::Actuator, actuator))?;
         }
         let [x, y, _] = plane.normal.map(f64::abs);
         let group = if x > y { Group::D1x } else { Group::D1y };
@@ -206,29 +207,29 @@ impl SymmetryMaps {
     }
 }
 
-fn unmapped(snapshot: &PosedModel, kind: Kind, index: usize) -> String {
+fn unmapped(snapshot: &PosedModel, kind: ModelObjectKind, index: usize) -> String {
     format!(
         "{kind} `{}` has no counterpart, or its map is no permutation with signs because its frame \
          or the plane is askew",
-        snapshot.label(kind, index)
+        snapshot.object_label(kind, index)
     )
 }
 
 fn sensor_map(
     snapshot: &PosedModel,
-    pairs: &Pairs,
+    pairs: &MirrorPairs,
     comparison: &Comparison,
 ) -> Option<SignedPermutation> {
     let mut map = SignedPermutation::new(snapshot.model.as_raw().nsensordata as usize);
-    for sensor in 0..snapshot.count(Kind::Sensor) {
-        let other = pairs.of(Kind::Sensor, sensor)?;
+    for sensor in 0..snapshot.count(ModelObjectKind::Sensor) {
+        let other = pairs.counterpart_of(ModelObjectKind::Sensor, sensor)?;
         let [to, from] = [other, sensor].map(|sensor| snapshot.index(Int::SensorAdr, sensor));
-        let (kind, object) = snapshot.target(Kind::Sensor, sensor)?;
+        let (kind, object) = snapshot.target_object(ModelObjectKind::Sensor, sensor)?;
         // vectors are in the frame of their site
         let turn = || {
-            let [one, image] = [object, pairs.of(kind, object)?]
+            let [one, image] = [object, pairs.counterpart_of(kind, object)?]
                 .map(|site| DMat3::from_quat(snapshot.rotation(Num::SiteQuat, site)));
-            let body = comparison.mirrors[snapshot.body(kind, object)?]?;
+            let body = comparison.mirrors[snapshot.body_of_object(kind, object)?]?;
             Some(image.transpose() * body.turn * one)
         };
         match snapshot.integer(Int::SensorType, sensor).cast_unsigned() {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Mirror plane in the world: all points p with `normal` · p = `offset`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Plane {
+pub struct MirrorPlane {
     /// Unit vector across the plane, which points to the left side.
     pub normal: [f64; 3],
     /// Distance of the plane from the world's origin along the normal (metres).
@@ -14,7 +14,7 @@ pub struct Plane {
     pub offset: f64,
 }
 
-impl Plane {
+impl MirrorPlane {
     /// Returns `true` for a normal of length 1 and a finite offset.
     pub(crate) fn is_valid(&self) -> bool {
         let excess = DVec3::from_array(self.normal).length() - 1.0;
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_mirror_image_is_as_far_on_the_other_side() {
-        let plane = Plane { normal: [0.0, 0.6, 0.8], offset: 0.3 };
+        let plane = MirrorPlane { normal: [0.0, 0.6, 0.8], offset: 0.3 };
         let (mirror, point) = (plane.mirror(), DVec3::new(1.0, 2.0, 3.0));
         let image = mirror.point(point);
         assert!((plane.distance(point) + plane.distance(image)).abs() < 1e-12);

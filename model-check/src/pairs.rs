@@ -6,41 +6,41 @@ use std::path::Path;
 use mujoco::{IntegerArray, raw};
 use serde::{Deserialize, Serialize};
 
-use crate::error::CheckError;
-use crate::mirror::Plane;
+use crate::error::ModelSymmetryError;
+use crate::mirror::MirrorPlane;
 use crate::names::are_mirror_names;
-use crate::snapshot::{Kind, PosedModel};
+use crate::snapshot::{ModelObjectKind, PosedModel};
 
 /// Distance within which objects without names of sides are counterparts, as a share of the model's
 /// extent.
 const NEARNESS: f64 = 0.1;
 
 /// Counterparts that corrections give, in both directions.
-type Forced = BTreeMap<(Kind, usize), usize>;
+type Forced = BTreeMap<(ModelObjectKind, usize), usize>;
 
 /// Corrections of the proposed mirror plane and pairs, as a JSON file holds them.
 ///
 /// Objects are named as reports name them, [left, right]; a name twice is an object in the plane.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Corrections {
+pub struct MirrorCorrections {
     /// Mirror plane; `None` for the proposed one.
-    pub plane: Option<Plane>,
+    pub plane: Option<MirrorPlane>,
     /// Counterparts of each kind of object.
-    pub pairs: BTreeMap<Kind, Vec<[String; 2]>>,
+    pub pairs: BTreeMap<ModelObjectKind, Vec<[String; 2]>>,
     /// Objects whose differences are left out, for instance `camera side`.
     pub ignore: Vec<String>,
 }
 
-impl Corrections {
+impl MirrorCorrections {
     /// Reads corrections from a JSON file.
     ///
     /// # Errors
-    /// [`CheckError::Read`], [`CheckError::InvalidFile`].
-    pub fn read(path: &Path) -> Result<Self, CheckError> {
-        let text =
-            std::fs::read(path).map_err(|source| CheckError::Read { path: path.into(), source })?;
-        serde_json::from_slice(&text).map_err(|error| CheckError::InvalidFile {
+    /// [`ModelSymmetryError::Read`], [`ModelSymmetryError::InvalidFile`].
+    pub fn read(path: &Path) -> Result<Self, ModelSymmetryError> {
+        let text = std::fs::read(path)
+            .map_err(|source| ModelSymmetryError::Read { path: path.into(), source })?;
+        serde_json::from_slice(&text).map_err(|error| ModelSymmetryError::InvalidFile {
             path: path.into(),
             message: error.to_string(),
         })
@@ -49,17 +49,17 @@ impl Corrections {
     /// Returns the corrected pairs of objects of each kind as indices, in both directions.
     ///
     /// # Errors
-    /// [`CheckError::UnknownObject`].
-    pub(crate) fn indices(&self, snapshot: &PosedModel) -> Result<Forced, CheckError> {
+    /// [`ModelSymmetryError::UnknownObject`].
+    pub(crate) fn indices(&self, snapshot: &PosedModel) -> Result<Forced, ModelSymmetryError> {
         let mut forced = BTreeMap::new();
         for (&kind, pairs) in &self.pairs {
-            let labels = (0..snapshot.count(kind)).map(|index| snapshot.label(kind, index));
+            let labels = (0..snapshot.count(kind)).map(|index| snapshot.object_label(kind, index));
             let known: Vec<String> = labels.collect();
             let find = |name: &String| {
                 let found = known.iter().position(|label| label == name);
                 found.ok_or_else(|| {
                     let (name, known) = (name.clone(), known.clone());
-                    CheckError::UnknownObject { kind, name, known }
+                    ModelSymmetryError::UnknownObject { kind, name, known }
                 })
             };
             for [one, other] in pairs {
@@ -73,29 +73,38 @@ impl Corrections {
 }
 
 /// Counterparts of all objects of a model on its other side.
-pub(crate) struct Pairs {
+pub(crate) struct MirrorPairs {
     counterparts: [Vec<Option<usize>>; 8],
 }
 
-impl Pairs {
+impl MirrorPairs {
     /// Finds counterparts by the pairs `forced`, then by names, then by the distance of mirror
     /// images. Objects of bodies without counterparts have none either.
-    pub fn new(snapshot: &PosedModel, plane: &Plane, forced: &Forced) -> Self {
-        let none = Kind::ALL.map(|kind| vec![None; snapshot.count(kind)]);
+    pub fn new(snapshot: &PosedModel, plane: &MirrorPlane, forced: &Forced) -> Self {
+        let none = ModelObjectKind::ALL.map(|kind| vec![None; snapshot.count(kind)]);
         let mut pairs = Self { counterparts: none };
         let finder = Finder { snapshot, plane, forced };
-        pairs.counterparts[Kind::Body as usize][0] = Some(0);
-        for body in 0..snapshot.count(Kind::Body) {
+        pairs.counterparts[ModelObjectKind::Body as usize][0] = Some(0);
+        for body in 0..snapshot.count(ModelObjectKind::Body) {
             // a body comes after its parent, whose counterpart is known here
-            let Some(other) = pairs.of(Kind::Body, body).filter(|&other| body <= other) else {
+            let Some(other) =
+                pairs.counterpart_of(ModelObjectKind::Body, body).filter(|&other| body <= other)
+            else {
                 continue;
             };
-            for kind in [Kind::Body, Kind::Joint, Kind::Geom, Kind::Site, Kind::Camera] {
+            for kind in [
+                ModelObjectKind::Body,
+                ModelObjectKind::Joint,
+                ModelObjectKind::Geom,
+                ModelObjectKind::Site,
+                ModelObjectKind::Camera,
+            ] {
                 let [one, other] = [body, other].map(|owner| finder.objects(kind, owner));
                 finder.pair_up(kind, &one, &other, &mut pairs);
             }
         }
-        for kind in [Kind::Actuator, Kind::Sensor, Kind::Keyframe] {
+        for kind in [ModelObjectKind::Actuator, ModelObjectKind::Sensor, ModelObjectKind::Keyframe]
+        {
             let all: Vec<usize> = (0..snapshot.count(kind)).collect();
             finder.pair_up(kind, &all, &all, &mut pairs);
         }
@@ -104,7 +113,7 @@ impl Pairs {
 
     /// Returns the index of an object's counterpart, its own if it lies in the plane; `None` if it
     /// has no counterpart.
-    pub fn of(&self, kind: Kind, index: usize) -> Option<usize> {
+    pub fn counterpart_of(&self, kind: ModelObjectKind, index: usize) -> Option<usize> {
         *self.counterparts[kind as usize].get(index)?
     }
 
@@ -113,7 +122,7 @@ impl Pairs {
         self.counterparts.iter().flatten().filter(|other| other.is_none()).count()
     }
 
-    fn set(&mut self, kind: Kind, one: usize, other: usize) {
+    fn set(&mut self, kind: ModelObjectKind, one: usize, other: usize) {
         let counterparts = &mut self.counterparts[kind as usize];
         counterparts[one] = Some(other);
         counterparts[other] = Some(one);
@@ -122,15 +131,15 @@ impl Pairs {
     /// Returns the indices of all pairs of counterparts of a kind, [left, right], each pair once.
     pub fn left_right_pairs(
         &self,
-        kind: Kind,
+        kind: ModelObjectKind,
         snapshot: &PosedModel,
-        plane: &Plane,
+        plane: &MirrorPlane,
     ) -> Vec<[usize; 2]> {
         let pairs = self.counterparts[kind as usize].iter().enumerate();
         let pairs = pairs.filter_map(|(one, other)| other.map(|other| [one, other]));
         let once = pairs.filter(|[one, other]| one <= other);
         let left_first = |[one, other]: [usize; 2]| {
-            let [a, b] = [one, other].map(|at| plane.distance(snapshot.position(kind, at)));
+            let [a, b] = [one, other].map(|at| plane.distance(snapshot.object_position(kind, at)));
             if a < b { [other, one] } else { [one, other] }
         };
         once.map(left_first).collect()
@@ -139,26 +148,33 @@ impl Pairs {
 
 struct Finder<'a> {
     snapshot: &'a PosedModel<'a>,
-    plane: &'a Plane,
+    plane: &'a MirrorPlane,
     forced: &'a Forced,
 }
 
 impl Finder<'_> {
     /// Returns the objects that are compared of a body, or the bodies that hang on it.
-    fn objects(&self, kind: Kind, owner: usize) -> Vec<usize> {
+    fn objects(&self, kind: ModelObjectKind, owner: usize) -> Vec<usize> {
         let all = 0..self.snapshot.count(kind);
         let belongs = |&index: &usize| match kind {
-            Kind::Body => index > 0 && self.snapshot.parent(index) == owner,
-            Kind::Geom => {
-                self.snapshot.body(kind, index) == Some(owner) && self.snapshot.collides(index)
+            ModelObjectKind::Body => index > 0 && self.snapshot.parent(index) == owner,
+            ModelObjectKind::Geom => {
+                self.snapshot.body_of_object(kind, index) == Some(owner)
+                    && self.snapshot.geom_collides(index)
             }
-            _ => self.snapshot.body(kind, index) == Some(owner),
+            _ => self.snapshot.body_of_object(kind, index) == Some(owner),
         };
         all.filter(belongs).collect()
     }
 
     /// Pairs objects of two lists, which are one list if their owner lies in the plane.
-    fn pair_up(&self, kind: Kind, left: &[usize], right: &[usize], pairs: &mut Pairs) {
+    fn pair_up(
+        &self,
+        kind: ModelObjectKind,
+        left: &[usize],
+        right: &[usize],
+        pairs: &mut MirrorPairs,
+    ) {
         let is_one_list = left == right;
         let mut candidates = Vec::new();
         for &one in left {
@@ -172,7 +188,9 @@ impl Finder<'_> {
         }
         candidates.sort_by(|((a, near), ..), ((b, far), ..)| a.cmp(b).then(near.total_cmp(far)));
         for (_, one, other) in candidates {
-            if pairs.of(kind, one).is_none() && pairs.of(kind, other).is_none() {
+            if pairs.counterpart_of(kind, one).is_none()
+                && pairs.counterpart_of(kind, other).is_none()
+            {
                 pairs.set(kind, one, other);
             }
         }
@@ -180,7 +198,13 @@ impl Finder<'_> {
 
     /// Returns the priority of a pair, the lower the better, and its distance: 0 by corrections, 1
     /// by names, 2 by nearness, 3 for the rest. `None` if the two cannot be counterparts.
-    fn rank(&self, kind: Kind, one: usize, other: usize, pairs: &Pairs) -> Option<(u8, f64)> {
+    fn rank(
+        &self,
+        kind: ModelObjectKind,
+        one: usize,
+        other: usize,
+        pairs: &MirrorPairs,
+    ) -> Option<(u8, f64)> {
         let given = [(one, other), (other, one)]
             .map(|(from, to)| self.forced.get(&(kind, from)).map(|&at| at == to));
         match given {
@@ -191,18 +215,18 @@ impl Finder<'_> {
         let snapshot = self.snapshot;
         let names = [one, other].map(|index| snapshot.name(kind, index));
         let is_named = matches!(names, [Some(a), Some(b)] if are_mirror_names(a, b));
-        let position = |index| snapshot.position(kind, index);
+        let position = |index| snapshot.object_position(kind, index);
         let mut distance = self.plane.mirror().point(position(one)).distance(position(other));
         let agree = |array| snapshot.integer(array, one) == snapshot.integer(array, other);
         match kind {
-            Kind::Joint if !agree(IntegerArray::JntType) => return None,
-            Kind::Geom if !agree(IntegerArray::GeomType) => return None,
-            Kind::Joint => {
-                let image = self.plane.mirror().direction(snapshot.axis(one));
-                let cosine = image.dot(snapshot.axis(other)).abs();
+            ModelObjectKind::Joint if !agree(IntegerArray::JntType) => return None,
+            ModelObjectKind::Geom if !agree(IntegerArray::GeomType) => return None,
+            ModelObjectKind::Joint => {
+                let image = self.plane.mirror().direction(snapshot.joint_axis(one));
+                let cosine = image.dot(snapshot.joint_axis(other)).abs();
                 distance += NEARNESS * snapshot.extent * (1.0 - cosine);
             }
-            Kind::Actuator => {
+            ModelObjectKind::Actuator => {
                 let types = [IntegerArray::ActuatorTrntype, IntegerArray::ActuatorGaintype];
                 if !types.into_iter().all(agree)
                     || !self.targets_correspond(kind, one, other, pairs)
@@ -211,17 +235,20 @@ impl Finder<'_> {
                 }
                 distance = 0.0;
             }
-            Kind::Sensor => {
+            ModelObjectKind::Sensor => {
                 let same = agree(IntegerArray::SensorType) && agree(IntegerArray::SensorReftype);
                 if !same || !self.targets_correspond(kind, one, other, pairs) {
                     return None;
                 }
                 distance = 0.0;
             }
-            Kind::Keyframe => {
+            ModelObjectKind::Keyframe => {
                 return (is_named || one == other).then_some((u8::from(!is_named), 0.0));
             }
-            Kind::Body | Kind::Geom | Kind::Site | Kind::Camera => {}
+            ModelObjectKind::Body
+            | ModelObjectKind::Geom
+            | ModelObjectKind::Site
+            | ModelObjectKind::Camera => {}
         }
         let is_near = distance <= NEARNESS * snapshot.extent;
         Some((if is_named { 1 } else { 3 - u8::from(is_near) }, distance))
@@ -229,10 +256,18 @@ impl Finder<'_> {
 
     /// Returns `true` if the objects that two actuators or sensors act on or observe are
     /// counterparts.
-    fn targets_correspond(&self, kind: Kind, one: usize, other: usize, pairs: &Pairs) -> bool {
-        match (self.snapshot.target(kind, one), self.snapshot.target(kind, other)) {
-            (Some((of, from)), Some((_, to))) => pairs.of(of, from) == Some(to),
-            (None, None) if kind == Kind::Actuator => self.tendons_correspond(one, other),
+    fn targets_correspond(
+        &self,
+        kind: ModelObjectKind,
+        one: usize,
+        other: usize,
+        pairs: &MirrorPairs,
+    ) -> bool {
+        match (self.snapshot.target_object(kind, one), self.snapshot.target_object(kind, other)) {
+            (Some((of, from)), Some((_, to))) => pairs.counterpart_of(of, from) == Some(to),
+            (None, None) if kind == ModelObjectKind::Actuator => {
+                self.tendons_correspond(one, other)
+            }
             (None, None) => one == other,
             _ => false,
         }

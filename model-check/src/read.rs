@@ -6,16 +6,16 @@ use std::path::{Path, PathBuf};
 use mujoco::Model;
 use robots::{MjcfSettings, RobotFile};
 
-use crate::error::CheckError;
+use crate::error::ModelSymmetryError;
 
 /// Reads an MJCF file with everything that it names, or the URDF of a robot.
 ///
 /// # Errors
-/// [`CheckError::Read`], [`CheckError::InvalidFile`], [`CheckError::Model`],
-/// [`CheckError::Robot`].
-pub fn read_model(path: &Path) -> Result<Model, CheckError> {
+/// [`ModelSymmetryError::Read`], [`ModelSymmetryError::InvalidFile`],
+/// [`ModelSymmetryError::Model`], [`ModelSymmetryError::Robot`].
+pub fn read_model(path: &Path) -> Result<Model, ModelSymmetryError> {
     if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("urdf")) {
-        let robot = RobotFile::read(path)?.description()?;
+        let robot = RobotFile::read(path)?.read_description()?;
         return Ok(Model::from_xml(&robot.to_mjcf(&MjcfSettings::default())?.text)?);
     }
     let mut files = Vec::new();
@@ -30,19 +30,19 @@ fn add_file(
     path: &Path,
     root: &Path,
     files: &mut Vec<(String, Vec<u8>)>,
-) -> Result<(), CheckError> {
+) -> Result<(), ModelSymmetryError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if files.iter().any(|(known, _)| known.eq_ignore_ascii_case(&name)) {
         return Ok(());
     }
     let content =
-        fs::read(path).map_err(|source| CheckError::Read { path: path.into(), source })?;
+        fs::read(path).map_err(|source| ModelSymmetryError::Read { path: path.into(), source })?;
     files.push((name, content.clone()));
     let is_xml = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("xml"));
     if !is_xml {
         return Ok(());
     }
-    let invalid = |message| CheckError::InvalidFile { path: path.into(), message };
+    let invalid = |message| ModelSymmetryError::InvalidFile { path: path.into(), message };
     let text = String::from_utf8(content).map_err(|error| invalid(error.to_string()))?;
     let document = roxmltree::Document::parse(&text).map_err(|error| invalid(error.to_string()))?;
     let attributes = || document.descendants().flat_map(|node| node.attributes());

@@ -12,7 +12,7 @@ use crate::mirror::quat;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[allow(missing_docs)]
-pub enum Kind {
+pub enum ModelObjectKind {
     Body,
     Joint,
     Geom,
@@ -23,7 +23,7 @@ pub enum Kind {
     Keyframe,
 }
 
-impl Kind {
+impl ModelObjectKind {
     pub(crate) const ALL: [Self; 8] = [
         Self::Body,
         Self::Joint,
@@ -50,7 +50,7 @@ impl Kind {
     }
 }
 
-impl fmt::Display for Kind {
+impl fmt::Display for ModelObjectKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.facts().0)
     }
@@ -76,25 +76,26 @@ impl<'a> PosedModel<'a> {
             let rotation = snapshot.rotation(NumberArray::BodyQuat, body);
             snapshot.frames.push((origin + turn * position, turn * rotation));
         }
-        let points: Vec<DVec3> =
-            (0..model.nbody()).map(|body| snapshot.position(Kind::Body, body)).collect();
+        let points: Vec<DVec3> = (0..model.nbody())
+            .map(|body| snapshot.object_position(ModelObjectKind::Body, body))
+            .collect();
         let mean = points.iter().sum::<DVec3>() / points.len() as f64;
         let distances = points.iter().map(|point| point.distance(mean));
         snapshot.extent = distances.fold(0.01, f64::max);
         snapshot
     }
 
-    pub fn count(&self, kind: Kind) -> usize {
+    pub fn count(&self, kind: ModelObjectKind) -> usize {
         let raw = self.model.as_raw();
         let count = match kind {
-            Kind::Body => raw.nbody,
-            Kind::Joint => raw.njnt,
-            Kind::Geom => raw.ngeom,
-            Kind::Site => raw.nsite,
-            Kind::Camera => raw.ncam,
-            Kind::Actuator => raw.nu,
-            Kind::Sensor => raw.nsensor,
-            Kind::Keyframe => raw.nkey,
+            ModelObjectKind::Body => raw.nbody,
+            ModelObjectKind::Joint => raw.njnt,
+            ModelObjectKind::Geom => raw.ngeom,
+            ModelObjectKind::Site => raw.nsite,
+            ModelObjectKind::Camera => raw.ncam,
+            ModelObjectKind::Actuator => raw.nu,
+            ModelObjectKind::Sensor => raw.nsensor,
+            ModelObjectKind::Keyframe => raw.nkey,
         };
         count as usize
     }
@@ -127,16 +128,16 @@ impl<'a> PosedModel<'a> {
         self.index(IntegerArray::BodyParentid, body)
     }
 
-    pub fn name(&self, kind: Kind, index: usize) -> Option<&'a str> {
+    pub fn name(&self, kind: ModelObjectKind, index: usize) -> Option<&'a str> {
         self.model.object_name(kind.facts().1, index)
     }
 
     /// Returns the name of an object in reports: without one in the model, its number and body.
-    pub fn label(&self, kind: Kind, index: usize) -> String {
-        match (self.name(kind, index), self.body(kind, index)) {
+    pub fn object_label(&self, kind: ModelObjectKind, index: usize) -> String {
+        match (self.name(kind, index), self.body_of_object(kind, index)) {
             (Some(name), _) => name.to_owned(),
-            (None, Some(body)) if kind != Kind::Body => {
-                format!("{index} of {}", self.label(Kind::Body, body))
+            (None, Some(body)) if kind != ModelObjectKind::Body => {
+                format!("{index} of {}", self.object_label(ModelObjectKind::Body, body))
             }
             (None, _) => index.to_string(),
         }
@@ -144,35 +145,40 @@ impl<'a> PosedModel<'a> {
 
     /// Returns the body that an object belongs to; `None` for keyframes, and for actuators and
     /// sensors of the whole model.
-    pub fn body(&self, kind: Kind, index: usize) -> Option<usize> {
+    pub fn body_of_object(&self, kind: ModelObjectKind, index: usize) -> Option<usize> {
         let array = match kind {
-            Kind::Body => return Some(index),
-            Kind::Joint => IntegerArray::JntBodyid,
-            Kind::Geom => IntegerArray::GeomBodyid,
-            Kind::Site => IntegerArray::SiteBodyid,
-            Kind::Camera => IntegerArray::CamBodyid,
-            Kind::Actuator | Kind::Sensor => {
-                let (kind, target) = self.target(kind, index)?;
-                return self.body(kind, target);
+            ModelObjectKind::Body => return Some(index),
+            ModelObjectKind::Joint => IntegerArray::JntBodyid,
+            ModelObjectKind::Geom => IntegerArray::GeomBodyid,
+            ModelObjectKind::Site => IntegerArray::SiteBodyid,
+            ModelObjectKind::Camera => IntegerArray::CamBodyid,
+            ModelObjectKind::Actuator | ModelObjectKind::Sensor => {
+                let (kind, target) = self.target_object(kind, index)?;
+                return self.body_of_object(kind, target);
             }
-            Kind::Keyframe => return None,
+            ModelObjectKind::Keyframe => return None,
         };
         Some(self.index(array, index))
     }
 
     /// Returns the object that an actuator acts on or a sensor observes; `None` for a target that
     /// is not compared, such as a tendon.
-    pub fn target(&self, kind: Kind, index: usize) -> Option<(Kind, usize)> {
-        if kind == Kind::Sensor {
+    pub fn target_object(
+        &self,
+        kind: ModelObjectKind,
+        index: usize,
+    ) -> Option<(ModelObjectKind, usize)> {
+        if kind == ModelObjectKind::Sensor {
             let object = self.integer(IntegerArray::SensorObjtype, index).cast_unsigned();
             let object = if object == raw::mjOBJ_XBODY { raw::mjOBJ_BODY } else { object };
-            let target = Kind::ALL.into_iter().find(|target| target.facts().1 == object)?;
+            let target =
+                ModelObjectKind::ALL.into_iter().find(|target| target.facts().1 == object)?;
             return Some((target, self.index(IntegerArray::SensorObjid, index)));
         }
         let target = match self.integer(IntegerArray::ActuatorTrntype, index).cast_unsigned() {
-            raw::mjTRN_JOINT | raw::mjTRN_JOINTINPARENT => Kind::Joint,
-            raw::mjTRN_SITE => Kind::Site,
-            raw::mjTRN_BODY => Kind::Body,
+            raw::mjTRN_JOINT | raw::mjTRN_JOINTINPARENT => ModelObjectKind::Joint,
+            raw::mjTRN_SITE => ModelObjectKind::Site,
+            raw::mjTRN_BODY => ModelObjectKind::Body,
             _ => return None,
         };
         Some((target, self.index(IntegerArray::ActuatorTrnid, 2 * index)))
@@ -180,29 +186,29 @@ impl<'a> PosedModel<'a> {
 
     /// Returns the position of an object in the world; for bodies, of their centre of mass, and for
     /// objects without position, of their body's.
-    pub fn position(&self, kind: Kind, index: usize) -> DVec3 {
+    pub fn object_position(&self, kind: ModelObjectKind, index: usize) -> DVec3 {
         let array = match kind {
-            Kind::Body => NumberArray::BodyIpos,
-            Kind::Joint => NumberArray::JntPos,
-            Kind::Geom => NumberArray::GeomPos,
-            Kind::Site => NumberArray::SitePos,
-            Kind::Camera => NumberArray::CamPos,
-            Kind::Actuator | Kind::Sensor | Kind::Keyframe => {
-                let body = self.body(kind, index).unwrap_or(0);
+            ModelObjectKind::Body => NumberArray::BodyIpos,
+            ModelObjectKind::Joint => NumberArray::JntPos,
+            ModelObjectKind::Geom => NumberArray::GeomPos,
+            ModelObjectKind::Site => NumberArray::SitePos,
+            ModelObjectKind::Camera => NumberArray::CamPos,
+            ModelObjectKind::Actuator | ModelObjectKind::Sensor | ModelObjectKind::Keyframe => {
+                let body = self.body_of_object(kind, index).unwrap_or(0);
                 return self.frames[body].0;
             }
         };
-        let (origin, turn) = self.frames[self.body(kind, index).unwrap_or(0)];
+        let (origin, turn) = self.frames[self.body_of_object(kind, index).unwrap_or(0)];
         origin + turn * self.vector(array, index)
     }
 
     /// Returns position and orientation of a body's frame in the world.
-    pub fn frame(&self, body: usize) -> (DVec3, DQuat) {
+    pub fn body_frame(&self, body: usize) -> (DVec3, DQuat) {
         self.frames[body]
     }
 
     /// Returns the axis of a joint in the world.
-    pub fn axis(&self, joint: usize) -> DVec3 {
+    pub fn joint_axis(&self, joint: usize) -> DVec3 {
         let (_, turn) = self.frames[self.index(IntegerArray::JntBodyid, joint)];
         turn * self.vector(NumberArray::JntAxis, joint)
     }
@@ -212,12 +218,12 @@ impl<'a> PosedModel<'a> {
     }
 
     /// Returns `true` for joints with one position: hinges and slides.
-    pub fn is_scalar(&self, joint: usize) -> bool {
+    pub fn is_scalar_joint(&self, joint: usize) -> bool {
         matches!(self.joint_type(joint), raw::mjJNT_HINGE | raw::mjJNT_SLIDE)
     }
 
     /// Returns `true` if a geom can collide with others, `false` if it is only drawn.
-    pub fn collides(&self, geom: usize) -> bool {
+    pub fn geom_collides(&self, geom: usize) -> bool {
         let mask = |array| self.integer(array, geom) != 0;
         let pairs = 0..self.model.as_raw().npair as usize;
         mask(IntegerArray::GeomContype)

@@ -2,17 +2,24 @@
 
 use std::sync::Arc;
 
-use model_check::{CheckSettings, Corrections, ModelCheck, Plane, check, read_model};
+use model_check::{
+    MirrorCorrections, MirrorPlane, ModelSymmetryReport, ModelSymmetrySettings,
+    check_model_symmetry, read_model,
+};
 use mujoco::{Data, Model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-fn checked(xml: &str, corrections: Corrections) -> ModelCheck {
+fn checked(xml: &str, corrections: MirrorCorrections) -> ModelSymmetryReport {
     let model = Model::from_xml(xml).unwrap();
-    check(&model, &CheckSettings { corrections, simulates: false, ..Default::default() }).unwrap()
+    check_model_symmetry(
+        &model,
+        &ModelSymmetrySettings { corrections, simulates: false, ..Default::default() },
+    )
+    .unwrap()
 }
 
-fn properties(found: &ModelCheck) -> Vec<String> {
+fn properties(found: &ModelSymmetryReport) -> Vec<String> {
     found.differences.iter().map(|d| format!("{} {}", d.kind, d.property)).collect()
 }
 
@@ -35,9 +42,9 @@ const AHEAD: &str = "xyaxes='0 -1 0 0 0 1'";
 
 #[test]
 fn a_mesh_that_is_not_mirrored_is_named_with_its_inertia() {
-    let sound = checked(&cart(LEFT, RIGHT, AHEAD, "45"), Corrections::default());
+    let sound = checked(&cart(LEFT, RIGHT, AHEAD, "45"), MirrorCorrections::default());
     assert_eq!(properties(&sound), [""; 0], "{}", sound.text());
-    let copied = checked(&cart(LEFT, LEFT, AHEAD, "45"), Corrections::default());
+    let copied = checked(&cart(LEFT, LEFT, AHEAD, "45"), MirrorCorrections::default());
     let properties = properties(&copied);
     for expected in ["geom position", "body centre of mass", "body inertia"] {
         assert!(properties.contains(&expected.to_owned()), "{expected}: {properties:?}");
@@ -47,13 +54,14 @@ fn a_mesh_that_is_not_mirrored_is_named_with_its_inertia() {
 #[test]
 fn cameras_are_compared_and_can_be_ignored() {
     let narrow = cart(LEFT, RIGHT, AHEAD, "40");
-    let found = checked(&narrow, Corrections::default());
+    let found = checked(&narrow, MirrorCorrections::default());
     assert_eq!(properties(&found), ["camera field of view"], "{}", found.text());
     let ignore = vec!["camera eye_r".to_owned()];
-    let ignored = checked(&narrow, Corrections { ignore, ..Corrections::default() });
+    let ignored = checked(&narrow, MirrorCorrections { ignore, ..MirrorCorrections::default() });
     assert_eq!(properties(&ignored), [""; 0]);
     // both look to the left
-    let aside = checked(&cart(LEFT, RIGHT, "xyaxes='1 0 0 0 0 1'", "45"), Corrections::default());
+    let aside =
+        checked(&cart(LEFT, RIGHT, "xyaxes='1 0 0 0 0 1'", "45"), MirrorCorrections::default());
     assert_eq!(properties(&aside), ["camera orientation"], "{}", aside.text());
 }
 
@@ -70,7 +78,7 @@ fn a_geom_on_one_side_has_no_counterpart() {
             "<geom type='mesh' mesh='r'/>",
             "<geom type='mesh' mesh='r'/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>",
         );
-    let found = checked(&padded, Corrections::default());
+    let found = checked(&padded, MirrorCorrections::default());
     assert_eq!(found.differences.len(), 1, "{}", found.text());
     let line = found.text();
     assert!(line.contains("geom pad has no counterpart on r"), "{line}");
@@ -80,7 +88,7 @@ fn a_geom_on_one_side_has_no_counterpart() {
 fn maps_turn_sensor_data_into_those_of_the_mirrored_state() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/models/quadruped.xml");
     let model = read_model(path.as_ref()).unwrap();
-    let found = check(&model, &CheckSettings::default()).unwrap();
+    let found = check_model_symmetry(&model, &ModelSymmetrySettings::default()).unwrap();
     assert!(found.differences.is_empty(), "{}", found.text());
     let maps = found.maps.unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
@@ -120,19 +128,23 @@ fn maps_turn_sensor_data_into_those_of_the_mirrored_state() {
 fn a_tolerance_or_a_plane_that_would_hide_differences_is_refused() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/models/quadruped.xml");
     let model = read_model(path.as_ref()).unwrap();
-    let refused = |settings: CheckSettings| check(&model, &settings).unwrap_err().to_string();
+    let refused = |settings: ModelSymmetrySettings| {
+        check_model_symmetry(&model, &settings).unwrap_err().to_string()
+    };
     for tolerance in [f64::NAN, f64::INFINITY, -1e-3] {
-        let message = refused(CheckSettings { tolerance, ..CheckSettings::default() });
+        let message =
+            refused(ModelSymmetrySettings { tolerance, ..ModelSymmetrySettings::default() });
         assert!(message.starts_with("the tolerance is"), "{message}");
     }
-    let plane = |normal, offset| Corrections {
-        plane: Some(Plane { normal, offset }),
-        ..Corrections::default()
+    let plane = |normal, offset| MirrorCorrections {
+        plane: Some(MirrorPlane { normal, offset }),
+        ..MirrorCorrections::default()
     };
     for corrections in
         [plane([0.0, 2.0, 0.0], 0.0), plane([f64::NAN; 3], 0.0), plane([0.0, 1.0, 0.0], f64::NAN)]
     {
-        let message = refused(CheckSettings { corrections, ..CheckSettings::default() });
+        let message =
+            refused(ModelSymmetrySettings { corrections, ..ModelSymmetrySettings::default() });
         assert!(message.starts_with("the plane is"), "{message}");
     }
 }

@@ -3,19 +3,25 @@
 use std::time::Instant;
 
 use crate::robots::{self, FAULTS, Robot};
-use model_check::{CheckSettings, Difference, ModelCheck, check};
+use model_check::{
+    MirrorDifference, ModelSymmetryReport, ModelSymmetrySettings, check_model_symmetry,
+};
 use mujoco::Model;
 
 /// Number of models with faults, and of models without.
 const MODELS: u64 = 40;
 
-fn checked(robot: &Robot, simulates: bool) -> ModelCheck {
+fn checked(robot: &Robot, simulates: bool) -> ModelSymmetryReport {
     let model = Model::from_xml(&robot.mjcf).unwrap();
-    check(&model, &CheckSettings { simulates, ..CheckSettings::default() }).unwrap()
+    check_model_symmetry(
+        &model,
+        &ModelSymmetrySettings { simulates, ..ModelSymmetrySettings::default() },
+    )
+    .unwrap()
 }
 
 /// Returns `true` if a difference names the property and the faulty object.
-fn names(difference: &Difference, (property, object): &(&str, String)) -> bool {
+fn names(difference: &MirrorDifference, (property, object): &(&str, String)) -> bool {
     let sides = [&difference.left, &difference.right];
     difference.property == *property && sides.iter().any(|side| side.contains(object))
 }

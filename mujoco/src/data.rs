@@ -4,7 +4,7 @@ use std::ptr::NonNull;
 use std::slice;
 use std::sync::Arc;
 
-use crate::error::{Quantity, SimError, check_finite, check_length};
+use crate::error::{SimError, SimQuantity, check_finite, check_length};
 use crate::fields::ArrayField;
 use crate::fields::data::{
     ACTUATOR_FORCE, CTRL, GEOM_XMAT, GEOM_XPOS, MOCAP_POS, MOCAP_QUAT, QACC, QPOS, QVEL, SITE_XPOS,
@@ -88,13 +88,13 @@ impl Data {
     /// resulting acceleration is not finite. A step also rejects positions and velocities beyond
     /// 1e10; `forward` accepts them, and other derived quantities may then not be finite.
     pub fn forward(&mut self) -> Result<(), SimError> {
-        check_finite(Quantity::Qpos, self.qpos())?;
-        check_finite(Quantity::Qvel, self.qvel())?;
-        check_finite(Quantity::Ctrl, self.ctrl())?;
+        check_finite(SimQuantity::Qpos, self.qpos())?;
+        check_finite(SimQuantity::Qvel, self.qvel())?;
+        check_finite(SimQuantity::Ctrl, self.ctrl())?;
         // SAFETY: live data of this model.
         unsafe { raw::mj_forward(self.model.as_raw(), self.as_mut_ptr()) };
         self.check_warnings(self.time())?;
-        check_finite(Quantity::Qacc, self.values(&QACC))
+        check_finite(SimQuantity::Qacc, self.values(&QACC))
     }
 
     /// Computes the poses of bodies, geoms, sites, cameras and lights from the state, without
@@ -106,7 +106,7 @@ impl Data {
     /// # Errors
     /// [`SimError::NotFinite`] if a position is not finite.
     pub fn forward_kinematics(&mut self) -> Result<(), SimError> {
-        check_finite(Quantity::Qpos, self.qpos())?;
+        check_finite(SimQuantity::Qpos, self.qpos())?;
         // SAFETY: live data of this model.
         unsafe {
             raw::mj_kinematics(self.model.as_raw(), self.as_mut_ptr());
@@ -158,8 +158,8 @@ impl Data {
     /// # Errors
     /// [`SimError::WrongLength`]; [`SimError::NotFinite`] (MuJoCo would set every control to zero).
     pub fn set_ctrl(&mut self, ctrl: &[f64]) -> Result<(), SimError> {
-        check_length(Quantity::Ctrl, self.model.nu(), ctrl.len())?;
-        check_finite(Quantity::Ctrl, ctrl)?;
+        check_length(SimQuantity::Ctrl, self.model.nu(), ctrl.len())?;
+        check_finite(SimQuantity::Ctrl, ctrl)?;
         self.values_mut(&CTRL).copy_from_slice(ctrl);
         Ok(())
     }
@@ -178,7 +178,7 @@ impl Data {
         mocap: MocapId,
         position: [f64; 3],
     ) -> Result<(), SimError> {
-        check_finite(Quantity::MocapPose, &position)?;
+        check_finite(SimQuantity::MocapPose, &position)?;
         self.rows_mut(&MOCAP_POS)[mocap.index()] = position;
         Ok(())
     }
@@ -198,7 +198,7 @@ impl Data {
         mocap: MocapId,
         quat: [f64; 4],
     ) -> Result<(), SimError> {
-        check_finite(Quantity::MocapPose, &quat)?;
+        check_finite(SimQuantity::MocapPose, &quat)?;
         // MuJoCo normalises, and would silently turn a zero quaternion into the identity
         if quat.iter().map(|q| q * q).sum::<f64>() < 1e-12 {
             return Err(SimError::ZeroQuaternion { value: quat });
@@ -310,11 +310,11 @@ impl Data {
 
     fn divergence(&self, time: f64) -> Option<SimError> {
         let kinds = [
-            (raw::mjWARN_BADQPOS, Quantity::Qpos),
-            (raw::mjWARN_BADQVEL, Quantity::Qvel),
-            (raw::mjWARN_BADQACC, Quantity::Qacc),
-            (raw::mjWARN_BADCTRL, Quantity::Ctrl),
-            (raw::mjWARN_INERTIA, Quantity::Inertia),
+            (raw::mjWARN_BADQPOS, SimQuantity::Qpos),
+            (raw::mjWARN_BADQVEL, SimQuantity::Qvel),
+            (raw::mjWARN_BADQACC, SimQuantity::Qacc),
+            (raw::mjWARN_BADCTRL, SimQuantity::Ctrl),
+            (raw::mjWARN_INERTIA, SimQuantity::Inertia),
         ];
         kinds.into_iter().find_map(|(warning, what)| {
             let warning = self.as_raw().warning[warning as usize];

@@ -114,7 +114,7 @@ pub enum SimError {
     )]
     Diverged {
         /// Quantity that became NaN, infinite or huge.
-        what: Quantity,
+        what: SimQuantity,
         /// Index of the diverged element of the quantity, as MuJoCo reports it.
         index: usize,
         /// Simulation time before the failing step, in seconds.
@@ -139,7 +139,7 @@ pub enum SimError {
     #[error("{what}[{index}] is {value}, which is not finite")]
     NotFinite {
         /// Quantity that has the rejected value.
-        what: Quantity,
+        what: SimQuantity,
         /// Index of the rejected value within the quantity.
         index: usize,
         /// Value that was rejected.
@@ -149,7 +149,7 @@ pub enum SimError {
     #[error("{what} has {got} elements, expected {expected}")]
     WrongLength {
         /// Quantity that the slice is for.
-        what: Quantity,
+        what: SimQuantity,
         /// Length that the model requires.
         expected: usize,
         /// Length of the rejected slice.
@@ -166,7 +166,7 @@ pub enum SimError {
 /// Quantity of the simulation that an error is about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Quantity {
+pub enum SimQuantity {
     /// Generalised positions `qpos`.
     Qpos,
     /// Generalised velocities `qvel`.
@@ -183,7 +183,7 @@ pub enum Quantity {
     State,
 }
 
-impl fmt::Display for Quantity {
+impl fmt::Display for SimQuantity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Qpos => "qpos",
@@ -198,13 +198,13 @@ impl fmt::Display for Quantity {
 }
 
 /// Returns [`SimError::WrongLength`] unless `got`, the length of a slice for `what`, is `expected`.
-pub(crate) fn check_length(what: Quantity, expected: usize, got: usize) -> Result<(), SimError> {
+pub(crate) fn check_length(what: SimQuantity, expected: usize, got: usize) -> Result<(), SimError> {
     let error = SimError::WrongLength { what, expected, got };
     (got == expected).then_some(()).ok_or(error)
 }
 
 /// Returns [`SimError::NotFinite`] if one of the values of `what` is infinite or NaN.
-pub(crate) fn check_finite(what: Quantity, values: &[f64]) -> Result<(), SimError> {
+pub(crate) fn check_finite(what: SimQuantity, values: &[f64]) -> Result<(), SimError> {
     match values.iter().position(|value| !value.is_finite()) {
         None => Ok(()),
         Some(index) => Err(SimError::NotFinite { what, index, value: values[index] }),
@@ -225,7 +225,7 @@ pub enum RenderError {
     )]
     NoContext {
         /// OpenGL backends that were tried, each with its error.
-        tried: Vec<(OpenGlBackend, ContextError)>,
+        tried: Vec<(OpenGlBackend, OpenGlContextError)>,
     },
     /// Unknown backend in the environment variable `COVERS_GL`.
     #[error("COVERS_GL is `{got}`; it must be `egl` or `osmesa`, or unset")]
@@ -310,7 +310,7 @@ pub enum RenderError {
         /// Backend of the renderer.
         backend: OpenGlBackend,
         /// Error of the backend in making the context current.
-        reason: ContextError,
+        reason: OpenGlContextError,
     },
     /// Context of the embedding program that cannot be made current again; the picture itself may
     /// be complete.
@@ -319,14 +319,14 @@ pub enum RenderError {
         /// Backend of the renderer.
         backend: OpenGlBackend,
         /// Error of the backend in making the earlier context current again.
-        reason: ContextError,
+        reason: OpenGlContextError,
     },
 }
 
 /// Error of an [`OpenGlBackend`] in making or using an OpenGL context.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum ContextError {
+pub enum OpenGlContextError {
     /// Shared library of OpenGL that cannot be loaded, or lacks a function.
     #[error("{library} cannot be used: {reason}")]
     LibraryUnusable {
@@ -380,6 +380,6 @@ pub enum ContextError {
     },
 }
 
-fn attempts(tried: &[(OpenGlBackend, ContextError)]) -> String {
+fn attempts(tried: &[(OpenGlBackend, OpenGlContextError)]) -> String {
     tried.iter().map(|(backend, reason)| format!("\n  {backend}: {reason}")).collect()
 }

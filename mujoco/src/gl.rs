@@ -15,7 +15,7 @@ use std::mem;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use crate::backend::OpenGlBackend;
-use crate::error::{ContextError, RenderError};
+use crate::error::{OpenGlContextError, RenderError};
 use context::{Context, publish};
 use egl::{EglContext, Platform};
 use osmesa::OsMesaContext;
@@ -82,10 +82,10 @@ impl GlContext {
         backend: OpenGlBackend,
         library: &str,
         in_use: Option<&str>,
-    ) -> Result<(Self, PreviousContext), ContextError> {
+    ) -> Result<(Self, PreviousContext), OpenGlContextError> {
         if let Some(other) = in_use.filter(|&other| other != library) {
             let loaded = other.into();
-            return Err(ContextError::LibraryInUse { in_use: loaded });
+            return Err(OpenGlContextError::LibraryInUse { in_use: loaded });
         }
         let context: Box<dyn Context> = match backend {
             OpenGlBackend::EglSurfaceless => {
@@ -127,7 +127,7 @@ impl GlContext {
     }
 
     /// Checks the OpenGL extensions without which MuJoCo would end the process.
-    fn require_features(&self) -> Result<(), ContextError> {
+    fn require_features(&self) -> Result<(), OpenGlContextError> {
         let extensions = self.string(GL_EXTENSIONS).unwrap_or_default();
         let has = |name: &&str| extensions.split(' ').any(|extension| extension == *name);
         match ["GL_ARB_framebuffer_object", "GL_ARB_vertex_buffer_object"]
@@ -135,7 +135,7 @@ impl GlContext {
             .find(|name| !has(name))
         {
             None => Ok(()),
-            Some(name) => Err(ContextError::MissingOpenGlFeature { name }),
+            Some(name) => Err(OpenGlContextError::MissingOpenGlFeature { name }),
         }
     }
 
@@ -213,6 +213,6 @@ mod tests {
             panic!("two OpenGL libraries in one process");
         };
         let in_use = "libEGL.so.1".into();
-        assert_eq!(reason, ContextError::LibraryInUse { in_use });
+        assert_eq!(reason, OpenGlContextError::LibraryInUse { in_use });
     }
 }

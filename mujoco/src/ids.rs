@@ -16,19 +16,19 @@ pub struct Id<K> {
 }
 
 /// Index of a body in its model.
-pub type BodyId = Id<Body>;
+pub type BodyId = Id<BodyMarker>;
 /// Index of a joint in its model.
-pub type JointId = Id<Joint>;
+pub type JointId = Id<JointMarker>;
 /// Index of a geom in its model.
-pub type GeomId = Id<Geom>;
+pub type GeomId = Id<GeomMarker>;
 /// Index of a site in its model.
-pub type SiteId = Id<Site>;
+pub type SiteId = Id<SiteMarker>;
 /// Index of a camera in its model.
-pub type CameraId = Id<Camera>;
+pub type CameraId = Id<CameraMarker>;
 /// Index of an actuator, and of its control, in its model.
-pub type ActuatorId = Id<Actuator>;
+pub type ActuatorId = Id<ActuatorMarker>;
 /// Index of a mocap body among the mocap bodies of its model.
-pub type MocapId = Id<Mocap>;
+pub type MocapId = Id<MocapMarker>;
 
 impl<K> Id<K> {
     pub(crate) fn new(index: usize) -> Self {
@@ -71,25 +71,25 @@ pub(crate) use sealed::Lookup;
 
 /// Marker type of the ids of bodies.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Body {}
+pub enum BodyMarker {}
 /// Marker type of the ids of joints.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Joint {}
+pub enum JointMarker {}
 /// Marker type of the ids of geoms.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Geom {}
+pub enum GeomMarker {}
 /// Marker type of the ids of sites.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Site {}
+pub enum SiteMarker {}
 /// Marker type of the ids of cameras.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Camera {}
+pub enum CameraMarker {}
 /// Marker type of the ids of actuators.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Actuator {}
+pub enum ActuatorMarker {}
 /// Marker type of the ids of mocap bodies.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Mocap {}
+pub enum MocapMarker {}
 
 macro_rules! named_kind {
     ($kind:ty, $noun:literal, $object:ident, $count:ident) => {
@@ -107,15 +107,15 @@ macro_rules! named_kind {
     };
 }
 
-named_kind!(Body, "body", mjOBJ_BODY, nbody);
-named_kind!(Joint, "joint", mjOBJ_JOINT, njnt);
-named_kind!(Geom, "geom", mjOBJ_GEOM, ngeom);
-named_kind!(Site, "site", mjOBJ_SITE, nsite);
-named_kind!(Camera, "camera", mjOBJ_CAMERA, ncam);
-named_kind!(Actuator, "actuator", mjOBJ_ACTUATOR, nu);
+named_kind!(BodyMarker, "body", mjOBJ_BODY, nbody);
+named_kind!(JointMarker, "joint", mjOBJ_JOINT, njnt);
+named_kind!(GeomMarker, "geom", mjOBJ_GEOM, ngeom);
+named_kind!(SiteMarker, "site", mjOBJ_SITE, nsite);
+named_kind!(CameraMarker, "camera", mjOBJ_CAMERA, ncam);
+named_kind!(ActuatorMarker, "actuator", mjOBJ_ACTUATOR, nu);
 
-impl sealed::Sealed for Mocap {}
-impl ObjectKind for Mocap {
+impl sealed::Sealed for MocapMarker {}
+impl ObjectKind for MocapMarker {
     const MJCF_NAME: &'static str = "mocap";
 }
 

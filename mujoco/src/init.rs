@@ -11,7 +11,7 @@ use crate::error::ModelError;
 use crate::raw;
 
 /// Returns the version of the MuJoCo library in this process, for instance `2.2.2`.
-pub fn version() -> String {
+pub fn library_version() -> String {
     // SAFETY: `mj_version` takes nothing and reads a constant.
     let version = unsafe { raw::mj_version() };
     format!("{}.{}.{}", version / 100, version / 10 % 10, version % 10)

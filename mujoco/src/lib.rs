@@ -67,12 +67,12 @@ mod vfs;
 pub use arrays::{IntegerArray, NumberArray, RowEdit};
 pub use backend::OpenGlBackend;
 pub use data::{Contact, Data};
-pub use error::{ContextError, ModelError, MujocoError, Quantity, RenderError, SimError};
+pub use error::{ModelError, MujocoError, OpenGlContextError, RenderError, SimError, SimQuantity};
 pub use gl::opengl_description;
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, RendererId, SiteId};
-pub use init::version;
-pub use model::{JointType, Model, Shape};
-pub use renderer::{Backdrop, CameraView, Mirror, RenderOptions, Renderer};
+pub use init::library_version;
+pub use model::{GeomShape, JointType, Model};
+pub use renderer::{Backdrop, CameraView, RenderMirror, RenderOptions, Renderer};
 pub use state::State;
 
 #[cfg(doctest)]

@@ -12,8 +12,8 @@ use crate::fields::model::{
     JNT_DOFADR, JNT_LIMITED, JNT_QPOSADR, JNT_RANGE, JNT_TYPE,
 };
 use crate::ids::{
-    Actuator, ActuatorId, Body, BodyId, Camera, Geom, GeomId, Id, Joint, JointId, Lookup, MocapId,
-    NamedObjectKind, Site,
+    ActuatorId, ActuatorMarker, BodyId, BodyMarker, CameraMarker, GeomId, GeomMarker, Id, JointId,
+    JointMarker, Lookup, MocapId, NamedObjectKind, SiteMarker,
 };
 use crate::load::{check_file_references, load};
 use crate::raw;
@@ -143,17 +143,17 @@ impl Model {
 
     finders! {
         /// Returns the id of the body called `name`.
-        body: Body,
+        body: BodyMarker,
         /// Returns the id of the joint called `name`.
-        joint: Joint,
+        joint: JointMarker,
         /// Returns the id of the geom called `name`.
-        geom: Geom,
+        geom: GeomMarker,
         /// Returns the id of the site called `name`.
-        site: Site,
+        site: SiteMarker,
         /// Returns the id of the camera called `name`.
-        camera: Camera,
+        camera: CameraMarker,
         /// Returns the id of the actuator called `name`.
-        actuator: Actuator,
+        actuator: ActuatorMarker,
     }
 
     /// Returns the id of the mocap body called `name`.
@@ -170,7 +170,7 @@ impl Model {
     }
 
     /// Returns the name of an object; `None` if the XML gives none.
-    pub fn name<K: NamedObjectKind>(&self, id: Id<K>) -> Option<&str> {
+    pub fn name_of<K: NamedObjectKind>(&self, id: Id<K>) -> Option<&str> {
         let index = i32::try_from(id.index()).ok()?;
         // SAFETY: live model; MuJoCo returns NULL for an index out of range or an unnamed object.
         let name = unsafe { raw::mj_id2name(self.as_raw(), K::OBJECT.cast_signed(), index) };
@@ -185,12 +185,12 @@ impl Model {
     /// `geom 3`.
     pub fn unnamed_objects(&self) -> Vec<String> {
         let kinds = [
-            self.unnamed_of::<Body>(),
-            self.unnamed_of::<Joint>(),
-            self.unnamed_of::<Geom>(),
-            self.unnamed_of::<Site>(),
-            self.unnamed_of::<Camera>(),
-            self.unnamed_of::<Actuator>(),
+            self.unnamed_of::<BodyMarker>(),
+            self.unnamed_of::<JointMarker>(),
+            self.unnamed_of::<GeomMarker>(),
+            self.unnamed_of::<SiteMarker>(),
+            self.unnamed_of::<CameraMarker>(),
+            self.unnamed_of::<ActuatorMarker>(),
         ];
         kinds.concat()
     }
@@ -246,14 +246,14 @@ impl Model {
 
     /// Returns the shape of a geom, whose axis, if any, is the z axis of its frame. `None` for
     /// planes, ellipsoids, meshes and height fields.
-    pub fn geom_shape(&self, geom: GeomId) -> Option<Shape> {
+    pub fn geom_shape(&self, geom: GeomId) -> Option<GeomShape> {
         let [x, y, z] = self.geom_size(geom);
         let kind = self.value(&GEOM_TYPE, geom);
         match kind.cast_unsigned() {
-            raw::mjGEOM_SPHERE => Some(Shape::Sphere { radius: x }),
-            raw::mjGEOM_CAPSULE => Some(Shape::Capsule { radius: x, half_length: y }),
-            raw::mjGEOM_CYLINDER => Some(Shape::Cylinder { radius: x, half_length: y }),
-            raw::mjGEOM_BOX => Some(Shape::Box { half: [x, y, z] }),
+            raw::mjGEOM_SPHERE => Some(GeomShape::Sphere { radius: x }),
+            raw::mjGEOM_CAPSULE => Some(GeomShape::Capsule { radius: x, half_length: y }),
+            raw::mjGEOM_CYLINDER => Some(GeomShape::Cylinder { radius: x, half_length: y }),
+            raw::mjGEOM_BOX => Some(GeomShape::Box { half: [x, y, z] }),
             _ => None,
         }
     }
@@ -311,12 +311,12 @@ impl Model {
 
     fn names<K: NamedObjectKind>(&self) -> impl Iterator<Item = &str> {
         let count = <K as Lookup>::count(self.as_raw()) as usize;
-        (0..count).filter_map(|index| self.name(Id::<K>::new(index)))
+        (0..count).filter_map(|index| self.name_of(Id::<K>::new(index)))
     }
 
     fn unnamed_of<K: NamedObjectKind>(&self) -> Vec<String> {
         (0..<K as Lookup>::count(self.as_raw()) as usize)
-            .filter(|&index| self.name(Id::<K>::new(index)).is_none())
+            .filter(|&index| self.name_of(Id::<K>::new(index)).is_none())
             .map(|index| format!("{} {index}", K::MJCF_NAME))
             .collect()
     }
@@ -328,7 +328,7 @@ impl Model {
     fn mocap_names(&self) -> Vec<String> {
         let bodies =
             (0..self.nbody()).map(Id::new).filter(|&body| self.mocap_index(body).is_some());
-        bodies.filter_map(|body| self.name(body).map(Into::into)).collect()
+        bodies.filter_map(|body| self.name_of(body).map(Into::into)).collect()
     }
 
     pub(crate) fn rows<T, const N: usize>(
@@ -390,7 +390,7 @@ impl JointType {
 
 /// Shape of a geom, in its own frame, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Shape {
+pub enum GeomShape {
     /// Sphere around the origin of the geom's frame.
     Sphere {
         /// Radius of the sphere (metres).

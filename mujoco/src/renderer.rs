@@ -16,7 +16,7 @@ mod mirror;
 mod setup;
 
 pub use backdrop::Backdrop;
-pub use mirror::{CameraView, Mirror};
+pub use mirror::{CameraView, RenderMirror};
 
 use setup::{fixed_camera, make_drawing, make_scene, visible};
 
@@ -47,7 +47,7 @@ impl Default for RenderOptions {
 
 /// Renderer of images of one size of one [`Model`], through its fixed cameras.
 ///
-/// Mirrored scenes give mirrored images bit for bit if one of them is drawn in a [`Mirror`].
+/// Mirrored scenes give mirrored images bit for bit if one of them is drawn in a [`RenderMirror`].
 /// Without one they do if the camera looks straight down on the axis of the mirror, the light comes
 /// from straight above, round shapes stand upright, and no edge or colour falls exactly between two
 /// pixels or two levels. The pixels of a *lying* cylinder or capsule may differ by a few levels:
@@ -167,8 +167,8 @@ impl Renderer {
         self.width * self.height * 3
     }
 
-    /// Draws the scene from `view`, a camera with or without a [`Mirror`], into `out`, `[H, W, 3]`
-    /// RGB with the top row first.
+    /// Draws the scene from `view`, a camera with or without a [`RenderMirror`], into `out`,
+    /// `[H, W, 3]` RGB with the top row first.
     ///
     /// Positions are the derived ones: call [`Data::forward`] first.
     ///

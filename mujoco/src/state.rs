@@ -1,7 +1,7 @@
 //! Saving and restoring of a simulation's state, which MuJoCo 2.2 has no function for.
 
 use crate::data::Data;
-use crate::error::{Quantity, SimError, check_finite, check_length};
+use crate::error::{SimError, SimQuantity, check_finite, check_length};
 use crate::fields::data::{
     ACT, CTRL, MOCAP_POS, MOCAP_QUAT, QACC_WARMSTART, QFRC_APPLIED, QPOS, QVEL, USERDATA,
     XFRC_APPLIED,
@@ -58,8 +58,8 @@ impl Data {
     /// # Errors
     /// [`SimError::WrongLength`] if the state is of another model; [`SimError::NotFinite`].
     pub fn restore_state(&mut self, state: &State) -> Result<(), SimError> {
-        check_length(Quantity::State, self.state_len(), state.values.len())?;
-        check_finite(Quantity::State, &state.values)?;
+        check_length(SimQuantity::State, self.state_len(), state.values.len())?;
+        check_finite(SimQuantity::State, &state.values)?;
         let mut rest = state.values.as_slice();
         fill(std::slice::from_mut(&mut self.raw_mut().time), &mut rest);
         fill(self.rows_mut(&QPOS).as_flattened_mut(), &mut rest);

@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use mujoco::{Data, Model, Quantity, SimError};
+use mujoco::{Data, Model, SimError, SimQuantity};
 
 const CART: &str = r#"<mujoco>
   <option timestep="0.002" gravity="0 0 0"/>
@@ -38,7 +38,7 @@ fn divergence_is_an_error_and_its_counters_are_cleared() {
     data.step(3).unwrap();
     data.qvel_mut()[0] = 1e11;
     let error = data.step(5).unwrap_err();
-    let SimError::Diverged { what: Quantity::Qvel, index: 0, time } = error else {
+    let SimError::Diverged { what: SimQuantity::Qvel, index: 0, time } = error else {
         panic!("{error}");
     };
     assert!((time - 0.006).abs() < 1e-12);
@@ -48,10 +48,10 @@ fn divergence_is_an_error_and_its_counters_are_cleared() {
 
 #[test]
 fn every_bad_quantity_is_noticed() {
-    for expected in [Quantity::Qpos, Quantity::Qvel] {
+    for expected in [SimQuantity::Qpos, SimQuantity::Qvel] {
         let mut data = data(CART);
         match expected {
-            Quantity::Qpos => data.qpos_mut()[0] = f64::NAN,
+            SimQuantity::Qpos => data.qpos_mut()[0] = f64::NAN,
             _ => data.qvel_mut()[0] = f64::INFINITY,
         }
         assert!(
@@ -74,18 +74,18 @@ fn forward_tells_of_accelerations_that_are_not_finite() {
     data.qpos_mut().fill(1e300);
     let error = data.forward().unwrap_err();
     assert!(
-        matches!(error, SimError::NotFinite { what: Quantity::Qacc, index: 0, value } if value.is_nan()),
+        matches!(error, SimError::NotFinite { what: SimQuantity::Qacc, index: 0, value } if value.is_nan()),
         "{error}"
     );
     let step = data.step(1).unwrap_err();
-    assert!(matches!(step, SimError::Diverged { what: Quantity::Qpos, .. }), "{step}");
+    assert!(matches!(step, SimError::Diverged { what: SimQuantity::Qpos, .. }), "{step}");
     assert_eq!(data.forward(), Ok(()));
 }
 
 #[test]
 fn huge_controls_and_forces_diverge() {
     let strong = CART.replace("<motor ", r#"<motor gear="1000" "#);
-    for (control, expected) in [(1e300, Quantity::Ctrl), (9e9, Quantity::Qacc)] {
+    for (control, expected) in [(1e300, SimQuantity::Ctrl), (9e9, SimQuantity::Qacc)] {
         let mut data = data(&strong);
         data.set_ctrl(&[control]).unwrap();
         assert!(matches!(data.step(1), Err(SimError::Diverged { what, .. }) if what == expected));
@@ -101,7 +101,7 @@ fn controls_that_are_not_finite_are_refused() {
         assert_eq!(error.to_string(), format!("ctrl[0] is {value}, which is not finite"));
     }
     let error = data.set_ctrl(&[0.0, 1.0]).unwrap_err();
-    assert_eq!(error, SimError::WrongLength { what: Quantity::Ctrl, expected: 1, got: 2 });
+    assert_eq!(error, SimError::WrongLength { what: SimQuantity::Ctrl, expected: 1, got: 2 });
     assert_eq!(data.ctrl(), [0.5], "a refused control changes nothing");
 }
 

@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use khronos_egl as egl;
 use mujoco::{
-    Backdrop, CameraView, Data, Mirror, Model, OpenGlBackend, RenderError, RenderOptions, Renderer,
+    Backdrop, CameraView, Data, Model, OpenGlBackend, RenderError, RenderMirror, RenderOptions,
+    Renderer,
 };
 
 const SCENE: &str = r#"<mujoco>
@@ -107,7 +108,7 @@ fn the_programs_context_is_current_again_after_every_call() {
         program.assert_current(target, "drawing over a backdrop");
         assert_eq!(over, image);
 
-        let mirror = Mirror { swaps_left_right: true, swaps_top_bottom: false };
+        let mirror = RenderMirror { swaps_left_right: true, swaps_top_bottom: false };
         let refused = renderer.render(&mut data, CameraView { camera, mirror }, &mut image);
         assert!(matches!(refused, Err(RenderError::NotMirrorSymmetric { .. })));
         program.assert_current(target, "an error");

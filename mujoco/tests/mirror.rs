@@ -6,16 +6,16 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use mujoco::{CameraView, Data, Mirror, Model, RenderError, RenderOptions, Renderer};
+use mujoco::{CameraView, Data, Model, RenderError, RenderMirror, RenderOptions, Renderer};
 
 /// Size of the images, in pixels. They are not square, or width and height could be exchanged.
 const WIDTH: usize = 80;
 const HEIGHT: usize = 64;
-const MIRRORS: [Mirror; 4] =
+const MIRRORS: [RenderMirror; 4] =
     [mirror(false, false), mirror(true, false), mirror(false, true), mirror(true, true)];
 
-const fn mirror(columns: bool, rows: bool) -> Mirror {
-    Mirror { swaps_left_right: columns, swaps_top_bottom: rows }
+const fn mirror(columns: bool, rows: bool) -> RenderMirror {
+    RenderMirror { swaps_left_right: columns, swaps_top_bottom: rows }
 }
 
 /// Draws numbers in `[0, 1)` with a linear congruential generator.
@@ -35,7 +35,7 @@ impl Numbers {
 
 /// Returns a scene of tilted props on a grid of pixel centres, so that edges often hit them, under
 /// a light from the side; mirrored.
-fn scene(seed: u64, mirror: Mirror) -> String {
+fn scene(seed: u64, mirror: RenderMirror) -> String {
     let [x, y] = [mirror.swaps_left_right, mirror.swaps_top_bottom]
         .map(|flips| if flips { -1.0 } else { 1.0 });
     let (mut numbers, mut props) = (Numbers(seed), String::new());
@@ -87,14 +87,14 @@ fn ready(xml: &str) -> (Data, Renderer) {
 
 fn picture(
     (data, renderer): &mut (Data, Renderer),
-    mirror: Mirror,
+    mirror: RenderMirror,
 ) -> Result<Vec<u8>, RenderError> {
     let camera = data.model().camera("top").unwrap();
     let mut image = vec![0; renderer.image_len()];
     renderer.render(data, CameraView { camera, mirror }, &mut image).map(|()| image)
 }
 
-fn mirrored(image: &[u8], mirror: Mirror) -> Vec<u8> {
+fn mirrored(image: &[u8], mirror: RenderMirror) -> Vec<u8> {
     let at = |flips: bool, index: usize, size: usize| if flips { size - 1 - index } else { index };
     let pixels = (0..HEIGHT * WIDTH).map(|i| {
         let row = at(mirror.swaps_top_bottom, i / WIDTH, HEIGHT);
@@ -114,13 +114,14 @@ fn twins_drawn_in_the_mirror_between_them_mirror_bit_for_bit() {
     let mut inexact = 0;
     for seed in 0..60 {
         let canonical =
-            picture(&mut ready(&scene(seed, Mirror::default())), Mirror::default()).unwrap();
+            picture(&mut ready(&scene(seed, RenderMirror::default())), RenderMirror::default())
+                .unwrap();
         for mirror in MIRRORS {
             let mut twin = ready(&scene(seed, mirror));
             let expected = mirrored(&canonical, mirror);
             let differs = differing(&picture(&mut twin, mirror).unwrap(), &expected, 0);
             assert_eq!(differs, 0, "scene {seed}, {mirror:?}");
-            let direct = picture(&mut twin, Mirror::default()).unwrap();
+            let direct = picture(&mut twin, RenderMirror::default()).unwrap();
             inexact += usize::from(differing(&direct, &expected, 0) > 0);
         }
     }

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use mujoco::{Data, JointType, Model, ModelError, Shape};
+use mujoco::{Data, GeomShape, JointType, Model, ModelError};
 
 const ARM: &str = r#"<mujoco>
   <option timestep="0.0025"/>
@@ -38,7 +38,7 @@ fn sizes_and_readers() {
     let base = model.body("base").unwrap();
     assert_eq!(model.geom_body(block), base);
     assert!(model.body_invweight0(base)[0] > 0.0);
-    assert_eq!(model.name(base), Some("base"));
+    assert_eq!(model.name_of(base), Some("base"));
     assert_eq!(model.compile_warning(), None);
 }
 
@@ -163,10 +163,10 @@ fn geoms_have_shapes_and_axes() {
     let shapes: Vec<_> = model.geoms().map(|geom| model.geom_shape(geom)).collect();
     let expected = [
         None,
-        Some(Shape::Sphere { radius }),
-        Some(Shape::Capsule { radius, half_length: 0.2 }),
-        Some(Shape::Cylinder { radius, half_length: 0.3 }),
-        Some(Shape::Box { half }),
+        Some(GeomShape::Sphere { radius }),
+        Some(GeomShape::Capsule { radius, half_length: 0.2 }),
+        Some(GeomShape::Cylinder { radius, half_length: 0.3 }),
+        Some(GeomShape::Box { half }),
         None,
     ];
     assert_eq!(shapes, expected);
@@ -205,7 +205,7 @@ fn a_reflected_model_moves_as_the_mirror_image() {
     let model = Model::from_xml(GATE).unwrap();
     let roots = ["frame", "ball"].map(|name| model.body(name).unwrap());
     let mirrored = model.reflected(&roots).unwrap();
-    assert_eq!(mirrored.name(roots[1]), Some("ball"));
+    assert_eq!(mirrored.name_of(roots[1]), Some("ball"));
     let mut tables = [model, mirrored].map(|model| Data::new(Arc::new(model)));
     for (data, side) in tables.iter_mut().zip([1.0, -1.0]) {
         // velocities of hinge, slide, and of the ball, whose rotation is in its own frame

@@ -9,7 +9,9 @@ use std::ptr;
 use std::sync::Arc;
 
 use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW, Symbol};
-use mujoco::{ContextError, Data, Model, OpenGlBackend, RenderError, RenderOptions, Renderer};
+use mujoco::{
+    Data, Model, OpenGlBackend, OpenGlContextError, RenderError, RenderOptions, Renderer,
+};
 
 const OSMESA: [OpenGlBackend; 1] = [OpenGlBackend::OsMesa];
 
@@ -30,7 +32,7 @@ fn egl_is_refused_once_osmesa_draws() {
         panic!("two OpenGL libraries in one process");
     };
     let in_use = "libOSMesa.so.8".into();
-    assert_eq!(tried[0].1, ContextError::LibraryInUse { in_use });
+    assert_eq!(tried[0].1, OpenGlContextError::LibraryInUse { in_use });
 }
 
 type Raw = *mut c_void;

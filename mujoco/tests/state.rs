@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use mujoco::{Data, Model, Quantity, SimError, State};
+use mujoco::{Data, Model, SimError, SimQuantity, State};
 
 // a box that tumbles onto the floor while a weld drags it: contacts and an equality constraint
 // keep the solver from converging to the last bit, so that the warm start matters
@@ -98,7 +98,7 @@ fn foreign_states_are_refused() {
     let expected = before.values().len();
     assert_eq!(
         data.restore_state(&short),
-        Err(SimError::WrongLength { what: Quantity::State, expected, got: 3 })
+        Err(SimError::WrongLength { what: SimQuantity::State, expected, got: 3 })
     );
     let mut values = before.values().to_vec();
     values[2] = f64::NAN;

@@ -133,7 +133,7 @@ class _Rollout:
 
 def _violations(env: "_Replayed", rollouts: list[_Rollout], group: str, rng: np.random.Generator) -> list[Violation]:
     """Compares the mean of each quantity that changes its sign with those of the same episodes, each transformed by a
-    random element of the group: the randomisation test of `rl::check_symmetry`."""
+    random element of the group: the randomisation test of `rl::check_env_symmetry`."""
     if len(rollouts) < _MIN_EPISODES:
         raise ValueError(f"`episodes` is {len(rollouts)}, expected at least {_MIN_EPISODES}")
     if group not in _ELEMENTS:

@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for decision in 0..DECISIONS {
         let action = |i| ((i * 7 + decision * 3) % 5) as f32 / 2.0 - 1.0;
         let actions: Vec<f32> = (0..N * ACTION_DIM).map(action).collect();
-        env.step(&actions, batch.step_mut())?;
+        env.step(&actions, batch.step_results_mut())?;
         show(&batch)?;
     }
     Ok(())

@@ -8,8 +8,8 @@ mod task;
 use std::sync::{Mutex, PoisonError};
 
 use envs::{
-    Camera, Embodiment, EnvCommand, EnvError, EnvFailure, EnvSnapshot, Layout, ObservationsMut,
-    DomainRandomisation, StepMut, View,
+    Camera, DomainRandomisation, Embodiment, EnvCommand, EnvError, EnvFailure, EnvSnapshot, Layout,
+    ObservationsMut, StepResultsMut, ViewSettings,
 };
 use envs::{VecEnv, VecEnvSettings};
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2};
@@ -21,7 +21,7 @@ use serde_json::{Map, Value, json};
 /// Indices of environments that failed, with their error messages.
 type Failures = Vec<(usize, String)>;
 
-/// Arrays that [`StepMut`] borrows, in the order of its fields.
+/// Arrays that [`StepResultsMut`] borrows, in the order of its fields.
 type Out<'py> = (
     PyReadwriteArray4<'py, u8>,
     PyReadwriteArray2<'py, f32>,
@@ -80,7 +80,7 @@ impl Core {
             embodiment: embodiment.parse::<Embodiment>().map_err(error)?,
             camera: find_camera(camera)?,
             // each layout has its own control; keywords override its parts below
-            control: layout.control(),
+            control: layout.action_settings(),
             randomisation: find_randomisation(randomisation)?,
             ..VecEnvSettings::default()
         };
@@ -96,7 +96,7 @@ impl Core {
             (None, Some(decisions)) => decisions.saturating_mul(control.action_repeat),
             (horizon, None) => horizon.unwrap_or(control.horizon),
         };
-        let (group, elements) = task::parse(&tasks, layout)?;
+        let (group, elements) = task::parse_task_group(&tasks, layout)?;
         let env = py.detach(|| VecEnv::new(settings, group, &elements));
         Ok(Self { env: Mutex::new(Some(env.map_err(error)?)), process: std::process::id() })
     }
@@ -139,7 +139,7 @@ impl Core {
 
     fn set_tasks(&self, py: Python<'_>, tasks: Vec<String>) -> PyResult<()> {
         let layout = self.with(py, |env| Ok(env.settings().layout))?;
-        let (group, elements) = task::parse(&tasks, layout)?;
+        let (group, elements) = task::parse_task_group(&tasks, layout)?;
         self.with(py, |env| env.set_task_group(group, &elements))
     }
 
@@ -157,7 +157,7 @@ impl Core {
         let commands = commands.collect::<PyResult<Vec<EnvCommand>>>()?;
         let (mut images, mut vectors, mut final_images, mut final_vectors, ended) = out;
         let (mut rewards, mut success, mut success_at_end, mut truncated) = ended;
-        let step = StepMut {
+        let step = StepResultsMut {
             observations: ObservationsMut {
                 images: slice(&mut images)?,
                 vectors: slice(&mut vectors)?,
@@ -187,7 +187,7 @@ impl Core {
     /// Writes the details of the present states, `[N, DETAILS_DIM]`.
     fn details(&self, py: Python<'_>, mut details: PyReadwriteArray2<'_, f32>) -> PyResult<()> {
         let details = slice(&mut details)?;
-        self.with(py, |env| env.details(details))
+        self.with(py, |env| env.state_details(details))
     }
 
     /// Renders the present states in a view, `[N, size, size, 3]`.
@@ -199,7 +199,7 @@ impl Core {
         mut pictures: PyReadwriteArray4<'_, u8>,
     ) -> PyResult<()> {
         let size = pictures.as_array().shape()[1];
-        let view = View { from_corner: camera == "corner", shows_arm: arm, size };
+        let view = ViewSettings { from_corner: camera == "corner", shows_arm: arm, size };
         let pictures = slice(&mut pictures)?;
         self.with(py, |env| env.render(view, pictures))
     }
@@ -348,12 +348,12 @@ mod _core {
     #[pymodule_export]
     const ACTION_DIM: usize = envs::ACTION_DIM;
     #[pymodule_export]
-    const DETAILS_DIM: usize = envs::DETAILS_DIM;
+    const DETAILS_DIM: usize = envs::STATE_DETAILS_DIM;
 
     /// Returns the indices of the irreps of the vector observation's components.
     #[pyo3::pyfunction]
     fn vector_irreps() -> Vec<usize> {
-        envs::VECTOR_IRREPS.map(|irrep| irrep.index()).to_vec()
+        envs::VECTOR_OBSERVATION_IRREPS.map(|irrep| irrep.index()).to_vec()
     }
 
     /// Returns the indices of the irreps of the action's components.
@@ -365,12 +365,12 @@ mod _core {
     /// Returns the names of the groups, then those of their variants.
     #[pyo3::pyfunction]
     fn task_names() -> Vec<String> {
-        super::task::names()
+        super::task::task_names()
     }
 
     /// Returns the sets of groups, each with the names of its groups.
     #[pyo3::pyfunction]
     fn task_sets() -> Vec<(&'static str, Vec<&'static str>)> {
-        super::task::sets()
+        super::task::task_sets()
     }
 }

@@ -7,21 +7,21 @@ use symmetry::D2;
 use crate::{error, value_error};
 
 /// Returns the names of the groups, then those of their variants.
-pub fn names() -> Vec<String> {
+pub fn task_names() -> Vec<String> {
     let groups = TaskGroup::ALL.map(|group| group.name().to_owned());
     let variants = TaskGroup::ALL.map(|group| D2::ALL.map(|element| name(group, element)));
     [&groups[..], variants.as_flattened()].concat()
 }
 
 /// Returns the sets of groups, each with the names of its groups.
-pub fn sets() -> Vec<(&'static str, Vec<&'static str>)> {
+pub fn task_sets() -> Vec<(&'static str, Vec<&'static str>)> {
     let names = |groups: &[TaskGroup]| groups.iter().map(|group| group.name()).collect();
-    TaskGroup::SETS.map(|(set, groups)| (set, names(groups))).to_vec()
+    TaskGroup::TASK_SETS.map(|(set, groups)| (set, names(groups))).to_vec()
 }
 
 /// Returns the one group that `tasks` name, and the elements to draw its variants from. A group's
 /// name stands for all elements of the layout.
-pub fn parse(tasks: &[String], layout: Layout) -> PyResult<(TaskGroup, Vec<D2>)> {
+pub fn parse_task_group(tasks: &[String], layout: Layout) -> PyResult<(TaskGroup, Vec<D2>)> {
     let mut found: Option<(TaskGroup, Vec<D2>)> = None;
     for task in tasks {
         let (group, elements) = find(task, layout)?;
@@ -48,8 +48,8 @@ fn find(task: &str, layout: Layout) -> PyResult<(TaskGroup, Vec<D2>)> {
             return Ok((group, vec![element]));
         }
     }
-    let group = TaskRegistry::all().find(task).map_err(error)?;
-    Ok((group, layout.elements().to_vec()))
+    let group = TaskRegistry::with_all().find(task).map_err(error)?;
+    Ok((group, layout.group_elements().to_vec()))
 }
 
 fn name(group: TaskGroup, element: D2) -> String {

@@ -6,11 +6,11 @@
 use std::error::Error;
 use std::path::Path;
 
-use envs::mujoco::Shape;
+use envs::mujoco::GeomShape;
 use envs::{TableTop, TaskRegistry, TaskVariant};
 use experiments::RunFolder;
 use glam::DQuat;
-use render::{EpisodeRecorder, PolicyPlayer, View};
+use render::{EpisodeRecorder, FilmView, PolicyPlayer};
 use rl::{BoxedEnvError, EnvSpec, Observations, Transition, VectorEnv};
 use serde::Serialize;
 
@@ -54,9 +54,9 @@ struct PoseRecorder {
 
 impl PoseRecorder {
     fn record(&mut self) {
-        let table = self.recorder.table();
+        let table = self.recorder.environment();
         if self.solids.is_empty() {
-            self.solids = table.solids().map(|solid| new_solid(&solid)).collect();
+            self.solids = table.visible_geoms().map(|solid| new_solid(&solid)).collect();
         }
         for (own, pose) in self.solids.iter_mut().zip(poses(table)) {
             own.poses.push(pose);
@@ -77,19 +77,19 @@ impl PoseRecorder {
 /// Returns the poses of all solids, rounded to a tenth of a millimetre and a thousandth.
 fn poses(table: &TableTop) -> impl Iterator<Item = [f64; 7]> {
     let round = |value: f64, digits: f64| (value * digits).round() / digits;
-    table.solids().map(move |solid| {
+    table.visible_geoms().map(move |solid| {
         let [x, y, z] = solid.position.to_array().map(|value| round(value, 1e4));
         let turn = DQuat::from_mat3(&solid.axes).to_array().map(|value| round(value, 1e3));
         [x, y, z, turn[0], turn[1], turn[2], turn[3]]
     })
 }
 
-fn new_solid(solid: &envs::Solid<'_>) -> Solid {
+fn new_solid(solid: &envs::VisibleGeom<'_>) -> Solid {
     let (shape, size) = match solid.shape {
-        Shape::Sphere { radius } => ("sphere", vec![radius]),
-        Shape::Capsule { radius, half_length } => ("capsule", vec![radius, half_length]),
-        Shape::Cylinder { radius, half_length } => ("cylinder", vec![radius, half_length]),
-        Shape::Box { half } => ("box", half.to_vec()),
+        GeomShape::Sphere { radius } => ("sphere", vec![radius]),
+        GeomShape::Capsule { radius, half_length } => ("capsule", vec![radius, half_length]),
+        GeomShape::Cylinder { radius, half_length } => ("cylinder", vec![radius, half_length]),
+        GeomShape::Box { half } => ("box", half.to_vec()),
     };
     Solid { shape, size, rgba: solid.rgba, is_arm: solid.is_arm, poses: Vec::new() }
 }
@@ -114,7 +114,7 @@ impl VectorEnv for PoseRecorder {
 
 fn play(player: &mut PolicyPlayer, variant: TaskVariant) -> Result<Episode, Box<dyn Error>> {
     let settings = player.experiment.envs;
-    let recorder = EpisodeRecorder::new(&settings, variant, &[View::PolicyInput], SEED)?;
+    let recorder = EpisodeRecorder::new(&settings, variant, &[FilmView::PolicyInput], SEED)?;
     let mut env = PoseRecorder { recorder, solids: Vec::new() };
     let (policy, success) = player.play_episode(variant, &mut env)?;
     Ok(Episode {
@@ -123,7 +123,7 @@ fn play(player: &mut PolicyPlayer, variant: TaskVariant) -> Result<Episode, Box<
         policy,
         success,
         seconds: settings.control.decision_seconds(),
-        goal: env.recorder.table().observable_goal().map(|goal| goal.to_array()),
+        goal: env.recorder.environment().observable_goal().map(|goal| goal.to_array()),
         solids: env.finish(),
     })
 }
@@ -132,7 +132,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args_os().nth(1).ok_or("expected the folder of a run")?;
     let folder = RunFolder::from_path(Path::new(&folder));
     let mut player = PolicyPlayer::load(&folder, 1)?;
-    let groups = player.experiment.schedule.resolve_groups(&TaskRegistry::standard())?;
+    let groups = player.experiment.schedule.resolve_groups(&TaskRegistry::with_standard())?;
     let variants = groups.into_iter().flat_map(|group| group.variants());
     let episodes = variants.map(|variant| play(&mut player, variant));
     let episodes = episodes.collect::<Result<Vec<_>, _>>()?;

@@ -21,7 +21,7 @@ impl Canvas {
     }
 
     /// Blends a colour into a pixel; a `share` of 1 replaces the pixel's colour.
-    pub fn dot(&mut self, [x, y]: [usize; 2], rgb: [u8; 3], share: f32) {
+    pub fn blend_pixel(&mut self, [x, y]: [usize; 2], rgb: [u8; 3], share: f32) {
         if x < self.width && y < self.height {
             let pixel = &mut self.rgb[(y * self.width + x) * 3..][..3];
             for (old, new) in pixel.iter_mut().zip(rgb) {
@@ -31,7 +31,7 @@ impl Canvas {
     }
 
     /// Blends a colour into all pixels of a rectangle.
-    pub fn shade(
+    pub fn blend_rectangle(
         &mut self,
         [left, top]: [usize; 2],
         [width, height]: [usize; 2],
@@ -39,27 +39,27 @@ impl Canvas {
         share: f32,
     ) {
         for y in top..top + height {
-            (left..left + width).for_each(|x| self.dot([x, y], rgb, share));
+            (left..left + width).for_each(|x| self.blend_pixel([x, y], rgb, share));
         }
     }
 
     /// Fills a rectangle with one colour.
-    pub fn fill(&mut self, corner: [usize; 2], size: [usize; 2], rgb: [u8; 3]) {
-        self.shade(corner, size, rgb, 1.0);
+    pub fn fill_rectangle(&mut self, corner: [usize; 2], size: [usize; 2], rgb: [u8; 3]) {
+        self.blend_rectangle(corner, size, rgb, 1.0);
     }
 
     /// Draws a line of text whose top left corner is at `[left, top]`.
-    pub fn write(&mut self, text: &str, [left, top]: [usize; 2], rgb: [u8; 3]) {
-        for_each_pixel(text, |[x, y], cover| self.dot([left + x, top + y], rgb, cover));
+    pub fn draw_text(&mut self, text: &str, [left, top]: [usize; 2], rgb: [u8; 3]) {
+        for_each_pixel(text, |[x, y], cover| self.blend_pixel([left + x, top + y], rgb, cover));
     }
 
     /// Draws a line two pixels wide from one point to another, `[x, y]` in pixels.
-    pub fn line(&mut self, from: [f64; 2], to: [f64; 2], rgb: [u8; 3]) {
+    pub fn draw_line(&mut self, from: [f64; 2], to: [f64; 2], rgb: [u8; 3]) {
         let steps = (to[0] - from[0]).abs().max((to[1] - from[1]).abs()).ceil().max(1.0);
         for step in 0..=steps as usize {
             let share = step as f64 / steps;
             let at = [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]));
-            self.fill(at.map(|at| at.round().max(0.0) as usize), [2, 2], rgb);
+            self.fill_rectangle(at.map(|at| at.round().max(0.0) as usize), [2, 2], rgb);
         }
     }
 
@@ -67,7 +67,7 @@ impl Canvas {
     pub fn paste(&mut self, picture: &[u8], width: usize, enlarge: usize, [left, top]: [usize; 2]) {
         for (pixel, rgb) in picture.as_chunks().0.iter().enumerate() {
             let [x, y] = [pixel % width, pixel / width].map(|at| at * enlarge);
-            self.fill([left + x, top + y], [enlarge; 2], *rgb);
+            self.fill_rectangle([left + x, top + y], [enlarge; 2], *rgb);
         }
     }
 }

@@ -8,7 +8,7 @@ use clap::builder::RangedU64ValueParser;
 use envs::TaskRegistry;
 use symmetry::D2;
 
-use experiments::cli::{Threads, print_escaped, progress_bar};
+use experiments::cli::{ThreadCountOption, print_escaped, progress_bar};
 use experiments::{RunData, RunFolder, thread_pool};
 
 use super::error::RenderError;
@@ -16,7 +16,7 @@ use super::gif::Film;
 use super::grid::compose_grid;
 use super::output::OutputFile;
 use super::player::{FilmSettings, FilmedEpisode, PolicyPlayer};
-use super::recorder::View;
+use super::recorder::FilmView;
 use super::stream_film::film_stream;
 
 /// Options of `covers render`: the groups, the views and the file of a film.
@@ -35,7 +35,7 @@ pub struct RenderOptions {
     pub group: Option<String>,
     /// Views of each variant, one row each; several are separated by commas.
     #[arg(long, visible_alias = "view", value_enum, value_delimiter = ',', default_value = "seen")]
-    pub views: Vec<View>,
+    pub views: Vec<FilmView>,
     /// Below each row, show its pictures mirrored back: four times the same picture.
     #[arg(long = "twins")]
     pub with_mirrored_twins: bool,
@@ -52,7 +52,7 @@ pub struct RenderOptions {
     pub seed: u64,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub threads: Threads,
+    pub threads: ThreadCountOption,
 }
 
 impl RenderOptions {
@@ -65,7 +65,7 @@ impl RenderOptions {
         let target = OutputFile::new(&self.out)?;
         let folder = RunFolder::from_path(&self.run);
         let schedule = folder.read_experiment()?.schedule;
-        let groups = schedule.select_groups(self.group.as_deref(), &TaskRegistry::all())?;
+        let groups = schedule.select_groups(self.group.as_deref(), &TaskRegistry::with_all())?;
         let threads = self.threads.count();
         let mut player = PolicyPlayer::load(&folder, threads)?;
         target.prepare()?;

@@ -97,14 +97,14 @@ impl GridLayout {
         let (across, down) = (self.across, self.down);
         let mut canvas = Canvas::new(GAP + columns.len() * across, GAP + LINE + rows.len() * down);
         for (column, name) in columns.iter().enumerate() {
-            canvas.write(name, [GAP + column * across, GAP], INK);
+            canvas.draw_text(name, [GAP + column * across, GAP], INK);
         }
         for (number, row) in rows.iter().enumerate() {
             let top = GAP + LINE + number * down;
-            canvas.write(&row.title, [GAP, top], row.colour);
+            canvas.draw_text(&row.title, [GAP, top], row.colour);
             for (column, cell) in row.cells.iter().enumerate() {
                 // the picture will be pasted over all but the border
-                canvas.fill([GAP + column * across, top + LINE], cell.size(), row.colour);
+                canvas.fill_rectangle([GAP + column * across, top + LINE], cell.size(), row.colour);
             }
         }
         canvas

@@ -18,5 +18,5 @@ pub use command::RenderOptions;
 pub use error::RenderError;
 pub use gif::{Film, encode_gif};
 pub use grid::{GridCell, GridRow, compose_grid};
-pub use player::{PolicyPlayer, film_groups};
-pub use recorder::{EpisodeRecorder, View};
+pub use player::{PolicyPlayer, film_task_groups};
+pub use recorder::{EpisodeRecorder, FilmView};

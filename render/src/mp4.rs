@@ -7,7 +7,7 @@ use std::process::Command;
 
 use crate::{RenderError, subprocess};
 use experiments::RunError;
-use learner::disk::PARTIAL_EXTENSION;
+use learner::disk::PARTIAL_FILE_EXTENSION;
 
 use super::gif::{DELAY_CENTISECONDS, Film, HOLD_DELAYS};
 
@@ -30,11 +30,12 @@ impl Ffmpeg {
     /// # Errors
     /// [`RunError::Write`] with the last line of `ffmpeg`'s standard error.
     pub fn encode(&self, film: &Film, path: &Path) -> Result<Vec<u8>, RunError> {
-        let scratch = path.with_added_extension("ffmpeg").with_added_extension(PARTIAL_EXTENSION);
+        let scratch =
+            path.with_added_extension("ffmpeg").with_added_extension(PARTIAL_FILE_EXTENSION);
         let made = self.make(film, &scratch).and_then(|()| fs::read(&scratch));
         // fails if `ffmpeg` made no file
         let _ = fs::remove_file(&scratch);
-        made.map_err(RunError::writing(path))
+        made.map_err(RunError::write_error_at(path))
     }
 
     fn make(&self, film: &Film, to: &Path) -> std::io::Result<()> {

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use crate::RenderError;
 use experiments::RunError;
-use experiments::new_file::{NewFile, lowercase_extension};
+use experiments::new_file::{NewOutputFile, lowercase_extension};
 
 use super::gif::{self, Film};
 use super::mp4::Ffmpeg;
 
 /// Output file of a film: it must not exist yet, and has the extension of a supported format.
 pub(super) struct OutputFile {
-    file: NewFile,
+    file: NewOutputFile,
     /// Encoder of an mp4; `None` for a GIF.
     ffmpeg: Option<Ffmpeg>,
 }
@@ -35,16 +35,16 @@ impl OutputFile {
                 });
             }
         };
-        let file = NewFile::new(path)?;
+        let file = NewOutputFile::new(path)?;
         Ok(Self { file, ffmpeg })
     }
 
     /// Creates the file's folder and checks that it can be written to.
     ///
     /// # Errors
-    /// As [`NewFile::prepare`].
+    /// As [`NewOutputFile::prepare_folder`].
     pub fn prepare(&self) -> Result<(), RunError> {
-        self.file.prepare()
+        self.file.prepare_folder()
     }
 
     /// Writes the film atomically: the file is complete or does not exist.
@@ -54,7 +54,7 @@ impl OutputFile {
     pub fn write(&self, film: &Film) -> Result<(), RunError> {
         let path = self.path();
         let bytes = match &self.ffmpeg {
-            None => gif::encode_gif(film).map_err(RunError::writing(path))?,
+            None => gif::encode_gif(film).map_err(RunError::write_error_at(path))?,
             Some(ffmpeg) => ffmpeg.encode(film, path)?,
         };
         self.file.write(&bytes)

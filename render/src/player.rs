@@ -7,20 +7,20 @@ use symmetry::D2;
 use experiments::cli::{ProgressBar, progress_bar};
 use experiments::colours::curve_rgb;
 use experiments::evaluation::Evaluator;
-use experiments::{Experiment, RunError, RunFolder, Stream, thread_pool};
+use experiments::{Experiment, RunError, RunFolder, SwitchableVecEnv, thread_pool};
 use learner::{Learner, TaskLabel};
 
 use super::gif::encode_gif;
 use super::grid::{GridCell, GridRow, compose_grid};
-use super::recorder::{EpisodeRecorder, View};
+use super::recorder::{EpisodeRecorder, FilmView};
 
-/// Length, in decisions, of a film of [`film_groups`]: three seconds of simulated time.
+/// Length, in decisions, of a film of [`film_task_groups`]: three seconds of simulated time.
 const DECISIONS: usize = 24;
 
 /// Settings of films of policies: groups, views, length and seed.
 pub(super) struct FilmSettings<'a> {
     pub groups: &'a [TaskGroup],
-    pub views: &'a [View],
+    pub views: &'a [FilmView],
     /// `true` if each row is repeated, with pictures mirrored back to the first variant's frame.
     pub mirrored_back: bool,
     /// Decisions after which a film ends; `None` for the whole episode.
@@ -53,9 +53,9 @@ impl PolicyPlayer {
     /// As [`RunFolder::read_experiment`] and [`RunFolder::load_learner`].
     pub fn load(folder: &RunFolder, threads: usize) -> Result<Self, RunError> {
         let experiment = folder.read_experiment()?.with_threads(threads);
-        let (spec, labels) = (Stream::env_spec(&experiment.envs), TaskLabel::default());
+        let (spec, labels) = (SwitchableVecEnv::env_spec(&experiment.envs), TaskLabel::default());
         let learner = folder.load_learner(&experiment.learner, &spec, &labels)?;
-        let evaluator = Evaluator::of_run(&experiment, &TaskRegistry::all(), labels)?;
+        let evaluator = Evaluator::for_experiment(&experiment, &TaskRegistry::with_all(), labels)?;
         Ok(Self { experiment, learner, evaluator })
     }
 
@@ -85,7 +85,7 @@ impl PolicyPlayer {
         let FilmSettings { views, decisions, seed, .. } = *settings;
         let mut recorder = EpisodeRecorder::new(&self.experiment.envs, variant, views, seed)?;
         let (policy, success) = self.play_episode(variant, &mut recorder)?;
-        Ok(FilmedEpisode { variant, policy, success, cells: recorder.film_cells(views, decisions) })
+        Ok(FilmedEpisode { variant, policy, success, cells: recorder.grid_cells(views, decisions) })
     }
 
     /// Lets the learner choose a policy for `variant` and plays one episode of it in `env`, a
@@ -146,8 +146,11 @@ impl PolicyPlayer {
 ///
 /// # Errors
 /// A folder without policies; errors of the environments and the learner.
-pub fn film_groups(folder: &RunFolder, threads: usize) -> Result<Vec<(String, Vec<u8>)>, RunError> {
-    let groups = folder.read_experiment()?.schedule.resolve_groups(&TaskRegistry::all())?;
+pub fn film_task_groups(
+    folder: &RunFolder,
+    threads: usize,
+) -> Result<Vec<(String, Vec<u8>)>, RunError> {
+    let groups = folder.read_experiment()?.schedule.resolve_groups(&TaskRegistry::with_all())?;
     let mut player = PolicyPlayer::load(folder, threads)?;
     let pool = thread_pool(threads)?;
     let names = D2::ALL.map(|element| element.to_string());
@@ -155,7 +158,7 @@ pub fn film_groups(folder: &RunFolder, threads: usize) -> Result<Vec<(String, Ve
     let films = groups.into_iter().map(|group| {
         let settings = FilmSettings {
             groups: &[group],
-            views: &[View::PolicyInput],
+            views: &[FilmView::PolicyInput],
             mirrored_back: false,
             decisions: Some(DECISIONS),
             seed: 0,
@@ -163,19 +166,19 @@ pub fn film_groups(folder: &RunFolder, threads: usize) -> Result<Vec<(String, Ve
         let episodes = pool.install(|| player.play(&settings, &bar))?;
         let columns = names.each_ref().map(String::as_str);
         let film = compose_grid(&columns, &player.rows(&settings, &episodes));
-        let gif = encode_gif(&film).map_err(RunError::writing(folder.path()))?;
+        let gif = encode_gif(&film).map_err(RunError::write_error_at(folder.path()))?;
         Ok((group.name().to_owned(), gif))
     });
     films.collect()
 }
 
-fn title(group: TaskGroup, views: &[View], view: usize, mirrored_back: bool) -> String {
+fn title(group: TaskGroup, views: &[FilmView], view: usize, mirrored_back: bool) -> String {
     let shown = match (views.len(), views[view]) {
         (1, _) => "",
-        (_, View::Raw) => ": what a camera sees",
-        (_, View::Mask) => ": where the arm is",
-        (_, View::Perspective) => ": from a corner",
-        (_, View::PolicyInput) => ": what the policy sees",
+        (_, FilmView::Raw) => ": what a camera sees",
+        (_, FilmView::Mask) => ": where the arm is",
+        (_, FilmView::Perspective) => ": from a corner",
+        (_, FilmView::PolicyInput) => ": what the policy sees",
     };
     let back = if mirrored_back { ", mirrored back" } else { "" };
     format!("{group}{shown}{back}")

@@ -13,13 +13,13 @@ use rand_chacha::ChaCha8Rng;
 use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
 use experiments::sheet::{Picture, mark_goal};
-use experiments::{RunError, Stream, scale_observation_vectors};
+use experiments::{RunError, SwitchableVecEnv, scale_observation_vectors};
 
 use super::grid::GridCell;
 
 /// View of an episode that a film shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum View {
+pub enum FilmView {
     /// Picture of a camera: the table and the arm.
     Raw,
     /// Mask of the arm: white where it hides the table.
@@ -34,7 +34,7 @@ pub enum View {
 /// Minimum width and height of a camera's pictures in a film (pixels).
 const SIDE: usize = 144;
 
-/// Width and height of pictures of [`View::Perspective`] (pixels).
+/// Width and height of pictures of [`FilmView::Perspective`] (pixels).
 pub(super) const PERSPECTIVE_SIZE: [usize; 2] = [360, 270];
 
 /// Vectorised environment of one task variant that films its only episode. Observations are those
@@ -45,11 +45,11 @@ pub struct EpisodeRecorder {
     seed: u64,
     table: TableTop,
     renderer: SceneRenderer,
-    /// Second simulation for [`View::Raw`] and [`View::Mask`]; `None` without these views.
+    /// Second simulation for [`FilmView::Raw`] and [`FilmView::Mask`]; `None` without these views.
     large: Option<LargeView>,
-    /// Renderer of [`View::Perspective`]; `None` without this view.
+    /// Renderer of [`FilmView::Perspective`]; `None` without this view.
     corner: Option<PerspectiveRenderer>,
-    /// Pictures of [`View::Perspective`].
+    /// Pictures of [`FilmView::Perspective`].
     perspective: Vec<Vec<u8>>,
     /// First picture of the episode `[size, size, 3]`; empty before the reset.
     first: Vec<u8>,
@@ -76,17 +76,17 @@ impl EpisodeRecorder {
     pub fn new(
         settings: &VecEnvSettings,
         variant: TaskVariant,
-        views: &[View],
+        views: &[FilmView],
         seed: u64,
     ) -> Result<Self, RunError> {
         let alone = VecEnvSettings { num_envs: 1, ..*settings };
         let (table, scene) = table(settings, variant, settings.camera)?;
-        let needs_large = views.iter().any(|view| matches!(view, View::Raw | View::Mask));
+        let needs_large = views.iter().any(|view| matches!(view, FilmView::Raw | FilmView::Mask));
         let [width, height] = PERSPECTIVE_SIZE;
         let corner = || PerspectiveRenderer::new(&scene, width, height);
-        let corner = views.contains(&View::Perspective).then(corner).transpose()?;
+        let corner = views.contains(&FilmView::Perspective).then(corner).transpose()?;
         Ok(Self {
-            spec: Stream::env_spec(&alone),
+            spec: SwitchableVecEnv::env_spec(&alone),
             variant,
             seed,
             table,
@@ -100,7 +100,7 @@ impl EpisodeRecorder {
     }
 
     /// Returns one film for each view, of at most `decisions` decisions of the episode.
-    pub fn film_cells(&self, views: &[View], decisions: Option<usize>) -> Vec<GridCell> {
+    pub fn grid_cells(&self, views: &[FilmView], decisions: Option<usize>) -> Vec<GridCell> {
         let cell = |&view| {
             let ([width, height], frames) = self.filmed(view);
             // the first picture comes before any decision
@@ -111,31 +111,31 @@ impl EpisodeRecorder {
     }
 
     /// Returns the environment of the recorded episode, a table with the simulation.
-    pub fn table(&self) -> &TableTop {
+    pub fn environment(&self) -> &TableTop {
         &self.table
     }
 
     /// Returns the top-down camera of a view that was requested from [`EpisodeRecorder::new`].
-    pub fn camera(&self, view: View) -> Camera {
+    pub fn camera(&self, view: FilmView) -> Camera {
         let table = match (view, &self.large) {
-            (View::Raw | View::Mask, Some(large)) => &large.table,
+            (FilmView::Raw | FilmView::Mask, Some(large)) => &large.table,
             _ => &self.table,
         };
         table.scene().camera
     }
 
     /// Returns the latest picture of a requested view, or `None` before the episode.
-    pub fn newest_picture(&self, view: View) -> Option<Picture> {
+    pub fn newest_picture(&self, view: FilmView) -> Option<Picture> {
         let ([width, height], frames) = self.filmed(view);
         Some(Picture { width, height, rgb: frames.last()?.clone() })
     }
 
     /// Returns width and height (pixels) of a view, and its pictures.
-    fn filmed(&self, view: View) -> ([usize; 2], &[Vec<u8>]) {
+    fn filmed(&self, view: FilmView) -> ([usize; 2], &[Vec<u8>]) {
         let frames = match (view, &self.large) {
-            (View::Perspective, _) => return (PERSPECTIVE_SIZE, &self.perspective),
-            (View::Raw, Some(large)) => &large.raw,
-            (View::Mask, Some(large)) => &large.mask,
+            (FilmView::Perspective, _) => return (PERSPECTIVE_SIZE, &self.perspective),
+            (FilmView::Raw, Some(large)) => &large.raw,
+            (FilmView::Mask, Some(large)) => &large.mask,
             _ => &self.seen,
         };
         ([self.camera(view).size; 2], frames)

@@ -17,7 +17,7 @@ use super::font::LINE_HEIGHT;
 use super::gif::Film;
 use super::grid::INK;
 use super::player::{FilmSettings, PolicyPlayer};
-use super::recorder::{PERSPECTIVE_SIZE, View};
+use super::recorder::{FilmView, PERSPECTIVE_SIZE};
 
 /// Approximate number of pictures of the film: 12 seconds.
 const PICTURES: usize = 150;
@@ -58,7 +58,7 @@ pub(super) fn film_stream(
         let problem = "it has no rollouts yet".to_owned();
         return Err(RunError::UnreportableRun { folder: run.name.clone().into(), problem });
     }
-    let groups = player.experiment.schedule.resolve_groups(&TaskRegistry::all())?;
+    let groups = player.experiment.schedule.resolve_groups(&TaskRegistry::with_all())?;
     let per_visit = (PICTURES / visits.len()).max(1);
     bar.set_length(visits.len() as u64);
     let mut clips = HashMap::new();
@@ -108,7 +108,7 @@ fn clip(
 ) -> Result<Vec<Vec<u8>>, RunError> {
     let settings = FilmSettings {
         groups: &[group],
-        views: &[View::Perspective],
+        views: &[FilmView::Perspective],
         mirrored_back: false,
         decisions: Some(DECISIONS),
         seed: 0,
@@ -125,10 +125,10 @@ fn draw(run: &RunData, newest: usize, start: usize, view: &[u8]) -> Canvas {
         Canvas::new(3 * GAP + width + POLICIES, TOP + height + 3 * GAP + STRIP[0] + STRIP[1]);
     let row = &run.rollouts[newest];
     let title = format!("the stream shows {}, without its name", row.group);
-    canvas.write(&title, [GAP, GAP], colour(run, &row.group));
+    canvas.draw_text(&title, [GAP, GAP], colour(run, &row.group));
     canvas.paste(view, width, 1, [GAP, TOP]);
     let heading = format!("policies after {} decisions", row.decisions);
-    canvas.write(&heading, [2 * GAP + width, GAP], INK);
+    canvas.draw_text(&heading, [2 * GAP + width, GAP], INK);
     draw_policies(&mut canvas, run, newest, start);
     draw_curves(&mut canvas, run, newest);
     canvas
@@ -148,7 +148,12 @@ fn draw_policies(canvas: &mut Canvas, run: &RunData, newest: usize, start: usize
         let corner = [2 * GAP + width, TOP + policy * pitch];
         let size = [POLICIES, pitch.saturating_sub(GAP / 2)];
         let is_active = policy == active;
-        canvas.shade(corner, size, colour(run, group), if is_active { 1.0 } else { RESTING });
+        canvas.blend_rectangle(
+            corner,
+            size,
+            colour(run, group),
+            if is_active { 1.0 } else { RESTING },
+        );
         let state = match (is_active, is_new) {
             (false, _) => "",
             (true, true) => ", new",
@@ -156,7 +161,7 @@ fn draw_policies(canvas: &mut Canvas, run: &RunData, newest: usize, start: usize
         };
         let ink = if is_active { WHITE } else { INK };
         let text = [corner[0] + GAP, corner[1] + size[1].saturating_sub(LINE_HEIGHT) / 2];
-        canvas.write(&format!("policy {policy}: {group}{state}"), text, ink);
+        canvas.draw_text(&format!("policy {policy}: {group}{state}"), text, ink);
     }
 }
 
@@ -170,17 +175,21 @@ fn draw_curves(canvas: &mut Canvas, run: &RunData, newest: usize) {
     let y = |success: f64| bottom as f64 - height * success;
     for (level, name) in [(0.0, "0"), (1.0, "1")] {
         let at = y(level);
-        canvas.shade([left, at as usize], [width, 1], INK, 0.3);
+        canvas.blend_rectangle([left, at as usize], [width, 1], INK, 0.3);
         let line = (at as usize).saturating_sub(LINE_HEIGHT / 2);
-        canvas.write(name, [GAP, line.min(canvas.height - LINE_HEIGHT)], INK);
+        canvas.draw_text(name, [GAP, line.min(canvas.height - LINE_HEIGHT)], INK);
     }
-    canvas.write("success", [left + 4, bottom - STRIP[1] / 2 - LINE_HEIGHT / 2], INK);
+    canvas.draw_text("success", [left + 4, bottom - STRIP[1] / 2 - LINE_HEIGHT / 2], INK);
     for visit in visits(&run.rollouts[..=newest]) {
         let own = colour(run, &run.rollouts[visit.start].group);
         let rows = &run.rollouts[visit.clone()];
         let from = visit.start.checked_sub(1).map_or(0, |before| run.rollouts[before].decisions);
         let last = rows.last().map_or(from, |row| row.decisions);
-        canvas.fill([x(from) as usize, top], [(x(last) - x(from)).ceil() as usize, STRIP[0]], own);
+        canvas.fill_rectangle(
+            [x(from) as usize, top],
+            [(x(last) - x(from)).ceil() as usize, STRIP[0]],
+            own,
+        );
         let points: Vec<[f64; 2]> = (0..rows.len())
             .filter_map(|index| {
                 let window = &rows[index.saturating_sub(WINDOW - 1)..=index];
@@ -189,7 +198,7 @@ fn draw_curves(canvas: &mut Canvas, run: &RunData, newest: usize) {
             })
             .collect();
         for pair in points.windows(2) {
-            canvas.line(pair[0], pair[1], own);
+            canvas.draw_line(pair[0], pair[1], own);
         }
     }
 }
@@ -204,7 +213,7 @@ mod tests {
     use experiments::presets::{Budget, Method};
 
     fn run() -> RunData {
-        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let mut run = RunData::empty("run", Budget::Smoke.preset_experiment(Method::Covers));
         let names: Vec<String> =
             run.experiment.schedule.groups.iter().map(|plan| plan.group.clone()).collect();
         for (index, (group, policy)) in [(0, 0), (0, 0), (1, 1), (0, 0)].into_iter().enumerate() {

@@ -5,7 +5,7 @@ use experiments::evaluation::mean;
 
 use super::format::bracketed_interval;
 use super::method::MethodRuns;
-use super::statistics::{BootstrapInterval, Scores};
+use super::statistics::{BootstrapInterval, MethodScores};
 use super::svg::{SvgPlot, TEXT_COLOUR};
 
 /// Height of one row of an interval chart (pixels).
@@ -18,7 +18,7 @@ const DOT: f64 = 5.0;
 const PROFILE_STEPS: u32 = 50;
 
 /// Estimate of a statistic, such as a method's mean success, in `[0, 1]`, with its 95 % interval.
-pub struct Estimate<'a> {
+pub struct IntervalEstimate<'a> {
     /// Name of what is estimated, such as a method.
     pub name: &'a str,
     /// Estimate, in `[0, 1]`.
@@ -32,7 +32,7 @@ pub struct Estimate<'a> {
 pub fn interval_svg(
     title: &str,
     axis: &'static str,
-    estimates: &[Estimate<'_>],
+    estimates: &[IntervalEstimate<'_>],
     chance: Option<f64>,
 ) -> String {
     let mut drawing = SvgPlot::new_half_width(1.0, axis).with_side_margins(SIDES);
@@ -43,7 +43,7 @@ pub fn interval_svg(
         let line = bounds.map(|y| (chance, y));
         drawing.add_line(&line, &LineStyle { colour: TEXT_COLOUR, dashes: "3 3".to_owned() });
     }
-    for (number, Estimate { name, value, interval }) in estimates.iter().enumerate() {
+    for (number, IntervalEstimate { name, value, interval }) in estimates.iter().enumerate() {
         let (y, colour) = (last - number as f64, curve_colour(number));
         let figure = format!("{value:.3}{}", bracketed_interval(*interval, 2));
         if let Some(BootstrapInterval { low, high }) = interval {
@@ -87,15 +87,15 @@ fn estimate<'a>(
     method: &MethodRuns,
     groups: &[String],
     statistic: fn(&[f64]) -> f64,
-) -> Estimate<'a> {
+) -> IntervalEstimate<'a> {
     let scores = method.scores(groups, |group| group.success);
     let interval = scores.bootstrap_interval(statistic);
-    Estimate { name, value: scores.pooled(statistic), interval }
+    IntervalEstimate { name, value: scores.pooled_statistic(statistic), interval }
 }
 
 /// Draws performance profiles as SVG: for each threshold the share of runs and groups whose success
 /// is above it, with a band of pointwise 95 % intervals (Agarwal et al., NeurIPS 2021).
-pub fn profile_svg(methods: &[MethodRuns], scores: &[Scores]) -> String {
+pub fn performance_profile_svg(methods: &[MethodRuns], scores: &[MethodScores]) -> String {
     let mut drawing = SvgPlot::new_half_width(1.0, "success of a run in a group is above")
         .with_side_margins([64.0, 120.0]);
     for (number, method) in methods.iter().enumerate() {
@@ -131,7 +131,7 @@ mod tests {
     #[test]
     fn an_interval_spans_its_bounds_and_holds_its_dot() {
         let wide = Some(BootstrapInterval { low: 0.25, high: 1.0 });
-        let estimate = |name, value, interval| Estimate { name, value, interval };
+        let estimate = |name, value, interval| IntervalEstimate { name, value, interval };
         let rows = [estimate("a", 0.5, wide), estimate("b", 1.0, None)];
         let svg = interval_svg("title", "success", &rows, Some(0.5));
         let [(line, _)] = of_class(&svg, "line wide")[..] else { panic!("{svg}") };

@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::events::write_tensorboard_events;
-use experiments::cli::{Threads, print_escaped};
+use experiments::cli::{ThreadCountOption, print_escaped};
 use experiments::{GroupFilm, RunData, RunError, RunFolder};
-use render::film_groups;
+use render::film_task_groups;
 use symmetry::D2;
 
 use super::error::ReportError;
@@ -97,8 +97,8 @@ fn read_run(path: &Path) -> Result<RunData, RunError> {
 /// Renders the policies of a run into `run.films`. Returns a line on their size, or the reason why
 /// there are none.
 fn film(path: &Path, run: &mut RunData) -> Result<String, RunError> {
-    let threads = Threads { threads: None }.count();
-    match film_groups(&RunFolder::from_path(path), threads) {
+    let threads = ThreadCountOption { threads: None }.count();
+    match film_task_groups(&RunFolder::from_path(path), threads) {
         Ok(films) => {
             run.films = films.into_iter().map(|(group, gif)| GroupFilm { group, gif }).collect();
             let size: usize = run.films.iter().map(|film| film.gif.len()).sum();

@@ -1,6 +1,6 @@
 //! Comparison of two methods by their scores.
 
-use super::statistics::{BootstrapInterval, Scores};
+use super::statistics::{BootstrapInterval, MethodScores};
 use experiments::evaluation::mean;
 
 /// Outcome of the hypothesis "the first method scores above the second", by the 95 % interval of
@@ -32,9 +32,9 @@ pub struct MethodComparison {
 impl MethodComparison {
     /// Compares two methods' scores on the same task groups; a positive difference means that `one`
     /// scores higher than `other`.
-    pub fn new(one: &Scores, other: &Scores) -> Self {
+    pub fn new(one: &MethodScores, other: &MethodScores) -> Self {
         Self {
-            mean_difference: one.pooled(mean) - other.pooled(mean),
+            mean_difference: one.pooled_statistic(mean) - other.pooled_statistic(mean),
             difference_interval: one.mean_difference_interval(other),
             probability_of_improvement: one.probability_of_improvement(other),
         }
@@ -70,10 +70,12 @@ mod tests {
 
     #[test]
     fn verdicts_follow_the_interval() {
-        let high = Scores(vec![vec![0.9, 1.0, 0.95], vec![0.8, 0.9, 0.85]]);
-        let low = Scores(vec![vec![0.2, 0.1, 0.3], vec![0.4, 0.3, 0.35]]);
-        let one = Scores(vec![vec![0.9], vec![0.8]]);
-        let verdict = |ours: &Scores, other: &Scores| MethodComparison::new(ours, other).outcome();
+        let high = MethodScores(vec![vec![0.9, 1.0, 0.95], vec![0.8, 0.9, 0.85]]);
+        let low = MethodScores(vec![vec![0.2, 0.1, 0.3], vec![0.4, 0.3, 0.35]]);
+        let one = MethodScores(vec![vec![0.9], vec![0.8]]);
+        let verdict = |ours: &MethodScores, other: &MethodScores| {
+            MethodComparison::new(ours, other).outcome()
+        };
         assert_eq!(verdict(&high, &low), HypothesisOutcome::Confirmed);
         assert_eq!(verdict(&low, &high), HypothesisOutcome::Refuted);
         assert_eq!(verdict(&high, &high), HypothesisOutcome::Undecided);

@@ -4,7 +4,7 @@
 use super::comparison::MethodComparison;
 use super::format::{bracketed_interval, empty_cell, method_cell};
 use super::method::MethodRuns;
-use super::statistics::{Scores, median, quantile};
+use super::statistics::{MethodScores, median, quantile};
 use super::table::Table;
 use experiments::RunData;
 use experiments::evaluation::mean;
@@ -106,7 +106,7 @@ pub fn sample_efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Opt
                 row.extend(area_cells(&area, compared, &first[0]));
                 row.extend(reached(&decisions));
                 row.extend(reached(&lasting));
-                rows.push((area.pooled(mean), row));
+                rows.push((area.pooled_statistic(mean), row));
             }
         }
         rows.sort_by(|one, other| other.0.total_cmp(&one.0));
@@ -117,11 +117,12 @@ pub fn sample_efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Opt
 
 /// Returns area, decisions to solve and decisions to stay solved of the runs of a method, each as
 /// scores of one group.
-fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
+fn scores(method: &MethodRuns, group: &str) -> [MethodScores; 3] {
     let runs = method.runs.iter();
     let known: Vec<SampleEfficiency> =
         runs.filter_map(|run| SampleEfficiency::of_run(run, group)).collect();
-    let of = |value: fn(&SampleEfficiency) -> f64| Scores(vec![known.iter().map(value).collect()]);
+    let of =
+        |value: fn(&SampleEfficiency) -> f64| MethodScores(vec![known.iter().map(value).collect()]);
     [
         of(|own| own.area_under_curve),
         of(|own| own.decisions_to_solve),
@@ -133,9 +134,13 @@ fn scores(method: &MethodRuns, group: &str) -> [Scores; 3] {
 /// method's, forward transfer, and the outcome of the comparison; dashes for the first method
 /// itself. Forward transfer is (A - B) / (1 - B) for mean areas A and B, where B is the first
 /// method's (Wolczyk et al., "Continual World", NeurIPS 2021, section 3.2).
-fn area_cells(area: &Scores, compared: Option<MethodComparison>, first: &Scores) -> [String; 4] {
-    let (own, interval) = (area.pooled(mean), area.bootstrap_interval(mean));
-    let room = 1.0 - first.pooled(mean);
+fn area_cells(
+    area: &MethodScores,
+    compared: Option<MethodComparison>,
+    first: &MethodScores,
+) -> [String; 4] {
+    let (own, interval) = (area.pooled_statistic(mean), area.bootstrap_interval(mean));
+    let room = 1.0 - first.pooled_statistic(mean);
     let difference = |comparison: &MethodComparison| {
         let bounds = bracketed_interval(comparison.difference_interval, 3);
         format!("{:+.3}{bounds}", comparison.mean_difference)
@@ -152,11 +157,12 @@ fn area_cells(area: &Scores, compared: Option<MethodComparison>, first: &Scores)
 
 /// Returns the cells of decisions to solve a group: median, 90th percentile, number of seeds that
 /// solved it.
-fn reached(decisions: &Scores) -> [String; 3] {
+fn reached(decisions: &MethodScores) -> [String; 3] {
     // quantiles, not means: a seed that never gets there counts as infinite
     let all = decisions.0.concat();
     let reached = all.iter().filter(|one| one.is_finite()).count();
-    let (middle, interval) = (decisions.pooled(median), decisions.bootstrap_interval(median));
+    let (middle, interval) =
+        (decisions.pooled_statistic(median), decisions.bootstrap_interval(median));
     let interval = interval.filter(|_| middle.is_finite());
     // an interval of decisions may reach to infinity
     let interval = bracketed_interval(interval, 0).replace("inf", "never");

@@ -25,7 +25,7 @@ pub fn rollouts(rows: &[(&str, usize)]) -> Vec<RolloutRow> {
 /// Returns a run of a method with these rollouts, see [`rollouts`].
 pub fn run(method: Method, rows: &[(&str, usize)]) -> RunData {
     let name = format!("{}-seed0", method.name());
-    let empty = RunData::empty(&name, Budget::Smoke.experiment(method));
+    let empty = RunData::empty(&name, Budget::Smoke.preset_experiment(method));
     RunData { rollouts: rollouts(rows), ..empty }
 }
 

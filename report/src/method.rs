@@ -5,11 +5,11 @@ use envs::{Camera, VecEnvSettings};
 use crate::ReportError;
 use experiments::{CheckpointPlan, Experiment, RunData};
 use learner::LearnerSettings;
-use learner::overrides::differences;
+use learner::overrides::setting_differences;
 
 use super::metrics::{GroupMetrics, RunMetrics};
 use super::preset_match::{PresetMatch, describe_settings};
-use super::statistics::Scores;
+use super::statistics::MethodScores;
 
 /// Text between the method and the seed in a folder's name, as `covers sweep` names folders.
 const SEED: &str = "-seed";
@@ -41,7 +41,7 @@ impl MethodRuns {
         for run in runs {
             if let Some(first) = methods.first() {
                 let [first, own] = [&first.runs[0], &run].map(|run| world(&run.experiment));
-                refuse(&run, differences(&first, &own)?)?;
+                refuse(&run, setting_differences(&first, &own)?)?;
             }
             let name = run.name.split(SEED).next().unwrap_or(&run.name).to_owned();
             match methods.iter_mut().find(|method| method.name == name) {
@@ -66,7 +66,7 @@ impl MethodRuns {
         let mut others = self.runs.iter();
         let problem = match others.find(|other| seed(other) == seed(&run)) {
             Some(_) => format!("two runs have seed {}", seed(&run)),
-            None => differences(&unseeded(&self.runs[0]), &unseeded(&run))?,
+            None => setting_differences(&unseeded(&self.runs[0]), &unseeded(&run))?,
         };
         refuse(&run, problem)?;
         self.settings.push(describe_settings(self.preset_match.method, &run.experiment)?);
@@ -77,12 +77,12 @@ impl MethodRuns {
 
     /// Returns the values `[groups][seeds]` of a metric in these task groups for all runs of the
     /// method.
-    pub fn scores(&self, groups: &[String], metric: fn(&GroupMetrics) -> f64) -> Scores {
+    pub fn scores(&self, groups: &[String], metric: fn(&GroupMetrics) -> f64) -> MethodScores {
         let of_group = |group: &String| -> Vec<f64> {
             let metrics = self.metrics.iter().flat_map(|metrics| &metrics.groups);
             metrics.filter(|own| own.group == *group).map(metric).collect()
         };
-        Scores(groups.iter().map(of_group).collect())
+        MethodScores(groups.iter().map(of_group).collect())
     }
 }
 
@@ -135,7 +135,7 @@ mod tests {
 
     #[test]
     fn evaluations_are_compared_by_their_episodes_and_the_decisions_between_them() {
-        let mut few = Budget::Full.experiment(Method::Covers);
+        let mut few = Budget::Full.preset_experiment(Method::Covers);
         few.evaluation.every = Some(8);
         let mut many = few.clone();
         many.envs.num_envs *= 2;
@@ -153,7 +153,7 @@ mod tests {
     #[test]
     fn methods_have_pictures_of_their_own_of_one_table() {
         let methods = [Method::Covers, Method::CoversRandomised, Method::Paper];
-        let mut runs = methods.map(|method| Budget::Full.experiment(method));
+        let mut runs = methods.map(|method| Budget::Full.preset_experiment(method));
         let worlds = runs.each_ref().map(world);
         assert!(runs[0].envs != runs[1].envs && runs[1].envs != runs[2].envs);
         assert!(worlds.iter().all(|world| *world == worlds[0]));

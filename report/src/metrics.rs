@@ -344,7 +344,7 @@ mod tests {
         assert_eq!(metrics.groups[1].forward_transfer, Err(UNSCORED));
         run.rollouts.truncate(1);
         assert_eq!(RunMetrics::of_run(&run).groups[1].forgetting, Err(NOT_MET));
-        run.experiment = Budget::Smoke.experiment(Method::Covers);
+        run.experiment = Budget::Smoke.preset_experiment(Method::Covers);
         assert_eq!(RunMetrics::of_run(&run).revisit_accuracy, Err(NO_RETURN));
     }
 }

@@ -3,18 +3,20 @@
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use experiments::colours::curve_colour;
-use experiments::evaluation::{RECOGNITION_EPISODES, mean};
+use experiments::evaluation::{RECOGNITION_EPISODE_COUNTS, mean};
 use experiments::{GroupFilm, Provenance, RunData, TimingRow};
 use itertools::Itertools;
 use time::OffsetDateTime;
 
-use super::charts::{Estimate, interval_svg, profile_svg, statistic_by_method_svg, success_svg};
+use super::charts::{
+    IntervalEstimate, interval_svg, performance_profile_svg, statistic_by_method_svg, success_svg,
+};
 use super::comparison::MethodComparison;
 use super::format::{bracketed_interval, unfinished_remark};
 use super::matrix::PolicyConfusionMatrix;
 use super::method::MethodRuns;
 use super::metrics::{RunMetrics, UndefinedReason};
-use super::statistics::{Scores, interquartile_mean};
+use super::statistics::{MethodScores, interquartile_mean};
 use super::svg::escape_xml;
 use super::table::{Table, code_html};
 use super::{curves, learning_curves};
@@ -83,7 +85,7 @@ fn overview(methods: &[MethodRuns], groups: &[String]) -> String {
     let interval = bracketed_interval(success.bootstrap_interval(mean), 2);
     let figures = [
         (
-            format!("{:.3}", success.pooled(mean)),
+            format!("{:.3}", success.pooled_statistic(mean)),
             format!("success after the stream{interval}, {count} groups, {seeds} seeds"),
         ),
         (
@@ -119,10 +121,10 @@ fn comparison(methods: &[MethodRuns], groups: &[String]) -> String {
         return String::new();
     }
     let of = |method: &MethodRuns| method.scores(groups, |group| group.success);
-    let scores: Vec<Scores> = methods.iter().map(of).collect();
+    let scores: Vec<MethodScores> = methods.iter().map(of).collect();
     let better = others.iter().zip(&scores[1..]).map(|(other, own)| {
         let (value, interval) = MethodComparison::new(&scores[0], own).probability_of_improvement;
-        Estimate { name: &other.name, value, interval }
+        IntervalEstimate { name: &other.name, value, interval }
     });
     let title = format!("Probability that a run of {} is better than one of", first.name);
     let better =
@@ -135,7 +137,8 @@ fn comparison(methods: &[MethodRuns], groups: &[String]) -> String {
         groups,
         interquartile_mean,
     );
-    let charts = [middle, better, profile_svg(methods, &scores)].map(|svg| chart_html(&svg));
+    let charts =
+        [middle, better, performance_profile_svg(methods, &scores)].map(|svg| chart_html(&svg));
     format!("<div class=\"grid\">\n{}</div>\n", charts.concat())
 }
 
@@ -204,7 +207,9 @@ fn each_run(methods: &[MethodRuns]) -> String {
 fn of_run(run: &RunData, settings: &str, open: &str) -> String {
     let mut matrices = vec![PolicyConfusionMatrix::of_assignments(run)];
     matrices.extend(
-        RECOGNITION_EPISODES.iter().filter_map(|&n| PolicyConfusionMatrix::of_recognitions(run, n)),
+        RECOGNITION_EPISODE_COUNTS
+            .iter()
+            .filter_map(|&n| PolicyConfusionMatrix::of_recognitions(run, n)),
     );
     let matrices: String = matrices.iter().map(PolicyConfusionMatrix::html).collect();
     let unfinished =
@@ -333,7 +338,7 @@ mod tests {
 
     #[test]
     fn a_page_needs_nothing_beside_it_and_escapes_names() {
-        let mut run = RunData::empty("<b>-seed0", Budget::Smoke.experiment(Method::Covers));
+        let mut run = RunData::empty("<b>-seed0", Budget::Smoke.preset_experiment(Method::Covers));
         run.timings = vec![TimingRow::default()];
         let methods = MethodRuns::group_by_method(vec![run]).unwrap();
         let page = html_page(&methods, &[], &[]);
@@ -345,7 +350,7 @@ mod tests {
 
     #[test]
     fn a_run_shows_its_films_and_how_large_they_are() {
-        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let mut run = RunData::empty("run", Budget::Smoke.preset_experiment(Method::Covers));
         assert_eq!(films(&run), "");
         run.films.push(GroupFilm { group: "a<b".to_owned(), gif: vec![0; 1001] });
         let page = films(&run);

@@ -5,7 +5,7 @@ use clap::ValueEnum;
 
 use experiments::presets::{Budget, Method};
 use experiments::{Experiment, RunError};
-use learner::overrides::differences;
+use learner::overrides::setting_differences;
 
 /// Method whose preset a run's settings are, if any, with a warning if there is none or the
 /// folder's name stands for another one.
@@ -25,7 +25,7 @@ impl PresetMatch {
     /// # Errors
     /// [`RunError`] for settings that cannot be compared.
     pub fn compare(name: &str, run: &Experiment) -> Result<Self, RunError> {
-        let (method, named) = (Method::of_run(run), named(name));
+        let (method, named) = (Method::from_experiment(run), named(name));
         let warning = match (method, named) {
             (None, _) => Some(difference_warning(named, run)?),
             (Some(own), Some(named)) if own != named => {
@@ -63,7 +63,7 @@ fn difference_warning(named: Option<Method>, run: &Experiment) -> Result<String,
 pub fn describe_settings(method: Option<Method>, run: &Experiment) -> Result<String, RunError> {
     let seed = run.learner.seed();
     let preset = |budget: Budget, candidate| {
-        budget.experiment(candidate).with_seed(seed).with_threads(run.envs.threads)
+        budget.preset_experiment(candidate).with_seed(seed).with_threads(run.envs.threads)
     };
     let (nearest, budget, found) = nearest_preset(method, run, preset)?;
     let (nearest, budget) = (nearest.name(), budget.name());
@@ -84,7 +84,7 @@ fn nearest_preset(
     let mut nearest: Option<(Method, Budget, String)> = None;
     for candidate in Method::ALL.into_iter().filter(|&one| method.is_none_or(|own| own == one)) {
         for &budget in Budget::value_variants() {
-            let found = differences(&preset(budget, candidate), run)?;
+            let found = setting_differences(&preset(budget, candidate), run)?;
             // the nearest preset is the one whose list of differences is the shortest text
             if nearest.as_ref().is_none_or(|(_, _, least)| found.len() < least.len()) {
                 nearest = Some((candidate, budget, found));
@@ -105,7 +105,7 @@ mod tests {
 
     #[test]
     fn settings_count_and_not_the_name() {
-        let run = Budget::TableProtocol.experiment(Method::CoversCnn).with_seed(21);
+        let run = Budget::TableProtocol.preset_experiment(Method::CoversCnn).with_seed(21);
         for name in ["covers-cnn", "covers-cnn-table", "my-own"] {
             let expected = PresetMatch { method: Some(Method::CoversCnn), warning: None };
             assert_eq!(preset_match(name, &run), expected);
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn settings_of_ones_own_are_no_method_and_say_what_differs() {
-        let mut run = Budget::Smoke.experiment(Method::Equi);
+        let mut run = Budget::Smoke.preset_experiment(Method::Equi);
         let LearnerSettings::Covers(settings) = &mut run.learner else { panic!() };
         settings.ppo.gamma = 0.5;
         for name in ["equi", "my-own"] {

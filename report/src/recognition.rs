@@ -1,6 +1,6 @@
 //! Table of recognition: the share of groups that learners recognise from a few first frames.
 
-use experiments::evaluation::{RECOGNITION_EPISODES, mean};
+use experiments::evaluation::{RECOGNITION_EPISODE_COUNTS, mean};
 
 use super::format::{mean_cell, method_cell};
 use super::matching::{own_policy_of_group, policy_after_merges};
@@ -26,7 +26,7 @@ pub fn recognition_table(methods: &[MethodRuns], groups: &[String]) -> Option<Ta
         variants and seeds. A group that no policy belongs to has no right answers.";
     let mut table = Table::new(caption, &header);
     for method in methods {
-        for episodes in RECOGNITION_EPISODES {
+        for episodes in RECOGNITION_EPISODE_COUNTS {
             let mut row = vec![method_cell(&mut table, method), episodes.to_string()];
             for group in groups {
                 let own = std::slice::from_ref(group);

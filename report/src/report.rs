@@ -47,10 +47,10 @@ impl Report {
     /// # Errors
     /// [`RunError::Write`] for a file that cannot be written or removed.
     pub fn write(&self, folder: &Path) -> Result<(), RunError> {
-        std::fs::create_dir_all(folder).map_err(RunError::writing(folder))?;
+        std::fs::create_dir_all(folder).map_err(RunError::write_error_at(folder))?;
         let write = |name: &str, text: String| {
             let path = folder.join(name);
-            std::fs::write(&path, text).map_err(RunError::writing(&path))
+            std::fs::write(&path, text).map_err(RunError::write_error_at(&path))
         };
         write("report.html", self.html())?;
         write("report.md", self.markdown())?;
@@ -96,6 +96,6 @@ impl Report {
 fn remove(path: &Path) -> Result<(), RunError> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
-        removed => removed.map_err(RunError::writing(path)),
+        removed => removed.map_err(RunError::write_error_at(path)),
     }
 }

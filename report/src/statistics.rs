@@ -14,7 +14,7 @@ const BOUNDS: [f64; 2] = [0.025, 0.975];
 
 /// Scores of one method `[groups][seeds]`, one for each task group and seed.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Scores(pub Vec<Vec<f64>>);
+pub struct MethodScores(pub Vec<Vec<f64>>);
 
 /// Bounds of a 95 % confidence interval by bootstrap.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,9 +60,9 @@ fn quantile_of_sorted(values: &[f64], share: f64) -> f64 {
     low + part * (high - low)
 }
 
-impl Scores {
+impl MethodScores {
     /// Returns a statistic of the scores of all groups and seeds together.
-    pub fn pooled(&self, statistic: fn(&[f64]) -> f64) -> f64 {
+    pub fn pooled_statistic(&self, statistic: fn(&[f64]) -> f64) -> f64 {
         statistic(&self.0.concat())
     }
 
@@ -74,14 +74,16 @@ impl Scores {
     /// Returns the 95 % interval of a statistic by the stratified bootstrap, which draws seeds with
     /// replacement within each group. `None` for fewer than two seeds.
     pub fn bootstrap_interval(&self, statistic: fn(&[f64]) -> f64) -> Option<BootstrapInterval> {
-        self.resampled(|scores| scores.pooled(statistic))
+        self.resampled(|scores| scores.pooled_statistic(statistic))
     }
 
     /// Returns the 95 % interval of this method's mean score minus the other's. The bootstrap draws
     /// whole runs: one learner made the scores of all its groups, so they are not independent.
     /// `None` for fewer than two seeds.
     pub fn mean_difference_interval(&self, other: &Self) -> Option<BootstrapInterval> {
-        pair_interval(self, other, |one, other| one.pooled(mean) - other.pooled(mean))
+        pair_interval(self, other, |one, other| {
+            one.pooled_statistic(mean) - other.pooled_statistic(mean)
+        })
     }
 
     /// Returns the probability that a run of this method scores above a run of the other in the
@@ -135,9 +137,9 @@ impl Scores {
 }
 
 fn pair_interval(
-    one: &Scores,
-    other: &Scores,
-    statistic: fn(&Scores, &Scores) -> f64,
+    one: &MethodScores,
+    other: &MethodScores,
+    statistic: fn(&MethodScores, &MethodScores) -> f64,
 ) -> Option<BootstrapInterval> {
     let rng = &mut ChaCha8Rng::seed_from_u64(0);
     let enough = one.min_seed_count().min(other.min_seed_count()) > 1;
@@ -145,7 +147,7 @@ fn pair_interval(
     enough.then(|| percentiles((0..DRAWS).map(&mut draw).collect()))
 }
 
-fn probability(one: &Scores, other: &Scores) -> f64 {
+fn probability(one: &MethodScores, other: &MethodScores) -> f64 {
     let groups = one.0.iter().zip(&other.0);
     let above = groups.map(|(ours, theirs)| {
         let pairs = ours.iter().flat_map(|a| theirs.iter().map(move |b| (a, b)));
@@ -198,11 +200,11 @@ mod tests {
     #[test]
     fn seeds_are_drawn_within_their_group() {
         // groups far apart: their difference is no part of the interval
-        let scores = Scores(vec![vec![0.0, 0.2, 0.4, 0.6], vec![100.0, 100.0, 100.0, 100.0]]);
+        let scores = MethodScores(vec![vec![0.0, 0.2, 0.4, 0.6], vec![100.0, 100.0, 100.0, 100.0]]);
         let interval = scores.bootstrap_interval(mean).unwrap();
         // the standard error of the first group's mean is sqrt(0.05 / 4) = 0.112; half of it counts
         let expected = 1.96 * 0.5 * (0.05_f64 / 4.0).sqrt();
-        let centre = scores.pooled(mean);
+        let centre = scores.pooled_statistic(mean);
         assert!((interval.low - (centre - expected)).abs() < 0.01, "{interval:?}");
         assert!((interval.high - (centre + expected)).abs() < 0.01, "{interval:?}");
         assert_eq!(scores.bootstrap_interval(mean), scores.bootstrap_interval(mean));
@@ -210,19 +212,19 @@ mod tests {
 
     #[test]
     fn a_performance_profile_falls_from_all_scores_to_none() {
-        let scores = Scores(vec![vec![0.2, 0.6], vec![1.0, 1.0]]);
+        let scores = MethodScores(vec![vec![0.2, 0.6], vec![1.0, 1.0]]);
         let profile = scores.performance_profile(&[0.0, 0.2, 0.6, 1.0]);
         let shares: Vec<f64> = profile.iter().map(|point| point.0).collect();
         assert_eq!(shares, [1.0, 0.75, 0.5, 0.0]);
         // with seeds drawn within groups, one half to all of the scores are above 0.2
         let interval = profile[1].1.unwrap();
         assert_eq!((interval.low, interval.high), (0.5, 1.0));
-        assert_eq!(Scores(vec![vec![0.5]]).performance_profile(&[0.0]), [(1.0, None)]);
+        assert_eq!(MethodScores(vec![vec![0.5]]).performance_profile(&[0.0]), [(1.0, None)]);
     }
 
     #[test]
     fn one_seed_has_no_interval() {
-        let (one, two) = (Scores(vec![vec![1.0]]), Scores(vec![vec![1.0, 0.5]]));
+        let (one, two) = (MethodScores(vec![vec![1.0]]), MethodScores(vec![vec![1.0, 0.5]]));
         assert_eq!(one.bootstrap_interval(interquartile_mean), None);
         assert_eq!(two.mean_difference_interval(&one), None);
         assert_eq!(two.probability_of_improvement(&one).1, None);
@@ -230,8 +232,8 @@ mod tests {
 
     #[test]
     fn improvement_counts_pairs_and_halves_ties() {
-        let one = Scores(vec![vec![1.0, 0.5], vec![0.0, 0.0]]);
-        let other = Scores(vec![vec![0.5, 0.0], vec![0.0, 1.0]]);
+        let one = MethodScores(vec![vec![1.0, 0.5], vec![0.0, 0.0]]);
+        let other = MethodScores(vec![vec![0.5, 0.0], vec![0.0, 1.0]]);
         // group one: 1 above both, 0.5 equal and above: 3.5 of 4; group two: 2 halves of 4
         let (share, interval) = one.probability_of_improvement(&other);
         assert_eq!(share, (3.5 / 4.0 + 1.0 / 4.0) / 2.0);
@@ -244,8 +246,8 @@ mod tests {
     #[test]
     fn runs_that_fail_in_all_groups_are_drawn_whole_where_methods_are_compared() {
         // one of two seeds fails everywhere: the mean of two draws is 0 in a quarter of all cases
-        let halves = Scores(vec![vec![0.0, 1.0]; 4]);
-        let none = Scores(vec![vec![0.0, 0.0]; 4]);
+        let halves = MethodScores(vec![vec![0.0, 1.0]; 4]);
+        let none = MethodScores(vec![vec![0.0, 0.0]; 4]);
         let interval = halves.mean_difference_interval(&none).unwrap();
         assert_eq!((interval.low, interval.high), (0.0, 1.0));
         // drawn within each group, as rliable has it, 8 draws rarely agree
@@ -255,8 +257,8 @@ mod tests {
 
     #[test]
     fn a_difference_that_is_always_there_does_not_reach_zero() {
-        let one = Scores(vec![vec![0.9, 1.0, 0.95]]);
-        let other = Scores(vec![vec![0.2, 0.4, 0.3]]);
+        let one = MethodScores(vec![vec![0.9, 1.0, 0.95]]);
+        let other = MethodScores(vec![vec![0.2, 0.4, 0.3]]);
         let interval = one.mean_difference_interval(&other).unwrap();
         assert!(interval.low > 0.5 && interval.high < 0.8, "{interval:?}");
         let against = one.mean_difference_interval(&one).unwrap();

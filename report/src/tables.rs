@@ -72,9 +72,9 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
     for method in methods {
         let of = |chosen: &[String]| {
             let success = method.scores(chosen, |group| group.success);
-            let reward = method.scores(chosen, |group| group.reward).pooled(mean);
+            let reward = method.scores(chosen, |group| group.reward).pooled_statistic(mean);
             let interval = bracketed_interval(success.bootstrap_interval(mean), 2);
-            format!("{:.3}{interval} / {reward:.0}", success.pooled(mean))
+            format!("{:.3}{interval} / {reward:.0}", success.pooled_statistic(mean))
         };
         let mut row = vec![method_cell(&mut table, method)];
         row.extend(groups.chunks(1).map(of));
@@ -167,7 +167,7 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
     let at_end = method.scores(groups, |group| group.success_at_end);
     let with_interval = |statistic: fn(&[f64]) -> f64| {
         let interval = bracketed_interval(success.bootstrap_interval(statistic), 3);
-        format!("{:.3}{interval}", success.pooled(statistic))
+        format!("{:.3}{interval}", success.pooled_statistic(statistic))
     };
     let metrics = || method.metrics.iter();
     let mut mean_of = |metric: fn(&RunMetrics) -> Result<f64, UndefinedReason>| {
@@ -180,7 +180,7 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
         range(metrics().map(|run| run.decisions)),
         with_interval(mean),
         with_interval(interquartile_mean),
-        format!("{:.3}", at_end.pooled(mean)),
+        format!("{:.3}", at_end.pooled_statistic(mean)),
         mean_of(|run| run.mean_over_groups(|group| group.forgetting)),
         mean_of(|run| run.mean_over_groups(|group| group.forward_transfer)),
         mean_of(|run| run.assignment_accuracy),
@@ -286,7 +286,7 @@ fn runs(methods: &[MethodRuns]) -> Table {
                 metrics.policy_count.to_string(),
                 metrics.decisions.to_string(),
                 whole(run.training_seconds()),
-                run.commits().join(", "),
+                run.git_commits().join(", "),
             ]);
         }
     }

@@ -5,14 +5,17 @@ use re_sdk_types::archetypes::{EncodedImage, Scalars};
 use rl::{BoxedEnvError, EnvSpec, Observations, Transition, VectorEnv};
 
 use covers::RunError;
-use covers::render::{EpisodeRecorder, PolicyPlayer, View};
+use covers::render::{EpisodeRecorder, FilmView, PolicyPlayer};
 
 use crate::recording::{DECISION, Recording, refused};
-use crate::scene::Solids;
+use crate::scene::ShapeRecorder;
 
 /// Views of an episode that are recorded as images, each with its entity path below the variant's.
-pub(crate) const VIEWS: [(View, &str); 3] =
-    [(View::Raw, "table/camera/raw"), (View::Mask, "mask"), (View::PolicyInput, "seen")];
+pub(crate) const VIEWS: [(FilmView, &str); 3] = [
+    (FilmView::Raw, "table/camera/raw"),
+    (FilmView::Mask, "mask"),
+    (FilmView::PolicyInput, "seen"),
+];
 
 /// Names of the components of an action.
 const ACTION: [&str; 4] = ["x", "y", "z", "fingers"];
@@ -43,7 +46,7 @@ pub(crate) fn record(
 struct Stage<'a> {
     place: String,
     /// Shapes on the table; `None` before the episode.
-    solids: Option<Solids>,
+    solids: Option<ShapeRecorder>,
     decision: usize,
     studio: EpisodeRecorder,
     recording: &'a Recording,
@@ -52,17 +55,17 @@ struct Stage<'a> {
 impl Stage<'_> {
     fn begin(&mut self) -> Result<(), RunError> {
         let place = format!("{}/table", self.place);
-        let (table, above) = (self.studio.table(), self.studio.camera(View::Raw));
-        self.solids = Some(Solids::record(place, table, &above, self.recording)?);
+        let (table, above) = (self.studio.environment(), self.studio.camera(FilmView::Raw));
+        self.solids = Some(ShapeRecorder::record_shapes(place, table, &above, self.recording)?);
         self.decision = 0;
-        self.recording.at(&[(DECISION, 0)]);
+        self.recording.set_time(&[(DECISION, 0)]);
         self.show()
     }
 
     fn show(&mut self) -> Result<(), RunError> {
-        let (recording, table) = (self.recording, self.studio.table());
+        let (recording, table) = (self.recording, self.studio.environment());
         if let Some(solids) = &mut self.solids {
-            solids.follow(table, recording)?;
+            solids.record_moved_poses(table, recording)?;
         }
         for (view, name) in VIEWS {
             if let Some(picture) = self.studio.newest_picture(view) {
@@ -76,13 +79,13 @@ impl Stage<'_> {
 
     fn decided(&mut self, actions: &[f32], step: &Transition) -> Result<(), RunError> {
         let (recording, place) = (self.recording, &self.place);
-        recording.at(&[(DECISION, self.decision)]);
+        recording.set_time(&[(DECISION, self.decision)]);
         for (name, &value) in ACTION.iter().zip(actions) {
             let part = Scalars::single(f64::from(value));
             recording.log(&format!("{place}/action/{name}"), &part)?;
         }
         self.decision += 1;
-        recording.at(&[(DECISION, self.decision)]);
+        recording.set_time(&[(DECISION, self.decision)]);
         let reward = Scalars::single(f64::from(step.rewards[0]));
         recording.log(&format!("{place}/reward"), &reward)?;
         self.show()

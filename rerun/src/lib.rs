@@ -11,8 +11,8 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Parser;
-use covers::experiments::cli::{Threads, print_escaped};
-use covers::experiments::new_file::NewFile;
+use covers::experiments::cli::{ThreadCountOption, print_escaped};
+use covers::experiments::new_file::NewOutputFile;
 use covers::experiments::thread_pool;
 use covers::render::{PolicyPlayer, RenderError};
 use covers::{CoversError, RunData, RunFolder};
@@ -23,7 +23,7 @@ use crate::recording::Recording;
 /// Records a run and its policies at work for the Rerun viewer.
 #[derive(Clone, Debug, Parser)]
 #[command(version, after_help = "Example: covers-rerun runs/covers-seed0 --out covers.rrd")]
-pub struct Options {
+pub struct RerunOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
     /// The file to create, a name with the ending .rrd.
@@ -37,10 +37,10 @@ pub struct Options {
     pub seed: u64,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub threads: Threads,
+    pub threads: ThreadCountOption,
 }
 
-impl Options {
+impl RerunOptions {
     /// Records the stream from the run's tables and one episode of each variant, and prints the
     /// outcomes to `out`.
     ///
@@ -53,11 +53,11 @@ impl Options {
             let expected = ".rrd";
             return Err(RenderError::UnsupportedExtension { path: path.clone(), expected }.into());
         }
-        let file = NewFile::new(path)?;
-        file.prepare()?;
+        let file = NewOutputFile::new(path)?;
+        file.prepare_folder()?;
         let run = RunData::read_partial(&self.run)?;
         let schedule = &run.experiment.schedule;
-        let groups = schedule.select_groups(self.group.as_deref(), &TaskRegistry::all())?;
+        let groups = schedule.select_groups(self.group.as_deref(), &TaskRegistry::with_all())?;
         let threads = self.threads.count();
         let mut show = PolicyPlayer::load(&RunFolder::from_path(&self.run), threads)?;
         let recording = Recording::new(path, &run.name, blueprint::of(&run, &groups))?;

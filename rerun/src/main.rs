@@ -4,10 +4,10 @@ use std::io::{Write, stderr, stdout};
 use std::process::ExitCode;
 
 use clap::Parser;
-use covers_rerun::Options;
+use covers_rerun::RerunOptions;
 
 fn main() -> ExitCode {
-    match Options::parse().run(&mut stdout()) {
+    match RerunOptions::parse().run(&mut stdout()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             // `eprintln!` would panic if the terminal is gone

@@ -49,7 +49,7 @@ impl Recording {
 
     /// Sets the time of everything that this thread logs from here on, one index for each timeline,
     /// and removes other timelines.
-    pub fn at(&self, moments: &[(&'static str, usize)]) {
+    pub fn set_time(&self, moments: &[(&'static str, usize)]) {
         self.stream.reset_time();
         for &(timeline, moment) in moments {
             self.stream.set_time_sequence(timeline, moment as i64);
@@ -69,7 +69,7 @@ impl Recording {
     ///
     /// # Errors
     /// [`RunError::Write`] if Rerun's SDK refuses.
-    pub fn state(&self, place: &str, what: &impl AsComponents) -> Result<(), RunError> {
+    pub fn log_static(&self, place: &str, what: &impl AsComponents) -> Result<(), RunError> {
         let logged = self.stream.log_static(place, what);
         logged.map_err(refused(&self.path))
     }

@@ -1,7 +1,7 @@
 //! Scene in three dimensions: the objects on the table, the arm, and the camera above.
 
-use envs::mujoco::Shape;
-use envs::{Camera, Solid, TableTop};
+use envs::mujoco::GeomShape;
+use envs::{Camera, TableTop, VisibleGeom};
 use glam::{DMat3, DQuat, DVec3};
 use re_sdk_types::archetypes::{
     Boxes3D, Capsules3D, Cylinders3D, Ellipsoids3D, Pinhole, Transform3D, ViewCoordinates,
@@ -14,27 +14,27 @@ use covers::RunError;
 use crate::recording::Recording;
 
 /// Recorder of the shapes on one table, with the pose at which each was recorded last.
-pub(crate) struct Solids {
+pub(crate) struct ShapeRecorder {
     place: String,
     last: Vec<Option<(DVec3, DMat3)>>,
 }
 
-impl Solids {
+impl ShapeRecorder {
     /// Records the shapes of a table, and the camera above it, whose images are children of its
     /// path.
-    pub fn record(
+    pub fn record_shapes(
         place: String,
         table: &TableTop,
         above: &Camera,
         recording: &Recording,
     ) -> Result<Self, RunError> {
-        recording.state(&place, &ViewCoordinates::RIGHT_HAND_Z_UP())?;
+        recording.log_static(&place, &ViewCoordinates::RIGHT_HAND_Z_UP())?;
         let (pose, pinhole) = camera(above);
         let eye = format!("{place}/camera");
-        recording.state(&eye, &pose)?;
-        recording.state(&eye, &pinhole)?;
+        recording.log_static(&eye, &pose)?;
+        recording.log_static(&eye, &pinhole)?;
         let mut last = Vec::new();
-        for (number, solid) in table.solids().enumerate() {
+        for (number, solid) in table.visible_geoms().enumerate() {
             shape(&path(&place, number, &solid), &solid, recording)?;
             last.push(None);
         }
@@ -42,8 +42,12 @@ impl Solids {
     }
 
     /// Records the poses of the shapes that have moved.
-    pub fn follow(&mut self, table: &TableTop, recording: &Recording) -> Result<(), RunError> {
-        for (number, solid) in table.solids().enumerate() {
+    pub fn record_moved_poses(
+        &mut self,
+        table: &TableTop,
+        recording: &Recording,
+    ) -> Result<(), RunError> {
+        for (number, solid) in table.visible_geoms().enumerate() {
             let pose = Some((solid.position, solid.axes));
             // the viewer shows the latest pose, so poses that did not change are not repeated
             if self.last[number] != pose {
@@ -61,7 +65,7 @@ impl Solids {
 }
 
 /// Returns the entity path of a shape in the recording.
-fn path(place: &str, number: usize, solid: &Solid<'_>) -> String {
+fn path(place: &str, number: usize, solid: &VisibleGeom<'_>) -> String {
     let part = if solid.is_arm { "arm" } else { "table" };
     match solid.name {
         Some(name) => format!("{place}/{part}/{name}"),
@@ -69,30 +73,30 @@ fn path(place: &str, number: usize, solid: &Solid<'_>) -> String {
     }
 }
 
-fn shape(place: &str, solid: &Solid<'_>, recording: &Recording) -> Result<(), RunError> {
+fn shape(place: &str, solid: &VisibleGeom<'_>, recording: &Recording) -> Result<(), RunError> {
     let [r, g, b, a] = solid.rgba.map(|part| (255.0 * part).round() as u8);
     let (colour, fill) = ([Color::from_unmultiplied_rgba(r, g, b, a)], FillMode::Solid);
     match solid.shape {
-        Shape::Sphere { radius } => {
+        GeomShape::Sphere { radius } => {
             let ball = Ellipsoids3D::from_radii([radius as f32]);
-            recording.state(place, &ball.with_colors(colour).with_fill_mode(fill))
+            recording.log_static(place, &ball.with_colors(colour).with_fill_mode(fill))
         }
-        Shape::Capsule { radius, half_length } => {
+        GeomShape::Capsule { radius, half_length } => {
             // a capsule of Rerun begins at the origin, and one of MuJoCo is centred there
             let begin = [0.0, 0.0, -half_length as f32];
             let capsule =
                 Capsules3D::from_lengths_and_radii([2.0 * half_length as f32], [radius as f32]);
             let capsule = capsule.with_translations([begin]).with_colors(colour);
-            recording.state(place, &capsule.with_fill_mode(fill))
+            recording.log_static(place, &capsule.with_fill_mode(fill))
         }
-        Shape::Cylinder { radius, half_length } => {
+        GeomShape::Cylinder { radius, half_length } => {
             let cylinder =
                 Cylinders3D::from_lengths_and_radii([2.0 * half_length as f32], [radius as f32]);
-            recording.state(place, &cylinder.with_colors(colour).with_fill_mode(fill))
+            recording.log_static(place, &cylinder.with_colors(colour).with_fill_mode(fill))
         }
-        Shape::Box { half } => {
+        GeomShape::Box { half } => {
             let cuboid = Boxes3D::from_half_sizes([half.map(|side| side as f32)]);
-            recording.state(place, &cuboid.with_colors(colour).with_fill_mode(fill))
+            recording.log_static(place, &cuboid.with_colors(colour).with_fill_mode(fill))
         }
     }
 }

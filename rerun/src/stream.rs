@@ -12,8 +12,8 @@ use crate::recording::{ROLLOUTS, Recording, STREAM};
 /// Records every rollout and evaluation in a run's tables.
 pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), RunError> {
     let (groups, policies) = (groups(run), policies(run));
-    recording.state("stream/group", &lane(&groups))?;
-    recording.state("stream/policy", &lane(&policies))?;
+    recording.log_static("stream/group", &lane(&groups))?;
+    recording.log_static("stream/policy", &lane(&policies))?;
     for (group, colour) in &groups {
         line(&format!("stream/evaluation/{group}"), *colour, 2.0, recording)?;
     }
@@ -24,11 +24,11 @@ pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), RunErro
     let mut begin = 0;
     for (rollout, row) in run.rollouts.iter().enumerate() {
         // group and policy hold from a rollout's beginning on, its values are known at its end
-        recording.at(&[(ROLLOUTS, rollout), (STREAM, begin)]);
+        recording.set_time(&[(ROLLOUTS, rollout), (STREAM, begin)]);
         recording.log("stream/group", &StateChange::single(&*row.group))?;
         let policy = StateChange::single(policy_name(row.policy));
         recording.log("stream/policy", &policy)?;
-        recording.at(&[(ROLLOUTS, rollout + 1), (STREAM, row.decisions)]);
+        recording.set_time(&[(ROLLOUTS, rollout + 1), (STREAM, row.decisions)]);
         figures(run, row, recording)?;
         begin = row.decisions;
     }
@@ -36,7 +36,7 @@ pub(crate) fn record(run: &RunData, recording: &Recording) -> Result<(), RunErro
         for (group, _) in &groups {
             let scored = run.mean_group_score_after(rollouts, group, |row| row.success);
             if let Some((decisions, success)) = scored {
-                recording.at(&[(ROLLOUTS, rollouts), (STREAM, decisions)]);
+                recording.set_time(&[(ROLLOUTS, rollouts), (STREAM, decisions)]);
                 let success = Scalars::single(success);
                 recording.log(&format!("stream/evaluation/{group}"), &success)?;
             }
@@ -56,7 +56,7 @@ fn figures(run: &RunData, row: &RolloutRow, recording: &Recording) -> Result<(),
     for (policy, distance) in row.distances.iter().enumerate() {
         log(&format!("stream/distance/{policy}"), *distance)?;
     }
-    for (policy, threshold) in run.thresholds(row).into_iter().enumerate() {
+    for (policy, threshold) in run.policy_distance_thresholds(row).into_iter().enumerate() {
         log(&format!("stream/threshold/{policy}"), threshold)?;
     }
     Ok(())
@@ -97,7 +97,7 @@ fn line(
     recording: &Recording,
 ) -> Result<(), RunError> {
     let style = SeriesLines::new().with_colors([Color::from_rgb(r, g, b)]);
-    recording.state(place, &style.with_widths([width]))
+    recording.log_static(place, &style.with_widths([width]))
 }
 
 /// Returns the names and colours of the states of a lane.

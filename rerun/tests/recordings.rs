@@ -8,7 +8,7 @@ use std::path::Path;
 use clap::Parser;
 use covers::presets::{Budget, Method};
 use covers::{CoversError, Experiment, Run, RunError, RunFolder};
-use covers_rerun::Options;
+use covers_rerun::RerunOptions;
 use envs::Embodiment;
 
 #[path = "../../tests/common/scratch.rs"]
@@ -22,14 +22,14 @@ const POLICIES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../assets/pretraine
 fn rerun(run: &str, out: &Path, more: &[&str]) -> Result<String, CoversError> {
     let arguments = [&["covers-rerun", run, "--out", out.to_str().unwrap()], more].concat();
     let mut printed = Vec::new();
-    Options::try_parse_from(arguments).unwrap().run(&mut printed)?;
+    RerunOptions::try_parse_from(arguments).unwrap().run(&mut printed)?;
     Ok(String::from_utf8(printed).unwrap())
 }
 
 /// Returns an experiment with short episodes of two groups, four environments and no arm.
 fn small() -> Experiment {
-    let mut experiment = Budget::Smoke.experiment(Method::Covers);
-    experiment = experiment.with_embodiment(Embodiment::HAND).with_threads(1);
+    let mut experiment = Budget::Smoke.preset_experiment(Method::Covers);
+    experiment = experiment.with_embodiment(Embodiment::FLOATING_HAND).with_threads(1);
     experiment.schedule.groups.truncate(2);
     experiment.envs.num_envs = 4;
     experiment.envs.control.horizon = 50;

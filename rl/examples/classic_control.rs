@@ -15,7 +15,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, BoxedEnvError, EncoderSettings, EnvSpec, LearningRateSchedule,
     NetworkSettings, Observations, Ppo, PpoSettings, RolloutBuffer, RolloutState, StepOutcome,
-    Transition, VectorEnv, collect,
+    Transition, VectorEnv, collect_experience,
 };
 use symmetry::Irrep;
 
@@ -193,10 +193,11 @@ fn train(
     let mut ppo = Ppo::new(settings, &policy)?;
     let mut buffer = RolloutBuffer::new(envs.spec(), steps)?;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut state = RolloutState::reset(&mut envs, &policy)?;
+    let mut state = RolloutState::from_env_reset(&mut envs, &policy)?;
     let (mut decisions, mut returns) = (0, VecDeque::new());
     while decisions < MAX_DECISIONS {
-        let rollout = collect(&mut envs, &mut policy, &mut buffer, &mut state, &mut rng)?;
+        let rollout =
+            collect_experience(&mut envs, &mut policy, &mut buffer, &mut state, &mut rng)?;
         ppo.update(&mut policy, &buffer, &mut rng)?;
         decisions += rollout.decisions;
         returns.extend(rollout.episodes.iter().map(|episode| episode.total_reward));

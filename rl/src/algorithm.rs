@@ -137,19 +137,19 @@ macro_rules! sums {
 
         impl $name {
             /// Adds `other`, the same sums over other samples, field by field.
-            pub fn add(&mut self, other: &Self) {
+            pub fn add_sums(&mut self, other: &Self) {
                 $(self.$sum += other.$sum;)+
             }
 
             const COUNT: usize = [$(stringify!($sum)),+].len();
 
             /// Returns the sums as an array, in the order of the fields.
-            pub fn to_array(self) -> [f64; Self::COUNT] {
+            pub fn sums_to_array(self) -> [f64; Self::COUNT] {
                 [$(self.$sum),+]
             }
 
             /// Creates the sums from an array of them, in the order of the fields.
-            pub fn from_array([$($sum),+]: [f64; Self::COUNT]) -> Self {
+            pub fn sums_from_array([$($sum),+]: [f64; Self::COUNT]) -> Self {
                 Self { $($sum),+ }
             }
         }

@@ -9,10 +9,11 @@ use crate::env::{EnvSpec, Observations, StepOutcome, Transition};
 use crate::error::{RlError, check_all_finite, check_finite, check_len, require_count};
 use crate::gae::{GaeInputs, gae};
 use crate::policy::{Decisions, EvaluateActions, OnPolicyActor, ValueFunction};
-use crate::rollout::Experience;
+use crate::rollout::ExperienceBuffer;
 
-/// Rollout buffer of T steps of N environments, allocated once. [`collect`](crate::collect) fills
-/// it; by hand, `push` T times, `finish`, read, `clear`.
+/// Rollout buffer of T steps of N environments, allocated once.
+/// [`collect_experience`](crate::collect_experience) fills it; by hand, `push` T times, `finish`,
+/// read, `clear`.
 #[derive(Clone)]
 pub struct RolloutBuffer {
     spec: EnvSpec,
@@ -75,10 +76,10 @@ impl RolloutBuffer {
     }
 
     /// Sets the correlation c of the exploration noise of consecutive steps that
-    /// [`collect`](crate::collect) draws: x_t = c x_(t-1) + sqrt(1 - c^2) e_t with standard normal
-    /// e, so that x is standard normal, too. The noise restarts with every episode and every
-    /// collection, so [`RolloutState`](crate::RolloutState) stays the complete state between two
-    /// collections. A new buffer has c = 0: independent noise.
+    /// [`collect_experience`](crate::collect_experience) draws: x_t = c x_(t-1) + sqrt(1 - c^2) e_t
+    /// with standard normal e, so that x is standard normal, too. The noise restarts with every
+    /// episode and every collection, so [`RolloutState`](crate::RolloutState) stays the complete
+    /// state between two collections. A new buffer has c = 0: independent noise.
     ///
     /// Log-probabilities are marginal ones of each decision, as in Hollenstein et al., "Colored
     /// noise in PPO" (AAAI 2024), whose noise has another spectrum. With c above 0 they differ from
@@ -135,7 +136,7 @@ impl RolloutBuffer {
     fn store_final_observations(&mut self, transition: &Transition) {
         for (n, &outcome) in transition.outcomes.iter().enumerate() {
             if outcome == StepOutcome::Truncated {
-                let (image, vector) = transition.final_observations.sample(&self.spec, n);
+                let (image, vector) = transition.final_observations.image_and_vector(&self.spec, n);
                 self.final_observations.images.extend_from_slice(image);
                 self.final_observations.vectors.extend_from_slice(vector);
                 self.truncated_samples.push(self.pushed * self.spec.num_envs + n);
@@ -329,7 +330,7 @@ fn copy_row<T: Copy>(array: &mut [T], t: usize, row: &[T]) {
     array[t * row.len()..(t + 1) * row.len()].copy_from_slice(row);
 }
 
-impl<P: OnPolicyActor> Experience<P> for RolloutBuffer {
+impl<P: OnPolicyActor> ExperienceBuffer<P> for RolloutBuffer {
     /// Returns the number of steps for which the buffer was allocated, also after
     /// [`RolloutBuffer::truncate`].
     #[allow(clippy::misnamed_getters, reason = "`steps` are those of the last rollout")]

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use equivariant::LayerSignature;
 use equivariant::gpu::{
-    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, Device, GpuError, KernelDispatch,
-    PassSelection, Tensor, WorkgroupFormula,
+    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuDevice, GpuError, GpuTensor,
+    KernelDispatch, PassSelection, WorkgroupFormula,
 };
 use rand_chacha::ChaCha8Rng;
 
@@ -39,8 +39,8 @@ pub(crate) struct ObservationBuffers {
 /// ranges.
 pub(crate) struct NetworkOutputs {
     /// Mean actions of the policy, components in irrep-major order.
-    pub mean: Tensor,
-    pub value: Tensor,
+    pub mean: GpuTensor,
+    pub value: GpuTensor,
     /// Index in the GPU's parameter buffer of the first parameter after those of the image encoder.
     pub head_params_start: usize,
     /// Index in the GPU's parameter buffer of the first log_std.
@@ -69,7 +69,7 @@ impl ObservationBuffers {
     }
 
     /// Copies images `[N, H, W, C]` and vectors `[N, D]` to the GPU.
-    pub fn write(
+    pub fn upload(
         self,
         program: &CompiledPlan,
         network: &ActorCritic<f32>,
@@ -78,7 +78,7 @@ impl ObservationBuffers {
     ) {
         // a blind network has no buffer for images, even if the environment has some
         if network.trunk.encoder.is_some() {
-            program.write_bytes(self.images, &network.trunk.centre_on_canvas(images));
+            program.write_bytes(self.images, &network.trunk.pad_to_input_size(images));
         }
         let order = &network.trunk.vector_order;
         let rows = vectors.chunks_exact(order.len().max(1));
@@ -137,8 +137,8 @@ pub(crate) fn add_network(
 fn gather_kernel(
     plan: &mut ComputePlan,
     observation_buffers: ObservationBuffers,
-    image: Option<Tensor>,
-    vector: Option<Tensor>,
+    image: Option<GpuTensor>,
+    vector: Option<GpuTensor>,
 ) -> KernelDispatch {
     let [pixels, components] = [image, vector].map(|x| x.map_or(0, |x| x.shape.len()));
     let [x_image, x_vector] =
@@ -182,7 +182,7 @@ impl GpuPolicy {
     /// adapter's limits (before anything is allocated), or if the device fails.
     pub fn new(
         policy: ActorCriticPolicy,
-        device: &Device,
+        device: &GpuDevice,
         samples: usize,
     ) -> Result<Self, RlError> {
         require("samples", samples as f32, "at least 1", samples > 0)?;
@@ -252,10 +252,10 @@ impl GpuPolicy {
         let (pixels, width) = (network.spec().image_len(), action.len());
         let images = &observations.images[range.start * pixels..range.end * pixels];
         let vectors = &observations.vectors[range.start * vector.len()..range.end * vector.len()];
-        self.observation_buffers.write(&self.program, network, images, vectors);
+        self.observation_buffers.upload(&self.program, network, images, vectors);
         let samples = range.len();
         let batch = BatchUniforms { samples, ..BatchUniforms::default() };
-        self.program.submit(PassSelection::Forward, batch);
+        self.program.submit_passes(PassSelection::Forward, batch);
         let [mean, value] = self.outputs;
         let requests = [(mean, samples * width), (value, samples)];
         let [means, values] = self.program.read_floats(requests)?;

@@ -73,7 +73,7 @@ impl ActionDistribution<'_> {
     }
 
     /// Writes the most likely action `[A]`.
-    pub fn write_mode(&self, action: &mut [f32]) {
+    pub fn write_most_likely_action(&self, action: &mut [f32]) {
         if self.choices.is_empty() {
             action.iter_mut().zip(self.mean).for_each(|(a, &m)| *a = m as f32);
         } else {
@@ -356,7 +356,7 @@ mod tests {
             assert!((found - expected).abs() < 0.011, "{i}: {found} {expected}");
         }
         let mut mode = [0.5; 5];
-        CHOICES.write_mode(&mut mode);
+        CHOICES.write_most_likely_action(&mut mode);
         assert_eq!(mode, [0.0, 0.0, 1.0, 1.0, 0.0]);
         assert!([-9.0, 9.0].map(gumbel).iter().all(|noise| noise.is_finite()));
     }

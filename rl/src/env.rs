@@ -7,7 +7,7 @@ use equivariant::hadamard_transform;
 use symmetry::{D2, Group, Irrep};
 
 use crate::error::{
-    BoxedEnvError, RlError, ValueLocation, check_finite_at, check_len, require, require_memory,
+    BoxedEnvError, NumberLocation, RlError, check_finite_at, check_len, require, require_memory,
 };
 
 /// Largest magnitude accepted for a component of an observation vector; components should be of
@@ -31,8 +31,8 @@ pub struct EnvSpec {
     /// Number of choices of each discrete action, which add up to A; empty for continuous actions.
     ///
     /// A discrete action is the one-hot vector of the choice, several of them are concatenated, and
-    /// [`EnvSpec::chosen`] reads them. A group element permutes choices. Those that it exchanges
-    /// (an orbit) stand next to each other: one that stays is declared as `[Trivial]` in
+    /// [`EnvSpec::choice_indices`] reads them. A group element permutes choices. Those that it
+    /// exchanges (an orbit) stand next to each other: one that stays is declared as `[Trivial]` in
     /// `action_irreps`; two that an element of sign -1 under irrep a exchanges, as left and right,
     /// as `[Trivial, a]`; four, in the order of [`D2::ALL`], as `[Trivial, X, Y, XY]`.
     pub choices: Vec<usize>,
@@ -48,7 +48,7 @@ impl EnvSpec {
     }
 
     /// Returns the index of the choice in each one-hot vector of the discrete `action` `[A]`.
-    pub fn chosen(&self, action: &[f32]) -> Vec<usize> {
+    pub fn choice_indices(&self, action: &[f32]) -> Vec<usize> {
         let first_one = |part: Range<usize>| action[part].iter().position(|&a| a == 1.0);
         choice_ranges(&self.choices).map(|part| first_one(part).unwrap_or(0)).collect()
     }
@@ -205,7 +205,7 @@ impl Observations {
 
     /// Transforms image and vector of observation `i` by the group element `g`.
     pub(crate) fn transform(&mut self, spec: &EnvSpec, i: usize, g: D2) {
-        let (image, vector) = self.sample(spec, i);
+        let (image, vector) = self.image_and_vector(spec, i);
         let (image, vector) =
             (transform_image(g, image, spec), transform_vector(g, vector, &spec.vector_irreps));
         self.images[i * image.len()..(i + 1) * image.len()].copy_from_slice(&image);
@@ -228,7 +228,7 @@ impl Observations {
     ///
     /// # Panics
     /// If there is no observation `i`.
-    pub fn sample(&self, spec: &EnvSpec, i: usize) -> (&[u8], &[f32]) {
+    pub fn image_and_vector(&self, spec: &EnvSpec, i: usize) -> (&[u8], &[f32]) {
         let (image, vector) = (spec.image_len(), spec.vector_irreps.len());
         (&self.images[i * image..(i + 1) * image], &self.vectors[i * vector..(i + 1) * vector])
     }
@@ -252,7 +252,7 @@ fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlErr
     let Some(component) = wrong else {
         return Ok(());
     };
-    let location = ValueLocation { env: Some(env), component: Some(component), step: None };
+    let location = NumberLocation { env: Some(env), component: Some(component), step: None };
     let value = row[component];
     check_finite_at(what, f64::from(value), location)?;
     Err(RlError::ObservationTooLarge { what, location, value, limit: MAX_ABS_OBSERVATION })
@@ -261,7 +261,7 @@ fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlErr
 fn check_rewards(rewards: &[f32]) -> Result<(), RlError> {
     let wrong = rewards.iter().position(|reward| !reward.is_finite());
     wrong.map_or(Ok(()), |env| {
-        let location = ValueLocation { env: Some(env), ..ValueLocation::default() };
+        let location = NumberLocation { env: Some(env), ..NumberLocation::default() };
         check_finite_at("a reward", f64::from(rewards[env]), location)
     })
 }

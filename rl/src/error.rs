@@ -275,7 +275,7 @@ pub enum RlError {
         /// Name of the quantity that is infinite or NaN.
         what: &'static str,
         /// Environment, component and step of the infinite or NaN number.
-        location: ValueLocation,
+        location: NumberLocation,
         /// Infinite or NaN value of the quantity.
         value: f64,
     },
@@ -288,7 +288,7 @@ pub enum RlError {
         /// Name of the observed quantity that is too large.
         what: &'static str,
         /// Environment, component and step of the number that is too large.
-        location: ValueLocation,
+        location: NumberLocation,
         /// Value of the observation's component that is too large.
         value: f32,
         /// Largest magnitude accepted for a component of an observation vector.
@@ -301,7 +301,7 @@ pub enum RlError {
 
 /// Location of a number in the data: environment, component and step, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ValueLocation {
+pub struct NumberLocation {
     /// Index of the environment that the number belongs to, in 0..N.
     pub env: Option<usize>,
     /// Index of the number among the components of an observation vector or an action.
@@ -310,7 +310,7 @@ pub struct ValueLocation {
     pub step: Option<usize>,
 }
 
-impl fmt::Display for ValueLocation {
+impl fmt::Display for NumberLocation {
     /// Formats the known parts as ` (environment 1, step 3)`; nothing if none is known.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [("environment", self.env), ("component", self.component), ("step", self.step)];
@@ -324,7 +324,7 @@ impl fmt::Display for ValueLocation {
 }
 
 /// Quantity whose mean contradicts the declared irreps, as
-/// [`check_symmetry`](crate::check_symmetry) finds it.
+/// [`check_env_symmetry`](crate::check_env_symmetry) finds it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SymmetryViolation {
     /// Name of the quantity: a product of components of vector and action, moments of the image,
@@ -373,14 +373,14 @@ pub(crate) fn check_len(
 
 /// Rejects a `value` that is infinite or NaN.
 pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError> {
-    check_finite_at(what, value, ValueLocation::default())
+    check_finite_at(what, value, NumberLocation::default())
 }
 
 /// Rejects a `value` that is infinite or NaN, and reports its `location`.
 pub(crate) fn check_finite_at(
     what: &'static str,
     value: f64,
-    location: ValueLocation,
+    location: NumberLocation,
 ) -> Result<(), RlError> {
     if value.is_finite() { Ok(()) } else { Err(RlError::NotFinite { what, location, value }) }
 }
@@ -400,7 +400,7 @@ pub(crate) fn check_rows_finite(
     let wrong = values.iter().position(|value| !value.is_finite());
     wrong.map_or(Ok(()), |index| {
         let location =
-            ValueLocation { env: Some(index / width), component: Some(index % width), step: None };
+            NumberLocation { env: Some(index / width), component: Some(index % width), step: None };
         check_finite_at(what, f64::from(values[index]), location)
     })
 }

@@ -36,7 +36,7 @@ pub enum ExportedLayer {
 
 /// Action distribution that the actor's last layer parametrises.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Distribution {
+pub enum ExportedActionDistribution {
     /// Gaussian distribution; the actor outputs its means `[A]`.
     Gaussian {
         /// Logarithms of the Gaussian's standard deviations `[A]`, the same for every state.
@@ -71,7 +71,7 @@ pub struct ExportedPolicy {
     /// Layers of the actor, which read the outputs of the image layers and the vector layers.
     pub actor: Vec<ExportedLayer>,
     /// Action distribution whose parameters the actor outputs.
-    pub distribution: Distribution,
+    pub distribution: ExportedActionDistribution,
     /// Layers of the critic, and `true` if they read each field's maximum over the group instead of
     /// the fields; `None` for a policy without a value function.
     pub critic: Option<(Vec<ExportedLayer>, bool)>,

@@ -13,7 +13,7 @@ use crate::env::{EnvSpec, Observations, StepOutcome, Transition};
 use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::replay::{ReplayBuffer, ReplaySettings};
 use crate::sac::network::SacNetwork;
-use crate::sac::settings::ContextSettings;
+use crate::sac::settings::RecurrentContextSettings;
 
 pub const ENVS: usize = 2;
 
@@ -47,7 +47,7 @@ pub fn strided() -> EncoderSettings {
 
 /// Builds a network, with a context whose size fits every group if `context`.
 pub fn network(group: Group, encoder: EncoderSettings, context: bool) -> SacNetwork<f64> {
-    let context = context.then_some(ContextSettings { size: 4, length: 3 });
+    let context = context.then_some(RecurrentContextSettings { size: 4, length: 3 });
     SacNetwork::new(&settings(group, encoder), context, &spec()).unwrap()
 }
 

@@ -1,17 +1,18 @@
 //! Reinforcement learning for equivariant networks, independent of tasks, simulators and tensor
 //! libraries.
 //!
-//! An environment implements [`VectorEnv`]: slices in, slices out. [`collect`] lets an [`Actor`]
-//! act in it and fills an [`Experience`]; an [`Algorithm`] improves the actor from that experience.
-//! [`evaluate`] runs whole episodes with mean actions. Two algorithms are implemented:
-//! [`ActorCriticPolicy`], [`RolloutBuffer`] and [`Ppo`] form proximal policy optimisation
-//! (on-policy); [`SacPolicy`], [`ReplayBuffer`] and [`Sac`] form soft actor-critic (off-policy).
+//! An environment implements [`VectorEnv`]: slices in, slices out. [`collect_experience`] lets an
+//! [`Actor`] act in it and fills an [`ExperienceBuffer`]; an [`Algorithm`] improves the actor from
+//! that experience. [`evaluate_policy`] runs whole episodes with mean actions. Two algorithms are
+//! implemented: [`ActorCriticPolicy`], [`RolloutBuffer`] and [`Ppo`] form proximal policy
+//! optimisation (on-policy); [`SacPolicy`], [`ReplayBuffer`] and [`Sac`] form soft actor-critic
+//! (off-policy).
 //!
 //! | a new | implements | example |
 //! |---|---|---|
 //! | environment | [`VectorEnv`] | below |
 //! | actor | [`Actor`] and its [`ActorMemory`]; [`OnPolicyActor`] for rollouts | `tests/memory.rs` |
-//! | algorithm | [`Algorithm`]; [`Experience`] for a new buffer | `src/replay.rs`, `src/sac.rs` |
+//! | algorithm | [`Algorithm`]; [`ExperienceBuffer`] for a new buffer | `src/replay.rs`, `src/sac.rs` |
 //!
 //! - The policy is exactly equivariant under D2, the group of flips of x and y, or a subgroup of
 //!   choice: if the observation is flipped, the policy's mean action is flipped, and its value and
@@ -70,8 +71,10 @@ pub use buffer::RolloutBuffer;
 pub use device::GpuPolicy;
 pub use encoder::EncoderSettings;
 pub use env::{EnvSpec, MAX_ABS_OBSERVATION, Observations, StepOutcome, Transition, VectorEnv};
-pub use error::{BoxedEnvError, RlError, SymmetryViolation, ValueLocation};
-pub use export::{Distribution, ExportPolicy, ExportedLayer, ExportedPolicy, PolicyOutput};
+pub use error::{BoxedEnvError, NumberLocation, RlError, SymmetryViolation};
+pub use export::{
+    ExportPolicy, ExportedActionDistribution, ExportedLayer, ExportedPolicy, PolicyOutput,
+};
 pub use gae::{GaeInputs, gae};
 pub use network::{ActorCritic, ActorCriticWorkspace};
 pub use network_policy::{ActorCriticPolicy, NetworkPolicy};
@@ -84,16 +87,16 @@ pub use ppo::Ppo;
 pub use ppo::settings::{LearningRateSchedule, PpoSettings};
 pub use ppo::stats::PpoStats;
 pub use ppo::symmetry_loss::SymmetryLoss;
-pub use ranks::{Communicator, Ranks};
+pub use ranks::{ProcessCommunicator, ProcessRanks};
 pub use replay::state::{ReplayState, StoredEpisode};
 pub use replay::{ReplayBuffer, ReplaySettings, ReplayStep};
 pub use rollout::{
-    EpisodeStats, Experience, MAX_ABS_RETURN, MIN_ABS_RETURN, RewardWarning, RolloutState,
-    RolloutStats, collect, evaluate, evaluate_with_callback,
+    EpisodeStats, ExperienceBuffer, MAX_ABS_RETURN, MIN_ABS_RETURN, RewardWarning, RolloutState,
+    RolloutStats, collect_experience, evaluate_policy, evaluate_policy_with_callback,
 };
 pub use sac::Sac;
 pub use sac::network::SacNetwork;
-pub use sac::policy::{History, SacPolicy};
-pub use sac::settings::{ContextSettings, SacSettings, Temperature};
+pub use sac::policy::{SacActorMemory, SacPolicy};
+pub use sac::settings::{EntropyTemperature, RecurrentContextSettings, SacSettings};
 pub use sac::stats::SacStats;
-pub use symmetry_check::check_symmetry;
+pub use symmetry_check::check_env_symmetry;

@@ -120,7 +120,7 @@ impl<T: Scalar> ActorCritic<T> {
     }
 
     pub(crate) fn param_ranges(&self) -> ParamRanges {
-        let mut layout = ParamAllocator::starting_after(&self.trunk);
+        let mut layout = ParamAllocator::starting_after_trunk(&self.trunk);
         ParamRanges {
             actor: layout.allocate(self.actor.num_params()),
             critic: layout.allocate(self.critic.num_params()),
@@ -190,7 +190,7 @@ impl<T: Scalar> ActorCriticWorkspace<T> {
 
 impl<T: Scalar> ActorCritic<T> {
     /// Allocates a workspace for passes over up to `capacity` samples (K).
-    pub fn workspace(&self, capacity: usize) -> ActorCriticWorkspace<T> {
+    pub fn new_workspace(&self, capacity: usize) -> ActorCriticWorkspace<T> {
         let action = self.action_order.len();
         ActorCriticWorkspace {
             mean: vec![0.0; capacity * action],
@@ -199,7 +199,7 @@ impl<T: Scalar> ActorCritic<T> {
             d_mean: vec![0.0; capacity * action],
             d_value: vec![0.0; capacity],
             d_log_std: vec![0.0; action],
-            trunk: self.trunk.workspace(capacity),
+            trunk: self.trunk.new_workspace(capacity),
             actor: LayerBuffers::new(&self.actor, capacity),
             critic: LayerBuffers::new(&self.critic, capacity),
             features_len: 0,
@@ -212,14 +212,14 @@ impl<T: Scalar> ActorCritic<T> {
     ///
     /// # Panics
     /// If the slices' lengths differ from the spec, or `slot` is beyond the capacity.
-    pub fn load_sample(
+    pub fn load_observation(
         &self,
         slot: usize,
         image: &[u8],
         vector: &[f32],
         workspace: &mut ActorCriticWorkspace<T>,
     ) {
-        self.trunk.load_sample(slot, image, vector, &mut workspace.trunk);
+        self.trunk.load_observation(slot, image, vector, &mut workspace.trunk);
     }
 
     /// Runs the network forward on the samples in slots 0..n: fills `mean`, `value`, `log_std` and
@@ -233,7 +233,7 @@ impl<T: Scalar> ActorCritic<T> {
         w.actor.forward(&self.actor, &params[ranges.actor], n);
         w.critic.x.copy_from_slice(match self.settings().critic {
             CriticSettings::Pooled { .. } => w.trunk.features(),
-            CriticSettings::Joint { .. } => w.trunk.fields(),
+            CriticSettings::Joint { .. } => w.trunk.feature_fields(),
         });
         w.critic.forward(&self.critic, &params[ranges.critic], n);
         // layers use irrep-major order, the loss the environment's order
@@ -277,8 +277,8 @@ impl<T: Scalar> ActorCritic<T> {
     ) {
         let (own, w) = (&params[self.trunk.param_range()], workspace);
         self.trunk.forward(own, n, &mut w.trunk);
-        w.actor.x.copy_from_slice(w.trunk.fields());
-        self.trunk.pool(n, &mut w.trunk);
+        w.actor.x.copy_from_slice(w.trunk.feature_fields());
+        self.trunk.pool_features(n, &mut w.trunk);
         w.features_len = n * self.feature_dim();
     }
 
@@ -313,11 +313,13 @@ impl<T: Scalar> ActorCritic<T> {
         // written by the critic, then added to by the actor
         match self.settings().critic {
             CriticSettings::Pooled { .. } => {
-                self.trunk.pool_backward(&w.critic.dx, n, &mut w.trunk)
+                self.trunk.pool_features_backward(&w.critic.dx, n, &mut w.trunk)
             }
-            CriticSettings::Joint { .. } => w.trunk.d_fields().copy_from_slice(&w.critic.dx),
+            CriticSettings::Joint { .. } => {
+                w.trunk.d_feature_fields().copy_from_slice(&w.critic.dx)
+            }
         }
-        for (sum, d) in w.trunk.d_fields().iter_mut().zip(&w.actor.dx) {
+        for (sum, d) in w.trunk.d_feature_fields().iter_mut().zip(&w.actor.dx) {
             *sum += *d;
         }
     }
@@ -457,10 +459,10 @@ mod tests {
     ) -> Vec<f32> {
         let network = network();
         let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(0));
-        let mut workspace = network.workspace(4);
+        let mut workspace = network.new_workspace(4);
         for slot in 0..3 {
             let image: Vec<u8> = (0..16 * 16 * 6).map(|i| (i * 37 + slot) as u8).collect();
-            network.load_sample(slot, &image, &[0.1, 0.2, slot as f32], &mut workspace);
+            network.load_observation(slot, &image, &[0.1, 0.2, slot as f32], &mut workspace);
         }
         network.forward(&params, 3, &mut workspace);
         let mut workspace = moved(workspace);
@@ -490,7 +492,7 @@ mod tests {
     fn features_are_those_of_the_samples_that_were_run() {
         let network = network();
         let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(0));
-        let mut workspace = network.workspace(4);
+        let mut workspace = network.new_workspace(4);
         for n in [0, 4, 2] {
             network.forward_features(&params, n, &mut workspace);
             assert_eq!(workspace.features().len(), n * network.feature_dim());
@@ -499,7 +501,7 @@ mod tests {
 
     fn load(image: &[u8], vector: &[f32]) {
         let network = network();
-        network.load_sample(0, image, vector, &mut network.workspace(2));
+        network.load_observation(0, image, vector, &mut network.new_workspace(2));
     }
 
     #[test]

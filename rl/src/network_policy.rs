@@ -14,8 +14,8 @@ use crate::distributions::{ActionDistribution, standard_normals};
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_all_finite, check_len, check_params_fit_network};
 use crate::export::{
-    ChannelBasis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, export_layers,
-    export_trunk,
+    ChannelBasis, ExportPolicy, ExportedActionDistribution, ExportedPolicy, PolicyOutput,
+    export_layers, export_trunk,
 };
 use crate::network::{ActorCritic, ActorCriticWorkspace};
 use crate::network_settings::{CriticSettings, NetworkSettings};
@@ -112,7 +112,7 @@ where
         let samples = observations.checked_num_samples(&trunk.spec)?;
         self.outputs.resize(samples * row, 0.0);
         self.chunks.map_rows(&mut self.outputs, row, |range, buffers, rows| {
-            trunk.load_all(observations, range.clone(), buffers.trunk());
+            trunk.load_observations(observations, range.clone(), buffers.trunk());
             let chunk = Chunk { network, params, range };
             forward(chunk, buffers, rows);
         });
@@ -136,10 +136,10 @@ where
         let params = &self.params[trunk.param_range()];
         self.chunks.map_rows(out, width, |range, buffers, rows| {
             let (n, pass) = (range.len(), buffers.trunk());
-            trunk.load_all(observations, range, pass);
+            trunk.load_observations(observations, range, pass);
             // the trunk only: features need neither actor nor critic
             trunk.forward(params, n, pass);
-            trunk.pool(n, pass);
+            trunk.pool_features(n, pass);
             rows.copy_from_slice(&pass.features()[..n * width]);
         });
         Ok(())
@@ -186,7 +186,7 @@ impl ActorCriticPolicy {
     pub fn new(settings: &NetworkSettings, spec: &EnvSpec, seed: u64) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
         let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(Self::from_network(Arc::new(network), params, ActorCritic::workspace))
+        Ok(Self::from_network(Arc::new(network), params, ActorCritic::new_workspace))
     }
 
     /// Builds the network for `spec` with the given flat parameters, as
@@ -202,7 +202,7 @@ impl ActorCriticPolicy {
     ) -> Result<Self, RlError> {
         let network = ActorCritic::new(settings, spec)?;
         check_saved_params(&params, network.num_params())?;
-        Ok(Self::from_network(Arc::new(network), params, ActorCritic::workspace))
+        Ok(Self::from_network(Arc::new(network), params, ActorCritic::new_workspace))
     }
 
     /// Returns the logarithms of the action's standard deviations `[A]`, in the environment's
@@ -298,7 +298,8 @@ impl ActorCriticPolicy {
         let width = self.action_dim();
         check_len("mean actions", "[N, A]", out.len(), samples * width)?;
         let rows = out.chunks_exact_mut(width);
-        rows.zip(self.distributions(&[])).for_each(|(row, (each, _))| each.write_mode(row));
+        rows.zip(self.distributions(&[]))
+            .for_each(|(row, (each, _))| each.write_most_likely_action(row));
         Ok(())
     }
 
@@ -435,7 +436,7 @@ impl ExportPolicy for ActorCriticPolicy {
             actor: export_layers(group, &network.actor, actor, to(&network.action_order))?,
             image: trunk.image,
             vector: trunk.vector,
-            distribution: Distribution::Gaussian { log_std: self.log_std().to_vec() },
+            distribution: ExportedActionDistribution::Gaussian { log_std: self.log_std().to_vec() },
             critic: Some((critic, pooled)),
         })
     }
@@ -454,8 +455,8 @@ impl MeasureUnitActivity for ActorCriticPolicy {
     fn unit_activity(&self, observations: &Observations, (): &()) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
         let samples = observations.checked_num_samples(network.spec())?;
-        let mut w = network.workspace(samples);
-        network.trunk.load_all(observations, 0..samples, w.trunk());
+        let mut w = network.new_workspace(samples);
+        network.trunk.load_observations(observations, 0..samples, w.trunk());
         network.forward(params, samples, &mut w);
         Ok(network.unit_activity(params, samples, &w))
     }

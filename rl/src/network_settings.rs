@@ -98,14 +98,14 @@ impl CriticSettings {
 
 impl Default for NetworkSettings {
     fn default() -> Self {
-        Self::strided(vec![4, 8, 16, 16], 32)
+        Self::with_strided_encoder(vec![4, 8, 16, 16], 32)
     }
 }
 
 impl NetworkSettings {
     /// Returns the default network settings with other widths: `halvings` regular fields after each
     /// halving of the image ([`EncoderSettings::Strided`]), and `fields` in all later layers.
-    pub fn strided(halvings: Vec<usize>, fields: usize) -> Self {
+    pub fn with_strided_encoder(halvings: Vec<usize>, fields: usize) -> Self {
         Self {
             group: Group::D2,
             encoder: EncoderSettings::Strided { fields: halvings },

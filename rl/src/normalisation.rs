@@ -124,7 +124,7 @@ impl<E: VectorEnv> NormalisedEnv<E> {
     }
 
     /// Returns the running statistics of observation vectors and discounted returns.
-    pub fn state(&self) -> &NormalisationState {
+    pub fn normalisation_state(&self) -> &NormalisationState {
         &self.state
     }
 
@@ -132,7 +132,10 @@ impl<E: VectorEnv> NormalisedEnv<E> {
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] for statistics of vectors of another length.
-    pub fn restore(&mut self, state: NormalisationState) -> Result<(), RlError> {
+    pub fn restore_normalisation_state(
+        &mut self,
+        state: NormalisationState,
+    ) -> Result<(), RlError> {
         let (saved, own) = (&state.observations, &self.state.observations);
         check_len("saved means", "[D]", saved.means.len(), own.means.len())?;
         check_len("saved squares", "[D]", saved.squares.len(), own.means.len())?;

@@ -38,8 +38,8 @@ pub trait Actor {
     /// Returns the memory for `envs` environments (N) in which no episode has begun.
     fn new_memory(&self, envs: usize) -> Self::Memory;
 
-    /// Samples actions `[N, A]` from the action distribution, as [`collect`](crate::collect)
-    /// executes them.
+    /// Samples actions `[N, A]` from the action distribution, as
+    /// [`collect_experience`](crate::collect_experience) executes them.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] when an array does not fit.
@@ -51,8 +51,8 @@ pub trait Actor {
         out: &mut [f32],
     ) -> Result<(), RlError>;
 
-    /// Writes the means of the action distribution, `[N, A]`, as [`evaluate`](crate::evaluate)
-    /// executes them.
+    /// Writes the means of the action distribution, `[N, A]`, as
+    /// [`evaluate_policy`](crate::evaluate_policy) executes them.
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] when an array does not fit.

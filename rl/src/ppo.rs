@@ -28,7 +28,7 @@ use crate::ppo::minibatch::{
 };
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, PpoStats, PpoTotals};
-use crate::ranks::Ranks;
+use crate::ranks::ProcessRanks;
 
 /// Proximal policy optimisation (Schulman et al., arXiv 1707.06347, algorithm 1) with the optimiser
 /// state of one policy.
@@ -46,7 +46,7 @@ impl Ppo {
     /// [`RlError::InvalidSetting`] if a setting is out of range, [`RlError::LogStdBelowMinimum`] if
     /// a log_std of `policy` is already below [`PpoSettings::min_log_std`].
     pub fn new(settings: PpoSettings, policy: &ActorCriticPolicy) -> Result<Self, RlError> {
-        Self::on_ranks(settings, policy, Ranks::default())
+        Self::on_ranks(settings, policy, ProcessRanks::default())
     }
 
     /// Creates PPO as [`Ppo::new`] does, for several processes (`ranks`) that each compute a share
@@ -57,7 +57,7 @@ impl Ppo {
     pub fn on_ranks(
         settings: PpoSettings,
         policy: &ActorCriticPolicy,
-        ranks: Ranks,
+        ranks: ProcessRanks,
     ) -> Result<Self, RlError> {
         Self::on(settings, policy, Box::new(CpuBackend::new(policy, ranks)))
     }
@@ -74,7 +74,7 @@ impl Ppo {
     pub fn on_device(
         settings: PpoSettings,
         policy: &ActorCriticPolicy,
-        device: &equivariant::gpu::Device,
+        device: &equivariant::gpu::GpuDevice,
     ) -> Result<Self, RlError> {
         if settings.symmetry.is_some() {
             return Err(RlError::UnsupportedOnGpu);
@@ -202,14 +202,14 @@ fn run_epochs(update: &mut Update, backend: &mut dyn Backend) -> Result<PpoTotal
                 continue;
             };
             // counted even if the minibatch stops the update, whose statistics should show why
-            totals.losses.add(&losses);
+            totals.losses.add_sums(&losses);
             let approx_kl = losses.approx_kl / losses.samples;
             if approx_kl > settings.kl_stop_threshold() {
                 break 'epochs;
             }
             let grad_norm = clip_global_norm(gradient, settings.max_grad_norm);
             check_finite("the norm of the gradient", grad_norm)?;
-            let (groups, params) = (update.groups(), update.policy.params_mut());
+            let (groups, params) = (update.param_groups(), update.policy.params_mut());
             update.optimiser.step(&groups, params, gradient);
             // after each step, so that no minibatch sees a standard deviation below the floor
             update.policy.clamp_log_std(settings.min_log_std);

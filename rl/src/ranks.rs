@@ -8,7 +8,7 @@ use bytemuck::{Pod, cast_slice, cast_slice_mut};
 use equivariant::ParallelChunks;
 
 /// Exchange of bytes between the processes that compute one run, such as MPI's world.
-pub trait Communicator: Send + Sync {
+pub trait ProcessCommunicator: Send + Sync {
     /// Returns the index of this process among all, from 0.
     fn rank(&self) -> usize;
 
@@ -27,11 +27,11 @@ pub trait Communicator: Send + Sync {
 /// share and receives the rest. So results have the bits of one process. Ranks are no part of
 /// settings: all compare as equal.
 #[derive(Clone, Default)]
-pub struct Ranks(Option<Arc<dyn Communicator>>);
+pub struct ProcessRanks(Option<Arc<dyn ProcessCommunicator>>);
 
-impl Ranks {
+impl ProcessRanks {
     /// Creates the ranks, the processes of one run, that `communicator` connects.
-    pub fn new(communicator: Arc<dyn Communicator>) -> Self {
+    pub fn new(communicator: Arc<dyn ProcessCommunicator>) -> Self {
         Self(Some(communicator))
     }
 
@@ -47,7 +47,7 @@ impl Ranks {
 
     /// Returns the range of this process's share of `count` items; share sizes differ by at most
     /// one.
-    pub fn share(&self, count: usize) -> Range<usize> {
+    pub fn local_range(&self, count: usize) -> Range<usize> {
         let (rank, size) = self.rank_and_size();
         rank * count / size..(rank + 1) * count / size
     }
@@ -60,7 +60,7 @@ impl Ranks {
     pub fn all_gather_rows<T: Pod>(&self, count: usize, rows: &mut [T]) {
         let Some(all) = &self.0 else { return };
         assert!(rows.len().is_multiple_of(count.max(1)), "{} values, {count} rows", rows.len());
-        let (width, own) = (rows.len() / count.max(1), self.share(count));
+        let (width, own) = (rows.len() / count.max(1), self.local_range(count));
         let gathered = all.all_gather(cast_slice(&rows[own.start * width..own.end * width]));
         cast_slice_mut(rows).copy_from_slice(&gathered);
     }
@@ -89,22 +89,22 @@ impl Ranks {
             let count = gradients.len() / num_params;
             self.all_gather_rows(count, gradients);
             let mut results = vec![[0.0; K]; count];
-            results[self.share(count)].copy_from_slice(&own);
+            results[self.local_range(count)].copy_from_slice(&own);
             self.all_gather_rows(count, results.as_flattened_mut());
             results
         };
-        let share = |count| self.share(count);
-        chunks.accumulate_shared_gradients(num_samples, gradient, share, complete, f)
+        let share = |count| self.local_range(count);
+        chunks.accumulate_distributed_gradients(num_samples, gradient, share, complete, f)
     }
 }
 
-impl PartialEq for Ranks {
+impl PartialEq for ProcessRanks {
     fn eq(&self, _: &Self) -> bool {
         true
     }
 }
 
-impl fmt::Debug for Ranks {
+impl fmt::Debug for ProcessRanks {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (rank, size) = self.rank_and_size();
         write!(f, "rank {rank} of {size}")

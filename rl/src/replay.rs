@@ -15,7 +15,7 @@ use crate::env::{EnvSpec, Observations, StepOutcome, Transition};
 use crate::error::{RlError, check_len, check_rows_finite, require};
 use crate::policy::Actor;
 use crate::replay::episode::{Episode, Sizes};
-use crate::rollout::Experience;
+use crate::rollout::ExperienceBuffer;
 
 /// Replay buffer: a ring buffer of the latest steps, in the order in which they were recorded.
 ///
@@ -24,7 +24,8 @@ use crate::rollout::Experience;
 /// ([`ReplaySettings::still_channels`]) are stored once for each episode. Dropped steps stay in
 /// memory while they are [history](ReplayStep::step_before) of later ones of their episode.
 ///
-/// [`collect`](crate::collect) fills it; [`ReplayBuffer::push`] does the same by hand.
+/// [`collect_experience`](crate::collect_experience) fills it; [`ReplayBuffer::push`] does the same
+/// by hand.
 #[derive(Clone)]
 pub struct ReplayBuffer {
     settings: ReplaySettings,
@@ -39,7 +40,7 @@ pub struct ReplayBuffer {
     /// Number of each environment's running episode, `[N]`; `None` if the environment's next step
     /// begins an episode.
     running_episodes: Vec<Option<u32>>,
-    num_recorded: u64,
+    total_recorded_steps: u64,
     num_before_newest: u64,
     /// Image arrays of dropped episodes, at most N, whose memory new episodes reuse. Returning them
     /// to the allocator instead fragments the memory, since they are large and of almost equal
@@ -66,7 +67,7 @@ impl ReplayBuffer {
             first_episode: 0,
             step_order: VecDeque::new(),
             running_episodes: vec![None; spec.num_envs],
-            num_recorded: 0,
+            total_recorded_steps: 0,
             num_before_newest: 0,
             spare_images: Vec::new(),
             actions: Vec::new(),
@@ -109,7 +110,7 @@ impl ReplayBuffer {
             if let Some(episode) =
                 self.stored_episodes.get_mut((number - self.first_episode) as usize)
             {
-                episode.shrink();
+                episode.shrink_to_fit();
             }
         }
     }
@@ -118,12 +119,12 @@ impl ReplayBuffer {
     /// [`ReplayBuffer::sample_indices`] takes a share of its steps from it. Before the first call,
     /// all steps count as newest.
     pub fn start_newest_experience(&mut self) {
-        self.set_num_newest(0);
+        self.mark_newest_steps(0);
     }
 
     /// Marks the last `steps` steps (all, if there are fewer) as the newest experience.
-    pub fn set_num_newest(&mut self, steps: u64) {
-        self.num_before_newest = self.num_recorded.saturating_sub(steps);
+    pub fn mark_newest_steps(&mut self, steps: u64) {
+        self.num_before_newest = self.total_recorded_steps.saturating_sub(steps);
     }
 
     /// Samples the indices of `batch` steps with replacement: a share `newest` in [0, 1], rounded,
@@ -140,7 +141,7 @@ impl ReplayBuffer {
         out: &mut Vec<usize>,
     ) {
         let len = self.len();
-        let since = ((self.num_recorded - self.num_before_newest) as usize).min(len);
+        let since = ((self.total_recorded_steps - self.num_before_newest) as usize).min(len);
         let share = (newest * batch as f32).round() as usize;
         let starts = if since == 0 { 0 } else { len - since };
         let starts = repeat_n(starts, share).chain(repeat_n(0, batch - share));
@@ -174,8 +175,8 @@ impl ReplayBuffer {
     }
 
     /// Returns the number of steps ever recorded, dropped ones included.
-    pub fn num_recorded(&self) -> u64 {
-        self.num_recorded
+    pub fn total_recorded_steps(&self) -> u64 {
+        self.total_recorded_steps
     }
 
     /// Returns the settings of the replay buffer.
@@ -207,8 +208,8 @@ impl ReplayBuffer {
         observations: &Observations,
         transition: &Transition,
     ) -> Result<(), RlError> {
-        let (image, vector) = observations.sample(&self.spec, env);
-        let (next_image, _) = next_observations(transition, env).sample(&self.spec, env);
+        let (image, vector) = observations.image_and_vector(&self.spec, env);
+        let (next_image, _) = next_observations(transition, env).image_and_vector(&self.spec, env);
         let begun;
         let episode = match self.running_episodes[env] {
             Some(number) => self.episode(number),
@@ -217,7 +218,7 @@ impl ReplayBuffer {
                 &begun
             }
         };
-        if !episode.ends_with(&self.sizes, image, vector) {
+        if !episode.ends_with_observation(&self.sizes, image, vector) {
             return Err(RlError::EpisodeNotContinued { env });
         }
         if !episode.has_same_still_channels(&self.sizes, next_image) {
@@ -235,13 +236,13 @@ impl ReplayBuffer {
         transition: &Transition,
     ) {
         let number = self.running_episodes[env].unwrap_or_else(|| {
-            let (image, vector) = observations.sample(&self.spec, env);
+            let (image, vector) = observations.image_and_vector(&self.spec, env);
             let spare = self.spare_images.pop().unwrap_or_default();
             self.stored_episodes.push_back(Episode::begin(&self.sizes, image, vector, spare));
             self.first_episode + self.stored_episodes.len() as u32 - 1
         });
         let (reward, outcome) = (transition.rewards[env], transition.outcomes[env]);
-        let (image, vector) = next_observations(transition, env).sample(&self.spec, env);
+        let (image, vector) = next_observations(transition, env).image_and_vector(&self.spec, env);
         let episode = &mut self.stored_episodes[(number - self.first_episode) as usize];
         self.step_order.push_back(StepId {
             episode: number,
@@ -249,7 +250,7 @@ impl ReplayBuffer {
         });
         episode.push(&self.sizes, action, reward, outcome, image, vector);
         self.running_episodes[env] = (!outcome.is_ended()).then_some(number);
-        self.num_recorded += 1;
+        self.total_recorded_steps += 1;
         if self.len() > self.settings.capacity {
             self.drop_oldest();
         }
@@ -264,7 +265,7 @@ impl ReplayBuffer {
         let running = &self.running_episodes;
         let over = |number: u32| !running.contains(&Some(number));
         let episode = &mut self.stored_episodes[(step_id.episode - self.first_episode) as usize];
-        episode.drop_oldest(&self.sizes);
+        episode.drop_oldest_step(&self.sizes);
         if episode.num_held == 0 && over(step_id.episode) {
             let dropped = std::mem::take(episode);
             if self.spare_images.len() < self.running_episodes.len() {
@@ -288,7 +289,7 @@ impl fmt::Debug for ReplayBuffer {
             .field("settings", &self.settings)
             .field("spec", &self.spec)
             .field("len", &self.len())
-            .field("recorded", &self.num_recorded)
+            .field("recorded", &self.total_recorded_steps)
             .finish_non_exhaustive()
     }
 }
@@ -301,7 +302,7 @@ fn next_observations(transition: &Transition, env: usize) -> &Observations {
     }
 }
 
-impl<A: Actor> Experience<A> for ReplayBuffer {
+impl<A: Actor> ExperienceBuffer<A> for ReplayBuffer {
     fn steps_per_env(&self) -> usize {
         self.settings.steps
     }
@@ -321,7 +322,7 @@ impl<A: Actor> Experience<A> for ReplayBuffer {
     }
 
     fn action_buffer(&mut self) -> (&mut [f32], bool) {
-        let warm_up = self.num_recorded < self.settings.warm_up;
+        let warm_up = self.total_recorded_steps < self.settings.warm_up;
         (&mut self.actions, warm_up)
     }
 
@@ -381,7 +382,7 @@ impl<'a> ReplayStep<'a> {
     }
 
     /// Returns the observation vector `[D]` before the step, for which the action was chosen.
-    pub fn vector(&self) -> &'a [f32] {
+    pub fn observation_vector(&self) -> &'a [f32] {
         row(&self.episode.vectors, self.step, self.sizes.vector)
     }
 
@@ -417,7 +418,7 @@ impl<'a> ReplayStep<'a> {
 
     /// Returns the observation vector `[D]` after the step; where the episode ends, its final
     /// vector.
-    pub fn next_vector(&self) -> &'a [f32] {
+    pub fn next_observation_vector(&self) -> &'a [f32] {
         row(&self.episode.vectors, self.step + 1, self.sizes.vector)
     }
 

@@ -91,7 +91,7 @@ impl<M: ActorMemory> RolloutState<M> {
     /// # Errors
     /// [`RlError::Environment`] when the reset fails, [`RlError::ShapeMismatch`] when it changes
     /// the sizes of its output, [`RlError::NotFinite`] for vectors that are not numbers.
-    pub fn reset<A: Actor<Memory = M>>(
+    pub fn from_env_reset<A: Actor<Memory = M>>(
         env: &mut dyn VectorEnv,
         actor: &A,
     ) -> Result<Self, RlError> {
@@ -160,23 +160,23 @@ fn new_episode(env: usize) -> EpisodeStats {
     EpisodeStats { env, ..EpisodeStats::default() }
 }
 
-/// Runs `actor` in the environments from `state` on, for [`Experience::steps_per_env`] steps, and
-/// records the steps in `experience`. Environments restart by themselves.
+/// Runs `actor` in the environments from `state` on, for [`ExperienceBuffer::steps_per_env`] steps,
+/// and records the steps in `experience`. Environments restart by themselves.
 ///
 /// Pass the same `state` again and episodes continue across collections. If every collection begins
 /// with a reset instead, it must last as long as an episode: a shorter one never reaches late
-/// states, and no episode ends, so returns are `None`. `collect` cannot know about resets; check
-/// with [`RolloutBuffer::check_horizon`](crate::RolloutBuffer::check_horizon).
+/// states, and no episode ends, so returns are `None`. `collect_experience` cannot know about
+/// resets; check with [`RolloutBuffer::check_horizon`](crate::RolloutBuffer::check_horizon).
 ///
 /// # Errors
 /// [`RlError::Environment`] when a step fails, [`RlError::ShapeMismatch`] or
 /// [`RlError::SpecMismatch`] when environment, actor, state and experience do not fit together,
 /// [`RlError::NotFinite`] for rewards, observations, actions or decisions that are infinite or NaN,
-/// [`RlError::InvalidSetting`] if [`Experience::steps_per_env`] is 0.
+/// [`RlError::InvalidSetting`] if [`ExperienceBuffer::steps_per_env`] is 0.
 ///
 /// After an error, environments, `state` and `experience` may be at different steps. Start again
-/// with [`RolloutState::reset`].
-pub fn collect<A: Actor, E: Experience<A>>(
+/// with [`RolloutState::from_env_reset`].
+pub fn collect_experience<A: Actor, E: ExperienceBuffer<A>>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
     experience: &mut E,
@@ -206,11 +206,12 @@ pub fn collect<A: Actor, E: Experience<A>>(
     Ok(stats)
 }
 
-/// Storage that [`collect`] fills: a rollout buffer for one update, or a growing replay buffer.
+/// Storage that [`collect_experience`] fills: a rollout buffer for one update, or a growing replay
+/// buffer.
 ///
-/// [`collect`] calls `begin`; then, [`Experience::steps_per_env`] times, `decide`, one step of the
-/// environments and `record`; then `end`.
-pub trait Experience<A: Actor> {
+/// [`collect_experience`] calls `begin`; then, [`ExperienceBuffer::steps_per_env`] times, `decide`,
+/// one step of the environments and `record`; then `end`.
+pub trait ExperienceBuffer<A: Actor> {
     /// Returns the number of steps of every environment in one collection, at least 1.
     fn steps_per_env(&self) -> usize;
 
@@ -278,27 +279,27 @@ pub trait Experience<A: Actor> {
 /// [`RlError::Environment`] when a step fails, [`RlError::ShapeMismatch`] when environment and
 /// actor differ in size, [`RlError::NotFinite`] for rewards, observations or actions that are not
 /// numbers.
-pub fn evaluate<A: Actor>(
+pub fn evaluate_policy<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
     rounds: usize,
 ) -> Result<RolloutStats, RlError> {
-    evaluate_with_callback(env, actor, rounds, |_, _| Ok(()))
+    evaluate_policy_with_callback(env, actor, rounds, |_, _| Ok(()))
 }
 
-/// Evaluates like [`evaluate`] and calls `callback` with the actor and the state of the
+/// Evaluates like [`evaluate_policy`] and calls `callback` with the actor and the state of the
 /// environments before every decision.
 ///
 /// # Errors
-/// Errors of [`evaluate`], and of `callback`.
-pub fn evaluate_with_callback<A: Actor>(
+/// Errors of [`evaluate_policy`], and of `callback`.
+pub fn evaluate_policy_with_callback<A: Actor>(
     env: &mut dyn VectorEnv,
     actor: &mut A,
     rounds: usize,
     mut callback: impl FnMut(&A, &RolloutState<A::Memory>) -> Result<(), RlError>,
 ) -> Result<RolloutStats, RlError> {
     let spec = env.spec().clone();
-    let mut state = RolloutState::reset(env, actor)?;
+    let mut state = RolloutState::from_env_reset(env, actor)?;
     let mut transition = Transition::new(&spec);
     let mut actions = vec![0.0; spec.num_envs * spec.action_irreps.len()];
     let mut left = vec![rounds; spec.num_envs];

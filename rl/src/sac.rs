@@ -24,13 +24,13 @@ use crate::adam::{Adam, ParamGroup, SECOND_MOMENT_NAME, clip_values, norm};
 use crate::algorithm::{Algorithm, AlgorithmState, check_not_negative};
 use crate::env::StepOutcome;
 use crate::error::{RlError, check_all_finite, check_finite, check_params_fit_network};
-use crate::ranks::Ranks;
+use crate::ranks::ProcessRanks;
 use crate::replay::ReplayBuffer;
 use crate::sac::losses::Losses;
 use crate::sac::minibatch::{SacWorkspace, SampledMinibatch, training_chunk};
 use crate::sac::network::SacNetwork;
 use crate::sac::policy::SacPolicy;
-use crate::sac::settings::{SacSettings, Temperature};
+use crate::sac::settings::{EntropyTemperature, SacSettings};
 use crate::sac::stats::{SacStats, SacSums, SacTotals};
 
 // checkpoint names of the state beside the policy's own
@@ -68,7 +68,7 @@ pub struct Sac {
     chunks: ParallelChunks<f32, SacWorkspace<f32>>,
     gradient: Vec<f32>,
     minibatch: SampledMinibatch,
-    ranks: Ranks,
+    ranks: ProcessRanks,
 }
 
 impl Sac {
@@ -80,7 +80,7 @@ impl Sac {
     /// # Errors
     /// [`RlError::InvalidSetting`] if a setting is out of range.
     pub fn new(settings: SacSettings, policy: &SacPolicy) -> Result<Self, RlError> {
-        Self::on_ranks(settings, policy, Ranks::default())
+        Self::on_ranks(settings, policy, ProcessRanks::default())
     }
 
     /// Creates soft actor-critic as [`Sac::new`] does, whose minibatches are shared by `ranks`,
@@ -91,7 +91,7 @@ impl Sac {
     pub fn on_ranks(
         settings: SacSettings,
         policy: &SacPolicy,
-        ranks: Ranks,
+        ranks: ProcessRanks,
     ) -> Result<Self, RlError> {
         settings.check()?;
         let chunk = training_chunk(settings.window);
@@ -101,10 +101,10 @@ impl Sac {
         Ok(Self {
             trained_params: trained_params.unwrap_or_default(),
             optimiser: Adam::new(num_params, settings.adam_epsilon),
-            target_params: policy.params()[network.critic_params()].to_vec(),
+            target_params: policy.params()[network.critic_param_range()].to_vec(),
             log_alpha: [settings.temperature.initial().ln()],
             alpha_optimiser: Adam::new(1, settings.adam_epsilon),
-            chunks: ParallelChunks::new(num_params, chunk, move || network.workspace(chunk)),
+            chunks: ParallelChunks::new(num_params, chunk, move || network.new_workspace(chunk)),
             gradient: vec![0.0; num_params],
             minibatch: SampledMinibatch::default(),
             ranks,
@@ -120,8 +120,8 @@ impl Sac {
     /// Returns the temperature alpha, the weight of the entropy: fixed, or as learned so far.
     pub fn temperature(&self) -> f64 {
         match self.settings.temperature {
-            Temperature::Fixed(alpha) => alpha.into(),
-            Temperature::Learned { .. } => f64::from(self.log_alpha[0]).exp(),
+            EntropyTemperature::Fixed(alpha) => alpha.into(),
+            EntropyTemperature::Learned { .. } => f64::from(self.log_alpha[0]).exp(),
         }
     }
 
@@ -146,7 +146,7 @@ impl Sac {
     ) -> Result<SacStats, RlError> {
         let mut totals = SacTotals::default();
         if !replay.is_empty() {
-            for _ in 0..self.gradient_steps_due(replay.num_recorded()) {
+            for _ in 0..self.gradient_steps_due(replay.total_recorded_steps()) {
                 self.step(policy, replay, rng, &mut totals)?;
                 move_towards(average, policy.params(), self.settings.average_rate.unwrap_or(1.0));
             }
@@ -167,7 +167,7 @@ impl Sac {
         let sums = self.losses(policy, replay)?;
         totals.grad_norm_sum += self.clip_and_step(policy, totals)?;
         totals.steps += 1;
-        totals.sums.add(&sums);
+        totals.sums.add_sums(&sums);
         self.update_alpha(policy, &sums);
         self.update_targets(policy);
         Ok(())
@@ -191,9 +191,11 @@ impl Sac {
             &mut self.chunks,
             self.settings.batch,
             &mut self.gradient,
-            |range, workspace, gradient| losses.run_chunk(range, workspace, gradient).to_array(),
+            |range, workspace, gradient| {
+                losses.accumulate_chunk_gradients(range, workspace, gradient).sums_to_array()
+            },
         );
-        chunk_losses.into_iter().for_each(|chunk| sums.add(&SacSums::from_array(chunk)));
+        chunk_losses.into_iter().for_each(|chunk| sums.add_sums(&SacSums::sums_from_array(chunk)));
         let loss = sums.critic_loss + sums.actor_loss + sums.cloning_loss;
         check_finite("the loss of a minibatch", loss)?;
         Ok(sums)
@@ -229,7 +231,7 @@ impl Sac {
     /// H is the target entropy (1812.05905, equation 18), with respect to ln alpha, so that alpha
     /// stays positive.
     fn update_alpha(&mut self, policy: &SacPolicy, sums: &SacSums) {
-        let Temperature::Learned { target, .. } = self.settings.temperature else {
+        let EntropyTemperature::Learned { target, .. } = self.settings.temperature else {
             return;
         };
         let target_entropy = f64::from(target) * policy.network().spec().action_irreps.len() as f64;
@@ -243,7 +245,7 @@ impl Sac {
 
     /// Moves the target critics by a share `tau` towards the critics (1812.05905, algorithm 1).
     fn update_targets(&mut self, policy: &SacPolicy) {
-        let critics = &policy.params()[policy.network().critic_params()];
+        let critics = &policy.params()[policy.network().critic_param_range()];
         move_towards(&mut self.target_params, critics, self.settings.tau);
     }
 }
@@ -261,7 +263,7 @@ impl<T: Scalar> Losses<'_, T> {
     fn write_td_targets(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         for (slot, position) in range.clone().enumerate() {
             let (step, _) = self.sampled_step(position);
-            let min_qf_next_target = w.min_qf(slot).1 - self.alpha * w.log_pi[slot];
+            let min_qf_next_target = w.min_q_value(slot).1 - self.alpha * w.log_pi[slot];
             // a truncated episode still has a next value, unlike a terminated one
             let continues = f64::from(u8::from(step.outcome() != StepOutcome::Terminated));
             let reward = f64::from(step.reward());
@@ -278,7 +280,7 @@ impl<T: Scalar> Losses<'_, T> {
                 sums.critic_loss += 0.5 * error * error;
                 // the mean over both critics
                 sums.value += 0.5 * qf.y[slot].to_f64();
-                qf.dy[slot] = T::from_f64(error * self.scale());
+                qf.dy[slot] = T::from_f64(error * self.step_weight());
             }
         }
         sums
@@ -289,13 +291,13 @@ impl<T: Scalar> Losses<'_, T> {
     fn actor_loss(&self, n: usize, w: &mut SacWorkspace<T>) -> SacSums {
         let mut sums = SacSums::default();
         for slot in 0..n {
-            let (qf, min_qf_pi) = w.min_qf(slot);
+            let (qf, min_qf_pi) = w.min_q_value(slot);
             sums.samples += 1.0;
             sums.actor_loss += self.alpha * w.log_pi[slot] - min_qf_pi;
             sums.log_pi += w.log_pi[slot];
             // only the critic with the smaller value enters the loss
             w.critics[1 - qf].dy[slot] = T::ZERO;
-            w.critics[qf].dy[slot] = T::from_f64(-self.scale());
+            w.critics[qf].dy[slot] = T::from_f64(-self.step_weight());
         }
         sums
     }
@@ -342,7 +344,7 @@ impl Algorithm for Sac {
             state.tensors.push((TRAINED_PARAMS, &self.trained_params));
         }
         // a fixed temperature has no state, so a state with a learned one does not fit it
-        if matches!(self.settings.temperature, Temperature::Learned { .. }) {
+        if matches!(self.settings.temperature, EntropyTemperature::Learned { .. }) {
             state.tensors.extend([
                 (TEMPERATURE, &self.log_alpha[..]),
                 (TEMPERATURE_FIRST, &alpha.first_moment),

@@ -46,7 +46,7 @@ const ROUNDING_TOLERANCE: f64 = 1e-9;
 /// [`RlError::SymmetryViolated`] lists the means that are not zero. [`RlError::InvalidSetting`] for
 /// fewer than 48 episodes, unfinished ones included. [`RlError::Environment`] if a step fails, and
 /// [`RlError::NotFinite`] for infinite or NaN numbers.
-pub fn check_symmetry(
+pub fn check_env_symmetry(
     env: &mut dyn VectorEnv,
     group: Group,
     steps: usize,
@@ -266,7 +266,7 @@ impl TestedQuantities {
     /// Returns the features of the observation of environment `i`: the components of its vector,
     /// then the moments of its image.
     fn features_of(&self, observations: &Observations, i: usize) -> Vec<f64> {
-        let (image, vector) = observations.sample(&self.spec, i);
+        let (image, vector) = observations.image_and_vector(&self.spec, i);
         let [height, width, channels] = self.spec.image_shape;
         let (h, w) = (height as f64, width as f64);
         let mut moments = vec![0.0; 4 * channels];

@@ -140,7 +140,7 @@ impl<T: Scalar> Trunk<T> {
     }
 
     /// Allocates buffers for passes of the trunk over up to `capacity` samples.
-    pub fn workspace(&self, capacity: usize) -> TrunkWorkspace<T> {
+    pub fn new_workspace(&self, capacity: usize) -> TrunkWorkspace<T> {
         let (encoder, vector) = (self.encoder.as_ref(), self.vector.as_ref());
         TrunkWorkspace {
             image: encoder.map(|encoder| EncoderBuffers::new(encoder, capacity)),
@@ -151,7 +151,7 @@ impl<T: Scalar> Trunk<T> {
 
     /// Loads an observation into position `slot` of `workspace`: pixels `[H, W, C]`, which the
     /// encoder maps to [-0.5, 0.5], and the vector `[D]`, reordered to irrep-major order.
-    pub fn load_sample(
+    pub fn load_observation(
         &self,
         slot: usize,
         image: &[u8],
@@ -185,7 +185,7 @@ impl<T: Scalar> Trunk<T> {
 
     /// Returns the images `[N, H, W, C]`, each padded with black to the encoder's input size.
     #[cfg(feature = "wgpu")]
-    pub fn centre_on_canvas<'i>(&self, images: &'i [u8]) -> Cow<'i, [u8]> {
+    pub fn pad_to_input_size<'i>(&self, images: &'i [u8]) -> Cow<'i, [u8]> {
         if self.canvas == self.spec.image_shape {
             return Cow::Borrowed(images);
         }
@@ -198,15 +198,15 @@ impl<T: Scalar> Trunk<T> {
     }
 
     /// Loads the observations at indices `range` into the slots of `workspace` from 0 on.
-    pub fn load_all(
+    pub fn load_observations(
         &self,
         observations: &Observations,
         range: Range<usize>,
         workspace: &mut TrunkWorkspace<T>,
     ) {
         for (slot, i) in range.enumerate() {
-            let (image, vector) = observations.sample(&self.spec, i);
-            self.load_sample(slot, image, vector, workspace);
+            let (image, vector) = observations.image_and_vector(&self.spec, i);
+            self.load_observation(slot, image, vector, workspace);
         }
     }
 
@@ -250,24 +250,29 @@ impl<T: Scalar> Trunk<T> {
     }
 
     /// Returns h, the features that actor and critic share, of the samples in slots 0..n.
-    pub fn fields<'p>(&self, n: usize, workspace: &'p TrunkWorkspace<T>) -> &'p [T] {
-        &workspace.fields()[..n * self.out_type().dim()]
+    pub fn feature_fields<'p>(&self, n: usize, workspace: &'p TrunkWorkspace<T>) -> &'p [T] {
+        &workspace.feature_fields()[..n * self.out_type().dim()]
     }
 
     /// Computes the invariant features of the n samples of the last forward pass.
-    pub fn pool(&self, n: usize, workspace: &mut TrunkWorkspace<T>) {
+    pub fn pool_features(&self, n: usize, workspace: &mut TrunkWorkspace<T>) {
         workspace.pool.forward(&self.pool, &[], n);
     }
 
     /// Computes the gradient of the loss with respect to h, the fields before pooling, from the
     /// gradient with respect to the invariant features, `[n, F]`.
-    pub fn pool_backward(&self, dfeatures: &[T], n: usize, workspace: &mut TrunkWorkspace<T>) {
+    pub fn pool_features_backward(
+        &self,
+        dfeatures: &[T],
+        n: usize,
+        workspace: &mut TrunkWorkspace<T>,
+    ) {
         workspace.pool.dy[..dfeatures.len()].copy_from_slice(dfeatures);
         workspace.pool.backward(&self.pool, &[], 0..0, n, &mut [], true);
     }
 
     /// Adds the gradient of the loss with respect to the trunk's parameters to `dparams`, from the
-    /// gradient with respect to h in [`TrunkWorkspace::d_fields`].
+    /// gradient with respect to h in [`TrunkWorkspace::d_feature_fields`].
     pub fn backward(
         &self,
         params: &[T],
@@ -303,7 +308,7 @@ impl<T: Scalar> Trunk<T> {
 impl<T: Scalar> TrunkWorkspace<T> {
     /// Returns h, the features that actor and critic share, of all slots; slots beyond the last
     /// forward pass hold values of an earlier one.
-    pub fn fields(&self) -> &[T] {
+    pub fn feature_fields(&self) -> &[T] {
         &self.pool.x
     }
 
@@ -314,7 +319,7 @@ impl<T: Scalar> TrunkWorkspace<T> {
 
     /// Returns the array for the gradient of the loss with respect to h, which is written before
     /// the backward pass.
-    pub fn d_fields(&mut self) -> &mut [T] {
+    pub fn d_feature_fields(&mut self) -> &mut [T] {
         &mut self.pool.dx
     }
 }
@@ -343,7 +348,7 @@ pub(crate) struct ParamAllocator(usize);
 
 impl ParamAllocator {
     /// Creates an allocator whose first range follows the parameters of `trunk`.
-    pub fn starting_after<T: Scalar>(trunk: &Trunk<T>) -> Self {
+    pub fn starting_after_trunk<T: Scalar>(trunk: &Trunk<T>) -> Self {
         Self(trunk.num_params())
     }
 

@@ -3,7 +3,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, EnvSpec, Experience, Observations, RlError, RolloutState, Transition, collect, evaluate,
+    Actor, EnvSpec, ExperienceBuffer, Observations, RlError, RolloutState, Transition,
+    collect_experience, evaluate_policy,
 };
 
 use crate::common::actors::{Ages, BlindActor};
@@ -21,7 +22,7 @@ struct Sieve {
     actions: Vec<f32>,
 }
 
-impl<A: Actor> Experience<A> for Sieve {
+impl<A: Actor> ExperienceBuffer<A> for Sieve {
     fn steps_per_env(&self) -> usize {
         self.steps
     }
@@ -47,18 +48,18 @@ fn env() -> Ages {
 fn collected(steps: usize, action: f32, len: usize) -> Result<usize, RlError> {
     let (mut env, mut actor) = (env(), constant(action));
     let mut sieve = Sieve { steps, actions: vec![0.0; len] };
-    let mut state = RolloutState::reset(&mut env, &actor)?;
+    let mut state = RolloutState::from_env_reset(&mut env, &actor)?;
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    Ok(collect(&mut env, &mut actor, &mut sieve, &mut state, &mut rng)?.decisions)
+    Ok(collect_experience(&mut env, &mut actor, &mut sieve, &mut state, &mut rng)?.decisions)
 }
 
 #[test]
 fn only_finite_actions_reach_the_environments() {
     assert_eq!(collected(4, 0.5, ENVS).unwrap(), 4 * ENVS);
-    let stats = evaluate(&mut env(), &mut constant(0.5), 1).unwrap();
+    let stats = evaluate_policy(&mut env(), &mut constant(0.5), 1).unwrap();
     assert_eq!(stats.episodes.len(), ENVS);
     for action in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        let evaluated = evaluate(&mut env(), &mut constant(action), 1).map(|_| ());
+        let evaluated = evaluate_policy(&mut env(), &mut constant(action), 1).map(|_| ());
         for result in [collected(4, action, ENVS).map(|_| ()), evaluated] {
             let named =
                 matches!(result, Err(RlError::NotFinite { what, .. }) if what == "an action");

@@ -1,9 +1,9 @@
 //! Collection: success, errors and noise, and rollouts that are shorter than an episode.
 
 use rl::{
-    ActorCriticPolicy, BoxedEnvError, EncoderSettings, EnvSpec, Experience, NetworkSettings,
+    ActorCriticPolicy, BoxedEnvError, EncoderSettings, EnvSpec, ExperienceBuffer, NetworkSettings,
     Observations, RlError, RolloutBuffer, RolloutState, StepOutcome, Transition, VectorEnv,
-    evaluate,
+    evaluate_policy,
 };
 use symmetry::Irrep;
 
@@ -73,7 +73,7 @@ fn strided(spec: &EnvSpec) -> ActorCriticPolicy {
 #[test]
 fn success_at_the_end_is_that_of_the_last_state() {
     let mut policy = strided(Scripted::new().spec());
-    let evaluated = evaluate(&mut Scripted::new(), &mut policy, 2).unwrap();
+    let evaluated = evaluate_policy(&mut Scripted::new(), &mut policy, 2).unwrap();
     for each in [OnPolicyRun::new(Scripted::new(), policy, 3).collect(), evaluated] {
         assert_eq!(each.success_rate(), Some(1.0));
         assert_eq!(each.success_at_end_rate(), Some(0.5));
@@ -86,7 +86,7 @@ fn the_error_of_an_environment_is_handed_on() {
     let mut env = Scripted::new();
     env.fails = true;
     let mut policy = strided(&env.spec);
-    let error = evaluate(&mut env, &mut policy, 1).unwrap_err();
+    let error = evaluate_policy(&mut env, &mut policy, 1).unwrap_err();
     assert!(matches!(&error, RlError::Environment(inner) if inner.is::<FellOver>()));
     assert_eq!(error.to_string(), "the environment failed: the table fell over");
 }
@@ -170,7 +170,7 @@ fn short_rollouts(reset: bool) -> [bool; 2] {
     let (mut returns, mut late) = (false, false);
     for _ in 0..3 {
         if reset {
-            run.state = RolloutState::reset(&mut run.env, &run.policy).unwrap();
+            run.state = RolloutState::from_env_reset(&mut run.env, &run.policy).unwrap();
         }
         returns |= run.collect().mean_return().is_some();
         late |= run.state.episodes.iter().any(|e| e.length > 4) || returns;
@@ -178,7 +178,7 @@ fn short_rollouts(reset: bool) -> [bool; 2] {
     [returns, late]
 }
 
-/// The reason for `check_horizon`, as documented at `collect`.
+/// The reason for `check_horizon`, as documented at `collect_experience`.
 #[test]
 fn short_rollouts_meet_late_states_only_where_episodes_go_on() {
     assert_eq!(short_rollouts(true), [false, false]);

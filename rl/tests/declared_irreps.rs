@@ -3,7 +3,7 @@
 use Irrep::{Trivial, X, XY, Y};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, Observations, RlError, check_symmetry};
+use rl::{EnvSpec, Observations, RlError, check_env_symmetry};
 use symmetry::{Group, Irrep};
 
 use crate::common::guess::Guess;
@@ -14,7 +14,7 @@ use crate::common::{PIXELS, PointReach};
 fn checked(vector: &[Irrep], action: &[Irrep], group: Group, seed: u64) -> Result<(), RlError> {
     let mut env = PointReach::new(100, seed).declaring(vector, action);
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    check_symmetry(&mut env, group, 20, &mut rng)
+    check_env_symmetry(&mut env, group, 20, &mut rng)
 }
 
 #[test]
@@ -65,7 +65,7 @@ fn a_dependence_of_rewards_alone_is_seen() {
     for (vector, refused) in [(X, false), (Trivial, true), (Y, true)] {
         let mut env = Guess::new(100, true, 1).declaring(&[vector], &[X]);
         let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let checked = check_symmetry(&mut env, Group::D2, 24, &mut rng);
+        let checked = check_env_symmetry(&mut env, Group::D2, 24, &mut rng);
         assert_eq!(checked.is_err(), refused, "{vector:?}: {checked:?}");
     }
 }
@@ -105,7 +105,7 @@ fn false_alarms_are_rare_whatever_the_distribution() {
         let noise = Noise(ChaCha8Rng::seed_from_u64(seed));
         let mut env = Toys::of(noise, spec.clone());
         let mut rng = ChaCha8Rng::seed_from_u64(1000 + seed);
-        check_symmetry(&mut env, Group::D2, 1, &mut rng).is_err()
+        check_env_symmetry(&mut env, Group::D2, 1, &mut rng).is_err()
     });
     // nominal 0.3; five or more have a probability of 1e-5
     assert!(alarms.count() < 5);
@@ -140,7 +140,7 @@ fn first_states_on_one_side_and_too_few_episodes_are_refused() {
     let mut env = Toys::of(OneSided, spec);
     let mut check = |steps| {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
-        let error = check_symmetry(&mut env, Group::D2, steps, &mut rng).unwrap_err();
+        let error = check_env_symmetry(&mut env, Group::D2, steps, &mut rng).unwrap_err();
         error.to_string()
     };
     let message = check(10);

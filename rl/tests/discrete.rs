@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, Decisions, EncoderSettings, EnvSpec, EvaluateActions,
     ExportPolicy, NetworkSettings, Observations, Ppo, PpoSettings, RlError, SacPolicy,
-    SymmetryLoss, VectorEnv, check_symmetry, evaluate,
+    SymmetryLoss, VectorEnv, check_env_symmetry, evaluate_policy,
 };
 use symmetry::{D2, Group, Irrep};
 
@@ -50,7 +50,7 @@ impl Toy for Sides {
 
     fn act(&mut self, n: usize, action: &[f32]) -> (f32, bool) {
         let [x, y] = self.points[n].map(|coordinate| usize::from(coordinate < 0.0));
-        let chosen = spec(1).chosen(action);
+        let chosen = spec(1).choice_indices(action);
         let right = usize::from(chosen[0] == x) + usize::from(chosen[1] == x + 2 * y);
         (right as f32, right == 2)
     }
@@ -106,7 +106,7 @@ fn choices_are_learnt_in_one_environment_and_in_64() {
             let stats = ppo.update(&mut run.policy, &run.buffer, &mut run.rng).unwrap();
             assert!(stats.log_std.is_empty() && stats.entropy > 0.0);
         }
-        let last = evaluate(&mut run.env, &mut run.policy, 512 / envs).unwrap();
+        let last = evaluate_policy(&mut run.env, &mut run.policy, 512 / envs).unwrap();
         let success = last.success_rate().unwrap();
         assert!(first < 0.2 && success > 0.9, "{envs} environments: {first} {success}");
     }
@@ -116,7 +116,7 @@ fn choices_are_learnt_in_one_environment_and_in_64() {
 fn the_check_of_irreps_knows_choices() {
     let check = |irreps: &[Irrep]| {
         let mut env = Sides::envs(100).declaring(&[X, Y], irreps);
-        check_symmetry(&mut env, Group::D2, 10, &mut ChaCha8Rng::seed_from_u64(0))
+        check_env_symmetry(&mut env, Group::D2, 10, &mut ChaCha8Rng::seed_from_u64(0))
     };
     check(&spec(1).action_irreps).unwrap();
     let wrong = check(&[Trivial, Y, Trivial, Trivial, X, Y, XY]).unwrap_err();

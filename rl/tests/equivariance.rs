@@ -4,8 +4,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, ActorCriticPolicy, ContextSettings, CriticSettings, EncoderSettings, EnvSpec,
-    FeatureExtractor, NetworkSettings, Observations, SacPolicy, ValueFunction,
+    Actor, ActorCriticPolicy, CriticSettings, EncoderSettings, EnvSpec, FeatureExtractor,
+    NetworkSettings, Observations, RecurrentContextSettings, SacPolicy, ValueFunction,
 };
 use symmetry::{D2, Group, Irrep};
 
@@ -161,7 +161,7 @@ fn tanh_gaussian_policies_are_equivariant_with_and_without_a_context() {
         ..NetworkSettings::default()
     };
     for group in Group::ALL {
-        for context in [None, Some(ContextSettings { size: 16, length: 2 })] {
+        for context in [None, Some(RecurrentContextSettings { size: 16, length: 2 })] {
             let settings = NetworkSettings { group, ..settings.clone() };
             let mut policy = SacPolicy::new(&settings, context, &spec(), 5).unwrap();
             let errors = |g| equivariance_errors(&mut policy, &spec(), g);

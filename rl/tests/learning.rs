@@ -3,9 +3,9 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, ContextSettings, EncoderSettings, EnvSpec, NetworkSettings, Ppo,
-    PpoSettings, ReplayBuffer, ReplaySettings, RolloutState, Sac, SacPolicy, SacSettings,
-    VectorEnv, collect, evaluate,
+    ActorCriticPolicy, Algorithm, EncoderSettings, EnvSpec, NetworkSettings, Ppo, PpoSettings,
+    RecurrentContextSettings, ReplayBuffer, ReplaySettings, RolloutState, Sac, SacPolicy,
+    SacSettings, VectorEnv, collect_experience, evaluate_policy,
 };
 use symmetry::Group;
 
@@ -89,7 +89,7 @@ fn settings() -> SacSettings {
 fn learned(
     env: &mut dyn VectorEnv,
     network: &NetworkSettings,
-    context: Option<ContextSettings>,
+    context: Option<RecurrentContextSettings>,
     turns: usize,
 ) -> f64 {
     let spec = env.spec().clone();
@@ -103,12 +103,12 @@ fn learned(
     };
     let mut replay = ReplayBuffer::new(replay, &spec).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(3);
-    let mut state = RolloutState::reset(env, &policy).unwrap();
+    let mut state = RolloutState::from_env_reset(env, &policy).unwrap();
     for _ in 0..turns {
-        collect(env, &mut policy, &mut replay, &mut state, &mut rng).unwrap();
+        collect_experience(env, &mut policy, &mut replay, &mut state, &mut rng).unwrap();
         sac.update(&mut policy, &replay, &mut rng).unwrap();
     }
-    evaluate(env, &mut policy, 4).unwrap().mean_return().unwrap()
+    evaluate_policy(env, &mut policy, 4).unwrap().mean_return().unwrap()
 }
 
 /// Returns are at most 8. A policy that stands still gets 8 * (1 - 0.45).
@@ -133,7 +133,7 @@ fn a_goal_that_only_rewards_tell_is_learnt_with_a_context() {
         let network = network(Group::C1, EncoderSettings::Blind);
         learned(&mut Guess::new(ENVS, false, 1), &network, context, 40)
     };
-    let remembering = run(Some(ContextSettings { size: 8, length: 2 }));
+    let remembering = run(Some(RecurrentContextSettings { size: 8, length: 2 }));
     let forgetful = run(None);
     assert!(remembering > 5.0, "remembering {remembering}");
     assert!(forgetful < 2.0, "forgetful {forgetful}");

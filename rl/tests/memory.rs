@@ -6,7 +6,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, ActorMemory, OnPolicyActor, ReplayBuffer, ReplaySettings, RolloutState, VectorEnv,
-    collect, evaluate,
+    collect_experience, evaluate_policy,
 };
 
 use crate::common::actors::{Ages, BlindActor};
@@ -57,7 +57,7 @@ fn is_right(lengths: &[usize], forgets: Forgets, [rollouts, steps]: [usize; 2]) 
     let mut run = OnPolicyRun::new(Ages::new(lengths), counter(forgets), steps);
     // after another reset of the same environments
     (0..2).all(|_| {
-        run.state = RolloutState::reset(&mut run.env, &run.policy).unwrap();
+        run.state = RolloutState::from_env_reset(&mut run.env, &run.policy).unwrap();
         (0..rollouts).all(|_| {
             run.collect();
             run.buffer.rewards().iter().all(|&reward| reward == 1.0)
@@ -76,7 +76,7 @@ proptest! {
     ) {
         prop_assert!(is_right(&lengths, Forgets::ThisOne, [rollouts, steps]));
         let mut actor = counter(Forgets::ThisOne);
-        for episode in evaluate(&mut Ages::new(&lengths), &mut actor, 2).unwrap().episodes {
+        for episode in evaluate_policy(&mut Ages::new(&lengths), &mut actor, 2).unwrap().episodes {
             prop_assert_eq!(episode.length, lengths[episode.env]);
             prop_assert_eq!(episode.total_reward, episode.length as f64);
         }
@@ -88,7 +88,7 @@ proptest! {
 fn the_check_fails_for_memories_that_leak_or_are_lost() {
     for forgets in [Forgets::Nothing, Forgets::TheFirst, Forgets::Everything] {
         assert!(!is_right(&[3, 4], forgets, [2, 5]));
-        let stats = evaluate(&mut Ages::new(&[3, 4]), &mut counter(forgets), 2).unwrap();
+        let stats = evaluate_policy(&mut Ages::new(&[3, 4]), &mut counter(forgets), 2).unwrap();
         assert!(stats.episodes.iter().any(|e| e.total_reward < e.length as f64));
     }
     let mut run = OnPolicyRun::new(Ages::new(&[5]), counter(Forgets::ThisOne), 3);
@@ -142,8 +142,8 @@ fn a_memory_hears_of_actions_and_rewards_before_the_end() {
                 memory.age += 2.0;
             },
         };
-        let mut state = RolloutState::reset(&mut env, &actor).unwrap();
-        collect(&mut env, &mut actor, &mut replay, &mut state, &mut rng).unwrap();
+        let mut state = RolloutState::from_env_reset(&mut env, &actor).unwrap();
+        collect_experience(&mut env, &mut actor, &mut replay, &mut state, &mut rng).unwrap();
         (state.memory.heard, replay.get(0).action()[0])
     };
     let step = |action: f32, reward| Heard::Step { action, reward };

@@ -4,7 +4,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, AlgorithmState, MAX_ABS_OBSERVATION, Ppo, PpoSettings, RlError,
-    RolloutBuffer, StepOutcome, Transition, evaluate,
+    RolloutBuffer, StepOutcome, Transition, evaluate_policy,
 };
 
 use crate::common::steps::{
@@ -61,7 +61,7 @@ fn an_error_names_environment_component_and_step() {
             let result = if collects {
                 rolled_out(env)
             } else {
-                evaluate(&mut env, &mut policy(), 1).map(|_| ())
+                evaluate_policy(&mut env, &mut policy(), 1).map(|_| ())
             };
             let message = result.unwrap_err().to_string();
             assert!(message.starts_with(expected), "{message}");

@@ -3,10 +3,10 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, ContextSettings, CriticSettings, EncoderSettings, EnvSpec,
-    ExportPolicy, NetworkSettings, Ppo, PpoSettings, ReplayBuffer, ReplaySettings, RlError,
-    RolloutState, Sac, SacPolicy, SacSettings, Transition, ValueFunction, VectorEnv,
-    check_symmetry, collect,
+    ActorCriticPolicy, Algorithm, CriticSettings, EncoderSettings, EnvSpec, ExportPolicy,
+    NetworkSettings, Ppo, PpoSettings, RecurrentContextSettings, ReplayBuffer, ReplaySettings,
+    RlError, RolloutState, Sac, SacPolicy, SacSettings, Transition, ValueFunction, VectorEnv,
+    check_env_symmetry, collect_experience,
 };
 use symmetry::Group;
 
@@ -91,7 +91,7 @@ fn ppo_trains_an_equivariant_policy_in_every_space() {
 /// With a context and moved windows; the replay that a state was saved of samples the same steps.
 #[test]
 fn sac_trains_an_equivariant_policy_in_every_space() {
-    let short_context = Some(ContextSettings { size: 4, length: 3 });
+    let short_context = Some(RecurrentContextSettings { size: 4, length: 3 });
     for space in SPACES {
         for (encoder, context) in encoders().into_iter().zip([None, short_context]) {
             let mut env = env(space);
@@ -113,17 +113,19 @@ fn sac_trains_an_equivariant_policy_in_every_space() {
             };
             let mut replay = ReplayBuffer::new(replay_settings.clone(), env.spec()).unwrap();
             let mut rng = ChaCha8Rng::seed_from_u64(3);
-            let mut state = RolloutState::reset(&mut env, &policy).unwrap();
+            let mut state = RolloutState::from_env_reset(&mut env, &policy).unwrap();
             for _ in 0..2 {
-                collect(&mut env, &mut policy, &mut replay, &mut state, &mut rng).unwrap();
+                collect_experience(&mut env, &mut policy, &mut replay, &mut state, &mut rng)
+                    .unwrap();
                 assert!(sac.update(&mut policy, &replay, &mut rng).unwrap().steps > 0);
             }
             assert_equivariant_under_only(Group::D2, &format!("{space:?}"), |g| {
                 equivariance_errors(&mut policy, env.spec(), g)
             });
             let restored =
-                ReplayBuffer::restore(replay_settings, env.spec(), &replay.save()).unwrap();
-            assert_eq!(restored.save(), replay.save());
+                ReplayBuffer::restore(replay_settings, env.spec(), &replay.checkpoint_state())
+                    .unwrap();
+            assert_eq!(restored.checkpoint_state(), replay.checkpoint_state());
         }
     }
 }
@@ -133,7 +135,7 @@ fn irreps_are_checked_in_every_space() {
     for (image, components) in SPACES {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let mut env = PointReach::showing(100, 0, image, components);
-        check_symmetry(&mut env, Group::D2, 2 * EPISODE, &mut rng).unwrap();
+        check_env_symmetry(&mut env, Group::D2, 2 * EPISODE, &mut rng).unwrap();
     }
 }
 

@@ -5,7 +5,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     Actor, Adam, Decisions, EvaluateActions, FeatureExtractor, GaeInputs, OnPolicyActor,
-    ParamGroup, RlError, RolloutBuffer, StepOutcome, ValueFunction, evaluate, gae,
+    ParamGroup, RlError, RolloutBuffer, StepOutcome, ValueFunction, evaluate_policy, gae,
 };
 
 use crate::common::PointReach;
@@ -159,7 +159,7 @@ proptest! {
             std::mem::swap(&mut all.transition, out);
         });
         let name = ARRAYS[array].split(' ').next_back().unwrap();
-        prop_assert!(names(evaluate(&mut env, &mut policy(), 1).map(|_| ()), name));
+        prop_assert!(names(evaluate_policy(&mut env, &mut policy(), 1).map(|_| ()), name));
         prop_assert!(names(rolled_out(env), name));
     }
 }

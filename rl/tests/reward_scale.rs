@@ -5,7 +5,8 @@ use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, BoxedEnvError, EncoderSettings, EnvSpec, MAX_ABS_RETURN,
     MIN_ABS_RETURN, NormalisationSettings, NormalisedEnv, Observations, Ppo, PpoSettings,
-    RewardWarning, RolloutBuffer, RolloutState, RolloutStats, Transition, VectorEnv, evaluate,
+    RewardWarning, RolloutBuffer, RolloutState, RolloutStats, Transition, VectorEnv,
+    evaluate_policy,
 };
 use symmetry::Irrep;
 
@@ -68,7 +69,7 @@ fn ppo(scale: f32) -> (f64, RolloutStats) {
         last = run.collect();
         ppo.update(&mut run.policy, &run.buffer, &mut run.rng).unwrap();
     }
-    let success = evaluate(&mut run.env, &mut run.policy, 16).unwrap().success_rate();
+    let success = evaluate_policy(&mut run.env, &mut run.policy, 16).unwrap().success_rate();
     (success.unwrap(), last)
 }
 
@@ -111,14 +112,14 @@ fn ppo_on_normalised(scale: f32) -> (f64, f64) {
         ppo.update(&mut run.policy, &run.buffer, &mut run.rng).unwrap();
     }
     // statistics are saved with the policy, and evaluations change none
-    let saved = serde_json::to_string(run.env.state()).unwrap();
+    let saved = serde_json::to_string(run.env.normalisation_state()).unwrap();
     let state = serde_json::from_str(&saved).unwrap();
     let restored = NormalisedEnv::new(Bandit::envs(32, scale), NormalisationSettings::default());
     let mut restored = restored.unwrap();
-    restored.restore(state).unwrap();
+    restored.restore_normalisation_state(state).unwrap();
     restored.set_training(false);
-    let played = evaluate(&mut restored, &mut run.policy, 16).unwrap();
-    assert_eq!(restored.state(), run.env.state());
+    let played = evaluate_policy(&mut restored, &mut run.policy, 16).unwrap();
+    assert_eq!(restored.normalisation_state(), run.env.normalisation_state());
     assert!(played.max_abs_return <= 1.1 * f64::from(scale), "rewards as they are");
     (played.success_rate().unwrap(), drawn)
 }
@@ -144,11 +145,13 @@ fn normalised_vectors_have_unit_variance_and_stay_symmetric_and_bad_numbers_are_
         let square = first.vectors.iter().map(|v| v * v).sum::<f32>() / 200.0;
         assert!((found - mean).abs() < 0.01 && (square - 1.0).abs() < 0.01, "{found} {square}");
         let other = NormalisedEnv::new(PointReach::new(1, 0), NormalisationSettings::default());
-        assert!(other.unwrap().restore(env.state().clone()).is_err());
+        assert!(
+            other.unwrap().restore_normalisation_state(env.normalisation_state().clone()).is_err()
+        );
         let infinite = Spread { env: Bandit::envs(2, 1.0), factor: f32::INFINITY, offset: 0.0 };
         let mut wrong = NormalisedEnv::new(infinite, NormalisationSettings::default()).unwrap();
         let policy = ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), wrong.spec(), 2);
-        let error = RolloutState::reset(&mut wrong, &policy.unwrap()).unwrap_err();
+        let error = RolloutState::from_env_reset(&mut wrong, &policy.unwrap()).unwrap_err();
         assert!(error.to_string().contains("environment 0, component 0, step 0"), "{error}");
     }
 }

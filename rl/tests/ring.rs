@@ -35,8 +35,8 @@ fn is(recorded: ReplayStep, step: &Step) -> bool {
     recorded.write_next_image(&mut next);
     image == step.seen.image()
         && next == step.next().image()
-        && recorded.vector() == step.seen.vector()
-        && recorded.next_vector() == step.next().vector()
+        && recorded.observation_vector() == step.seen.vector()
+        && recorded.next_observation_vector() == step.next().vector()
         && recorded.action() == step.seen.action()
         && recorded.reward() == step.seen.reward()
         && recorded.outcome() == step.outcome
@@ -47,7 +47,7 @@ fn is(recorded: ReplayStep, step: &Step) -> bool {
 fn check(replay: &ReplayBuffer, all: &[Step]) {
     let held = replay.len();
     assert_eq!(held, all.len().min(replay.settings().capacity));
-    assert_eq!(replay.num_recorded(), all.len() as u64);
+    assert_eq!(replay.total_recorded_steps(), all.len() as u64);
     for (i, step) in all[all.len() - held..].iter().enumerate() {
         let recorded = replay.get(i);
         assert!(is(recorded, step), "{i}: {recorded:?} {step:?}");
@@ -90,8 +90,8 @@ proptest! {
         if mark {
             replay.start_newest_experience();
         }
-        let mut copy = ReplayBuffer::restore(settings(capacity), &spec(1), &replay.save()).unwrap();
-        prop_assert_eq!(copy.save(), replay.save());
+        let mut copy = ReplayBuffer::restore(settings(capacity), &spec(1), &replay.checkpoint_state()).unwrap();
+        prop_assert_eq!(copy.checkpoint_state(), replay.checkpoint_state());
         check(&copy, &all);
         for seed in 0..3 {
             prop_assert_eq!(indices(&copy, 0.5, seed), indices(&replay, 0.5, seed));
@@ -99,7 +99,7 @@ proptest! {
         fill(&mut episodes.clone(), &mut copy, 7, &[3]);
         all.extend(fill(&mut episodes, &mut replay, 7, &[3]));
         check(&copy, &all);
-        prop_assert_eq!(copy.save(), replay.save());
+        prop_assert_eq!(copy.checkpoint_state(), replay.checkpoint_state());
     }
 }
 
@@ -123,9 +123,9 @@ fn a_share_of_a_minibatch_is_the_newest_experience() {
     let half = newest(&replay, 0.5, 40);
     assert!((101..160).contains(&half), "100 and a fifth of 100: {half}");
     assert!(newest(&replay, 0.0, 40) < 75);
-    replay.set_num_newest(4);
+    replay.mark_newest_steps(4);
     assert_eq!(newest(&replay, 1.0, 46), 200, "the last four of fifty");
-    replay.set_num_newest(1000);
+    replay.mark_newest_steps(1000);
     assert!(newest(&replay, 1.0, 46) < 50);
     // what is older than the ring counts no more
     fill(&mut episodes, &mut replay, 100, &[]);
@@ -153,8 +153,8 @@ fn an_endless_episode_is_forgotten_from_its_front() {
     }
     let step = 12 + 5 * size_of::<f32>();
     assert!(most < 2000 * step, "{most}");
-    let copy = ReplayBuffer::restore(settings(50), &spec(1), &replay.save()).unwrap();
-    assert_eq!(copy.save(), replay.save());
+    let copy = ReplayBuffer::restore(settings(50), &spec(1), &replay.checkpoint_state()).unwrap();
+    assert_eq!(copy.checkpoint_state(), replay.checkpoint_state());
 }
 
 /// 64 x 64 pixels with three channels that move and three that stand still, in episodes of 50
@@ -231,7 +231,7 @@ static NAN: [f32; 16] = [f32::NAN; 16];
 fn a_damaged_state_is_refused() {
     let (mut episodes, mut replay) = (Episodes::new(&[4, 9]), replay_of(2, 12));
     fill(&mut episodes, &mut replay, 11, &[]);
-    let state = replay.save();
+    let state = replay.checkpoint_state();
     let refused = |spoil: &dyn Fn(&mut rl::ReplayState)| {
         let mut wrong = state.clone();
         spoil(&mut wrong);
@@ -240,7 +240,7 @@ fn a_damaged_state_is_refused() {
     let damaged = |error| matches!(error, RlError::InvalidStateNumber { .. });
     assert!(damaged(refused(&|s| s.step_order[3][0] = 99)));
     assert!(damaged(refused(&|s| s.step_order[3][1] = 99)));
-    assert!(damaged(refused(&|s| s.num_recorded = 3)));
+    assert!(damaged(refused(&|s| s.total_recorded_steps = 3)));
     assert!(damaged(refused(&|s| s.num_before_newest = 1000)));
     assert!(damaged(refused(&|s| s.running_episodes[0] = Some(99))));
     assert!(damaged(refused(&|s| s.running_episodes[1] = Some(0))));

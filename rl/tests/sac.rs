@@ -1,9 +1,9 @@
 //! Updates of soft actor-critic, what they save and refuse, and their settings.
 
 use rl::{
-    Actor, Algorithm, ContextSettings, CriticSettings, EncoderSettings, EnvSpec, Metrics,
-    NetworkSettings, Observations, PpoSettings, ReplayBuffer, RlError, Sac, SacPolicy, SacSettings,
-    Temperature, VectorEnv,
+    Actor, Algorithm, CriticSettings, EncoderSettings, EntropyTemperature, EnvSpec, Metrics,
+    NetworkSettings, Observations, PpoSettings, RecurrentContextSettings, ReplayBuffer, RlError,
+    Sac, SacPolicy, SacSettings, VectorEnv,
 };
 use symmetry::Group;
 
@@ -11,8 +11,8 @@ use crate::common::PointReach;
 use crate::common::sac::{ENVS, Run, network, replay_settings, settings};
 use crate::common::steps::joint;
 
-const CONTEXT: ContextSettings = ContextSettings { size: 8, length: 3 };
-const LEARNED: Temperature = Temperature::Learned { initial: 0.1, target: -1.0 };
+const CONTEXT: RecurrentContextSettings = RecurrentContextSettings { size: 8, length: 3 };
+const LEARNED: EntropyTemperature = EntropyTemperature::Learned { initial: 0.1, target: -1.0 };
 
 fn strided() -> EncoderSettings {
     EncoderSettings::Strided { fields: vec![3, 4] }
@@ -66,7 +66,7 @@ fn a_saved_learner_goes_on_to_the_same_bits() {
         each.replay.start_newest_experience();
         each.collect().unwrap();
     }
-    assert_eq!(twin.replay.save(), run.replay.save());
+    assert_eq!(twin.replay.checkpoint_state(), run.replay.checkpoint_state());
     let [stats, twins] = [&mut run, &mut twin]
         .map(|run| run.sac.update(&mut run.policy, &run.replay, &mut run.rng).unwrap());
     assert_eq!(twins, stats);
@@ -86,7 +86,8 @@ fn restored(run: &Run) -> Run {
         env: run.env.clone(),
         policy,
         sac,
-        replay: ReplayBuffer::restore(replay_settings(), spec, &run.replay.save()).unwrap(),
+        replay: ReplayBuffer::restore(replay_settings(), spec, &run.replay.checkpoint_state())
+            .unwrap(),
         state: run.state.clone(),
         rng: run.rng.clone(),
     }
@@ -120,7 +121,7 @@ fn gradient_steps_follow_the_recorded_steps() {
     };
     assert_eq!([turn(), turn(), turn()], [2, 13, 12]);
     // nothing new was recorded, so nothing is due
-    assert_eq!(run.sac.gradient_steps_due(run.replay.num_recorded()), 0);
+    assert_eq!(run.sac.gradient_steps_due(run.replay.total_recorded_steps()), 0);
 }
 
 #[test]
@@ -171,7 +172,7 @@ fn a_network_that_diverged_is_reported_and_left_alone() {
     assert!(untouched);
     // a finite loss whose gradient is beyond f32
     let (gradient_error, gradient_untouched) = diverged(|run| {
-        let critics = run.policy.network().critic_params();
+        let critics = run.policy.network().critic_param_range();
         for param in &mut run.policy.params_mut()[critics] {
             *param *= 1e13;
         }
@@ -200,7 +201,11 @@ fn what_does_not_fit_is_refused() {
 }
 
 /// Acts with the memory of a policy of these settings on this many environments.
-fn act_with(fields: usize, context: Option<ContextSettings>, envs: usize) -> Result<(), RlError> {
+fn act_with(
+    fields: usize,
+    context: Option<RecurrentContextSettings>,
+    envs: usize,
+) -> Result<(), RlError> {
     let spec = PointReach::new(ENVS, 1).spec().clone();
     let policy = |width, memory| {
         let network = joint(strided(), width);
@@ -214,7 +219,7 @@ fn act_with(fields: usize, context: Option<ContextSettings>, envs: usize) -> Res
 #[test]
 fn a_memory_of_another_policy_or_other_environments_is_refused() {
     act_with(4, Some(CONTEXT), ENVS).unwrap();
-    let longer = ContextSettings { length: 4, ..CONTEXT };
+    let longer = RecurrentContextSettings { length: 4, ..CONTEXT };
     for (result, expected) in [
         (act_with(4, Some(CONTEXT), ENVS - 1), "memory: got 4"),
         (act_with(4, Some(longer), ENVS), "steps of memory: got 4"),
@@ -230,7 +235,7 @@ fn a_memory_of_another_policy_or_other_environments_is_refused() {
 fn a_learned_temperature_approaches_the_entropy_that_is_asked_for() {
     let after = |target| {
         let settings = SacSettings {
-            temperature: Temperature::Learned { initial: 0.1, target },
+            temperature: EntropyTemperature::Learned { initial: 0.1, target },
             learning_rate: 1e-3,
             ..settings()
         };
@@ -275,7 +280,7 @@ fn networks_and_contexts_that_do_not_fit_are_refused_by_name() {
     refused(&pooled, None, "critic.pooled.width");
     let narrow = NetworkSettings { log_std: -5.0, ..small_network() };
     refused(&narrow, None, "log_std");
-    let context = |size, length| Some(ContextSettings { size, length });
+    let context = |size, length| Some(RecurrentContextSettings { size, length });
     refused(&small_network(), context(30, 5), "context.size");
     refused(&small_network(), context(0, 5), "context.size");
     refused(&small_network(), context(8, 65), "context.length");

@@ -3,8 +3,9 @@
 use std::fmt::Debug;
 
 use rl::{
-    ContextSettings, EncoderSettings, NetworkSettings, Ppo, PpoSettings, ReplayBuffer,
-    ReplaySettings, RlError, Sac, SacPolicy, SacSettings, SymmetryLoss, Temperature,
+    EncoderSettings, EntropyTemperature, NetworkSettings, Ppo, PpoSettings,
+    RecurrentContextSettings, ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
+    SymmetryLoss,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -69,7 +70,7 @@ fn settings_of_learners_out_of_range_are_refused_by_name() {
             ("average_rate =", |s| s.average_rate = Some(1.5)),
             ("newest_share =", |s| s.newest_share = 1.1),
             ("cloning_weight =", |s| s.cloning_weight = f32::INFINITY),
-            ("temperature =", |s| s.temperature = Temperature::Fixed(-0.1)),
+            ("temperature =", |s| s.temperature = EntropyTemperature::Fixed(-0.1)),
             ("temperature.initial =", |s| s.temperature = learned(0.0, -1.0)),
             ("temperature.target =", |s| s.temperature = learned(1.0, f32::NAN)),
         ],
@@ -89,8 +90,8 @@ fn symmetry_loss(group: Group, weight: f32) -> Option<SymmetryLoss> {
     Some(SymmetryLoss { group, weight })
 }
 
-fn learned(initial: f32, target: f32) -> Temperature {
-    Temperature::Learned { initial, target }
+fn learned(initial: f32, target: f32) -> EntropyTemperature {
+    EntropyTemperature::Learned { initial, target }
 }
 
 #[test]
@@ -175,8 +176,8 @@ fn settings_survive_a_file_and_unknown_names_are_refused() {
     let plain = NetworkSettings { group: Group::C1, ..NetworkSettings::default() };
     assert_eq!(read::<NetworkSettings>(r#"{"group": "C1"}"#), plain);
     let fixed: SacSettings = read(r#"{"temperature": {"fixed": 0.1}}"#);
-    assert_eq!(fixed.temperature, Temperature::Fixed(0.1));
-    let papers: ContextSettings = read("{}");
+    assert_eq!(fixed.temperature, EntropyTemperature::Fixed(0.1));
+    let papers: RecurrentContextSettings = read("{}");
     assert_eq!((papers.size, papers.length), (30, 5));
     let replay: ReplaySettings = read(r#"{"capacity": 7}"#);
     assert_eq!((replay.capacity, replay.warm_up), (7, 1000));

@@ -3,7 +3,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, Observations, RlError, SymmetryViolation, VectorEnv, check_symmetry};
+use rl::{EnvSpec, Observations, RlError, SymmetryViolation, VectorEnv, check_env_symmetry};
 use symmetry::{Group, Irrep};
 
 use crate::common::toy::{Toy, Toys};
@@ -152,7 +152,7 @@ fn violations(fault: Fault, kind: usize, seed: u64) -> Vec<SymmetryViolation> {
     let mut env = envs(fault, kind, seed);
     let steps = EPISODES * env.horizon().unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    match check_symmetry(&mut env, Group::D2, steps, &mut rng) {
+    match check_env_symmetry(&mut env, Group::D2, steps, &mut rng) {
         Ok(()) => Vec::new(),
         Err(RlError::SymmetryViolated { violations }) => violations,
         Err(error) => panic!("{error}"),

@@ -3,7 +3,7 @@
 use rl::{
     Actor, ActorCriticPolicy, Algorithm, Decisions, EncoderSettings, EnvSpec, Metrics,
     NetworkSettings, OnPolicyActor, Ppo, PpoSettings, PpoStats, RlError, RolloutBuffer,
-    SymmetryLoss, VectorEnv, evaluate,
+    SymmetryLoss, VectorEnv, evaluate_policy,
 };
 use symmetry::Group;
 
@@ -97,7 +97,7 @@ fn a_rollout_reports_the_episodes_that_ended() {
 #[test]
 fn an_evaluation_runs_whole_episodes_with_the_mean_action() {
     let mut policy = rollout().policy;
-    let mut run = || evaluate(&mut PointReach::new(ENVS, 4), &mut policy, 2).unwrap();
+    let mut run = || evaluate_policy(&mut PointReach::new(ENVS, 4), &mut policy, 2).unwrap();
     let stats = run();
     assert_eq!((stats.decisions, stats.episodes.len()), (2 * ENVS * EPISODE, 2 * ENVS));
     assert!(stats.episodes.iter().all(|e| e.length == EPISODE));

@@ -11,8 +11,8 @@ use std::time::Duration;
 
 use glam::DVec3;
 use robots::{
-    Chain, Command, ControlError, ControlSettings, KinematicArm, MjcfSettings, Robot,
-    RobotDescription, Servo, Twist, TwistController, Watchdog, gen3,
+    ArmCommand, Chain, ControlError, JointServoSettings, KinematicArm, MjcfSettings, Robot,
+    RobotDescription, Twist, TwistControlSettings, TwistController, Watchdog, gen3,
 };
 
 /// Time between two commands.
@@ -25,14 +25,19 @@ const GEN3_JOINTS: [&str; 7] =
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = env::args().skip(1).collect();
     let (arm, tip) = match &arguments[..] {
-        [] => (gen3::description()?, "tool_link"),
+        [] => (gen3::gen3_description()?, "tool_link"),
         [file, tip] => (RobotDescription::from_urdf_file(Path::new(file))?, &tip[..]),
         _ => return Err("usage: embed_robot [URDF TIP_LINK]".into()),
     };
-    arm.notes().iter().chain(arm.missing_shapes()).for_each(|note| eprintln!("{note}"));
+    arm.import_notes()
+        .iter()
+        .chain(arm.missing_collision_shapes())
+        .for_each(|note| eprintln!("{note}"));
     if env::var_os("MJCF").is_some() {
-        let mjcf = arm
-            .to_mjcf(&MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() })?;
+        let mjcf = arm.to_mjcf(&MjcfSettings {
+            servo: Some(JointServoSettings::default()),
+            ..MjcfSettings::default()
+        })?;
         print!("{}", mjcf.text);
         for [first, second] in mjcf.excluded_pairs.iter() {
             eprintln!(
@@ -44,7 +49,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let chain = Chain::new(&arm, tip)?;
     let posture = posture(&arm, &chain);
     describe(&arm, &chain, &posture);
-    let control = TwistController::new(chain, &posture, ControlSettings::default())?;
+    let control = TwistController::new(chain, &posture, TwistControlSettings::default())?;
     Ok(dry_run(KinematicArm::new(control))?)
 }
 
@@ -54,14 +59,14 @@ fn posture(arm: &RobotDescription, chain: &Chain) -> Vec<f64> {
     let names = chain.joints().iter().map(|joint| &joint.name[..]);
     // another robot may have the Gen3's name
     if arm.name() == "kinova_gen3" && names.eq(GEN3_JOINTS) {
-        return gen3::WORK.to_vec();
+        return gen3::WORK_JOINT_POSITIONS.to_vec();
     }
     let ranges = chain.joints().iter().map(|joint| joint.motion.range);
     ranges.map(|range| range.map_or(0.5, |[low, high]| (low + 2.0 * high) / 3.0)).collect()
 }
 
 fn describe(arm: &RobotDescription, chain: &Chain, posture: &[f64]) {
-    for of in arm.restrictions() {
+    for of in arm.range_restrictions() {
         let (joint, follower) = (&of.joint, &of.follower);
         println!(
             "the range of {joint} is smaller than in the file, so that {follower} keeps to its own"
@@ -75,7 +80,7 @@ fn describe(arm: &RobotDescription, chain: &Chain, posture: &[f64]) {
     for (joint, &position) in chain.joints().iter().zip(posture) {
         positions[joint.dof_index] = position;
     }
-    for (link, capsule) in arm.capsules(&positions) {
+    for (link, capsule) in arm.enclosing_capsules(&positions) {
         let (name, [start, end]) = (&arm.links()[link].name, capsule.ends);
         println!("{name}: {start:.3} to {end:.3}, radius {:.3} m", capsule.radius);
     }
@@ -90,7 +95,7 @@ fn dry_run(arm: KinematicArm) -> Result<(), ControlError> {
         for _ in 0..20 {
             if let Some(way) = way {
                 let twist = Twist::from_linear(0.1 * way);
-                robot.command(&Command { twist, gripper_closure: 0.0 })?;
+                robot.command(&ArmCommand { twist, gripper_closure: 0.0 })?;
             }
             robot.robot_mut().advance(PERIOD.as_secs_f64())?;
             now.set(now.get() + PERIOD);

@@ -4,7 +4,7 @@
 use std::env;
 use std::path::Path;
 
-use robots::{Joint, JointMotion, Pose, PositionSource, RobotDescription};
+use robots::{Joint, JointMotion, JointPositionSource, Pose, RobotDescription};
 
 fn main() {
     for file in env::args().skip(1) {
@@ -23,21 +23,26 @@ fn facts(robot: &RobotDescription) -> String {
             low + part * (high - low)
         };
         let positions: Vec<f64> = robot.free_joints().enumerate().map(position).collect();
-        let moving = |joint: &Joint| Some((joint.name.clone(), joint.motion?.position(&positions)));
+        let moving = |joint: &Joint| {
+            Some((joint.name.clone(), joint.motion?.position_from_dofs(&positions)))
+        };
         let joints: Vec<_> = robot.joints().iter().filter_map(moving).collect();
         let frame = |pose: &Pose| (pose.position.to_array(), pose.rotation.to_array());
         let frames: Vec<_> = robot.link_poses(&positions).iter().map(frame).collect();
-        (joints, frames, robot.holding_forces(&positions))
+        (joints, frames, robot.gravity_compensation_forces(&positions))
     });
     // the degree of freedom of a joint that moves, and its share of that one's motion
     let share = |joint: &Joint| match joint.motion?.drive {
-        PositionSource::Free { dof } => Some((joint.name.clone(), dof, 1.0)),
-        PositionSource::Follows { dof, multiplier, .. } => {
+        JointPositionSource::Free { dof } => Some((joint.name.clone(), dof, 1.0)),
+        JointPositionSource::Follows { dof, multiplier, .. } => {
             Some((joint.name.clone(), dof, multiplier))
         }
     };
     let shares: Vec<_> = robot.joints().iter().filter_map(share).collect();
     let masses = robot.links().iter().filter_map(|link| Some(link.inertia?.mass));
     let links: Vec<&String> = robot.links().iter().map(|link| &link.name).collect();
-    format!("{:?}", (links, masses.sum::<f64>(), shares, postures, robot.missing_shapes()))
+    format!(
+        "{:?}",
+        (links, masses.sum::<f64>(), shares, postures, robot.missing_collision_shapes())
+    )
 }

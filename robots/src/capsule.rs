@@ -54,7 +54,7 @@ pub enum Shape {
         half_extents: DVec3,
     },
     /// The convex hull of a mesh.
-    Hull(Arc<Hull>),
+    Hull(Arc<ConvexHull>),
 }
 
 /// Collision shape at a pose in the frame of its link.
@@ -68,12 +68,12 @@ pub struct PlacedShape {
 
 /// Convex hull of points, with capsules that enclose it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Hull {
+pub struct ConvexHull {
     points: Vec<DVec3>,
     capsules: Vec<PlacedShape>,
 }
 
-impl Hull {
+impl ConvexHull {
     /// Creates the hull of `points` with `capsules` that enclose it.
     pub(crate) fn new(points: Vec<DVec3>, capsules: Vec<PlacedShape>) -> Self {
         Self { points, capsules }

@@ -2,7 +2,9 @@
 
 use glam::DVec3;
 
-use crate::description::{JointMotion, MotionKind, PositionSource, RobotDescription, check_length};
+use crate::description::{
+    JointMotion, JointMotionKind, JointPositionSource, RobotDescription, check_length,
+};
 use crate::error::DescriptionError;
 use crate::pose::Pose;
 use crate::twist::Twist;
@@ -95,8 +97,8 @@ impl Chain {
             pose = pose * joint.before;
             let axis = pose.rotation * joint.motion.axis;
             *column = match joint.motion.kind {
-                MotionKind::Slide => Twist::from_linear(axis),
-                MotionKind::Hinge => {
+                JointMotionKind::Slide => Twist::from_linear(axis),
+                JointMotionKind::Hinge => {
                     Twist { linear: axis.cross(tip.position - pose.position), angular: axis }
                 }
             };
@@ -111,7 +113,7 @@ impl Chain {
         let mut base = self.joints[0].before;
         let mut links: Vec<DVec3> =
             self.joints[1..].iter().map(|joint| joint.before.position).collect();
-        if let (JointMotion { kind: MotionKind::Hinge, axis, .. }, Some(link)) =
+        if let (JointMotion { kind: JointMotionKind::Hinge, axis, .. }, Some(link)) =
             (self.joints[0].motion, links.first_mut())
         {
             // turning about the axis keeps the distance from each of its points
@@ -119,7 +121,7 @@ impl Chain {
             base.position = base.transform_point(along);
             *link -= along;
         }
-        let slides = self.joints.iter().filter(|of| of.motion.kind == MotionKind::Slide);
+        let slides = self.joints.iter().filter(|of| of.motion.kind == JointMotionKind::Slide);
         let travel = slides.map(|of| match of.motion.range {
             Some([low, high]) => low.abs().max(high.abs()),
             None => f64::INFINITY,
@@ -137,7 +139,7 @@ impl Chain {
     ///
     /// # Panics
     /// If `positions` is too short.
-    pub fn configuration(&self, positions: &[f64]) -> Vec<f64> {
+    pub fn extract_configuration(&self, positions: &[f64]) -> Vec<f64> {
         self.joints.iter().map(|joint| positions[joint.dof_index]).collect()
     }
 }
@@ -156,7 +158,7 @@ fn path_to(description: &RobotDescription, tip: &str) -> Result<Vec<usize>, Desc
 }
 
 fn dof(motion: &JointMotion, tip: &str, joint: &str) -> Result<usize, DescriptionError> {
-    let PositionSource::Free { dof } = motion.drive else {
+    let JointPositionSource::Free { dof } = motion.drive else {
         let reason = format!("the joint `{joint}` on it follows another joint");
         return Err(chain_error(tip, reason));
     };

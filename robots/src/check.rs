@@ -5,11 +5,11 @@ use serde::Serialize;
 
 use crate::capsule::Capsule;
 use crate::chain::Chain;
-use crate::control::{ControlSettings, TwistController};
-use crate::description::{Inertia, Joint, JointMotion, Link, MotionKind, RobotDescription};
+use crate::control::{TwistControlSettings, TwistController};
+use crate::description::{Inertia, Joint, JointMotion, JointMotionKind, Link, RobotDescription};
 use crate::error::DescriptionError;
 use crate::ik::IkSettings;
-use crate::mjcf::{MjcfSettings, Servo, TouchingPairs};
+use crate::mjcf::{JointServoSettings, MjcfSettings, TouchingLinkPairs};
 use crate::pose::Pose;
 use crate::robot_file::RobotFile;
 
@@ -32,13 +32,13 @@ const INERTIA_PER_MASS: f64 = 4.0;
 
 /// Result of the check of a robot's description: its figures, and what is missing or looks wrong.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct RobotCheck {
+pub struct RobotCheckReport {
     /// Name of the robot.
     pub name: String,
     /// Number of links.
     pub links: usize,
     /// Joints that move.
-    pub joints: Vec<JointCheck>,
+    pub joints: Vec<JointSummary>,
     /// Mass of all links (kg).
     pub mass_kg: f64,
     /// Name of the hand's link.
@@ -61,7 +61,7 @@ pub struct RobotCheck {
     pub ik_found: usize,
     /// Pairs of links that touch at rest or in most postures, and therefore do not collide in the
     /// simulation.
-    pub touching: TouchingPairs,
+    pub touching: TouchingLinkPairs,
     /// Values that look as if they were in another unit.
     pub unit_warnings: Vec<String>,
     /// Values of the file that were replaced, left out or reduced.
@@ -76,7 +76,7 @@ pub struct RobotCheck {
 /// Moving joint of a checked robot, with its limits. Units are radians and newton metres, or metres
 /// and newtons of a slide.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct JointCheck {
+pub struct JointSummary {
     /// Name of the joint.
     pub name: String,
     /// `true` for a slide, `false` for a hinge.
@@ -91,7 +91,7 @@ pub struct JointCheck {
     pub max_effort: Option<f64>,
 }
 
-impl RobotCheck {
+impl RobotCheckReport {
     /// Returns `true` if the robot can be simulated and controlled, and no unit looks wrong.
     pub fn passes(&self) -> bool {
         self.problems.is_empty() && self.unit_warnings.is_empty()
@@ -102,42 +102,44 @@ impl RobotFile {
     /// Reads the URDF and checks the robot with the settings of this file.
     ///
     /// # Errors
-    /// Those of [`RobotFile::description`]; [`DescriptionError::UnknownLink`] for the hand.
-    pub fn check(&self) -> Result<RobotCheck, DescriptionError> {
-        self.description()?.check_with(self)
+    /// Those of [`RobotFile::read_description`]; [`DescriptionError::UnknownLink`] for the hand.
+    pub fn check_report(&self) -> Result<RobotCheckReport, DescriptionError> {
+        self.read_description()?.check_with(self)
     }
 }
 
 impl RobotDescription {
-    /// Checks the robot with the hand `hand`, or [`RobotDescription::default_hand`] if `None`.
+    /// Checks the robot with the hand `hand`, or [`RobotDescription::default_hand_link`] if `None`.
     ///
     /// # Errors
     /// [`DescriptionError::UnknownLink`] for a hand that the robot does not have.
-    pub fn check(&self, hand: Option<&str>) -> Result<RobotCheck, DescriptionError> {
+    pub fn check_report(&self, hand: Option<&str>) -> Result<RobotCheckReport, DescriptionError> {
         let hand = hand.map(str::to_owned);
         self.check_with(&RobotFile { hand, ..RobotFile::default() })
     }
 
-    fn check_with(&self, file: &RobotFile) -> Result<RobotCheck, DescriptionError> {
-        let hand = file.hand(self);
+    fn check_with(&self, file: &RobotFile) -> Result<RobotCheckReport, DescriptionError> {
+        let hand = file.hand_link(self);
         self.link_index(hand, "the robot's hand")?;
-        let fingers = file.fingers(self);
+        let fingers = file.finger_links(self);
         let mut problems = Vec::new();
         problems.extend(fingers.as_ref().err().map(ToString::to_string));
         let axis = file.approach_axis(self);
         problems.extend(axis.as_ref().err().map(ToString::to_string));
-        let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
+        let settings =
+            MjcfSettings { servo: Some(JointServoSettings::default()), ..MjcfSettings::default() };
         problems.extend(self.to_mjcf(&settings).err().map(|error| error.to_string()));
         let chain = Chain::new(self, hand);
         problems.extend(chain.as_ref().err().map(ToString::to_string));
         let chain = chain.ok();
         if let Some(chain) = &chain {
-            let posture = chain.spread_configuration(0);
-            let control = TwistController::new(chain.clone(), &posture, ControlSettings::default());
+            let posture = chain.quasi_random_configuration(0);
+            let control =
+                TwistController::new(chain.clone(), &posture, TwistControlSettings::default());
             problems.extend(control.err().map(|error| error.to_string()));
         }
-        let reach = chain.as_ref().map(Chain::reach).filter(|reach| reach.is_finite());
-        Ok(RobotCheck {
+        let reach = chain.as_ref().map(Chain::max_reach).filter(|reach| reach.is_finite());
+        Ok(RobotCheckReport {
             name: self.name.clone(),
             links: self.links.len(),
             joints: self.joints.iter().filter_map(joint_check).collect(),
@@ -207,7 +209,9 @@ impl RobotDescription {
                 warn(largest <= INERTIA_PER_MASS * mass, inertia, unit);
             }
         }
-        for (joint, motion) in self.free_joints().filter(|(_, of)| of.kind == MotionKind::Hinge) {
+        for (joint, motion) in
+            self.free_joints().filter(|(_, of)| of.kind == JointMotionKind::Hinge)
+        {
             let limit = motion.range.map_or(0.0, |[low, high]| low.abs().max(high.abs()));
             let name = &joint.name;
             let range = format!("the joint `{name}` turns as far as {limit} rad");
@@ -220,11 +224,11 @@ impl RobotDescription {
     }
 }
 
-fn joint_check(joint: &Joint) -> Option<JointCheck> {
+fn joint_check(joint: &Joint) -> Option<JointSummary> {
     let JointMotion { kind, range, max_speed, max_effort, .. } = joint.motion?;
     let follows = !joint.motion?.is_free();
-    let slides = kind == MotionKind::Slide;
-    Some(JointCheck { name: joint.name.clone(), slides, follows, range, max_speed, max_effort })
+    let slides = kind == JointMotionKind::Slide;
+    Some(JointSummary { name: joint.name.clone(), slides, follows, range, max_speed, max_effort })
 }
 
 /// Returns the largest distance of a shape from the origin of its link (metres).
@@ -237,10 +241,10 @@ fn extent(link: &Link) -> f64 {
 
 /// Returns the number of targets that inverse kinematics finds.
 fn found_targets(chain: &Chain) -> usize {
-    let seed = chain.spread_configuration(0);
+    let seed = chain.quasi_random_configuration(0);
     let found = |number: usize| {
-        let target = chain.tip_pose(&chain.spread_configuration(FIRST_TARGET + number));
-        chain.solve_ik_with(&target, &seed, &IkSettings::default()).is_ok()
+        let target = chain.tip_pose(&chain.quasi_random_configuration(FIRST_TARGET + number));
+        chain.solve_ik_with_settings(&target, &seed, &IkSettings::default()).is_ok()
     };
     (0..TARGETS).filter(|&number| found(number)).count()
 }
@@ -248,13 +252,13 @@ fn found_targets(chain: &Chain) -> usize {
 impl Chain {
     /// Returns a bound on the distance of the tip (metres) from [`Chain::reach_centre`] in any
     /// configuration. Infinite with a slide without limits.
-    pub fn reach(&self) -> f64 {
+    pub fn max_reach(&self) -> f64 {
         let (_, to_last) = self.reach_bound();
         to_last + self.tip_in_last_joint().position.length()
     }
 
-    /// Returns the point (metres, world) from which [`Chain::reach`] is measured: the first joint
-    /// or, if that turns, the point of its axis nearest to the next joint.
+    /// Returns the point (metres, world) from which [`Chain::max_reach`] is measured: the first
+    /// joint or, if that turns, the point of its axis nearest to the next joint.
     pub fn reach_centre(&self) -> DVec3 {
         self.reach_bound().0
     }

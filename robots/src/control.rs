@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
 use crate::chain::{Chain, ChainJoint};
-use crate::description::{JointMotion, MotionKind, check_length};
+use crate::description::{JointMotion, JointMotionKind, check_length};
 use crate::error::MAX_NUMBER;
 use crate::error::{ControlError, require_finite};
 use crate::ik::{
@@ -16,7 +16,7 @@ use crate::twist::{Twist, TwistLimits};
 
 /// Settings of a [`TwistController`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ControlSettings {
+pub struct TwistControlSettings {
     /// Maximum speeds and accelerations of the tip.
     pub limits: TwistLimits,
     /// Damping of the least squares (metres or radians per unit of a joint), in [1e-4, 1]. A larger
@@ -40,7 +40,7 @@ pub struct ControlSettings {
     pub orientation: OrientationConstraint,
 }
 
-impl Default for ControlSettings {
+impl Default for TwistControlSettings {
     fn default() -> Self {
         Self {
             limits: TwistLimits::default(),
@@ -55,7 +55,7 @@ impl Default for ControlSettings {
     }
 }
 
-impl ControlSettings {
+impl TwistControlSettings {
     /// Rejects settings out of range.
     ///
     /// # Errors
@@ -127,7 +127,7 @@ const POSTURE_SPEED: f64 = 0.1;
 #[derive(Clone, Debug, PartialEq)]
 pub struct TwistController {
     chain: Chain,
-    settings: ControlSettings,
+    settings: TwistControlSettings,
     posture: Vec<f64>,
     configuration: Vec<f64>,
     velocities: Vec<f64>,
@@ -150,7 +150,7 @@ impl TwistController {
     pub fn new(
         chain: Chain,
         posture: &[f64],
-        settings: ControlSettings,
+        settings: TwistControlSettings,
     ) -> Result<Self, ControlError> {
         let joints = chain.joints().len();
         check_length("posture", posture.len(), joints);
@@ -210,7 +210,7 @@ impl TwistController {
     }
 
     /// Returns the twist with which the tip's reference moves now, along the axes of the world.
-    pub fn twist(&self) -> Twist {
+    pub fn current_twist(&self) -> Twist {
         self.twist
     }
 
@@ -219,8 +219,8 @@ impl TwistController {
     ///
     /// # Errors
     /// [`ControlError::NotFinite`]; [`ControlError::CannotFollow`] if the arm could not follow for
-    /// [`ControlSettings::lookahead_s`]. The arm is stopped then.
-    pub fn command(&mut self, twist: Twist) -> Result<(), ControlError> {
+    /// [`TwistControlSettings::lookahead_s`]. The arm is stopped then.
+    pub fn command_twist(&mut self, twist: Twist) -> Result<(), ControlError> {
         let checked = check_twist(&twist).and_then(|()| self.look_ahead(twist));
         if checked.is_err() {
             self.stop();
@@ -230,7 +230,8 @@ impl TwistController {
         checked
     }
 
-    /// Simulates `twist` on a copy for [`ControlSettings::lookahead_s`], and fails if a tick fails.
+    /// Simulates `twist` on a copy for [`TwistControlSettings::lookahead_s`], and fails if a tick
+    /// fails.
     fn look_ahead(&self, twist: Twist) -> Result<(), ControlError> {
         let mut ahead = self.clone();
         ahead.wanted = twist;
@@ -269,7 +270,7 @@ impl TwistController {
     }
 
     fn follow(&mut self, seconds: f64) -> Result<(), ControlError> {
-        let twist = self.settings.limits.ramp(self.twist, self.wanted, seconds);
+        let twist = self.settings.limits.ramp_twist(self.twist, self.wanted, seconds);
         if twist == Twist::ZERO {
             self.stop();
             return Ok(());
@@ -291,7 +292,7 @@ impl TwistController {
     fn solve(&mut self, twist: Twist, seconds: f64) {
         let Self { chain, settings, configuration, posture, reference, solver, .. } = self;
         let (tip, orientation) = (chain.tip_pose(configuration), settings.orientation);
-        let correction = settings.correction_rate * orientation.error(&tip, reference);
+        let correction = settings.correction_rate * orientation.pose_error(&tip, reference);
         let speed = twist.linear.length().max(twist.angular.length());
         let rate = settings.posture_rate * (speed / POSTURE_SPEED).min(1.0);
         solver.solve(
@@ -329,7 +330,7 @@ impl TwistController {
     }
 
     fn check_lag(&self) -> Result<(), ControlError> {
-        let lag = self.settings.orientation.error(&self.tip_pose(), &self.reference);
+        let lag = self.settings.orientation.pose_error(&self.tip_pose(), &self.reference);
         let near = lag.linear.length() <= self.settings.tolerance
             && lag.angular.length() <= self.settings.angular_tolerance;
         if near {
@@ -351,7 +352,7 @@ pub(crate) fn check_twist(twist: &Twist) -> Result<(), ControlError> {
 /// Returns `displacement`, less whole turns of a hinge without limits: in (-pi, pi] for such a one.
 fn shortest(motion: &JointMotion, displacement: f64) -> f64 {
     match (motion.kind, motion.range) {
-        (MotionKind::Hinge, None) => displacement - TAU * (displacement / TAU - 0.5).ceil(),
+        (JointMotionKind::Hinge, None) => displacement - TAU * (displacement / TAU - 0.5).ceil(),
         _ => displacement,
     }
 }

@@ -21,14 +21,14 @@ pub struct RobotDescription {
     /// Joints; joint i carries link i + 1.
     pub(crate) joints: Vec<Joint>,
     pub(crate) num_dofs: usize,
-    pub(crate) restrictions: Vec<RangeRestriction>,
+    pub(crate) restrictions: Vec<JointRangeRestriction>,
     pub(crate) notes: Vec<String>,
     pub(crate) missing_shapes: Vec<String>,
 }
 
 /// Reduction of a free joint's range, so that a joint that follows it stays within its own range.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RangeRestriction {
+pub struct JointRangeRestriction {
     /// Name of the free joint.
     pub joint: String,
     /// Name of the joint that follows it.
@@ -92,7 +92,7 @@ pub struct Joint {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointMotion {
     /// Turning or sliding.
-    pub kind: MotionKind,
+    pub kind: JointMotionKind,
     /// Unit vector in the joint's frame.
     pub axis: DVec3,
     /// Lowest and highest position; `None` for a joint without limits. A file may state them the
@@ -107,12 +107,12 @@ pub struct JointMotion {
     /// Dry friction.
     pub friction: f64,
     /// Source of the joint's position.
-    pub drive: PositionSource,
+    pub drive: JointPositionSource,
 }
 
 /// Kind of motion: rotation about an axis, or translation along it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MotionKind {
+pub enum JointMotionKind {
     /// Rotation.
     Hinge,
     /// Translation.
@@ -121,7 +121,7 @@ pub enum MotionKind {
 
 /// Source of a joint's position: the position vector, or another joint that it follows.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum PositionSource {
+pub enum JointPositionSource {
     /// Element of the position vector.
     Free {
         /// Index in the position vector.
@@ -138,9 +138,9 @@ pub enum PositionSource {
     },
 }
 
-impl PositionSource {
+impl JointPositionSource {
     /// Returns the index in the position vector that determines the joint's position.
-    pub fn dof(self) -> usize {
+    pub fn dof_index(self) -> usize {
         match self {
             Self::Free { dof } | Self::Follows { dof, .. } => dof,
         }
@@ -149,10 +149,10 @@ impl PositionSource {
 
 impl JointMotion {
     /// Returns the joint's position, given the position vector `positions`.
-    pub fn position(&self, positions: &[f64]) -> f64 {
+    pub fn position_from_dofs(&self, positions: &[f64]) -> f64 {
         match self.drive {
-            PositionSource::Free { dof } => positions[dof],
-            PositionSource::Follows { dof, multiplier, offset } => {
+            JointPositionSource::Free { dof } => positions[dof],
+            JointPositionSource::Follows { dof, multiplier, offset } => {
                 multiplier * positions[dof] + offset
             }
         }
@@ -160,14 +160,14 @@ impl JointMotion {
 
     /// Returns `true` if the joint's position is an element of the position vector.
     pub(crate) fn is_free(&self) -> bool {
-        matches!(self.drive, PositionSource::Free { .. })
+        matches!(self.drive, JointPositionSource::Free { .. })
     }
 
     /// Returns the pose of the link in the joint's frame, with the joint at `position`.
     pub(crate) fn pose(&self, position: f64) -> Pose {
         match self.kind {
-            MotionKind::Slide => Pose::from_position(position * self.axis),
-            MotionKind::Hinge => Pose {
+            JointMotionKind::Slide => Pose::from_position(position * self.axis),
+            JointMotionKind::Hinge => Pose {
                 position: DVec3::ZERO,
                 rotation: DQuat::from_axis_angle(self.axis, position),
             },
@@ -220,18 +220,18 @@ impl RobotDescription {
 
     /// Returns the free joints whose ranges are smaller than in the file because of joints that
     /// follow them.
-    pub fn restrictions(&self) -> &[RangeRestriction] {
+    pub fn range_restrictions(&self) -> &[JointRangeRestriction] {
         &self.restrictions
     }
 
     /// Returns notes on values of the file that were replaced or left out, for the user.
-    pub fn notes(&self) -> &[String] {
+    pub fn import_notes(&self) -> &[String] {
         &self.notes
     }
 
     /// Returns the collision shapes that are missing, with reasons: meshes that could not be read,
     /// and shapes of a size below 1e-6 m.
-    pub fn missing_shapes(&self) -> &[String] {
+    pub fn missing_collision_shapes(&self) -> &[String] {
         &self.missing_shapes
     }
 
@@ -356,18 +356,19 @@ impl RobotDescription {
         poses.push(self.base_pose);
         // parents come before children, so the parent's pose is known already
         for joint in &self.joints {
-            let moved = joint.motion().map(|motion| motion.pose(motion.position(positions)));
+            let moved =
+                joint.motion().map(|motion| motion.pose(motion.position_from_dofs(positions)));
             poses.push(poses[joint.parent] * joint.origin * moved.unwrap_or(Pose::IDENTITY));
         }
         poses
     }
 
     /// Returns capsules in the world that enclose all shapes, each with the index of its link.
-    /// [`RobotDescription::missing_shapes`] names shapes that are not among them.
+    /// [`RobotDescription::missing_collision_shapes`] names shapes that are not among them.
     ///
     /// # Panics
     /// If `positions` is not of length [`RobotDescription::num_dofs`].
-    pub fn capsules(&self, positions: &[f64]) -> Vec<(usize, Capsule)> {
+    pub fn enclosing_capsules(&self, positions: &[f64]) -> Vec<(usize, Capsule)> {
         let links = self.links.iter().zip(self.link_poses(positions)).enumerate();
         let of_link = |(index, (link, pose)): (usize, (&Link, Pose))| {
             let capsules = link.shapes.iter().flat_map(|shape| shape.enclosing_capsules(&pose));

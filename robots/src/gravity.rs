@@ -2,7 +2,9 @@
 
 use glam::DVec3;
 
-use crate::description::{JointMotion, Link, MotionKind, PositionSource, RobotDescription};
+use crate::description::{
+    JointMotion, JointMotionKind, JointPositionSource, Link, RobotDescription,
+};
 use crate::pose::Pose;
 
 /// Acceleration of the earth's gravity (m/s^2); z is up.
@@ -16,7 +18,7 @@ impl RobotDescription {
     ///
     /// # Panics
     /// If `positions` is not of length [`RobotDescription::num_dofs`].
-    pub fn holding_forces(&self, positions: &[f64]) -> Vec<f64> {
+    pub fn gravity_compensation_forces(&self, positions: &[f64]) -> Vec<f64> {
         let poses = self.link_poses(positions);
         let mut forces = vec![0.0; self.num_dofs];
         let mut loads = self.loads(&poses);
@@ -29,8 +31,8 @@ impl RobotDescription {
                 continue;
             };
             let (dof, share) = match motion.drive {
-                PositionSource::Free { dof } => (dof, 1.0),
-                PositionSource::Follows { dof, multiplier, .. } => (dof, multiplier),
+                JointPositionSource::Free { dof } => (dof, 1.0),
+                JointPositionSource::Follows { dof, multiplier, .. } => (dof, multiplier),
             };
             forces[dof] -= share * force_on_joint(load, &poses[link], &motion);
         }
@@ -56,8 +58,8 @@ fn force_on_joint(load: Load, pose: &Pose, motion: &JointMotion) -> f64 {
     // the joint's own motion, which `pose` includes, does not change its axis
     let axis = pose.rotation * motion.axis;
     match motion.kind {
-        MotionKind::Slide => load.weight.dot(axis),
-        MotionKind::Hinge => (load.moment - pose.position.cross(load.weight)).dot(axis),
+        JointMotionKind::Slide => load.weight.dot(axis),
+        JointMotionKind::Hinge => (load.moment - pose.position.cross(load.weight)).dot(axis),
     }
 }
 

@@ -16,7 +16,7 @@ impl RobotDescription {
     /// Returns the name of the link that is taken for the hand: the last one before the tree
     /// branches into links that move, for instance fingers. Where nothing moves any more, single
     /// fixed links, such as a flange and a tool, belong to the arm.
-    pub fn default_hand(&self) -> &str {
+    pub fn default_hand_link(&self) -> &str {
         let mut link = 0;
         loop {
             let children: Vec<usize> = self.children(link).collect();
@@ -34,7 +34,10 @@ impl RobotDescription {
     /// # Errors
     /// [`DescriptionError::UnknownLink`]; [`DescriptionError::UnknownFingers`] if other branches
     /// than two such fingers move.
-    pub fn default_fingers(&self, hand: &str) -> Result<Option<[String; 2]>, DescriptionError> {
+    pub fn default_finger_links(
+        &self,
+        hand: &str,
+    ) -> Result<Option<[String; 2]>, DescriptionError> {
         let index = self.link_index(hand, "the robot's hand")?;
         let branches = self.moving_branches(index);
         if branches.is_empty() {
@@ -54,8 +57,8 @@ impl RobotDescription {
         };
         let finger = |branch: usize| {
             let links = branch..self.descendants(branch).end;
-            let mut moving =
-                links.filter_map(|link| Some((link, self.joints[link - 1].motion?.drive.dof())));
+            let mut moving = links
+                .filter_map(|link| Some((link, self.joints[link - 1].motion?.drive.dof_index())));
             moving.next().filter(|_| moving.next().is_none())
         };
         let ((first, dof), (second, same)) = (finger(one)?, finger(other)?);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::capsule::{Capsule, Hull, PlacedShape, Shape, furthest};
+use crate::capsule::{Capsule, ConvexHull, PlacedShape, Shape, furthest};
 use crate::fit::{bounding_capsule, extent, volume};
 use crate::pose::Pose;
 
@@ -43,7 +43,7 @@ pub(crate) fn mesh_shape(points: &[DVec3]) -> PlacedShape {
                 if size(&capsules) < size(&best) { capsules } else { best }
             },
         );
-    PlacedShape { pose, shape: Shape::Hull(Arc::new(Hull::new(outermost, capsules))) }
+    PlacedShape { pose, shape: Shape::Hull(Arc::new(ConvexHull::new(outermost, capsules))) }
 }
 
 /// Returns capsules around slices of a hull across its longest side, which enclose `all` points,

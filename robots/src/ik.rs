@@ -144,7 +144,7 @@ impl OrientationConstraint {
 
     /// Returns the error of the tip, without the rotation that is free, as the twist that moves it
     /// to `target` in one second.
-    pub fn error(&self, tip: &Pose, target: &Pose) -> Twist {
+    pub fn pose_error(&self, tip: &Pose, target: &Pose) -> Twist {
         let [linear, turn] = tip.displacement_to(target);
         let angular = match self {
             Self::Full => turn,
@@ -168,7 +168,7 @@ impl OrientationConstraint {
     }
 }
 
-/// Settings of the inverse kinematics of [`Chain::solve_ik_with`].
+/// Settings of the inverse kinematics of [`Chain::solve_ik_with_settings`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct IkSettings {
     /// Part of the target's orientation that a solution must have.
@@ -224,12 +224,12 @@ impl Chain {
     /// Solves the inverse kinematics for a full pose of the tip, with the default settings.
     ///
     /// # Errors
-    /// Those of [`Chain::solve_ik_with`].
+    /// Those of [`Chain::solve_ik_with_settings`].
     ///
     /// # Panics
     /// If `seed` is not as long as the chain.
     pub fn solve_ik(&self, target: &Pose, seed: &[f64]) -> Result<Vec<f64>, ControlError> {
-        self.solve_ik_with(target, seed, &IkSettings::default())
+        self.solve_ik_with_settings(target, seed, &IkSettings::default())
     }
 
     /// Solves the inverse kinematics: a configuration `[len]` within all ranges that brings the tip
@@ -243,7 +243,7 @@ impl Chain {
     ///
     /// # Panics
     /// If `seed` is not as long as the chain.
-    pub fn solve_ik_with(
+    pub fn solve_ik_with_settings(
         &self,
         target: &Pose,
         seed: &[f64],
@@ -286,7 +286,7 @@ impl Chain {
     /// Returns configuration `number` of a sequence that is spread evenly over the ranges of the
     /// joints, of which half a turn (or as many metres) to either side of the middle is used.
     /// Number 0 is the middle itself, and zero for joints without limits.
-    pub fn spread_configuration(&self, number: usize) -> Vec<f64> {
+    pub fn quasi_random_configuration(&self, number: usize) -> Vec<f64> {
         let ranges = self.ranges();
         let middle = |range: &Option<[f64; 2]>| range.map_or(0.0, |[low, high]| low.midpoint(high));
         let middle: Vec<f64> = ranges.iter().map(middle).collect();
@@ -303,7 +303,11 @@ impl Chain {
     ///
     /// # Panics
     /// If `configuration` is not as long as the chain.
-    pub fn tip_speed(&self, configuration: &[f64], orientation: OrientationConstraint) -> f64 {
+    pub fn tip_speed_in_any_direction(
+        &self,
+        configuration: &[f64],
+        orientation: OrientationConstraint,
+    ) -> f64 {
         let mut solver = JointVelocitySolver::new(configuration.len(), orientation);
         let mut columns = vec![Twist::ZERO; configuration.len()];
         let tip = self.jacobian(configuration, &mut columns);
@@ -349,8 +353,10 @@ impl Search<'_> {
         let start = configuration.clone();
         let mut iteration = 0;
         loop {
-            let error =
-                self.solver.orientation.error(&self.chain.tip_pose(&configuration), self.target);
+            let error = self
+                .solver
+                .orientation
+                .pose_error(&self.chain.tip_pose(&configuration), self.target);
             let size = error.linear.length().max(error.angular.length());
             if size < PRECISION || iteration == iterations {
                 return (size, configuration);
@@ -458,7 +464,7 @@ pub(crate) fn tip_miss(
     target: &Pose,
 ) -> MissedTarget {
     let tip = chain.tip_pose(configuration);
-    let error = orientation.error(&tip, target);
+    let error = orientation.pose_error(&tip, target);
     let mut joints = chain.joints().iter().zip(configuration);
     let stuck = joints.find(|&(joint, &position)| {
         let [low, high] = range_margins(joint, position);
@@ -515,7 +521,7 @@ mod tests {
     /// A redundant arm moves its tip as wanted with any one joint held, each at a bound of its own.
     #[test]
     fn the_other_joints_do_what_a_held_one_cannot() {
-        let arm = gen3::description().unwrap();
+        let arm = gen3::gen3_description().unwrap();
         let chain = Chain::new(&arm, "tool_link").unwrap();
         let configuration = [0.4, 0.7, 2.5, -1.5, 0.6, -1.0, 1.2];
         let wanted =

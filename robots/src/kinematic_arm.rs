@@ -2,7 +2,7 @@
 
 use crate::control::TwistController;
 use crate::error::ControlError;
-use crate::robot::{Command, Robot, RobotState};
+use crate::robot::{ArmCommand, Robot, RobotState};
 
 /// Time (seconds) in which the fingers close: a Robotiq 2F-85 at full speed.
 const CLOSING_TIME: f64 = 0.57;
@@ -46,7 +46,7 @@ impl KinematicArm {
     }
 
     /// Returns the controller that turns commands into joint positions.
-    pub fn control(&self) -> &TwistController {
+    pub fn controller(&self) -> &TwistController {
         &self.control
     }
 }
@@ -60,9 +60,9 @@ impl Robot for KinematicArm {
         })
     }
 
-    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         let checked = command.check();
-        let sent = checked.and_then(|()| self.control.command(command.twist));
+        let sent = checked.and_then(|()| self.control.command_twist(command.twist));
         self.unless_failed(sent)?;
         self.wanted_closing = command.gripper_closure;
         Ok(())

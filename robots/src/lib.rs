@@ -25,18 +25,18 @@ mod watchdog;
 
 pub use capsule::{Capsule, PlacedShape, Shape};
 pub use chain::{Chain, ChainJoint};
-pub use check::{JointCheck, RobotCheck};
-pub use control::{ControlSettings, TwistController};
+pub use check::{JointSummary, RobotCheckReport};
+pub use control::{TwistControlSettings, TwistController};
 pub use description::{
-    Inertia, Joint, JointMotion, Link, MotionKind, PositionSource, RangeRestriction,
+    Inertia, Joint, JointMotion, JointMotionKind, JointPositionSource, JointRangeRestriction, Link,
     RobotDescription,
 };
 pub use error::{ControlError, DescriptionError, MissedTarget};
 pub use ik::{IkSettings, OrientationConstraint};
 pub use kinematic_arm::KinematicArm;
-pub use mjcf::{LinkAddition, Mjcf, MjcfSettings, Servo, TouchingPairs};
+pub use mjcf::{ExtraLinkMjcf, JointServoSettings, Mjcf, MjcfSettings, TouchingLinkPairs};
 pub use pose::Pose;
-pub use robot::{Command, Robot, RobotState};
+pub use robot::{ArmCommand, Robot, RobotState};
 pub use robot_file::RobotFile;
 pub use twist::{Twist, TwistLimits};
 pub use urdf::{MAX_LINKS, MAX_URDF_BYTES, UrdfSettings};

@@ -19,7 +19,7 @@ use serde::Serialize;
 
 use crate::capsule::{PlacedShape, Shape};
 use crate::description::{
-    Inertia, Joint, JointMotion, Link, MotionKind, PositionSource, RobotDescription,
+    Inertia, Joint, JointMotion, JointMotionKind, JointPositionSource, Link, RobotDescription,
 };
 use crate::error::DescriptionError;
 use crate::error::{all, check_numbers, require};
@@ -40,12 +40,12 @@ pub struct Mjcf {
     /// MJCF source.
     pub text: String,
     /// Pairs of links whose collisions are switched off in all poses.
-    pub excluded_pairs: TouchingPairs,
+    pub excluded_pairs: TouchingLinkPairs,
 }
 
 /// Pairs of links, more than one joint apart, that touch at rest or in most postures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TouchingPairs {
+pub struct TouchingLinkPairs {
     /// Pairs that touch at rest ([`RobotDescription::rest_positions`]).
     pub at_rest: Vec<[String; 2]>,
     /// Other pairs, which touch in more than half of 32 postures that are spread over the ranges of
@@ -53,7 +53,7 @@ pub struct TouchingPairs {
     pub in_most_postures: Vec<[String; 2]>,
 }
 
-impl TouchingPairs {
+impl TouchingLinkPairs {
     /// Returns all pairs, those that touch at rest first.
     pub fn iter(&self) -> impl Iterator<Item = &[String; 2]> {
         self.at_rest.iter().chain(&self.in_most_postures)
@@ -64,12 +64,12 @@ impl TouchingPairs {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MjcfSettings {
     /// Servos of the joints; if `None`, the model has no actuators.
-    pub servo: Option<Servo>,
+    pub servo: Option<JointServoSettings>,
     /// Pairs of a link and the default class (`childclass`) of its geometries and of all links
     /// below it. The scene must declare the classes.
     pub link_classes: Vec<(String, String)>,
     /// Elements that are added to links.
-    pub additions: Vec<LinkAddition>,
+    pub additions: Vec<ExtraLinkMjcf>,
 }
 
 /// MJCF elements that are added to a link's body, for instance sites and cameras.
@@ -77,7 +77,7 @@ pub struct MjcfSettings {
 /// Added geoms contribute mass only to a link that has neither mass nor shapes; added bodies have
 /// masses of their own.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LinkAddition {
+pub struct ExtraLinkMjcf {
     /// Name of the link.
     pub link: String,
     /// MJCF of the elements, which is not checked.
@@ -87,11 +87,11 @@ pub struct LinkAddition {
 /// Servos of the free joints: the force is `stiffness` times the position error plus `damping`
 /// times the speed error, up to the joint's effort.
 ///
-/// An actuator has the name of its joint, and takes [`Servo::control_signal`] as its control. Its
-/// damping needs an implicit integrator (`<option integrator="implicit"/>`); with Euler's it
-/// vibrates.
+/// An actuator has the name of its joint, and takes [`JointServoSettings::control_signal`] as its
+/// control. Its damping needs an implicit integrator (`<option integrator="implicit"/>`); with
+/// Euler's it vibrates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Servo {
+pub struct JointServoSettings {
     /// Position error (radians, metres) at which the servo applies the joint's maximum effort; 1e-6
     /// or more.
     pub saturation_error: f64,
@@ -99,7 +99,7 @@ pub struct Servo {
     pub damping_time: f64,
 }
 
-impl Default for Servo {
+impl Default for JointServoSettings {
     /// Returns settings that give a Kinova Gen3 about the stiffness that others simulate it with:
     /// 1950 and 450 N m/rad.
     fn default() -> Self {
@@ -107,7 +107,7 @@ impl Default for Servo {
     }
 }
 
-impl Servo {
+impl JointServoSettings {
     fn check(&self) -> Result<(), DescriptionError> {
         let Self { saturation_error, damping_time } = *self;
         let place = || "the servo".to_owned();
@@ -120,8 +120,8 @@ impl Servo {
     }
 
     /// Returns the offset of a joint's control that adds `force` (newtons, newton metres), for
-    /// instance one of [`RobotDescription::holding_forces`]. Zero for a joint without a known
-    /// effort, which can have no servo.
+    /// instance one of [`RobotDescription::gravity_compensation_forces`]. Zero for a joint without
+    /// a known effort, which can have no servo.
     pub fn feed_forward(&self, motion: &JointMotion, force: f64) -> f64 {
         motion.max_effort.map_or(0.0, |effort| force * self.saturation_error / effort)
     }
@@ -166,7 +166,7 @@ impl RobotDescription {
     ///
     /// # Errors
     /// Errors of [`RobotDescription::to_mjcf`].
-    pub fn to_mjcf_part(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
+    pub fn to_mjcf_include(&self, settings: &MjcfSettings) -> Result<Mjcf, DescriptionError> {
         let sections = self.sections(settings)?;
         let text = format!("<mujocoinclude>\n{}</mujocoinclude>\n", sections.text);
         Ok(Mjcf { text, ..sections })
@@ -264,7 +264,7 @@ impl RobotDescription {
     }
 
     /// Writes `<exclude>` for the pairs of links that must not collide.
-    fn excludes(&self, touching: &TouchingPairs) -> String {
+    fn excludes(&self, touching: &TouchingLinkPairs) -> String {
         let links = 0..self.links.len();
         let pairs =
             links.flat_map(|link| self.neighbours(link).into_iter().map(move |n| [n, link]));
@@ -297,7 +297,7 @@ impl RobotDescription {
 
     /// Returns the pairs of links that would collide at rest, and the others that would in more
     /// than half of [`POSTURES`] postures.
-    pub(crate) fn touching_pairs(&self) -> TouchingPairs {
+    pub(crate) fn touching_pairs(&self) -> TouchingLinkPairs {
         let (at_rest, others) = self.split_touching(self.colliding_pairs(), &self.rest_positions());
         let ranges: Vec<_> = self.free_joints().map(|(_, motion)| motion.range).collect();
         let mut counts = BTreeMap::new();
@@ -308,7 +308,7 @@ impl RobotDescription {
             }
         }
         counts.retain(|_, &mut count| 2 * count > POSTURES);
-        TouchingPairs {
+        TouchingLinkPairs {
             at_rest: at_rest.into_iter().map(|pair| self.link_names(pair)).collect(),
             in_most_postures: counts.into_keys().map(|pair| self.link_names(pair)).collect(),
         }
@@ -374,8 +374,8 @@ impl RobotDescription {
     fn equalities(&self) -> String {
         let names: Vec<&str> = self.free_joints().map(|(joint, _)| &joint.name[..]).collect();
         let equality = |joint: &Joint| match joint.motion?.drive {
-            PositionSource::Free { .. } => None,
-            PositionSource::Follows { dof, multiplier, offset } => Some(format!(
+            JointPositionSource::Free { .. } => None,
+            JointPositionSource::Follows { dof, multiplier, offset } => Some(format!(
                 "<joint joint1=\"{}\" joint2=\"{}\" polycoef=\"{offset} {multiplier} 0 0 0\"/>\n",
                 xml_escaped(&joint.name),
                 xml_escaped(names[dof]),
@@ -385,7 +385,7 @@ impl RobotDescription {
     }
 
     /// Writes an actuator for each free joint.
-    fn servos(&self, servo: &Servo) -> String {
+    fn servos(&self, servo: &JointServoSettings) -> String {
         let of_joint = |(joint, motion): (&Joint, &JointMotion)| {
             let name = xml_escaped(&joint.name);
             // no servos are written where an effort is unknown
@@ -458,8 +458,8 @@ fn inertial(inertia: &Inertia) -> String {
 
 fn moving(name: &str, motion: &JointMotion) -> String {
     let kind = match motion.kind {
-        MotionKind::Hinge => "hinge",
-        MotionKind::Slide => "slide",
+        JointMotionKind::Hinge => "hinge",
+        JointMotionKind::Slide => "slide",
     };
     let range = |[low, high]: [f64; 2]| format!(" limited=\"true\" range=\"{low} {high}\"");
     format!(

@@ -6,14 +6,14 @@ use crate::twist::Twist;
 
 /// Command to a robot: twist of its tip and target of its gripper.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Command {
+pub struct ArmCommand {
     /// Twist of the tip, along the axes of the world.
     pub twist: Twist,
     /// Target of the fingers, in [0, 1]: 0 is open, 1 is closed.
     pub gripper_closure: f64,
 }
 
-impl Command {
+impl ArmCommand {
     /// Rejects a twist that is not finite, and a gripper closure out of range.
     ///
     /// # Errors
@@ -58,7 +58,7 @@ pub trait Robot {
     ///
     /// # Errors
     /// A [`ControlError`]; the robot stands still then.
-    fn command(&mut self, command: &Command) -> Result<(), ControlError>;
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError>;
 
     /// Stops all motion.
     ///
@@ -72,7 +72,7 @@ impl<R: Robot + ?Sized> Robot for Box<R> {
         (**self).state()
     }
 
-    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         (**self).command(command)
     }
 

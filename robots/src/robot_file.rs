@@ -19,7 +19,7 @@ use crate::urdf::UrdfSettings;
 pub struct RobotFile {
     /// Path of the URDF, relative to the folder of this file.
     pub urdf: PathBuf,
-    /// Name of the hand's link; `None` for [`RobotDescription::default_hand`].
+    /// Name of the hand's link; `None` for [`RobotDescription::default_hand_link`].
     #[serde(default)]
     pub hand: Option<String>,
     /// Axis of the hand, in its own frame, that points down at work; `None` for
@@ -27,7 +27,7 @@ pub struct RobotFile {
     #[serde(default)]
     pub approach_axis: Option<[f64; 3]>,
     /// Names of the links of the hand's two fingers; `None` for
-    /// [`RobotDescription::default_fingers`].
+    /// [`RobotDescription::default_finger_links`].
     #[serde(default)]
     pub fingers: Option<[String; 2]>,
     /// Position of the base (metres; origin: centre of the table, y away from the robot, z up);
@@ -62,7 +62,7 @@ pub struct RobotFile {
 
 impl RobotFile {
     /// Returns `true` for names of files that [`RobotFile::read`] takes: `.urdf` and `.json`.
-    pub fn has_extension(path: &Path) -> bool {
+    pub fn has_supported_extension(path: &Path) -> bool {
         is(path, "urdf") || is(path, "json")
     }
 
@@ -94,8 +94,8 @@ impl RobotFile {
     /// Reads the URDF.
     ///
     /// # Errors
-    /// Those of [`RobotDescription::from_urdf_file_with`]; they name the file.
-    pub fn description(&self) -> Result<RobotDescription, DescriptionError> {
+    /// Those of [`RobotDescription::from_urdf_file_with_settings`]; they name the file.
+    pub fn read_description(&self) -> Result<RobotDescription, DescriptionError> {
         let settings = UrdfSettings {
             packages: self.packages.clone().into_iter().collect(),
             mesh_root: self.mesh_root.clone(),
@@ -104,28 +104,30 @@ impl RobotFile {
             default_effort: self.default_effort,
             repair: self.repair,
         };
-        RobotDescription::from_urdf_file_with(&self.urdf, &settings).map_err(|error| match error {
-            DescriptionError::Read { .. } => error,
-            _ => DescriptionError::File { path: self.urdf.clone(), error: Box::new(error) },
+        RobotDescription::from_urdf_file_with_settings(&self.urdf, &settings).map_err(|error| {
+            match error {
+                DescriptionError::Read { .. } => error,
+                _ => DescriptionError::File { path: self.urdf.clone(), error: Box::new(error) },
+            }
         })
     }
 
     /// Returns the name of the hand's link in `robot`.
-    pub fn hand<'a>(&'a self, robot: &'a RobotDescription) -> &'a str {
-        self.hand.as_deref().unwrap_or(robot.default_hand())
+    pub fn hand_link<'a>(&'a self, robot: &'a RobotDescription) -> &'a str {
+        self.hand.as_deref().unwrap_or(robot.default_hand_link())
     }
 
     /// Returns the names of the links of the hand's two fingers; `None` if nothing moves on it.
     ///
     /// # Errors
-    /// Those of [`RobotDescription::default_fingers`].
-    pub fn fingers(
+    /// Those of [`RobotDescription::default_finger_links`].
+    pub fn finger_links(
         &self,
         robot: &RobotDescription,
     ) -> Result<Option<[String; 2]>, DescriptionError> {
         match &self.fingers {
             Some(names) => Ok(Some(names.clone())),
-            None => robot.default_fingers(self.hand(robot)),
+            None => robot.default_finger_links(self.hand_link(robot)),
         }
     }
 
@@ -135,7 +137,7 @@ impl RobotFile {
     /// Those of [`RobotDescription::default_approach_axis`];
     /// [`DescriptionError::NumberOutOfRange`] for an axis without direction.
     pub fn approach_axis(&self, robot: &RobotDescription) -> Result<DVec3, DescriptionError> {
-        let hand = self.hand(robot);
+        let hand = self.hand_link(robot);
         let Some(axis) = self.approach_axis else {
             return robot.default_approach_axis(hand);
         };

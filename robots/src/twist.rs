@@ -109,7 +109,7 @@ impl TwistLimits {
     /// Returns the twist `seconds` after `present`, accelerated towards `wanted` within the limits.
     ///
     /// A `wanted` above the maximum speed is scaled down and keeps its direction.
-    pub fn ramp(&self, present: Twist, wanted: Twist, seconds: f64) -> Twist {
+    pub fn ramp_twist(&self, present: Twist, wanted: Twist, seconds: f64) -> Twist {
         let ramp = |from: DVec3, to: DVec3, speed: f64, acceleration: f64| {
             let change = to.clamp_length_max(speed) - from;
             from + change.clamp_length_max(acceleration * seconds)

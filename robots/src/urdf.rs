@@ -112,21 +112,21 @@ impl RobotDescription {
     /// Reads a URDF file, and the collision meshes that it names, with the default settings.
     ///
     /// # Errors
-    /// Those of [`RobotDescription::from_urdf_file_with`].
+    /// Those of [`RobotDescription::from_urdf_file_with_settings`].
     pub fn from_urdf_file(path: &Path) -> Result<Self, DescriptionError> {
-        Self::from_urdf_file_with(path, &UrdfSettings::default())
+        Self::from_urdf_file_with_settings(path, &UrdfSettings::default())
     }
 
     /// Reads a URDF file, and the collision meshes that it names.
     ///
     /// A mesh (STL, OBJ or COLLADA) becomes the convex hull of its points. One that cannot be read
-    /// is left out and named by [`RobotDescription::missing_shapes`].
+    /// is left out and named by [`RobotDescription::missing_collision_shapes`].
     ///
     /// # Errors
     /// [`DescriptionError::Read`], [`DescriptionError::InvalidFolder`] and
     /// [`DescriptionError::NumberOutOfRange`] for settings, and those of
     /// [`RobotDescription::from_urdf`].
-    pub fn from_urdf_file_with(
+    pub fn from_urdf_file_with_settings(
         path: &Path,
         settings: &UrdfSettings,
     ) -> Result<Self, DescriptionError> {

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::error::ControlError;
-use crate::robot::{Command, Robot, RobotState};
+use crate::robot::{ArmCommand, Robot, RobotState};
 
 /// Wrapper that stops a robot if no command arrives within the time-out, if a command is rejected,
 /// and on drop.
@@ -30,8 +30,8 @@ enum Activity {
 }
 
 /// Default time after which a robot without a new command is stopped. It equals the default
-/// [`ControlSettings::lookahead_s`](crate::ControlSettings::lookahead_s), which commands are
-/// checked for.
+/// [`TwistControlSettings::lookahead_s`](crate::TwistControlSettings::lookahead_s), which commands
+/// are checked for.
 const TIMEOUT: Duration = Duration::from_millis(200);
 
 impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
@@ -91,7 +91,7 @@ impl<R: Robot, C: Fn() -> Duration> Robot for Watchdog<R, C> {
         self.robot.state()
     }
 
-    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         // before the command, which would make an overdue robot look freshly commanded
         self.check_timeout()?;
         let sent = command.check().and_then(|()| self.robot.command(command));

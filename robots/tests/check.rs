@@ -13,7 +13,7 @@ fn six_joint(from: &str, to: &str) -> RobotDescription {
 
 #[test]
 fn the_check_of_a_whole_robot_finds_its_hand_and_nothing_wrong() {
-    let check = gen3::description().unwrap().check(None).unwrap();
+    let check = gen3::gen3_description().unwrap().check_report(None).unwrap();
     assert!(check.passes(), "{check:#?}");
     assert_eq!((&check.hand[..], check.chain.len(), check.joints.len()), ("gripper_link", 7, 9));
     assert_eq!(check.approach_axis, Some([0.0, 0.0, 1.0]));
@@ -24,9 +24,10 @@ fn the_check_of_a_whole_robot_finds_its_hand_and_nothing_wrong() {
     let reach = check.reach_m.unwrap();
     assert!((0.902..1.2).contains(&reach), "{reach}");
     assert!(check.ik_found >= 97 && check.ik_targets == 100, "{}", check.ik_found);
-    let tool = gen3::description().unwrap().check(Some("tool_link")).unwrap();
+    let tool = gen3::gen3_description().unwrap().check_report(Some("tool_link")).unwrap();
     assert!(tool.reach_m.unwrap() > reach);
-    let message = gen3::description().unwrap().check(Some("claw")).unwrap_err().to_string();
+    let message =
+        gen3::gen3_description().unwrap().check_report(Some("claw")).unwrap_err().to_string();
     assert!(message.contains("`claw`"), "{message}");
 }
 
@@ -48,12 +49,12 @@ fn values_in_other_units_are_named() {
         ),
         ("ixx=\"0.05\"", "ixx=\"50\"", "the link `column` of 4 kg has 47.5"),
     ] {
-        let check = six_joint(from, to).check(Some("tip")).unwrap();
+        let check = six_joint(from, to).check_report(Some("tip")).unwrap();
         assert!(!check.passes());
         let found = check.unit_warnings.iter().any(|warning| warning.contains(says));
         assert!(found, "{says}: {:?}", check.unit_warnings);
     }
-    let check = six_joint("", "").check(Some("tip")).unwrap();
+    let check = six_joint("", "").check_report(Some("tip")).unwrap();
     assert_eq!(check.unit_warnings, [""; 0]);
 }
 
@@ -65,10 +66,10 @@ fn what_keeps_a_robot_from_moving_is_a_problem() {
         ("effort=\"60\"", "", "the efforts of the joints turn"),
         ("lower=\"-3\" upper=\"3\"", "lower=\"3\" upper=\"-3\"", "its lower limit is 3"),
     ] {
-        let check = six_joint(from, to).check(Some("tip")).unwrap();
+        let check = six_joint(from, to).check_report(Some("tip")).unwrap();
         assert!(check.problems.iter().any(|of| of.contains(says)), "{:?}", check.problems);
     }
-    let check = six_joint("", "").check(Some("counterweight")).unwrap();
+    let check = six_joint("", "").check_report(Some("counterweight")).unwrap();
     assert!(check.problems[0].contains("`balance` on it follows"), "{:?}", check.problems);
     assert_eq!((check.ik_targets, check.reach_m), (0, None));
 }
@@ -92,13 +93,13 @@ fn the_hand_is_the_last_link_before_the_fingers() {
     let flange = [("flange", "arm", "fixed"), ("tool", "flange", "fixed")];
     let fingers = [("one", "tool", "continuous"), ("two", "tool", "continuous")];
     let frames = [("camera", "tool", "fixed"), ("tip", "tool", "fixed")];
-    assert_eq!(tree(&arm).default_hand(), "arm");
+    assert_eq!(tree(&arm).default_hand_link(), "arm");
     for end in [&[][..], &fingers, &frames, &[fingers, frames].concat()] {
         let robot = tree(&[&arm[..], &flange, end].concat());
-        assert_eq!(robot.default_hand(), "tool", "{end:?}");
+        assert_eq!(robot.default_hand_link(), "tool", "{end:?}");
         assert_eq!(robot.default_approach_axis("tool").unwrap(), DVec3::NEG_Y);
         let moves = end.iter().any(|(_, _, kind)| *kind == "continuous");
-        let check = robot.check(None).unwrap();
+        let check = robot.check_report(None).unwrap();
         assert_eq!((check.fingers, check.has_fixed_claws), (None, !moves));
         // fingers that move on their own are no gripper
         let says = |of: &String| of.contains("links one, two move") && of.contains("set `fingers`");
@@ -112,7 +113,7 @@ fn an_approach_axis_that_is_no_axis_of_the_hand_is_refused() {
     let robot = six_joint("rpy=\"0 0.2 0\"", "rpy=\"0 0.6 0\"");
     let refused = robot.default_approach_axis("tip").unwrap_err().to_string();
     assert!(refused.contains("`tip`") && refused.contains("set `approach_axis`"), "{refused}");
-    let problems = robot.check(Some("tip")).unwrap().problems;
+    let problems = robot.check_report(Some("tip")).unwrap().problems;
     assert_eq!(problems, [refused]);
 }
 
@@ -129,9 +130,9 @@ fn a_file_of_settings_names_the_urdf_beside_it() {
         r#"{"urdf": "arm.urdf", "hand": "tip", "approach_axis": [0, 2, 0], "default_speed": 0.3}"#,
     );
     let file = file.unwrap();
-    let robot = file.description().unwrap();
-    assert_eq!((file.hand(&robot), file.approach_axis(&robot).unwrap()), ("tip", DVec3::Y));
-    assert!(robot.check(Some("tip")).unwrap().problems.is_empty());
+    let robot = file.read_description().unwrap();
+    assert_eq!((file.hand_link(&robot), file.approach_axis(&robot).unwrap()), ("tip", DVec3::Y));
+    assert!(robot.check_report(Some("tip")).unwrap().problems.is_empty());
     let axis = read(r#"{"urdf": "arm.urdf", "approach_axis": [0, 0, 0]}"#).unwrap();
     let refused = axis.approach_axis(&robot).unwrap_err().to_string();
     assert!(refused.contains("`approach_axis` is 0"), "{refused}");
@@ -140,7 +141,7 @@ fn a_file_of_settings_names_the_urdf_beside_it() {
     let plain = RobotFile::read(&folder.join("arm.urdf")).unwrap();
     assert_eq!(plain.urdf, folder.join("arm.urdf"));
     let rooted = read(r#"{"urdf": "arm.urdf", "mesh_root": "none"}"#).unwrap();
-    let no_folder = rooted.description().unwrap_err().to_string();
+    let no_folder = rooted.read_description().unwrap_err().to_string();
     assert!(no_folder.contains("arm.urdf`: ") && no_folder.contains("mesh_root"), "{no_folder}");
     assert!(matches!(
         RobotFile::read(&folder.join("none.json")),
@@ -191,7 +192,7 @@ fn a_tip_is_as_fast_as_its_slowest_direction() {
         let robot = RobotDescription::from_urdf(&format!("<robot name=\"r\">{parts}</robot>"));
         let tip = format!("l{}", axes.len());
         let chain = Chain::new(&robot.unwrap(), &tip).unwrap();
-        chain.tip_speed(&vec![0.0; axes.len()], OrientationConstraint::Full)
+        chain.tip_speed_in_any_direction(&vec![0.0; axes.len()], OrientationConstraint::Full)
     };
     let speed = slides(&[("1 0 0", 0.7), ("0 1 0", 0.5), ("0 0 1", 0.9)]);
     assert!((speed - 0.5).abs() < 1e-5, "{speed}");

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    Chain, ControlError, ControlSettings, Pose, RobotDescription, Twist, TwistController, gen3,
+    Chain, ControlError, Pose, RobotDescription, Twist, TwistControlSettings, TwistController, gen3,
 };
 
 use crate::SIX_JOINT;
@@ -16,11 +16,16 @@ use crate::SIX_JOINT;
 const TICK: f64 = 0.0125;
 
 fn chain(tip: &str) -> Chain {
-    Chain::new(&gen3::description().unwrap(), tip).unwrap()
+    Chain::new(&gen3::gen3_description().unwrap(), tip).unwrap()
 }
 
 fn at_work() -> TwistController {
-    TwistController::new(chain("tool_link"), &gen3::WORK, ControlSettings::default()).unwrap()
+    TwistController::new(
+        chain("tool_link"),
+        &gen3::WORK_JOINT_POSITIONS,
+        TwistControlSettings::default(),
+    )
+    .unwrap()
 }
 
 pub fn random(chain: &Chain, generator: &mut ChaCha8Rng) -> Vec<f64> {
@@ -59,7 +64,7 @@ fn the_jacobian_is_the_derivative_of_the_tip() {
 
 #[test]
 fn chains_that_cannot_be_moved_are_refused() {
-    let arm = gen3::description().unwrap();
+    let arm = gen3::gen3_description().unwrap();
     let refused = |tip: &str| Chain::new(&arm, tip).unwrap_err().to_string();
     assert!(refused("base_link").contains("no joint on it moves"));
     assert!(refused("finger_r_link").contains("`finger_r` on it follows"));
@@ -84,7 +89,7 @@ const TOOL_DOWN: [[f64; 5]; 9] = [
 fn tool_down(x: f64, y: f64, z: f64) -> Pose {
     Pose {
         position: DVec3::new(x, y, z),
-        rotation: chain("tool_link").tip_pose(&gen3::WORK).rotation,
+        rotation: chain("tool_link").tip_pose(&gen3::WORK_JOINT_POSITIONS).rotation,
     }
 }
 
@@ -93,7 +98,7 @@ fn the_inverse_finds_the_postures_of_the_sheet() {
     let chain = chain("tool_link");
     for [radius, height, second, fourth, sixth] in TOOL_DOWN {
         let target = tool_down(radius, 0.0, height);
-        let joints = chain.solve_ik(&target, &gen3::WORK).unwrap();
+        let joints = chain.solve_ik(&target, &gen3::WORK_JOINT_POSITIONS).unwrap();
         let tip = chain.tip_pose(&joints);
         assert!(tip.position.distance(target.position) < 1e-9);
         for (joint, expected) in [(1, second), (3, fourth), (5, sixth)] {
@@ -135,15 +140,15 @@ fn the_inverse_comes_back_to_random_postures_and_keeps_to_the_ranges() {
 #[test]
 fn places_out_of_reach_and_targets_that_are_none_are_refused() {
     let chain = chain("tool_link");
-    let far = chain.solve_ik(&tool_down(0.9, 0.0, 0.1), &gen3::WORK).unwrap_err();
+    let far = chain.solve_ik(&tool_down(0.9, 0.0, 0.1), &gen3::WORK_JOINT_POSITIONS).unwrap_err();
     let ControlError::OutOfReach { target, distance, reach, .. } = &far else {
         panic!("{far}");
     };
     assert!(target.x == 0.9 && *reach < 0.85 && *distance > 0.89, "{far}");
     let nowhere = Pose { position: DVec3::NAN, rotation: DQuat::IDENTITY };
-    let error = chain.solve_ik(&nowhere, &gen3::WORK).unwrap_err();
+    let error = chain.solve_ik(&nowhere, &gen3::WORK_JOINT_POSITIONS).unwrap_err();
     assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
-    let mut bent = gen3::WORK;
+    let mut bent = gen3::WORK_JOINT_POSITIONS;
     bent[3] = -2.6;
     let bent_error = chain.solve_ik(&tool_down(0.45, 0.0, 0.1), &bent).unwrap_err();
     assert!(bent_error.to_string().contains("`joint_4` is at -2.6"), "{bent_error}");
@@ -153,14 +158,14 @@ fn places_out_of_reach_and_targets_that_are_none_are_refused() {
 fn a_twist_moves_the_tip_and_keeps_its_orientation() {
     let mut control = at_work();
     let start = control.tip_pose();
-    let limits = ControlSettings::default().limits;
+    let limits = TwistControlSettings::default().limits;
     for (way, seconds) in [(DVec3::Y, 1.0), (-DVec3::Y, 2.0), (DVec3::new(0.6, 0.0, -0.8), 1.0)] {
         let before = control.tip_pose();
-        control.command(Twist::from_linear(0.1 * way)).unwrap();
+        control.command_twist(Twist::from_linear(0.1 * way)).unwrap();
         let mut travelled = DVec3::ZERO;
         for _ in 0..(seconds / TICK) as usize {
             control.tick(TICK).unwrap();
-            travelled += TICK * control.twist().linear;
+            travelled += TICK * control.current_twist().linear;
         }
         let tip = control.tip_pose();
         assert!((tip.position - before.position).distance(travelled) < 2e-3);
@@ -176,16 +181,16 @@ fn a_twist_moves_the_tip_and_keeps_its_orientation() {
 #[test]
 fn a_twist_towards_a_target_ends_there() {
     let mut control = at_work();
-    let limits = ControlSettings::default().limits;
+    let limits = TwistControlSettings::default().limits;
     let start = control.tip_pose();
     let turned = DQuat::from_rotation_z(0.3) * start.rotation;
     let target = Pose { position: start.position + DVec3::new(0.05, 0.1, 0.02), rotation: turned };
     let mut fastest = 0.0_f64;
     for _ in 0..200 {
         let way = control.tip_pose().displacement_to(&target);
-        control.command(limits.twist_towards(way, 10.0)).unwrap();
+        control.command_twist(limits.twist_towards(way, 10.0)).unwrap();
         control.tick(TICK).unwrap();
-        fastest = fastest.max(control.twist().linear.length());
+        fastest = fastest.max(control.current_twist().linear.length());
         let passed =
             (control.tip_pose().position - target.position).dot(DVec3::new(0.05, 0.1, 0.02));
         assert!(passed < 2e-3 * 0.113, "{passed}");
@@ -198,7 +203,7 @@ fn a_twist_towards_a_target_ends_there() {
 #[test]
 fn an_arm_at_rest_moves_no_joint() {
     let mut control = at_work();
-    let mut elsewhere = gen3::WORK;
+    let mut elsewhere = gen3::WORK_JOINT_POSITIONS;
     elsewhere[2] += 0.5;
     control.restart(&elsewhere).unwrap();
     for _ in 0..100 {
@@ -208,12 +213,12 @@ fn an_arm_at_rest_moves_no_joint() {
     // but as soon as the tip moves, the elbow goes back towards its posture
     for round in 0..20 {
         let way = if round % 2 == 0 { 0.1 } else { -0.1 };
-        control.command(Twist::from_linear(way * DVec3::Z)).unwrap();
+        control.command_twist(Twist::from_linear(way * DVec3::Z)).unwrap();
         for _ in 0..40 {
             control.tick(TICK).unwrap();
         }
     }
-    let left = (control.joint_positions()[2] - gen3::WORK[2]).abs();
+    let left = (control.joint_positions()[2] - gen3::WORK_JOINT_POSITIONS[2]).abs();
     assert!(left < 0.35, "{left}");
 }
 
@@ -221,13 +226,13 @@ fn an_arm_at_rest_moves_no_joint() {
 #[test]
 fn whole_turns_of_an_endless_joint_change_nothing() {
     let velocities = |turn: f64| {
-        let mut joints = gen3::WORK;
+        let mut joints = gen3::WORK_JOINT_POSITIONS;
         for (joint, position) in chain("tool_link").joints().iter().zip(&mut joints) {
             *position += if joint.motion.range.is_none() { turn } else { 0.0 };
         }
         let mut control = at_work();
         control.restart(&joints).unwrap();
-        control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
+        control.command_twist(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
         control.tick(TICK).unwrap();
         control.joint_velocities().to_vec()
     };
@@ -249,10 +254,10 @@ fn commands_that_are_not_finite_stop_the_arm() {
         Twist::from_linear(1e200 * DVec3::X),
         Twist { angular: DVec3::INFINITY, ..Twist::ZERO },
     ] {
-        control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
+        control.command_twist(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
         control.tick(TICK).unwrap();
         assert!(control.joint_velocities().iter().any(|&velocity| velocity != 0.0));
-        let error = control.command(bad).unwrap_err();
+        let error = control.command_twist(bad).unwrap_err();
         assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
         stands(&mut control);
     }
@@ -265,7 +270,7 @@ fn stands(control: &mut TwistController) {
     let joints = control.joint_positions().to_vec();
     control.tick(TICK).unwrap();
     assert_eq!(control.joint_positions(), joints);
-    assert_eq!(control.twist(), Twist::ZERO);
+    assert_eq!(control.current_twist(), Twist::ZERO);
     assert!(control.joint_velocities().iter().all(|&velocity| velocity == 0.0));
 }
 
@@ -273,9 +278,9 @@ fn stands(control: &mut TwistController) {
 fn the_end_of_the_reach_is_an_error_and_stops_the_arm() {
     for way in [DVec3::X, -DVec3::X, DVec3::Z, -DVec3::Z, DVec3::Y] {
         let mut control = at_work();
-        control.command(Twist::from_linear(0.3 * way)).unwrap();
+        control.command_twist(Twist::from_linear(0.3 * way)).unwrap();
         let stopped = (0..2000).find_map(|_| {
-            let command = control.command(Twist::from_linear(0.3 * way));
+            let command = control.command_twist(Twist::from_linear(0.3 * way));
             command.and_then(|()| control.tick(TICK)).err()
         });
         let error = stopped.unwrap();
@@ -283,7 +288,7 @@ fn the_end_of_the_reach_is_an_error_and_stops_the_arm() {
         assert!(matches!(error, ControlError::CannotFollow { .. }), "{error}");
         stands(&mut control);
         // it can go back the way it came
-        control.command(Twist::from_linear(-0.05 * way)).unwrap();
+        control.command_twist(Twist::from_linear(-0.05 * way)).unwrap();
         control.tick(TICK).unwrap();
     }
 }
@@ -291,18 +296,18 @@ fn the_end_of_the_reach_is_an_error_and_stops_the_arm() {
 #[test]
 #[should_panic(expected = "`configuration` has 6 elements, expected 7")]
 fn a_configuration_of_another_length_is_named() {
-    chain("tool_link").tip_pose(&gen3::WORK[..6]);
+    chain("tool_link").tip_pose(&gen3::WORK_JOINT_POSITIONS[..6]);
 }
 
 #[test]
 #[should_panic(expected = "`positions` has 7 elements, expected 8")]
 fn a_position_vector_of_another_length_is_named() {
-    gen3::description().unwrap().link_poses(&gen3::WORK);
+    gen3::gen3_description().unwrap().link_poses(&gen3::WORK_JOINT_POSITIONS);
 }
 
 #[test]
 fn settings_out_of_range_are_refused() {
-    type Spoil = fn(&mut ControlSettings);
+    type Spoil = fn(&mut TwistControlSettings);
     let spoils: [(Spoil, &str); 9] = [
         (
             |s| s.limits.max_acceleration = 0.0,
@@ -318,16 +323,17 @@ fn settings_out_of_range_are_refused() {
         (|s| s.tolerance = f64::INFINITY, "tolerance is inf"),
     ];
     for (spoil, words) in spoils {
-        let mut settings = ControlSettings::default();
+        let mut settings = TwistControlSettings::default();
         spoil(&mut settings);
-        let error = TwistController::new(chain("tool_link"), &gen3::WORK, settings).unwrap_err();
+        let error = TwistController::new(chain("tool_link"), &gen3::WORK_JOINT_POSITIONS, settings)
+            .unwrap_err();
         assert!(error.to_string().contains(words), "{error}");
     }
 }
 
 #[test]
 fn postures_out_of_range_are_refused() {
-    let mut bent = gen3::WORK;
+    let mut bent = gen3::WORK_JOINT_POSITIONS;
     bent[1] = 3.0;
     assert!(at_work().restart(&bent).is_err());
 }
@@ -335,13 +341,13 @@ fn postures_out_of_range_are_refused() {
 /// The difference of two positions of a continuous joint may overflow.
 #[test]
 fn velocities_that_are_not_finite_move_no_joint() {
-    let mut posture = gen3::WORK;
+    let mut posture = gen3::WORK_JOINT_POSITIONS;
     posture[0] = f64::MAX;
-    let settings = ControlSettings::default();
+    let settings = TwistControlSettings::default();
     let mut control = TwistController::new(chain("tool_link"), &posture, settings).unwrap();
     posture[0] = f64::MIN;
     control.restart(&posture).unwrap();
-    let error = control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap_err();
+    let error = control.command_twist(Twist::from_linear(0.1 * DVec3::Y)).unwrap_err();
     assert!(matches!(error, ControlError::NotFinite { .. }), "{error}");
     assert_eq!(control.joint_positions(), posture);
     stands(&mut control);
@@ -351,7 +357,7 @@ fn velocities_that_are_not_finite_move_no_joint() {
 fn a_long_tick_is_many_short_ones() {
     let [mut long, mut short] = [at_work(), at_work()];
     for control in [&mut long, &mut short] {
-        control.command(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
+        control.command_twist(Twist::from_linear(0.1 * DVec3::Y)).unwrap();
     }
     long.tick(0.5).unwrap();
     (0..20).for_each(|_| short.tick(0.025).unwrap());
@@ -373,17 +379,17 @@ proptest! {
     fn limits_hold_whatever_is_commanded(seed in any::<u64>()) {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         let mut control = at_work();
-        let limits = ControlSettings::default().limits;
+        let limits = TwistControlSettings::default().limits;
         for _ in 0..10 {
             let mut any = |most: f64| DVec3::from_array(
                 std::array::from_fn(|_| generator.random_range(-most..most)),
             );
             let twist = Twist { linear: any(1.0), angular: any(1.0) };
-            let commanded = control.command(twist).is_ok();
+            let commanded = control.command_twist(twist).is_ok();
             for _ in 0..8 {
-                let (joints, before) = (control.joint_positions().to_vec(), control.twist());
+                let (joints, before) = (control.joint_positions().to_vec(), control.current_twist());
                 let moved = control.tick(TICK).is_ok();
-                let now = control.twist();
+                let now = control.current_twist();
                 prop_assert!(now.linear.length() <= limits.max_speed + 1e-12);
                 prop_assert!(now.angular.length() <= limits.max_angular_speed + 1e-12);
                 let faster = now.linear.length() - before.linear.length();

@@ -4,7 +4,7 @@ use mujoco::Model;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use robots::{MjcfSettings, RobotDescription, Servo, gen3};
+use robots::{JointServoSettings, MjcfSettings, RobotDescription, gen3};
 
 use crate::SIX_JOINT;
 
@@ -63,13 +63,13 @@ proptest! {
     #[test]
     fn no_damaged_file_is_a_panic(seed in any::<u64>(), ours: bool, times in 1..4_usize) {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
-        let whole = if ours { SIX_JOINT } else { gen3::URDF };
+        let whole = if ours { SIX_JOINT } else { gen3::GEN3_URDF };
         let text = (0..times).fold(whole.to_owned(), |text, _| damage(&text, &mut generator));
         if let Ok(arm) = RobotDescription::from_urdf(&text) {
             let positions = vec![0.3; arm.num_dofs()];
             prop_assert!(arm.link_poses(&positions).iter().all(|pose| pose.position.is_finite()));
-            prop_assert!(arm.capsules(&positions).iter().all(|(_, c)| c.ends[0].is_finite()));
-            let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
+            prop_assert!(arm.enclosing_capsules(&positions).iter().all(|(_, c)| c.ends[0].is_finite()));
+            let settings = MjcfSettings { servo: Some(JointServoSettings::default()), ..MjcfSettings::default() };
             // limits and masses may be missing
             if let Ok(mjcf) = arm.to_mjcf(&settings) {
                 let model = Model::from_xml(&mjcf.text);

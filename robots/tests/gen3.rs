@@ -36,7 +36,7 @@ const DENAVIT_HARTENBERG: [(f64, f64, f64); 8] = [
 ];
 
 fn arm() -> RobotDescription {
-    gen3::description().unwrap()
+    gen3::gen3_description().unwrap()
 }
 
 fn random(generator: &mut ChaCha8Rng, num_dofs: usize) -> Vec<f64> {
@@ -82,7 +82,7 @@ fn check_against(model: Model, arm: &RobotDescription) {
         for joint in arm.joints() {
             if let Some(motion) = &joint.motion {
                 let address = model.joint_qpos_address(model.joint(&joint.name).unwrap());
-                data.qpos_mut()[address] = motion.position(&positions);
+                data.qpos_mut()[address] = motion.position_from_dofs(&positions);
             }
         }
         data.forward_kinematics().unwrap();
@@ -98,7 +98,7 @@ fn check_against(model: Model, arm: &RobotDescription) {
 
 #[test]
 fn links_are_where_mujoco_has_them_after_reading_the_urdf() {
-    let files = [("gen3.urdf", gen3::URDF.as_bytes())];
+    let files = [("gen3.urdf", gen3::GEN3_URDF.as_bytes())];
     check_against(Model::from_files("gen3.urdf", &files).unwrap(), &arm());
 }
 
@@ -116,10 +116,10 @@ fn named_poses_are_where_the_sheet_has_them() {
     let [flange, tool] =
         ["end_effector_link", "tool_link"].map(|tip| Chain::new(&arm, tip).unwrap());
     for (chain, joints, expected, down) in [
-        (&flange, gen3::HOME, [0.457, 0.001, 0.434], 0.0),
-        (&tool, gen3::RETRACT, [0.130, 0.001, 0.209], 1.0),
-        (&flange, gen3::ZERO, [0.0, -0.0249, 1.187], -1.0),
-        (&tool, gen3::WORK, [0.45, 0.0, 0.15], 1.0),
+        (&flange, gen3::HOME_JOINT_POSITIONS, [0.457, 0.001, 0.434], 0.0),
+        (&tool, gen3::RETRACT_JOINT_POSITIONS, [0.130, 0.001, 0.209], 1.0),
+        (&flange, gen3::ZERO_JOINT_POSITIONS, [0.0, -0.0249, 1.187], -1.0),
+        (&tool, gen3::WORK_JOINT_POSITIONS, [0.45, 0.0, 0.15], 1.0),
     ] {
         let tip = chain.tip_pose(&joints);
         let distance = tip.position.distance(DVec3::from_array(expected));
@@ -128,15 +128,15 @@ fn named_poses_are_where_the_sheet_has_them() {
         // the sheet: "within 4 degrees of straight down"
         assert!((-axis.z - down).abs() < 3e-3, "{axis}");
     }
-    let home = flange.tip_pose(&gen3::HOME).rotation * DVec3::Z;
+    let home = flange.tip_pose(&gen3::HOME_JOINT_POSITIONS).rotation * DVec3::Z;
     assert!(home.x > 0.999, "{home}");
 }
 
 #[test]
 fn capsules_are_those_of_the_sheet_and_follow_their_links() {
     let arm = arm();
-    let positions = [&gen3::WORK[..], &[0.01]].concat();
-    let (poses, capsules) = (arm.link_poses(&positions), arm.capsules(&positions));
+    let positions = [&gen3::WORK_JOINT_POSITIONS[..], &[0.01]].concat();
+    let (poses, capsules) = (arm.link_poses(&positions), arm.enclosing_capsules(&positions));
     for line in CAPSULES.lines() {
         let (name, numbers) = line.split_once(' ').unwrap();
         let numbers = numbers.split_whitespace();
@@ -164,7 +164,7 @@ fn masses_and_fingers_are_those_of_the_sheet() {
     assert!((total - 8.188 - 0.9226).abs() < 1e-3, "{total}");
     assert_eq!(arm.num_dofs(), 8);
     for (closing, gap) in [(0.0, 0.085), (0.0425, 0.0)] {
-        let poses = arm.link_poses(&[&gen3::ZERO[..], &[closing]].concat());
+        let poses = arm.link_poses(&[&gen3::ZERO_JOINT_POSITIONS[..], &[closing]].concat());
         let finger = |name: &str| {
             let link = arm.links().iter().position(|link| link.name == name).unwrap();
             poses[link].position

@@ -8,8 +8,8 @@ use glam::{DQuat, DVec3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    Chain, ControlError, ControlSettings, IkSettings, OrientationConstraint, Pose,
-    RobotDescription, Twist, TwistController, gen3,
+    Chain, ControlError, IkSettings, OrientationConstraint, Pose, RobotDescription, Twist,
+    TwistControlSettings, TwistController, gen3,
 };
 
 use crate::control::random;
@@ -69,7 +69,7 @@ fn arm(joints: Joints) -> Chain {
 }
 
 fn kinova() -> Chain {
-    Chain::new(&gen3::description().unwrap(), "tool_link").unwrap()
+    Chain::new(&gen3::gen3_description().unwrap(), "tool_link").unwrap()
 }
 
 fn middle(chain: &Chain) -> Vec<f64> {
@@ -123,7 +123,7 @@ fn reachable_targets_are_found_from_the_middle_of_the_ranges() {
         for _ in 0..TARGETS {
             let target = chain.tip_pose(&random(&chain, &mut generator));
             let started = Instant::now();
-            let solved = chain.solve_ik_with(&target, &seed, &settings);
+            let solved = chain.solve_ik_with_settings(&target, &seed, &settings);
             times.push(started.elapsed());
             match solved {
                 Ok(joints) => {
@@ -151,7 +151,8 @@ fn targets_without_a_solution_are_told_from_those_out_of_reach() {
             OrientationConstraint::Free,
             OrientationConstraint::Axis(DVec3::X),
         ] {
-            let error = chain.solve_ik_with(&target, &seed, &settings(orientation)).unwrap_err();
+            let error =
+                chain.solve_ik_with_settings(&target, &seed, &settings(orientation)).unwrap_err();
             let ControlError::OutOfReach { distance, reach, .. } = &error else {
                 panic!("{error}");
             };
@@ -163,8 +164,9 @@ fn targets_without_a_solution_are_told_from_those_out_of_reach() {
     let (chain, seed) = (arm(FIVE), [0.0, 0.3, 0.3, 0.3, 0.0]);
     let tip = chain.tip_pose(&seed);
     let across = Pose { rotation: DQuat::from_rotation_z(1.5) * tip.rotation, ..tip };
-    let error =
-        chain.solve_ik_with(&across, &seed, &settings(OrientationConstraint::Full)).unwrap_err();
+    let error = chain
+        .solve_ik_with_settings(&across, &seed, &settings(OrientationConstraint::Full))
+        .unwrap_err();
     let ControlError::NoSolution { miss, searches: 50 } = &error else {
         panic!("{error}");
     };
@@ -175,7 +177,8 @@ fn targets_without_a_solution_are_told_from_those_out_of_reach() {
 fn searches_are_the_same_in_every_call_and_end_with_the_settings() {
     let (chain, target) = (arm(SIX), Pose { position: DVec3::ZERO, ..Pose::IDENTITY });
     let seed = middle(&chain);
-    let solve = |settings: IkSettings| chain.solve_ik_with(&target, &seed, &settings).unwrap_err();
+    let solve =
+        |settings: IkSettings| chain.solve_ik_with_settings(&target, &seed, &settings).unwrap_err();
     let none = solve(IkSettings { max_searches: 0, ..IkSettings::default() });
     assert!(none.to_string().contains("at least 1 search"), "{none}");
     for (time_limit, max_searches, made) in [(0, 50, 1), (3600, 1, 1), (3600, 7, 7)] {
@@ -185,7 +188,8 @@ fn searches_are_the_same_in_every_call_and_end_with_the_settings() {
     }
     let hard = chain.tip_pose(&[2.0, 3.0, -2.5, 1.0, -4.0, 5.0]);
     let settings = settings(OrientationConstraint::Full);
-    let [one, other] = [(); 2].map(|()| chain.solve_ik_with(&hard, &seed, &settings).unwrap());
+    let [one, other] =
+        [(); 2].map(|()| chain.solve_ik_with_settings(&hard, &seed, &settings).unwrap());
     assert_eq!(one, other);
     for axis in [DVec3::ZERO, DVec3::NAN, DVec3::INFINITY] {
         let error =
@@ -205,12 +209,12 @@ fn five_joints_follow_twists_with_a_free_axis() {
         (OrientationConstraint::Axis(in_tip(DVec3::Z)), true),
         (OrientationConstraint::Free, true),
     ] {
-        let settings = ControlSettings { orientation, ..ControlSettings::default() };
+        let settings = TwistControlSettings { orientation, ..TwistControlSettings::default() };
         let mut control = TwistController::new(arm(FIVE), &posture, settings).unwrap();
         let start = control.tip_pose();
         let twist = Twist { linear: 0.05 * DVec3::Y, angular: DVec3::ZERO };
         let followed = (0..80).try_for_each(|_| {
-            control.command(twist)?;
+            control.command_twist(twist)?;
             control.tick(0.025)
         });
         println!("{orientation:?}: {followed:?}");

@@ -31,7 +31,7 @@ impl Folder {
     ) -> Result<RobotDescription, DescriptionError> {
         let file = "arm_description/urdf/arm.urdf";
         self.write(file, urdf.as_bytes());
-        RobotDescription::from_urdf_file_with(&self.0.join(file), settings)
+        RobotDescription::from_urdf_file_with_settings(&self.0.join(file), settings)
     }
 
     /// The six-jointed arm whose carriage collides as the mesh `file`.
@@ -75,7 +75,7 @@ fn octahedron(radius: f64) -> Vec<u8> {
 fn radius(arm: &RobotDescription) -> f64 {
     let shapes = &arm.links()[2].shapes[..];
     let [PlacedShape { shape: Shape::Hull(hull), pose }] = shapes else {
-        panic!("{shapes:?} {:?}", arm.missing_shapes());
+        panic!("{shapes:?} {:?}", arm.missing_collision_shapes());
     };
     assert!(pose.position.x == 0.1 && hull.points().len() == 6, "{shapes:?}");
     (1e3 * hull.points()[0].length()).round()
@@ -103,7 +103,7 @@ fn meshes_are_found_in_their_packages() {
     ] {
         let arm = folder.with_mesh(name, &settings);
         assert_eq!(radius(&arm), 50.0, "{name}");
-        assert_eq!(arm.notes().len(), notes, "{:?}", arm.notes());
+        assert_eq!(arm.import_notes().len(), notes, "{:?}", arm.import_notes());
     }
 }
 
@@ -119,7 +119,7 @@ fn the_folder_of_a_package_is_chosen_in_a_fixed_order() {
     folder.write("arm_description/meshes/ball.obj", &octahedron(20.0));
     let radius_with = |settings: &UrdfSettings| {
         let arm = folder.with_mesh(mesh, settings);
-        (radius(&arm), arm.notes().len())
+        (radius(&arm), arm.import_notes().len())
     };
     assert_eq!(radius_with(&folder.settings()), (10.0, 1));
     folder.write("arm_description/urdf/package.xml", xml("legs").as_bytes());
@@ -144,9 +144,9 @@ fn the_folder_of_a_package_is_chosen_in_a_fixed_order() {
     folder.write("arm_description/package.xml", xml("arm").as_bytes());
     let arm = folder.with_mesh(mesh, &folder.settings());
     assert!(
-        arm.missing_shapes()[0].contains("/hand/meshes/ball.obj`"),
+        arm.missing_collision_shapes()[0].contains("/hand/meshes/ball.obj`"),
         "{:?}",
-        arm.missing_shapes()
+        arm.missing_collision_shapes()
     );
 }
 
@@ -216,7 +216,7 @@ fn meshes_that_cannot_be_read_are_named() {
     }
     let text = SIX_JOINT.replace("<sphere radius=\"0.05\"/>", "<mesh filename=\"a.stl\"/>");
     let arm = RobotDescription::from_urdf(&text).unwrap();
-    assert!(arm.missing_shapes()[0].contains("without its folder"));
+    assert!(arm.missing_collision_shapes()[0].contains("without its folder"));
 }
 
 /// Points beyond 1e6 are read where their scale makes them small, and the other way round.
@@ -234,6 +234,10 @@ fn points_are_checked_after_scaling() {
     ] {
         folder.write("ball.obj", points.as_bytes());
         let arm = folder.read_with(&urdf, &folder.settings()).unwrap();
-        assert!(arm.missing_shapes()[0].contains(words), "{:?}", arm.missing_shapes());
+        assert!(
+            arm.missing_collision_shapes()[0].contains(words),
+            "{:?}",
+            arm.missing_collision_shapes()
+        );
     }
 }

@@ -8,8 +8,8 @@ use mujoco::{Data, Model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    Chain, ControlSettings, LinkAddition, MjcfSettings, Pose, RobotDescription, Servo, Twist,
-    TwistController, gen3,
+    Chain, ExtraLinkMjcf, JointServoSettings, MjcfSettings, Pose, RobotDescription, Twist,
+    TwistControlSettings, TwistController, gen3,
 };
 
 use crate::SIX_JOINT;
@@ -52,7 +52,7 @@ fn drawn(arm: &RobotDescription, generator: &mut ChaCha8Rng, clear: f64) -> Vec<
 /// falls.
 #[test]
 fn arms_fall_as_mujoco_has_them_fall() {
-    for urdf in [gen3::URDF, SIX_JOINT] {
+    for urdf in [gen3::GEN3_URDF, SIX_JOINT] {
         // without shapes and mimics, which MuJoCo's own reading of a URDF treats differently
         let urdf = without(&without(urdf, "<collision>", "</collision>"), "<mimic", "/>");
         let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"1\" velocity=\"1\"");
@@ -78,8 +78,9 @@ fn arms_fall_as_mujoco_has_them_fall() {
 
 #[test]
 fn limits_names_and_servos_are_in_the_model() {
-    let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
-    for urdf in [gen3::URDF, SIX_JOINT] {
+    let settings =
+        MjcfSettings { servo: Some(JointServoSettings::default()), ..MjcfSettings::default() };
+    for urdf in [gen3::GEN3_URDF, SIX_JOINT] {
         let arm = RobotDescription::from_urdf(urdf).unwrap();
         let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
         assert_eq!(model.nu(), arm.num_dofs());
@@ -98,7 +99,7 @@ fn limits_names_and_servos_are_in_the_model() {
 
 #[test]
 fn servos_and_bases_that_make_no_sense_are_refused() {
-    let arm = gen3::description().unwrap();
+    let arm = gen3::gen3_description().unwrap();
     for (saturation_error, damping_time, words) in [
         (0.0, 0.03, "its saturation error is 0, expected 1e-6 or more"),
         (-1.0, 0.03, "its saturation error is -1"),
@@ -106,9 +107,9 @@ fn servos_and_bases_that_make_no_sense_are_refused() {
         (0.02, -0.1, "its damping time is -0.1"),
         (0.02, f64::INFINITY, "inf"),
     ] {
-        let servo = Some(Servo { saturation_error, damping_time });
+        let servo = Some(JointServoSettings { saturation_error, damping_time });
         let settings = MjcfSettings { servo, ..MjcfSettings::default() };
-        for refused in [arm.to_mjcf(&settings), arm.to_mjcf_part(&settings)] {
+        for refused in [arm.to_mjcf(&settings), arm.to_mjcf_include(&settings)] {
             let message = refused.unwrap_err().to_string();
             assert!(message.contains(words), "{message}");
         }
@@ -130,12 +131,12 @@ fn a_scene_includes_the_part() {
     let settings = MjcfSettings {
         servo: None,
         link_classes: vec![("base_link".to_owned(), "arm".to_owned())],
-        additions: vec![LinkAddition {
+        additions: vec![ExtraLinkMjcf {
             link: "tool_link".to_owned(),
             mjcf: "<site name=\"tool\" pos=\"0 0 0.01\"/>".to_owned(),
         }],
     };
-    let part = gen3::description().unwrap().to_mjcf_part(&settings).unwrap().text;
+    let part = gen3::gen3_description().unwrap().to_mjcf_include(&settings).unwrap().text;
     let scene = r#"<mujoco><compiler angle="radian"/>
         <default><default class="arm"><geom contype="0" conaffinity="0" group="3"/></default></default>
         <include file="arm.xml"/></mujoco>"#;
@@ -147,7 +148,7 @@ fn a_scene_includes_the_part() {
     let tool = model.site("tool").unwrap();
     let mut data = Data::new(Arc::new(model));
     data.forward_kinematics().unwrap();
-    let arm = gen3::description().unwrap();
+    let arm = gen3::gen3_description().unwrap();
     let link = arm.links().iter().position(|link| link.name == "tool_link");
     let pose = arm.link_poses(&[0.0; 8])[link.unwrap()];
     let site = DVec3::from_array(data.site_position(tool));
@@ -156,7 +157,7 @@ fn a_scene_includes_the_part() {
 
 #[test]
 fn neighbours_do_not_collide_and_the_arm_hits_itself() {
-    let arm = gen3::description().unwrap();
+    let arm = gen3::gen3_description().unwrap();
     let model = model(&arm.to_mjcf(&MjcfSettings::default()).unwrap().text, "arm.xml");
     let contacts = |joints: &[f64]| {
         let mut data = Data::new(Arc::clone(&model));
@@ -164,7 +165,12 @@ fn neighbours_do_not_collide_and_the_arm_hits_itself() {
         data.forward().unwrap();
         data.contact_count()
     };
-    for free in [gen3::HOME, gen3::RETRACT, gen3::ZERO, gen3::WORK] {
+    for free in [
+        gen3::HOME_JOINT_POSITIONS,
+        gen3::RETRACT_JOINT_POSITIONS,
+        gen3::ZERO_JOINT_POSITIONS,
+        gen3::WORK_JOINT_POSITIONS,
+    ] {
         assert_eq!(contacts(&free), 0, "{free:?}");
     }
     // the forearm folded onto the upper arm, the hand into the base
@@ -174,10 +180,10 @@ fn neighbours_do_not_collide_and_the_arm_hits_itself() {
 #[test]
 fn additions_to_no_link_are_refused() {
     let settings = MjcfSettings {
-        additions: vec![LinkAddition { link: "elbow".to_owned(), mjcf: String::new() }],
+        additions: vec![ExtraLinkMjcf { link: "elbow".to_owned(), mjcf: String::new() }],
         ..MjcfSettings::default()
     };
-    let refused = gen3::description().unwrap().to_mjcf(&settings);
+    let refused = gen3::gen3_description().unwrap().to_mjcf(&settings);
     let message = refused.unwrap_err().to_string();
     assert!(message.contains("`elbow`, which a setting"), "{message}");
 }
@@ -185,9 +191,9 @@ fn additions_to_no_link_are_refused() {
 /// Servos that apply the holding forces keep an arm still, up to rounding.
 #[test]
 fn holding_forces_hold() {
-    let servo = Servo::default();
+    let servo = JointServoSettings::default();
     let settings = MjcfSettings { servo: Some(servo), ..MjcfSettings::default() };
-    for urdf in [gen3::URDF, SIX_JOINT] {
+    for urdf in [gen3::GEN3_URDF, SIX_JOINT] {
         // an equality is soft
         let urdf = without(urdf, "<mimic", "/>");
         let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"9\" velocity=\"1\"");
@@ -199,7 +205,7 @@ fn holding_forces_hold() {
         for _ in 0..20 {
             // clear of the ends, which push, too
             let positions = drawn(&arm, &mut generator, 0.2);
-            let forces = arm.holding_forces(&positions);
+            let forces = arm.gravity_compensation_forces(&positions);
             let joints = arm.free_joints().zip(positions.iter().zip(&forces));
             let controls: Vec<f64> = joints
                 .map(|((_, motion), (&position, &force))| {
@@ -228,19 +234,21 @@ fn holding_forces_hold() {
 /// The simulated arm draws a square with its servos, under gravity.
 #[test]
 fn the_simulated_arm_follows_its_control() {
-    let arm = gen3::description().unwrap();
-    let servo = Servo::default();
+    let arm = gen3::gen3_description().unwrap();
+    let servo = JointServoSettings::default();
     let settings = MjcfSettings { servo: Some(servo), ..MjcfSettings::default() };
     let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
     let chain = Chain::new(&arm, "pinch_link").unwrap();
-    let mut control = TwistController::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
+    let mut control =
+        TwistController::new(chain, &gen3::WORK_JOINT_POSITIONS, TwistControlSettings::default())
+            .unwrap();
     let mut data = Data::new(Arc::clone(&model));
-    data.qpos_mut()[..7].copy_from_slice(&gen3::WORK);
+    data.qpos_mut()[..7].copy_from_slice(&gen3::WORK_JOINT_POSITIONS);
     let pinch = model.body("pinch_link").unwrap();
     let mut furthest: f64 = 0.0;
     let speed = 0.2;
     for way in [DVec3::X, DVec3::Y, -DVec3::X, -DVec3::Y] {
-        control.command(Twist::from_linear(speed * way)).unwrap();
+        control.command_twist(Twist::from_linear(speed * way)).unwrap();
         // 0.75 s in ticks of 12.5 ms
         for _ in 0..60 {
             control.tick(0.0125).unwrap();
@@ -262,7 +270,7 @@ fn the_simulated_arm_follows_its_control() {
 #[test]
 fn followers_follow_and_efforts_hold_in_motion() {
     let arm = RobotDescription::from_urdf(SIX_JOINT).unwrap();
-    let servo = Some(Servo::default());
+    let servo = Some(JointServoSettings::default());
     let mjcf = arm.to_mjcf(&MjcfSettings { servo, ..MjcfSettings::default() }).unwrap();
     let model = model(&mjcf.text, "arm.xml");
     let address = |joint: &str| model.joint_qpos_address(model.joint(joint).unwrap());
@@ -328,7 +336,10 @@ const FAT: &str = r#"<robot name="fat">
 fn capsules_that_overlap_at_rest_do_not_push_the_arm_away() {
     let arm = RobotDescription::from_urdf(FAT).unwrap();
     let mjcf = arm
-        .to_mjcf(&MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() })
+        .to_mjcf(&MjcfSettings {
+            servo: Some(JointServoSettings::default()),
+            ..MjcfSettings::default()
+        })
         .unwrap();
     let pair = ["base", "forearm"].map(str::to_owned);
     assert_eq!(mjcf.excluded_pairs.at_rest, [pair]);
@@ -379,11 +390,11 @@ fn links_without_mass_have_as_many_shapes_as_they_like() {
 fn a_follower_stays_within_its_own_range() {
     let urdf = SIX_JOINT.replacen("lower=\"-4\" upper=\"4\"", "lower=\"0\" upper=\"0.3\"", 1);
     let arm = RobotDescription::from_urdf(&urdf).unwrap();
-    let [restriction] = arm.restrictions() else {
-        panic!("{:?}", arm.restrictions());
+    let [restriction] = arm.range_restrictions() else {
+        panic!("{:?}", arm.range_restrictions());
     };
     let whole = RobotDescription::from_urdf(SIX_JOINT).unwrap();
-    assert!(whole.restrictions().is_empty());
+    assert!(whole.range_restrictions().is_empty());
     let stated = whole.free_joints().find(|(joint, _)| joint.name == "swing");
     let stated = stated.unwrap().1.range;
     // it is at 0.2 less half of the other's position
@@ -397,7 +408,8 @@ fn a_follower_stays_within_its_own_range() {
     let of_chain = chain.joints().iter().find(|joint| joint.name == "swing");
     assert_eq!(of_chain.unwrap().motion.range, Some(restriction.range));
     // servos push both ways, and neither joint leaves its range by more than a limit's softness
-    let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
+    let settings =
+        MjcfSettings { servo: Some(JointServoSettings::default()), ..MjcfSettings::default() };
     let model = model(&arm.to_mjcf(&settings).unwrap().text, "arm.xml");
     let at = |joint: &str| model.joint_qpos_address(model.joint(joint).unwrap());
     let index = arm.free_joints().position(|(joint, _)| joint.name == "swing");

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use mujoco::{Data, Model};
 use robots::{
-    Chain, ControlSettings, JointMotion, MAX_URDF_BYTES, MjcfSettings, Pose, PositionSource,
-    RobotDescription, Servo, Shape, TwistController, UrdfSettings,
+    Chain, JointMotion, JointPositionSource, JointServoSettings, MAX_URDF_BYTES, MjcfSettings,
+    Pose, RobotDescription, Shape, TwistControlSettings, TwistController, UrdfSettings,
 };
 
 use crate::SIX_JOINT;
@@ -137,7 +137,8 @@ fn every_error_is_reported_with_its_line() {
 /// Returns the error of converting a robot to MJCF with servos.
 #[track_caller]
 fn not_simulated(urdf: &str) -> String {
-    let settings = MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() };
+    let settings =
+        MjcfSettings { servo: Some(JointServoSettings::default()), ..MjcfSettings::default() };
     let message = read(urdf).to_mjcf(&settings).unwrap_err().to_string();
     println!("{message}");
     message
@@ -152,13 +153,17 @@ fn limits_are_needed_where_they_are_used() {
         let urdf = changed(r#"<limit effort="60" velocity="1.5"/>"#, limit);
         assert!(not_simulated(&urdf).contains("efforts of the joints turn: "));
         let chain = Chain::new(&read(&urdf), "tip").unwrap();
-        let control = TwistController::new(chain, &[0.0; 6], ControlSettings::default());
+        let control = TwistController::new(chain, &[0.0; 6], TwistControlSettings::default());
         assert!(control.unwrap_err().to_string().contains("speeds of the joints turn: "));
         let settings = UrdfSettings { default_speed: Some(0.5), ..UrdfSettings::default() };
         let arm = Folder::new("limits").read_with(&urdf, &settings).unwrap();
         assert_eq!(motion_of(&arm, "turn").max_speed, Some(0.5));
         let note = "joint `turn` has no limit of velocity, so 0.5 is assumed";
-        assert!(arm.notes().iter().any(|told| told.contains(note)), "{:?}", arm.notes());
+        assert!(
+            arm.import_notes().iter().any(|told| told.contains(note)),
+            "{:?}",
+            arm.import_notes()
+        );
     }
     // a joint without ends may state any
     let endless = r#"<limit effort="60" velocity="1.5" lower="pi" upper=""/>"#;
@@ -186,7 +191,7 @@ fn reversed_ranges_are_refused_where_they_are_used() {
     assert_eq!(motion_of(&arm, "twist").range, Some([3.0, -3.0]));
     let line = urdf[..urdf.find("lower=\" 3\"").unwrap()].matches('\n').count() + 1;
     let note = "`lower` of `<limit>` of the joint `twist` is above `upper`: 3 to -3";
-    assert_eq!(arm.notes(), [format!("line {line}: {note}")]);
+    assert_eq!(arm.import_notes(), [format!("line {line}: {note}")]);
     assert_eq!(arm.link_poses(&[0.1; 6]), read(SIX_JOINT).link_poses(&[0.1; 6]));
     assert_eq!(arm.rest_positions().len(), 6);
     let message = not_simulated(&urdf);
@@ -194,7 +199,7 @@ fn reversed_ranges_are_refused_where_they_are_used() {
     let chain = Chain::new(&arm, "tip").unwrap();
     let [ik, control] = [
         chain.solve_ik(&Pose::IDENTITY, &[0.0; 6]).unwrap_err(),
-        TwistController::new(chain, &[0.0; 6], ControlSettings::default()).unwrap_err(),
+        TwistController::new(chain, &[0.0; 6], TwistControlSettings::default()).unwrap_err(),
     ];
     for error in [ik, control] {
         assert!(error.to_string().contains("`twist` has the limits 3 to -3"), "{error}");
@@ -202,7 +207,7 @@ fn reversed_ranges_are_refused_where_they_are_used() {
     // a follower loses such a range
     let follower = read(&changed(r#"lower="-4" upper="4""#, r#"lower="4" upper="-4""#));
     assert_eq!(motion_of(&follower, "balance").range, None);
-    assert_eq!(follower.notes().len(), 2, "{:?}", follower.notes());
+    assert_eq!(follower.import_notes().len(), 2, "{:?}", follower.import_notes());
 }
 
 #[track_caller]
@@ -218,7 +223,7 @@ fn locked_joints_are_fixed() {
     let locked = changed(limits, r#"lower="0.4" upper="0.4""#);
     let [arm, whole] = [&locked, SIX_JOINT].map(read);
     assert_eq!((arm.num_dofs(), whole.num_dofs()), (5, 6));
-    assert_eq!(arm.notes().len(), 2, "{:?}", arm.notes());
+    assert_eq!(arm.import_notes().len(), 2, "{:?}", arm.import_notes());
     let poses = whole.link_poses(&[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]);
     for (still, moved) in arm.link_poses(&[0.1, 0.2, 0.3, 0.5, 0.6]).iter().zip(&poses) {
         assert!(still.position.distance(moved.position) < 1e-12, "{still:?} {moved:?}");
@@ -242,12 +247,12 @@ fn followers_are_followed_to_the_free_joint() {
     let chain = changed(r#"<axis xyz="0 -1 0.5"/>"#, mimic);
     let arm = read(&chain.replacen(r#"lower="-2" upper="2""#, r#"lower="-9" upper="9""#, 1));
     let nod = motion_of(&arm, "nod");
-    let PositionSource::Follows { dof: 3, multiplier, offset } = nod.drive else {
+    let JointPositionSource::Follows { dof: 3, multiplier, offset } = nod.drive else {
         panic!("{nod:?}");
     };
     assert!((multiplier + 1.5).abs() < 1e-12 && (offset - 1.6).abs() < 1e-12, "{nod:?}");
     let still = read(&changed("<mimic joint=\"swing\"", "<mimic joint=\"flange\""));
-    assert!(still.notes()[0].contains("`balance`: it follows a joint that does not move"));
+    assert!(still.import_notes()[0].contains("`balance`: it follows a joint that does not move"));
     assert_eq!(still.num_dofs(), 6);
 }
 
@@ -258,7 +263,7 @@ fn endless_joints_that_hardly_move_their_followers_stay_endless() {
         let mimic = format!("<mimic joint=\"turn\" multiplier=\"{multiplier}\"");
         let arm = read(&changed("<mimic joint=\"swing\" multiplier=\"-0.5\"", &mimic));
         assert_eq!(motion_of(&arm, "turn").range, None);
-        assert!(arm.restrictions().is_empty());
+        assert!(arm.range_restrictions().is_empty());
     }
 }
 
@@ -273,7 +278,11 @@ fn followers_that_cannot_stay_within_their_ranges_lose_them() {
     for [old, new] in rows(table) {
         let arm = read(&changed(old, new));
         assert_eq!(motion_of(&arm, "balance").range, None, "{new}");
-        assert!(arm.restrictions().is_empty() && arm.notes().len() == 1, "{:?}", arm.notes());
+        assert!(
+            arm.range_restrictions().is_empty() && arm.import_notes().len() == 1,
+            "{:?}",
+            arm.import_notes()
+        );
     }
     let arm = read(&changed("<mimic joint=\"swing\"", "<mimic joint=\"turn\""));
     let [low, high] = motion_of(&arm, "turn").range.unwrap();
@@ -305,9 +314,13 @@ fn masses_must_be_those_of_bodies() {
         assert!(words.split("; ").all(|word| message.contains(word)), "{message}");
         let settings = UrdfSettings { repair: true, ..UrdfSettings::default() };
         let arm = Folder::new("masses").read_with(&urdf, &settings).unwrap();
-        let start = arm.notes()[0].split_once(": `<inertial>` of the link ");
-        assert!(start.is_some_and(|(line, _)| line.starts_with("line ")), "{:?}", arm.notes());
-        assert!(arm.notes()[0].contains(note), "{:?}", arm.notes());
+        let start = arm.import_notes()[0].split_once(": `<inertial>` of the link ");
+        assert!(
+            start.is_some_and(|(line, _)| line.starts_with("line ")),
+            "{:?}",
+            arm.import_notes()
+        );
+        assert!(arm.import_notes()[0].contains(note), "{:?}", arm.import_notes());
         Model::from_xml(&arm.to_mjcf(&MjcfSettings::default()).unwrap().text).unwrap();
     }
 }
@@ -332,11 +345,11 @@ fn frames_need_no_mass() {
     // a repair leaves inertias alone that play no part
     let settings = UrdfSettings { repair: true, ..UrdfSettings::default() };
     let repaired = Folder::new("frames").read_with(&urdf, &settings).unwrap();
-    assert_eq!((repaired.links(), repaired.notes()), (arm.links(), arm.notes()));
+    assert_eq!((repaired.links(), repaired.import_notes()), (arm.links(), arm.import_notes()));
     let ignored =
         |name: &str| format!("line 1: `<inertial>` of the link `{name}`: ignored, because ");
     assert_eq!(
-        arm.notes(),
+        arm.import_notes(),
         [
             ignored("floor")
                 + "a principal inertia exceeds the sum of the others; the link does not \
@@ -377,8 +390,8 @@ fn a_mass_behind_a_frame_moves_as_where_it_is() {
     let inertia = r#"<inertia ixx="1e-9" iyy="1e-9" izz="1e-9" ixy="0" ixz="0" iyz="0"/>"#;
     let near = arm(&format!(r#"<inertial><mass value="1e-6"/>{inertia}</inertial>"#));
     let far = arm("");
-    assert_eq!(near.notes(), &[] as &[String]);
-    let [note] = far.notes() else { panic!("{:?}", far.notes()) };
+    assert_eq!(near.import_notes(), &[] as &[String]);
+    let [note] = far.import_notes() else { panic!("{:?}", far.import_notes()) };
     assert!(note.contains("of the link `gun`: simulated as part of the link `tip`"), "{note}");
     let (got, expected) = (fall(&far), fall(&near));
     assert!(expected.abs() > 0.5 && (got - expected).abs() < 1e-4, "{got} {expected}");
@@ -414,16 +427,24 @@ fn shapes_without_size_are_missed_or_repaired() {
     ] {
         let urdf = changed("<sphere radius=\"0.05\"/>", shape);
         let arm = read(&urdf);
-        assert!(arm.links()[2].shapes.is_empty() && arm.notes().is_empty(), "{:?}", arm.notes());
+        assert!(
+            arm.links()[2].shapes.is_empty() && arm.import_notes().is_empty(),
+            "{:?}",
+            arm.import_notes()
+        );
         let line = urdf[..urdf.find(shape).unwrap()].matches('\n').count() + 1;
         let start = format!("line {line}: {place}");
-        assert!(arm.missing_shapes()[0].starts_with(&start), "{:?}", arm.missing_shapes());
+        assert!(
+            arm.missing_collision_shapes()[0].starts_with(&start),
+            "{:?}",
+            arm.missing_collision_shapes()
+        );
         let message = not_simulated(&urdf);
         assert!(message.contains(&start) && message.contains("`repair`"), "{message}");
         let settings = UrdfSettings { repair: true, ..UrdfSettings::default() };
         let repaired = Folder::new("sizes").read_with(&urdf, &settings).unwrap();
-        assert!(repaired.notes()[0].starts_with(&start), "{:?}", repaired.notes());
-        assert!(repaired.missing_shapes().is_empty());
+        assert!(repaired.import_notes()[0].starts_with(&start), "{:?}", repaired.import_notes());
+        assert!(repaired.missing_collision_shapes().is_empty());
         assert_eq!(repaired.links()[2].shapes.len(), 1);
         Model::from_xml(&repaired.to_mjcf(&MjcfSettings::default()).unwrap().text).unwrap();
     }
@@ -435,10 +456,10 @@ fn elements_that_are_ignored_are_noted() {
     let twice = "<sphere radius=\"0.05\"/><box size=\"1 1 1\"/>";
     let arm = read(&changed("<sphere radius=\"0.05\"/>", twice));
     assert_eq!(arm.links()[2].shapes[0].shape, Shape::Sphere { radius: 0.05 });
-    assert!(arm.notes()[0].contains("`<box>` of the link `carriage` is ignored"));
+    assert!(arm.import_notes()[0].contains("`<box>` of the link `carriage` is ignored"));
     let axis =
         read(&changed("<axis xyz=\"0 0 2\"/>", "<axis xyz=\"0 0 2\"/><axis xyz=\"1 0 0\"/>"));
-    assert!(axis.notes()[0].contains("`<axis>` of the joint `lift` is ignored"));
+    assert!(axis.import_notes()[0].contains("`<axis>` of the joint `lift` is ignored"));
     assert_eq!(axis.joints(), read(SIX_JOINT).joints());
 }
 

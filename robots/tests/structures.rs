@@ -8,7 +8,7 @@ use mujoco::{Data, Model};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use robots::{MjcfSettings, RobotDescription, Servo, UrdfSettings};
+use robots::{JointServoSettings, MjcfSettings, RobotDescription, UrdfSettings};
 
 use crate::meshes::Folder;
 
@@ -30,7 +30,11 @@ impl Draw {
         }
         let robot = folder.read_with(&urdf, &UrdfSettings::default());
         let robot = robot.unwrap_or_else(|error| panic!("{error}\n{urdf}"));
-        assert!(robot.missing_shapes().is_empty(), "{:?}", robot.missing_shapes());
+        assert!(
+            robot.missing_collision_shapes().is_empty(),
+            "{:?}",
+            robot.missing_collision_shapes()
+        );
         (urdf, robot)
     }
 
@@ -195,7 +199,7 @@ fn name(link: usize) -> String {
 }
 
 fn with_servo() -> MjcfSettings {
-    MjcfSettings { servo: Some(Servo::default()), ..MjcfSettings::default() }
+    MjcfSettings { servo: Some(JointServoSettings::default()), ..MjcfSettings::default() }
 }
 
 /// Returns a robot of this many links, each of which moves on the one before it.
@@ -233,14 +237,14 @@ fn contacts(arm: &RobotDescription, mjcf: &str) -> BTreeSet<[String; 2]> {
     for joint in arm.joints() {
         if let Some(motion) = joint.motion {
             let address = model.joint_qpos_address(model.joint(&joint.name).unwrap());
-            data.qpos_mut()[address] = motion.position(&rest);
+            data.qpos_mut()[address] = motion.position_from_dofs(&rest);
         }
     }
     data.forward().unwrap();
     let order = |name: &str| arm.links().iter().position(|link| link.name == name);
     let pairs = data.contacts().map(|contact| {
         let mut links = contact.geoms.map(|geom| {
-            let body = model.name(model.geom_body(geom)).unwrap();
+            let body = model.name_of(model.geom_body(geom)).unwrap();
             body.to_owned()
         });
         links.sort_by_key(|link| order(link));

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use glam::DVec3;
 use robots::{
-    Chain, Command, ControlError, ControlSettings, KinematicArm, Pose, Robot, RobotState, Twist,
-    TwistController, Watchdog, gen3,
+    ArmCommand, Chain, ControlError, KinematicArm, Pose, Robot, RobotState, Twist,
+    TwistControlSettings, TwistController, Watchdog, gen3,
 };
 
 /// Record of the calls to a robot that may fail to stop.
@@ -24,7 +24,7 @@ impl Robot for Recorded<'_> {
         Ok(RobotState { joints, tip, gripper_closure: 0.0 })
     }
 
-    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         self.0.calls.borrow_mut().push("command");
         if command.twist.linear.z > 0.0 {
             let source = "the cable is out".into();
@@ -43,8 +43,8 @@ impl Robot for Recorded<'_> {
     }
 }
 
-const UP: Command =
-    Command { twist: Twist { linear: DVec3::Z, angular: DVec3::ZERO }, gripper_closure: 0.0 };
+const UP: ArmCommand =
+    ArmCommand { twist: Twist { linear: DVec3::Z, angular: DVec3::ZERO }, gripper_closure: 0.0 };
 
 fn ms(milliseconds: u64) -> Duration {
     Duration::from_millis(milliseconds)
@@ -57,7 +57,7 @@ fn it_stops_once_after_two_hundred_milliseconds_without_a_command() {
     assert!(!watched.check_timeout().unwrap(), "nobody commanded it yet");
     for at in [5000, 5150, 5300] {
         now.set(ms(at));
-        watched.command(&Command::default()).unwrap();
+        watched.command(&ArmCommand::default()).unwrap();
     }
     now.set(ms(5499));
     assert!(!watched.check_timeout().unwrap());
@@ -67,7 +67,7 @@ fn it_stops_once_after_two_hundred_milliseconds_without_a_command() {
     watched.state().unwrap();
     assert_eq!(*tape.calls.borrow(), ["command", "command", "command", "stop"]);
     // a new command starts it again
-    watched.command(&Command::default()).unwrap();
+    watched.command(&ArmCommand::default()).unwrap();
     now.set(ms(9200));
     watched.state().unwrap();
     assert_eq!(tape.calls.borrow()[4..], ["command", "stop"]);
@@ -77,9 +77,9 @@ fn it_stops_once_after_two_hundred_milliseconds_without_a_command() {
 fn it_stops_where_a_command_is_refused() {
     let tape = Tape::default();
     let mut watched = Watchdog::new(Recorded(&tape), || Duration::ZERO);
-    let lost = Command { twist: Twist::from_linear(DVec3::NAN), gripper_closure: 0.0 };
+    let lost = ArmCommand { twist: Twist::from_linear(DVec3::NAN), gripper_closure: 0.0 };
     assert!(matches!(watched.command(&lost), Err(ControlError::NotFinite { .. })));
-    let wide = Command { gripper_closure: 1.5, ..Command::default() };
+    let wide = ArmCommand { gripper_closure: 1.5, ..ArmCommand::default() };
     let message = watched.command(&wide).unwrap_err().to_string();
     assert!(message.contains("gripper_closure is 1.5"), "{message}");
     // neither has reached the robot, which refuses this one itself
@@ -105,7 +105,7 @@ fn a_robot_that_does_not_stop_is_told_again() {
 fn a_clock_that_goes_back_stops_the_robot() {
     let (tape, now) = (Tape::default(), Cell::new(ms(5000)));
     let mut watched = Watchdog::new(Recorded(&tape), || now.get());
-    watched.command(&Command::default()).unwrap();
+    watched.command(&ArmCommand::default()).unwrap();
     now.set(ms(0));
     assert!(watched.check_timeout().unwrap());
     assert!(!watched.check_timeout().unwrap());
@@ -117,14 +117,14 @@ fn a_command_does_not_skip_a_stop_that_is_due() {
     let mut watched = Watchdog::new(Recorded(&tape), || now.get());
     tape.stuck.set(true);
     watched.command(&UP).unwrap_err();
-    let error = watched.command(&Command::default()).unwrap_err();
+    let error = watched.command(&ArmCommand::default()).unwrap_err();
     assert!(matches!(error, ControlError::NotStopped { .. }), "{error}");
     assert!(error.to_string().contains("earlier stop failed"), "{error}");
     tape.stuck.set(false);
-    watched.command(&Command::default()).unwrap();
+    watched.command(&ArmCommand::default()).unwrap();
     // five seconds late
     now.set(ms(5000));
-    watched.command(&Command::default()).unwrap();
+    watched.command(&ArmCommand::default()).unwrap();
     assert_eq!(
         *tape.calls.borrow(),
         ["command", "stop", "stop", "stop", "command", "stop", "command"]
@@ -140,11 +140,13 @@ fn dropping_it_stops_the_robot() {
 
 #[test]
 fn a_kinematic_arm_moves_until_nobody_commands_it() {
-    let chain = Chain::new(&gen3::description().unwrap(), "tool_link").unwrap();
-    let control = TwistController::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
+    let chain = Chain::new(&gen3::gen3_description().unwrap(), "tool_link").unwrap();
+    let control =
+        TwistController::new(chain, &gen3::WORK_JOINT_POSITIONS, TwistControlSettings::default())
+            .unwrap();
     let now = Cell::new(ms(0));
     let mut watched = Watchdog::new(KinematicArm::new(control), || now.get());
-    let command = Command { twist: Twist::from_linear(0.1 * DVec3::Y), gripper_closure: 1.0 };
+    let command = ArmCommand { twist: Twist::from_linear(0.1 * DVec3::Y), gripper_closure: 1.0 };
     watched.command(&command).unwrap();
     let start = watched.state().unwrap();
     let mut places = Vec::new();
@@ -165,11 +167,15 @@ fn a_kinematic_arm_moves_until_nobody_commands_it() {
 
 #[test]
 fn a_kinematic_arm_that_refuses_a_command_stands_still() {
-    let chain = Chain::new(&gen3::description().unwrap(), "tool_link").unwrap();
-    let control = TwistController::new(chain, &gen3::WORK, ControlSettings::default()).unwrap();
+    let chain = Chain::new(&gen3::gen3_description().unwrap(), "tool_link").unwrap();
+    let control =
+        TwistController::new(chain, &gen3::WORK_JOINT_POSITIONS, TwistControlSettings::default())
+            .unwrap();
     let mut arm = KinematicArm::new(control);
-    let closing =
-        |speed: f64| Command { twist: Twist::from_linear(speed * DVec3::Y), gripper_closure: 1.0 };
+    let closing = |speed: f64| ArmCommand {
+        twist: Twist::from_linear(speed * DVec3::Y),
+        gripper_closure: 1.0,
+    };
     arm.command(&closing(0.1)).unwrap();
     arm.advance(0.1).unwrap();
     assert!(arm.command(&closing(f64::NAN)).is_err());

@@ -11,8 +11,8 @@ use std::sync::Arc;
 
 use envs::mujoco::{BodyId, Data, GeomId, MocapId, State};
 use envs::{
-    Camera, Embodiment, EnvError, EpisodeStart, Layout, Measurement,
-    PHYSICS_STEPS_PER_CONTROL_STEP, Placement, Scene, TableTop, TaskGroup,
+    Camera, Embodiment, EnvError, EpisodeStart, Layout, PHYSICS_STEPS_PER_CONTROL_STEP, Placement,
+    Scene, TableTop, TaskGroup, TaskState,
 };
 use glam::DVec3;
 use rand::SeedableRng;
@@ -30,7 +30,7 @@ const STAND_INS: [&str; 6] =
 
 /// Comparison of this simulation with one recording of Meta-World.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct ParityRow {
+pub struct RecordingComparison {
     /// Name of the recording's file.
     pub file: String,
     /// Name of the task group.
@@ -69,7 +69,7 @@ const STEP_DEVIATION: f64 = 5e-12;
 /// Largest accepted distance of the hand from its recorded position during replay (metres).
 const REPLAY_DEVIATION: f64 = 1e-4;
 
-impl ParityRow {
+impl RecordingComparison {
     /// Returns `true` if something was compared and all deviations are within their bounds; NaN is
     /// not.
     pub fn passes(&self) -> bool {
@@ -88,8 +88,8 @@ impl ParityRow {
 ///
 /// # Errors
 /// [`RunError::Read`] with the file and the problem; errors of MuJoCo.
-pub fn compare_recordings(folder: &Path) -> Result<Vec<ParityRow>, RunError> {
-    let paths = npz_files(folder).map_err(RunError::reading(folder))?;
+pub fn compare_with_recordings(folder: &Path) -> Result<Vec<RecordingComparison>, RunError> {
+    let paths = npz_files(folder).map_err(RunError::read_error_at(folder))?;
     if paths.is_empty() {
         let problem = "no recording in it: expected files named ENGINE_TASK_POLICY.npz";
         return Err(RunError::cannot_read(folder, problem));
@@ -97,16 +97,16 @@ pub fn compare_recordings(folder: &Path) -> Result<Vec<ParityRow>, RunError> {
     paths.par_iter().map(|path| compare(path)).collect()
 }
 
-fn compare(path: &Path) -> Result<ParityRow, RunError> {
+fn compare(path: &Path) -> Result<RecordingComparison, RunError> {
     let problem = |problem: String| RunError::cannot_read(path, problem);
     let group = Recording::task_of_file(path).map_err(problem)?;
     let mut replica = Replica::new(group)?;
     let recording = Recording::read(path, replica.table.scene()).map_err(problem)?;
     let file = path.file_name().unwrap_or_default();
-    let mut row = ParityRow {
+    let mut row = RecordingComparison {
         file: file.to_string_lossy().into(),
         task: group.name(),
-        ..ParityRow::default()
+        ..RecordingComparison::default()
     };
     let mut physics = Vec::new();
     for episode in 0..recording.episodes {
@@ -153,8 +153,8 @@ impl Replica {
     fn new(group: TaskGroup) -> Result<Self, EnvError> {
         let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
         let scene = Arc::new(Scene::new_in_layout(layout, group, arm, Camera::default())?);
-        let mut table = TableTop::new(Arc::clone(&scene), layout.control())?;
-        let placement = scene.draw_placement(&mut ChaCha8Rng::seed_from_u64(0));
+        let mut table = TableTop::new(Arc::clone(&scene), layout.action_settings())?;
+        let placement = scene.sample_placement(&mut ChaCha8Rng::seed_from_u64(0));
         table.reset_to(D2::Identity, placement)?;
         let model = &scene.model;
         let stand_ins = STAND_INS.iter().filter_map(|name| model.geom(name).ok());
@@ -163,7 +163,7 @@ impl Replica {
             start: EpisodeStart {
                 placement,
                 hand_target: DVec3::ZERO,
-                measurement: table.measurement()?,
+                task_state: table.task_state()?,
             },
             placed: scene.start_state().clone(),
             physics: Data::new(Arc::new(model.translated(TABLE_CENTRE.to_array())?)),
@@ -181,14 +181,14 @@ impl Replica {
     fn begin(&mut self, recording: &Recording, episode: usize) -> Result<(), EnvError> {
         let placement = recording.placement(episode, TABLE_CENTRE);
         let [hand, _] = recording.hand_and_object(episode, 0);
-        let measurement = Measurement {
+        let task_state = TaskState {
             hand,
             object: recording.start_object(episode),
             tcp: recording.start_tcp(episode),
-            ..self.start.measurement
+            ..self.start.task_state
         };
         self.start =
-            EpisodeStart { placement, hand_target: recording.hand_start(episode), measurement };
+            EpisodeStart { placement, hand_target: recording.hand_start(episode), task_state };
         self.table.reset_to(D2::Identity, placement)?;
         let data = self.table.simulation_mut();
         data.reset();
@@ -241,7 +241,7 @@ impl Replica {
         &mut self,
         recording: &Recording,
         episode: usize,
-        row: &mut ParityRow,
+        row: &mut RecordingComparison,
     ) -> Result<(), EnvError> {
         let group = self.table.scene().group;
         for step in 0..recording.steps {
@@ -254,9 +254,9 @@ impl Replica {
             data.restore_state(&self.placed)?;
             data.qpos_mut().copy_from_slice(&qpos);
             data.forward_kinematics()?;
-            let now = self.table.measurement()?;
+            let now = self.table.task_state()?;
             let finger = recording.finger_action(episode, step);
-            let ours = group.task().reward(&self.start, &now, finger);
+            let ours = group.identity_task().reward(&self.start, &now, finger);
             let deviation = recording.reward_deviation(episode, step, &ours);
             row.max_reward_deviation = largest_deviation([row.max_reward_deviation, deviation]);
             row.success_mismatches += usize::from(ours.success != recording.success(episode, step));
@@ -291,7 +291,7 @@ impl Replica {
         &mut self,
         recording: &Recording,
         episode: usize,
-        row: &mut ParityRow,
+        row: &mut RecordingComparison,
     ) -> Result<(), EnvError> {
         self.put_start(recording, episode)?;
         for step in 0..recording.steps {
@@ -332,20 +332,20 @@ fn touches(data: &Data, geoms: &[GeomId]) -> bool {
 mod tests {
     use super::*;
 
-    fn good() -> ParityRow {
-        ParityRow {
+    fn good() -> RecordingComparison {
+        RecordingComparison {
             reward_steps: 200,
             physics_steps: 100,
             replay_steps: 1,
             max_qpos_deviation: 1e-3,
-            ..ParityRow::default()
+            ..RecordingComparison::default()
         }
     }
 
     #[test]
     fn a_row_passes_where_all_was_compared_and_nothing_differs() {
         assert!(good().passes());
-        type Change = fn(&mut ParityRow);
+        type Change = fn(&mut RecordingComparison);
         let changes: [Change; 11] = [
             |row| row.reward_steps = 0,
             |row| row.physics_steps = 0,
@@ -364,6 +364,6 @@ mod tests {
             change(&mut row);
             assert!(!row.passes(), "{row:?}");
         }
-        assert!(!ParityRow::default().passes(), "nothing was compared");
+        assert!(!RecordingComparison::default().passes(), "nothing was compared");
     }
 }

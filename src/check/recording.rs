@@ -61,7 +61,7 @@ const fn contents(
 impl Contents {
     /// Returns Meta-World's name of the task.
     fn name(&self) -> Option<&'static str> {
-        self.group.task().meta_world_spec().map(|spec| spec.name)
+        self.group.identity_task().meta_world_spec().map(|spec| spec.name)
     }
 }
 
@@ -254,7 +254,7 @@ mod tests {
     /// actions.
     fn recordings(scene: &Scene) -> [Recording; 2] {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings");
-        let task = scene.group.task().meta_world_spec().unwrap().name;
+        let task = scene.group.identity_task().meta_world_spec().unwrap().name;
         ["expert", "random"].map(|policy| {
             let path = folder.join(format!("mj222_{task}_{policy}.npz"));
             Recording::read(&path, scene).unwrap()
@@ -286,7 +286,8 @@ mod tests {
     fn episodes_start_where_meta_worlds_do() {
         for group in TaskGroup::ALL {
             let scene = Arc::new(scene(group));
-            let mut table = TableTop::new(Arc::clone(&scene), scene.layout.control()).unwrap();
+            let mut table =
+                TableTop::new(Arc::clone(&scene), scene.layout.action_settings()).unwrap();
             let target = scene.model.body("hand_target").unwrap();
             let loose = ["decoy", "loose"].iter().find_map(|name| scene.model.joint(name).ok());
             for recording in recordings(&scene) {
@@ -329,7 +330,7 @@ mod tests {
         for group in TaskGroup::ALL {
             let scene = scene(group);
             let mut rng = ChaCha8Rng::seed_from_u64(0);
-            let drawn = bounds((0..1000).map(|_| scene.draw_placement(&mut rng)));
+            let drawn = bounds((0..1000).map(|_| scene.sample_placement(&mut rng)));
             let both = recordings(&scene);
             let recorded = bounds(both.iter().flat_map(|recording| {
                 let placed = |episode| recording.placement(episode, TABLE_CENTRE);

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use clap::Args;
 use envs::{ACTION_DIM, TaskGroup, TaskRegistry, VecEnvSettings};
 use experiments::cli::print_escaped;
-use experiments::evaluation::{Evaluator, OwnPolicies};
-use experiments::{Experiment, RunError, RunFolder, Stream};
+use experiments::evaluation::{Evaluator, OwnPolicyByGroup};
+use experiments::{Experiment, RunError, RunFolder, SwitchableVecEnv};
 use learner::disk::{LocalDisk, write_atomically};
 use learner::{Learner, TaskLabel};
 use rl::{Observations, Transition, VectorEnv};
@@ -49,9 +49,10 @@ impl ExportOptions {
         }
         let folder = RunFolder::from_path(&self.run_folder);
         let run = folder.read_experiment()?;
-        let spec = Stream::env_spec(&run.envs);
+        let spec = SwitchableVecEnv::env_spec(&run.envs);
         let labels = TaskLabel::default();
-        let (mut learner, own) = folder.load_with_own_policies(&run.learner, &spec, &labels)?;
+        let (mut learner, own) =
+            folder.load_learner_with_own_policies(&run.learner, &spec, &labels)?;
         let index = match self.policy.parse() {
             Ok(index) => index,
             Err(_) => policy_of_group(&self.policy, &run, &mut *learner, &own, labels)?,
@@ -63,7 +64,7 @@ impl ExportOptions {
         let weights = safetensors_weights(&policy, &path("policy.safetensors"))?;
         let golden =
             reference_outputs(&policy, &observations, &answers, &path("golden.safetensors"))?;
-        create_dir_all(&self.out).map_err(RunError::writing(&self.out))?;
+        create_dir_all(&self.out).map_err(RunError::write_error_at(&self.out))?;
         let files = [
             ("policy.onnx", onnx_model(&policy, &about.to_string())),
             ("policy.safetensors", weights),
@@ -90,14 +91,14 @@ fn policy_of_group(
     group: &str,
     run: &Experiment,
     learner: &mut dyn Learner,
-    own: &OwnPolicies,
+    own: &OwnPolicyByGroup,
     labels: TaskLabel,
 ) -> Result<usize, RunError> {
-    let tasks = TaskRegistry::all();
+    let tasks = TaskRegistry::with_all();
     let variant = run.schedule.select_groups(Some(group), &tasks)?[0].variants()[0];
     match own.get(group) {
         Some(&policy) => Ok(policy),
-        None => Evaluator::of_run(run, &tasks, labels)?.recognise_variant(learner, variant),
+        None => Evaluator::for_experiment(run, &tasks, labels)?.recognise_variant(learner, variant),
     }
 }
 
@@ -112,10 +113,10 @@ const DECISIONS: usize = 8;
 /// # Errors
 /// Errors of the environments.
 fn observations(run: &Experiment) -> Result<Observations, RunError> {
-    let groups = run.schedule.resolve_groups(&TaskRegistry::all())?;
+    let groups = run.schedule.resolve_groups(&TaskRegistry::with_all())?;
     let settings =
         VecEnvSettings { num_envs: ENVS, threads: 1, ..run.envs.without_randomisation() };
-    let mut stream = Stream::new(settings, &groups)?;
+    let mut stream = SwitchableVecEnv::new(settings, &groups)?;
     let mut all = Observations { images: Vec::new(), vectors: Vec::new() };
     for group in groups {
         let seen = after_a_while(&mut stream, group)?;
@@ -125,9 +126,12 @@ fn observations(run: &Experiment) -> Result<Observations, RunError> {
     Ok(all)
 }
 
-fn after_a_while(stream: &mut Stream, group: TaskGroup) -> Result<Observations, RunError> {
+fn after_a_while(
+    stream: &mut SwitchableVecEnv,
+    group: TaskGroup,
+) -> Result<Observations, RunError> {
     let environment = |source| RunError::from(rl::RlError::Environment(source));
-    stream.switch_to(group, &D2::ALL)?;
+    stream.switch_task_group(group, &D2::ALL)?;
     let mut transition = Transition::new(stream.spec());
     stream.reset(&mut transition.observations).map_err(environment)?;
     // arbitrary actions in [-1, 1] that need no random generator

@@ -1,7 +1,7 @@
 //! JSON description of an exported policy's inputs, outputs and layers.
 
 use envs::ExtraView;
-use rl::{Distribution, ExportedLayer, ExportedPolicy};
+use rl::{ExportedActionDistribution, ExportedLayer, ExportedPolicy};
 use serde_json::{Map, Value, json};
 
 use experiments::{Experiment, VECTOR_INPUT_SCALING};
@@ -69,8 +69,8 @@ fn outputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
     let width = policy.spec.action_irreps.len();
     let control = &run.envs.control;
     let distribution = match policy.distribution {
-        Distribution::Gaussian { .. } => json!({"kind": "gaussian"}),
-        Distribution::TanhGaussian { log_std } => {
+        ExportedActionDistribution::Gaussian { .. } => json!({"kind": "gaussian"}),
+        ExportedActionDistribution::TanhGaussian { log_std } => {
             json!({"kind": "tanh_gaussian", "log_std_range": log_std})
         }
     };

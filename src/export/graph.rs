@@ -3,9 +3,9 @@
 use prost::Message;
 
 /// Element type `float` of ONNX tensors, by its number in `TensorProto.DataType`.
-pub const FLOAT_TYPE: i64 = 1;
+pub const ONNX_FLOAT_TYPE: i64 = 1;
 /// Element type `uint8` of ONNX tensors, by its number in `TensorProto.DataType`.
-pub const UINT8_TYPE: i64 = 2;
+pub const ONNX_UINT8_TYPE: i64 = 2;
 const INT64: i32 = 7;
 /// Types of ONNX attributes, numbered as in `AttributeProto.AttributeType`.
 const ONE_INT: i32 = 2;
@@ -139,7 +139,7 @@ pub struct OnnxGraph {
 }
 
 /// Attribute of an ONNX operator.
-pub enum Attribute {
+pub enum OnnxAttribute {
     /// Name and value of an integer attribute.
     Int(&'static str, i64),
     /// Name and values of an attribute that is a list of integers.
@@ -154,7 +154,7 @@ impl OnnxGraph {
         operator: &str,
         inputs: &[&str],
         output: &str,
-        attributes: &[Attribute],
+        attributes: &[OnnxAttribute],
     ) -> String {
         self.nodes.push(Node {
             inputs: inputs.iter().map(|&name| name.to_owned()).collect(),
@@ -169,7 +169,7 @@ impl OnnxGraph {
     /// Adds a constant tensor of this shape to the graph, and returns its name.
     pub fn add_float_constant(&mut self, name: &str, shape: &[usize], values: &[f32]) -> String {
         let bytes = values.iter().flat_map(|value| value.to_le_bytes());
-        self.constant(name, FLOAT_TYPE as i32, shape, bytes.collect())
+        self.constant(name, ONNX_FLOAT_TYPE as i32, shape, bytes.collect())
     }
 
     /// Adds a constant vector of integers to the graph, and returns its name.
@@ -216,10 +216,10 @@ impl OnnxGraph {
     }
 }
 
-fn attribute(attribute: &Attribute) -> AttributeMessage {
+fn attribute(attribute: &OnnxAttribute) -> AttributeMessage {
     let (name, int, ints, kind) = match attribute {
-        Attribute::Int(name, value) => (name, Some(*value), Vec::new(), ONE_INT),
-        Attribute::Ints(name, values) => (name, None, values.clone(), INTS),
+        OnnxAttribute::Int(name, value) => (name, Some(*value), Vec::new(), ONE_INT),
+        OnnxAttribute::Ints(name, values) => (name, None, values.clone(), INTS),
     };
     AttributeMessage { name: (*name).to_owned(), int, ints, kind }
 }

@@ -1,8 +1,8 @@
 //! ONNX model of a policy.
 
-use rl::{Distribution, ExportedLayer, ExportedPolicy};
+use rl::{ExportedActionDistribution, ExportedLayer, ExportedPolicy};
 
-use super::graph::{Attribute, FLOAT_TYPE, OnnxGraph, UINT8_TYPE};
+use super::graph::{ONNX_FLOAT_TYPE, ONNX_UINT8_TYPE, OnnxAttribute, OnnxGraph};
 
 /// Serialises an ONNX model that maps `image` `[B, H, W, C]` (bytes) and `vector` `[B, D]` to
 /// `action` `[B, A]`, `log_std` `[B, A]` and, if the policy has a critic, `value` `[B]`, for a
@@ -12,7 +12,7 @@ pub(super) fn onnx_model(policy: &ExportedPolicy, about: &str) -> Vec<u8> {
     let image = policy.image.as_ref().map(|layers| {
         let planes = planes(&mut graph);
         let top = chain(&mut graph, "image", layers, planes, Operators::Maps);
-        graph.add_node("Flatten", &[&top], "image.fields", &[Attribute::Int("axis", 1)])
+        graph.add_node("Flatten", &[&top], "image.fields", &[OnnxAttribute::Int("axis", 1)])
     });
     let vector = policy.vector.as_ref().map(|layers| {
         let input = "vector".to_owned();
@@ -30,14 +30,16 @@ pub(super) fn onnx_model(policy: &ExportedPolicy, about: &str) -> Vec<u8> {
     let actions = policy.spec.action_irreps.len();
     let mut inputs = Vec::new();
     if policy.image.is_some() {
-        inputs.push(("image", UINT8_TYPE, policy.spec.image_shape.to_vec()));
+        inputs.push(("image", ONNX_UINT8_TYPE, policy.spec.image_shape.to_vec()));
     }
     if policy.vector.is_some() {
-        inputs.push(("vector", FLOAT_TYPE, vec![policy.spec.vector_irreps.len()]));
+        inputs.push(("vector", ONNX_FLOAT_TYPE, vec![policy.spec.vector_irreps.len()]));
     }
-    let mut outputs =
-        vec![("action", FLOAT_TYPE, vec![actions]), ("log_std", FLOAT_TYPE, vec![actions])];
-    outputs.extend(policy.critic.is_some().then(|| ("value", FLOAT_TYPE, Vec::new())));
+    let mut outputs = vec![
+        ("action", ONNX_FLOAT_TYPE, vec![actions]),
+        ("log_std", ONNX_FLOAT_TYPE, vec![actions]),
+    ];
+    outputs.extend(policy.critic.is_some().then(|| ("value", ONNX_FLOAT_TYPE, Vec::new())));
     graph.into_model_bytes(about, &inputs, &outputs)
 }
 
@@ -54,11 +56,15 @@ enum Operators {
 fn planes(graph: &mut OnnxGraph) -> String {
     let scale = graph.add_float_constant("image.scale", &[], &[1.0 / 255.0]);
     let middle = graph.add_float_constant("image.middle", &[], &[0.5]);
-    let cast =
-        graph.add_node("Cast", &["image"], "image.cast", &[Attribute::Int("to", FLOAT_TYPE)]);
+    let cast = graph.add_node(
+        "Cast",
+        &["image"],
+        "image.cast",
+        &[OnnxAttribute::Int("to", ONNX_FLOAT_TYPE)],
+    );
     let scaled = graph.add_node("Mul", &[&cast, &scale], "image.scaled", &[]);
     let centred = graph.add_node("Sub", &[&scaled, &middle], "image.centred", &[]);
-    let order = Attribute::Ints("perm", vec![0, 3, 1, 2]);
+    let order = OnnxAttribute::Ints("perm", vec![0, 3, 1, 2]);
     graph.add_node("Transpose", &[&centred], "image.planes", &[order])
 }
 
@@ -86,9 +92,9 @@ fn add_layer(
     let window = |size: usize, stride: usize, padding: usize| {
         let both = |side: usize| vec![side as i64; 2];
         [
-            Attribute::Ints("kernel_shape", both(size)),
-            Attribute::Ints("strides", both(stride)),
-            Attribute::Ints("pads", vec![padding as i64; 4]),
+            OnnxAttribute::Ints("kernel_shape", both(size)),
+            OnnxAttribute::Ints("strides", both(stride)),
+            OnnxAttribute::Ints("pads", vec![padding as i64; 4]),
         ]
     };
     match layer {
@@ -107,7 +113,7 @@ fn add_layer(
             let inputs = [input, &weight, &bias];
             match operators {
                 Operators::Vectors => {
-                    graph.add_node("Gemm", &inputs, name, &[Attribute::Int("transB", 1)])
+                    graph.add_node("Gemm", &inputs, name, &[OnnxAttribute::Int("transB", 1)])
                 }
                 Operators::Maps => {
                     let window = window(kernel.size, kernel.stride, kernel.padding);
@@ -124,7 +130,7 @@ fn joined(graph: &mut OnnxGraph, name: &str, parts: &[String]) -> String {
         [alone] => alone.clone(),
         _ => {
             let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
-            graph.add_node("Concat", &parts, name, &[Attribute::Int("axis", 1)])
+            graph.add_node("Concat", &parts, name, &[OnnxAttribute::Int("axis", 1)])
         }
     }
 }
@@ -136,7 +142,7 @@ fn features(graph: &mut OnnxGraph, parts: &[String], order: usize) -> String {
         // 0 keeps the batch dimension, -1 takes the remaining components
         let shape = graph.add_int_constant(&format!("{part}.by_element"), &[0, order as i64, -1]);
         let fields = graph.add_node("Reshape", &[part, &shape], &format!("{part}.elements"), &[]);
-        let axes = [Attribute::Ints("axes", vec![1]), Attribute::Int("keepdims", 0)];
+        let axes = [OnnxAttribute::Ints("axes", vec![1]), OnnxAttribute::Int("keepdims", 0)];
         graph.add_node("ReduceMax", &[&fields], &format!("{part}.maxima"), &axes)
     };
     let pooled: Vec<String> = parts.iter().map(&mut pool).collect();
@@ -148,14 +154,14 @@ fn distribution(graph: &mut OnnxGraph, policy: &ExportedPolicy, input: String) {
     let actor = chain(graph, "actor", &policy.actor, input, Operators::Vectors);
     let width = policy.spec.action_irreps.len();
     match &policy.distribution {
-        Distribution::Gaussian { log_std } => {
+        ExportedActionDistribution::Gaussian { log_std } => {
             graph.add_node("Identity", &[&actor], "action", &[]);
             let log_std = graph.add_float_constant("actor.log_std", &[1, width], log_std);
             // the deviations do not depend on the observation: one row is repeated for the batch
             let shape = graph.add_node("Shape", &[&actor], "action.shape", &[]);
             graph.add_node("Expand", &[&log_std, &shape], "log_std", &[]);
         }
-        Distribution::TanhGaussian { log_std: [low, high] } => {
+        ExportedActionDistribution::TanhGaussian { log_std: [low, high] } => {
             let squashed = graph.add_node("Tanh", &[&actor], "squashed", &[]);
             let mut columns = |name: &str, from: usize| {
                 let bounds = [from, from + width].map(|bound| bound as i64);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use rl::{Distribution, ExportedLayer, ExportedPolicy, Observations, PolicyOutput};
+use rl::{ExportedActionDistribution, ExportedLayer, ExportedPolicy, Observations, PolicyOutput};
 use safetensors::tensor::{Dtype, TensorView};
 
 use experiments::RunError;
@@ -27,7 +27,7 @@ pub(super) fn safetensors_weights(
             }
         }
     }
-    if let Distribution::Gaussian { log_std } = &policy.distribution {
+    if let ExportedActionDistribution::Gaussian { log_std } = &policy.distribution {
         arrays.push(floats("log_std", &[log_std.len()], log_std));
     }
     serialize(arrays, path)
@@ -77,5 +77,7 @@ fn serialize(arrays: Vec<Array>, path: &Path) -> Result<Vec<u8>, RunError> {
         TensorView::new(*dtype, shape.clone(), bytes).map(|view| (name, view))
     });
     let views = views.collect::<Result<Vec<_>, _>>();
-    views.and_then(|views| safetensors::serialize(views, None)).map_err(RunError::writing(path))
+    views
+        .and_then(|views| safetensors::serialize(views, None))
+        .map_err(RunError::write_error_at(path))
 }

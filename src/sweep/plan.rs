@@ -83,7 +83,7 @@ impl SweepPlan {
     /// variant's name that no folder can have, or with a seed in `set`; errors of
     /// [`Experiment::check`].
     pub fn jobs(&self) -> Result<Vec<SweepJob>, RunError> {
-        let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::all());
+        let (jobs, tasks) = (self.jobs_unchecked()?, TaskRegistry::with_all());
         // All methods and variants before the first one runs, so that no sweep fails after days.
         // Seeds follow another in the list, and make no settings wrong.
         let different_settings = jobs.len() / self.seeds.len();
@@ -142,10 +142,10 @@ impl SweepPlan {
 
     /// Returns the settings of a method in one arm, whose seed is to be set.
     fn settings(&self, method: Method, arm: &Arm) -> Result<Experiment, RunError> {
-        let preset = self.budget.experiment(method);
+        let preset = self.budget.preset_experiment(method);
         // two seeds, so that an override is found even if it sets one of them
         let [settings, other] =
-            [0, 1].map(|seed| overrides::apply(&arm.set, preset.clone().with_seed(seed)));
+            [0, 1].map(|seed| overrides::apply_overrides(&arm.set, preset.clone().with_seed(seed)));
         let (settings, other) = (settings?, other?);
         if settings.learner.seed() == other.learner.seed() {
             return Err(RunError::InvalidSetting {

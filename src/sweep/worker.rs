@@ -25,7 +25,7 @@ const STOP_POLL: Duration = Duration::from_millis(50);
 
 /// Settings of a sweep's worker.
 #[derive(Clone, Copy, Debug)]
-pub struct WorkerSettings<'a> {
+pub struct SweepWorkerSettings<'a> {
     /// Folder that holds the folders of the runs.
     pub runs: &'a Path,
     /// Worker threads of each run.
@@ -60,14 +60,14 @@ enum JobOutcome {
 ///
 /// # Errors
 /// [`RunError::Write`] if the folder of the runs cannot be created.
-pub fn run_worker(
+pub fn run_sweep_worker(
     jobs: &[SweepJob],
-    settings: WorkerSettings,
+    settings: SweepWorkerSettings,
     stop: &StopSignal,
     out: &mut impl Write,
 ) -> Result<SweepOutcome, RunError> {
     let runs = settings.runs;
-    std::fs::create_dir_all(runs).map_err(RunError::writing(runs))?;
+    std::fs::create_dir_all(runs).map_err(RunError::write_error_at(runs))?;
     let (failed, lost, seen) = Default::default();
     let mut worker = Worker { settings, stop, out, failed, lost, seen };
     let stopped = worker.work(jobs);
@@ -75,7 +75,7 @@ pub fn run_worker(
 }
 
 struct Worker<'a, W> {
-    settings: WorkerSettings<'a>,
+    settings: SweepWorkerSettings<'a>,
     stop: &'a StopSignal,
     out: &'a mut W,
     failed: Vec<String>,
@@ -168,7 +168,7 @@ impl<W: Write> Worker<'_, W> {
             // checked before the run is resumed, which would change its files
             refuse_others(job, &folder, &folder.read_experiment()?)?;
             if folder.is_finished() {
-                match folder.verify_tables() {
+                match folder.verify_table_checksums() {
                     Ok(()) => return Ok(JobOutcome::Done),
                     Err(changed @ RunError::ChangedTable { .. }) => {
                         self.say(job, &format!("{changed}: restoring the tables"));
@@ -233,7 +233,7 @@ impl<W: Write> Worker<'_, W> {
         if run.is_finished() && run.summary()?.is_some() {
             return Ok(JobOutcome::Done);
         }
-        run.save()?;
+        run.save_checkpoint()?;
         let rollouts = run.stats().rollouts;
         self.say(job, &format!("stopped after {rollouts} rollouts"));
         Ok(JobOutcome::Stopped)
@@ -254,12 +254,16 @@ impl<W: Write> Worker<'_, W> {
 }
 
 /// Starts the job's run or resumes it.
-fn claim(job: &SweepJob, folder: &RunFolder, settings: WorkerSettings) -> Result<Run, RunError> {
-    let WorkerSettings { threads, device, .. } = settings;
+fn claim(
+    job: &SweepJob,
+    folder: &RunFolder,
+    settings: SweepWorkerSettings,
+) -> Result<Run, RunError> {
+    let SweepWorkerSettings { threads, device, .. } = settings;
     let path = folder.path();
-    std::fs::create_dir_all(path).map_err(RunError::writing(path))?;
+    std::fs::create_dir_all(path).map_err(RunError::write_error_at(path))?;
     let resume = || {
-        let tasks = TaskRegistry::standard();
+        let tasks = TaskRegistry::with_standard();
         Run::resume_with_tasks(folder.clone(), Some(threads), device, tasks)
     };
     let start = || {
@@ -310,7 +314,7 @@ mod tests {
             let runs = std::env::temp_dir().join(name);
             let job = |seed: u64| SweepJob {
                 folder_name: format!("equi-seed{seed}"),
-                experiment: Budget::Smoke.experiment(Method::Equi).with_seed(seed),
+                experiment: Budget::Smoke.preset_experiment(Method::Equi).with_seed(seed),
             };
             let jobs: Vec<SweepJob> = (0..3).map(job).collect();
             let sweep = Self { runs, jobs };
@@ -336,14 +340,14 @@ mod tests {
             lock
         }
 
-        fn settings(&self) -> WorkerSettings<'_> {
+        fn settings(&self) -> SweepWorkerSettings<'_> {
             let (runs, device) = (&*self.runs, DeviceChoice::Cpu);
-            WorkerSettings { runs, threads: 2, device, take_over_after: None }
+            SweepWorkerSettings { runs, threads: 2, device, take_over_after: None }
         }
 
         fn work(&self, stop: &StopSignal) -> (SweepOutcome, String) {
             let mut said = Vec::new();
-            let ended = run_worker(&self.jobs, self.settings(), stop, &mut said).unwrap();
+            let ended = run_sweep_worker(&self.jobs, self.settings(), stop, &mut said).unwrap();
             (ended, String::from_utf8(said).unwrap())
         }
     }

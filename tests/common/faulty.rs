@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use envs::tasks::DrawerClose;
-use envs::{EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskParts};
+use envs::{EpisodeStart, ExpertCommand, Placement, StepReward, Task, TaskSceneParts, TaskState};
 use rand_chacha::ChaCha8Rng;
 
 /// Drawer Close under another name, until its reward was asked for this many times; then the fault.
@@ -26,15 +26,15 @@ impl Task for Faulty {
         self.name
     }
 
-    fn parts(&self) -> TaskParts<'_> {
+    fn parts(&self) -> TaskSceneParts<'_> {
         DrawerClose.parts()
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        DrawerClose.draw_placement(rng)
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+        DrawerClose.sample_placement(rng)
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, finger: f64) -> StepReward {
         let mut reward = DrawerClose.reward(start, now, finger);
         if self.asked.fetch_add(1, Ordering::Relaxed) == self.after {
             reward.reward = (self.fault)();
@@ -42,7 +42,7 @@ impl Task for Faulty {
         reward
     }
 
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         DrawerClose.expert(placement, now)
     }
 }

@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use covers::CoversError;
-use covers::program::Program;
+use covers::program::CoversCli;
 
 pub mod faulty;
 pub mod packed;
@@ -12,7 +12,7 @@ pub mod scratch;
 /// Runs `covers` with these arguments; returns what it printed.
 pub fn covers(arguments: &[&str]) -> Result<String, CoversError> {
     let mut out = Vec::new();
-    let program = Program::try_parse_from([&["covers"], arguments].concat()).unwrap();
+    let program = CoversCli::try_parse_from([&["covers"], arguments].concat()).unwrap();
     assert_eq!(program.run(&mut out)?, 0);
     Ok(String::from_utf8(out).unwrap())
 }

@@ -3,15 +3,15 @@
 use std::path::PathBuf;
 
 use covers::presets::{Budget, Method};
-use covers::{CheckpointExtent, Experiment, RunFolder, Stream, TaskLabel};
+use covers::{CheckpointExtent, Experiment, RunFolder, SwitchableVecEnv, TaskLabel};
 use envs::Embodiment;
 
 use super::scratch::Scratch;
 
 /// Short episodes of two groups, four environments and no arm, whose variants mirror exactly.
 pub fn small(method: Method) -> Experiment {
-    let mut experiment = Budget::Smoke.experiment(method);
-    experiment = experiment.with_embodiment(Embodiment::HAND).with_threads(1);
+    let mut experiment = Budget::Smoke.preset_experiment(method);
+    experiment = experiment.with_embodiment(Embodiment::FLOATING_HAND).with_threads(1);
     experiment.schedule.groups.truncate(2);
     experiment.envs.num_envs = 4;
     experiment.envs.control.horizon = 50;
@@ -21,11 +21,11 @@ pub fn small(method: Method) -> Experiment {
 impl Scratch {
     /// A folder as `covers pack` makes it.
     pub fn pack(&self, experiment: &Experiment) -> PathBuf {
-        let (spec, labels) = (Stream::env_spec(&experiment.envs), TaskLabel::default());
+        let (spec, labels) = (SwitchableVecEnv::env_spec(&experiment.envs), TaskLabel::default());
         let learner = experiment.learner.new_learner(&spec, &labels).unwrap();
         let folder = self.0.join("packed");
         let extent = CheckpointExtent::Policies { episodes_per_policy: 100 };
-        RunFolder::pack(&folder, experiment, &*learner, extent).unwrap();
+        RunFolder::create_packed(&folder, experiment, &*learner, extent).unwrap();
         folder
     }
 }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use covers::presets::Method;
-use covers::{Experiment, LearnerError, Run, RunError, RunFolder, Stream, TaskLabel};
+use covers::{Experiment, LearnerError, Run, RunError, RunFolder, SwitchableVecEnv, TaskLabel};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -67,7 +67,7 @@ fn a_checkpoint_under_a_higher_number_is_passed_over_and_named() {
     let renamed = path.with_file_name("000099.safetensors");
     fs::copy(checkpoints(&folder).first().unwrap(), &renamed).unwrap();
     let experiment = RunFolder::from_path(&folder).read_experiment().unwrap();
-    let spec = Stream::env_spec(&experiment.envs);
+    let spec = SwitchableVecEnv::env_spec(&experiment.envs);
     let learner = RunFolder::from_path(&folder)
         .load_learner(&experiment.learner, &spec, &TaskLabel::default())
         .unwrap();

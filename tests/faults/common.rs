@@ -30,7 +30,7 @@ pub fn full() -> bool {
 /// COVERS learns from two rollouts of the first group; the third turn hands over to a second policy
 /// and takes three, and two more are left.
 pub fn tiny(method: Method) -> Experiment {
-    let mut experiment = Budget::Smoke.experiment(method).with_threads(2);
+    let mut experiment = Budget::Smoke.preset_experiment(method).with_threads(2);
     experiment.schedule.groups.truncate(2);
     // this seed shuffles them: the second comes first
     experiment.schedule.groups[0].decisions = 5 * 80;
@@ -39,7 +39,7 @@ pub fn tiny(method: Method) -> Experiment {
     experiment.envs.num_envs = 4;
     experiment.evaluation.recognition_repeats = 0;
     // without an arm: quicker
-    experiment.envs.embodiment = Embodiment::HAND;
+    experiment.envs.embodiment = Embodiment::FLOATING_HAND;
     if method == Method::Paper
         && let LearnerSettings::Covers(settings) = &mut experiment.learner
     {

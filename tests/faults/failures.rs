@@ -53,7 +53,7 @@ fn a_limit_of_file_sizes_is_an_error_that_names_the_file() {
 
 /// One group of a task that fails after about two and a half rollouts.
 fn run_of(scratch: &Scratch, task: &'static Faulty) -> Run {
-    let mut tasks = TaskRegistry::standard();
+    let mut tasks = TaskRegistry::with_standard();
     tasks.register(TaskGroup::from_task(task)).unwrap();
     let mut experiment = tiny(Method::Covers);
     experiment.schedule.groups.truncate(1);
@@ -78,7 +78,7 @@ fn a_reward_that_is_not_a_number_is_an_error_and_no_checkpoint_holds_it() {
     };
     assert!(error.to_string().contains("NaN"), "{error}");
     let (folder, learnt) = (run.folder().path().to_owned(), run.stats().rollouts);
-    assert!(matches!(run.save().unwrap_err(), RunError::FailedEarlier));
+    assert!(matches!(run.save_checkpoint().unwrap_err(), RunError::FailedEarlier));
     assert_eq!(checkpoints(&folder).len(), learnt, "one after each rollout before");
     let log = std::fs::read_to_string(folder.join("log.txt")).unwrap();
     assert!(log.contains("NaN"), "{log}");

@@ -56,7 +56,7 @@ fn a_writer_that_was_frozen_while_another_one_finished_changes_nothing() {
     let message = error.to_string();
     let process = format!("was taken over by process {}", std::process::id());
     assert!(message.contains(&process), "{message}");
-    assert!(frozen.save().is_err());
+    assert!(frozen.save_checkpoint().is_err());
     drop(frozen);
     assert!(contents(&folder) == before, "the frozen writer changed a file");
 }
@@ -94,7 +94,7 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
     run.summary().unwrap().unwrap();
     let folder = run.folder().clone();
     drop(run);
-    folder.verify_tables().unwrap();
+    folder.verify_table_checksums().unwrap();
     for file in ["metrics.csv", "evaluation.csv", "timings.csv"] {
         let path = folder.path().join(file);
         let whole = fs::read(&path).unwrap();
@@ -104,10 +104,10 @@ fn tables_that_change_after_the_end_are_found_and_restored() {
         *digit.unwrap() ^= 1;
         for changed in [&edited[..], &whole[..whole.len() - 7]] {
             fs::write(&path, changed).unwrap();
-            let message = folder.verify_tables().unwrap_err().to_string();
+            let message = folder.verify_table_checksums().unwrap_err().to_string();
             assert!(message.contains(file) && message.contains("covers resume"), "{message}");
             Run::resume(folder.path(), Some(1)).unwrap().summary().unwrap();
-            folder.verify_tables().unwrap();
+            folder.verify_table_checksums().unwrap();
             assert!(fs::read(&path).unwrap() == whole);
         }
     }

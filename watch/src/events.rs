@@ -90,7 +90,7 @@ fn successes(scores: &[&ScoreRow]) -> String {
         format!("[{}]", successes.join(", "))
     };
     let success = format!("success {}", of(|row| Some(row.success)));
-    match scores.iter().filter(|row| row.is_mismatch()).count() {
+    match scores.iter().filter(|row| row.is_policy_mismatch()).count() {
         0 => success,
         mismatches => format!(
             "{success}, {mismatches} of {} variants by another policy than the group's own, own \
@@ -133,7 +133,7 @@ fn events(run: &RunData) -> Vec<(Moment, RunEvent<'_>)> {
         let event = RunEvent::Rollout {
             rollout,
             row,
-            thresholds: run.thresholds(row),
+            thresholds: run.policy_distance_thresholds(row),
             progress: StreamProgress::after_rollouts(run, rollout + 1),
         };
         ((rollout + 1, 0), event)
@@ -156,7 +156,7 @@ mod tests {
     use experiments::presets::{Budget, Method};
 
     fn run(rollouts: usize) -> RunData {
-        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let mut run = RunData::empty("run", Budget::Smoke.preset_experiment(Method::Covers));
         run.experiment.schedule.groups.truncate(1);
         run.rollouts = (1..=rollouts)
             .map(|turn| RolloutRow {

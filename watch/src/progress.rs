@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn the_last_rollouts_say_how_long_the_rest_takes() {
-        let mut run = RunData::empty("run", Budget::Smoke.experiment(Method::Covers));
+        let mut run = RunData::empty("run", Budget::Smoke.preset_experiment(Method::Covers));
         let stream = run.experiment.schedule.total_decisions();
         let nothing = StreamProgress::after_rollouts(&run, 0);
         assert_eq!((nothing.total_decisions, nothing.seconds_left), (stream, None));

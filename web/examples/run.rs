@@ -3,7 +3,7 @@
 
 use std::error::Error;
 
-use covers_web::Demo;
+use covers_web::WorldsDemo;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<u64> =
@@ -11,7 +11,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let [seed, groups, iterations] = arguments[..] else {
         return Err("expected a seed, a number of groups and a number of iterations".into());
     };
-    let mut demo = Demo::new(seed, usize::try_from(groups)?)?;
+    let mut demo = WorldsDemo::new(seed, usize::try_from(groups)?)?;
     for _ in 0..iterations {
         println!("{}", serde_json::to_string(&demo.learn()?)?);
     }

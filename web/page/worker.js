@@ -1,6 +1,6 @@
 // Runs the learner beside the page, so that the page never waits. It learns one iteration for each
 // message `learn`, and answers with what happened.
-import init, { Session } from "./covers_web.js";
+import init, { DemoSession } from "./covers_web.js";
 
 let session;
 
@@ -8,16 +8,16 @@ const answers = {
   async start({ seed, groups }) {
     await init({ module_or_path: new URL("covers_web_bg.wasm", import.meta.url) });
     session?.free();
-    session = new Session(seed, groups);
-    const pictures = Array.from({ length: groups }, (_, group) => session.picture(group));
+    session = new DemoSession(seed, groups);
+    const pictures = Array.from({ length: groups }, (_, group) => session.groupPicture(group));
     return { pictures };
   },
   learn() {
     const record = JSON.parse(session.learn());
-    return { record, film: session.film() };
+    return { record, film: session.rolloutFilm() };
   },
   insert({ group, rounds, variant }) {
-    session.insert(group, rounds, variant);
+    session.insertVisit(group, rounds, variant);
     return { group };
   },
 };

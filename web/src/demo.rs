@@ -1,6 +1,6 @@
 //! Stream of drawn tasks, the learner that watches it, and records of what happens.
 
-use learner::{Covers, CoversSettings, Learner, LearnerError};
+use learner::{CoversLearner, CoversSettings, Learner, LearnerError};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -10,12 +10,12 @@ use rl::{
 };
 use serde::Serialize;
 use symmetry::D2;
-use worlds::{StreamError, TaskStream, Visit, World, WorldKind};
+use worlds::{GroupVisit, StreamError, TaskStream, World, WorldKind};
 
 /// Number of environments that step together.
 const NUM_ENVS: usize = 20;
 /// Number of environments whose pictures are recorded.
-pub const NUM_FILMED: usize = 4;
+pub const NUM_FILMED_ENVS: usize = 4;
 /// Number of decisions of an episode.
 const HORIZON: usize = 25;
 
@@ -27,7 +27,7 @@ struct FilmedStream {
 
 impl FilmedStream {
     fn record(&mut self, images: &[u8]) {
-        let len = self.stream.spec().image_len() * NUM_FILMED;
+        let len = self.stream.spec().image_len() * NUM_FILMED_ENVS;
         self.film.extend(present(&images[..len]));
     }
 }
@@ -57,15 +57,15 @@ impl VectorEnv for FilmedStream {
 }
 
 /// Demonstration: a learner, and the stream of tasks that it trains on.
-pub struct Demo {
+pub struct WorldsDemo {
     env: FilmedStream,
-    learner: Covers,
+    learner: CoversLearner,
     iterations: usize,
 }
 
 /// Record of one iteration of learning.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Record {
+pub struct IterationRecord {
     /// Number of the iteration, from 0.
     pub iteration: usize,
     /// True group of the last episodes, which the learner is not told.
@@ -83,7 +83,7 @@ pub struct Record {
     pub merged_into: Vec<Option<usize>>,
 }
 
-impl Demo {
+impl WorldsDemo {
     /// Draws a world of `num_groups` groups and its stream from a seed.
     ///
     /// # Errors
@@ -93,7 +93,7 @@ impl Demo {
         let visits = draw_visits(seed, world.groups.len());
         let stream =
             TaskStream::new(world, visits, NUM_ENVS).map_err(refused)?.with_horizon(HORIZON);
-        let learner = Covers::new(settings(seed), stream.spec())?;
+        let learner = CoversLearner::new(settings(seed), stream.spec())?;
         Ok(Self { env: FilmedStream { stream, film: Vec::new() }, learner, iterations: 0 })
     }
 
@@ -101,10 +101,10 @@ impl Demo {
     ///
     /// # Errors
     /// Errors of the learner.
-    pub fn learn(&mut self) -> Result<Record, LearnerError> {
+    pub fn learn(&mut self) -> Result<IterationRecord, LearnerError> {
         let report = self.learner.learn(&mut self.env)?;
         let stream = &self.env.stream;
-        let record = Record {
+        let record = IterationRecord {
             iteration: self.iterations,
             group: stream.group_in_round(stream.num_rounds_ended() - 1),
             policy: report.policy,
@@ -118,7 +118,7 @@ impl Demo {
     }
 
     /// Returns the images `[T, 4, 48, 48, 3]` of the first four environments in the latest rollout.
-    pub fn film(&self) -> &[u8] {
+    pub fn rollout_film(&self) -> &[u8] {
         &self.env.film
     }
 
@@ -126,8 +126,8 @@ impl Demo {
     ///
     /// # Errors
     /// [`RlError::Environment`] for a group that the world does not have.
-    pub fn picture(&self, group: usize) -> Result<Vec<u8>, RlError> {
-        let visits = vec![Visit { variant: Some(D2::Identity), ..Visit::new(group, 1) }];
+    pub fn group_picture(&self, group: usize) -> Result<Vec<u8>, RlError> {
+        let visits = vec![GroupVisit { variant: Some(D2::Identity), ..GroupVisit::new(group, 1) }];
         let world = self.env.stream.world().clone();
         let mut stream = TaskStream::new(world, visits, 1).map_err(refused)?;
         let mut observations = Observations::new(stream.spec());
@@ -139,13 +139,13 @@ impl Demo {
     ///
     /// # Errors
     /// [`RlError::Environment`] for a group that the world does not have.
-    pub fn insert(
+    pub fn insert_visit(
         &mut self,
         group: usize,
         rounds: usize,
         variant: Option<D2>,
     ) -> Result<(), RlError> {
-        self.env.stream.insert_visit(Visit { group, rounds, variant }).map_err(refused)
+        self.env.stream.insert_visit(GroupVisit { group, rounds, variant }).map_err(refused)
     }
 }
 
@@ -160,14 +160,16 @@ fn present(images: &[u8]) -> impl Iterator<Item = u8> {
 }
 
 /// Draws visits of all groups in random order, 8 to 14 rounds each.
-fn draw_visits(seed: u64, groups: usize) -> Vec<Visit> {
+fn draw_visits(seed: u64, groups: usize) -> Vec<GroupVisit> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut visits = Vec::new();
     // more than anyone will watch; the last group would stay
     for _ in 0..100 {
         let mut order: Vec<usize> = (0..groups).collect();
         order.shuffle(&mut rng);
-        visits.extend(order.into_iter().map(|group| Visit::new(group, rng.random_range(8..=14))));
+        visits.extend(
+            order.into_iter().map(|group| GroupVisit::new(group, rng.random_range(8..=14))),
+        );
     }
     visits
 }
@@ -177,7 +179,7 @@ fn settings(seed: u64) -> CoversSettings {
         // half of the default's widths: a browser computes more slowly
         network: NetworkSettings {
             critic: CriticSettings::Joint { fields: 16 },
-            ..NetworkSettings::strided(vec![2, 4, 8, 8], 16)
+            ..NetworkSettings::with_strided_encoder(vec![2, 4, 8, 8], 16)
         },
         ppo: PpoSettings {
             // rewards are dense, and episodes have 25 decisions

@@ -1,9 +1,10 @@
 //! Live demonstration of COVERS in a browser: the learner of `covers-learner` in worlds that
-//! `covers-worlds` draws. [`Demo`] is the demonstration; [`Session`] is its JavaScript interface.
+//! `covers-worlds` draws. [`WorldsDemo`] is the demonstration; [`DemoSession`] is its JavaScript
+//! interface.
 
 mod demo;
 
-pub use demo::{Demo, NUM_FILMED, Record};
+pub use demo::{IterationRecord, NUM_FILMED_ENVS, WorldsDemo};
 
 use symmetry::D2;
 use wasm_bindgen::JsError;
@@ -11,20 +12,20 @@ use wasm_bindgen::prelude::wasm_bindgen;
 
 /// Interface of the demonstration for JavaScript.
 #[wasm_bindgen]
-pub struct Session(Demo);
+pub struct DemoSession(WorldsDemo);
 
 #[wasm_bindgen]
-impl Session {
+impl DemoSession {
     /// Draws a world of `num_groups` task groups and a stream of visits from a seed.
     ///
     /// # Errors
     /// A number of groups for which there is no world.
     #[wasm_bindgen(constructor)]
-    pub fn new(seed: u32, num_groups: usize) -> Result<Session, JsError> {
-        Ok(Self(Demo::new(seed.into(), num_groups)?))
+    pub fn new(seed: u32, num_groups: usize) -> Result<DemoSession, JsError> {
+        Ok(Self(WorldsDemo::new(seed.into(), num_groups)?))
     }
 
-    /// Runs one iteration of learning, and returns its [`Record`] as JSON.
+    /// Runs one iteration of learning, and returns its [`IterationRecord`] as JSON.
     ///
     /// # Errors
     /// Errors of the learner.
@@ -33,16 +34,18 @@ impl Session {
     }
 
     /// Returns the images `[T, 4, 48, 48, 3]` of the first four environments in the latest rollout.
-    pub fn film(&self) -> Vec<u8> {
-        self.0.film().to_vec()
+    #[wasm_bindgen(js_name = rolloutFilm)]
+    pub fn rollout_film(&self) -> Vec<u8> {
+        self.0.rollout_film().to_vec()
     }
 
     /// Returns the first image `[48, 48, 3]` of an episode of a task group, as bytes.
     ///
     /// # Errors
     /// A group that the world does not have.
-    pub fn picture(&self, group: usize) -> Result<Vec<u8>, JsError> {
-        Ok(self.0.picture(group)?)
+    #[wasm_bindgen(js_name = groupPicture)]
+    pub fn group_picture(&self, group: usize) -> Result<Vec<u8>, JsError> {
+        Ok(self.0.group_picture(group)?)
     }
 
     /// Inserts a visit of `rounds` rollouts to a task group, which begins within two iterations.
@@ -51,12 +54,13 @@ impl Session {
     ///
     /// # Errors
     /// A group that the world does not have.
-    pub fn insert(
+    #[wasm_bindgen(js_name = insertVisit)]
+    pub fn insert_visit(
         &mut self,
         group: usize,
         rounds: usize,
         variant: Option<usize>,
     ) -> Result<(), JsError> {
-        Ok(self.0.insert(group, rounds, variant.map(D2::from_bits))?)
+        Ok(self.0.insert_visit(group, rounds, variant.map(D2::from_bits))?)
     }
 }

@@ -83,13 +83,13 @@ await weight();
 // the program without a browser learns the same tasks with the same policies
 {
   const native = (await readFile(records, "utf8")).trim().split("\n").map((line) => JSON.parse(line));
-  const { default: init, Session } = await import(join(folder, "covers_web.js"));
+  const { default: init, DemoSession } = await import(join(folder, "covers_web.js"));
   await init({ module_or_path: await readFile(join(folder, "covers_web_bg.wasm")) });
-  const session = new Session(1, 3);
+  const session = new DemoSession(1, 3);
   const choices = ({ group, policy, is_new }) => [group, policy, is_new];
   for (const record of native) assert.deepEqual(choices(JSON.parse(session.learn())), choices(record));
   assert.ok(native.some((record) => record.is_new), "no policy was opened");
-  assert.throws(() => session.insert(3, 1, undefined), /group 3/);
+  assert.throws(() => session.insertVisit(3, 1, undefined), /group 3/);
 }
 
 // by keyboard alone: learn, insert another group, and see a policy opened for it

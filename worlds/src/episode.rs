@@ -72,7 +72,7 @@ impl Episode {
         self.render();
         let (position, reward) = (self.relative_position(), &self.group.reward);
         let value = self.scene.reward_scale * reward.reward_at(position);
-        (value, reward.distance(position) <= NEAR)
+        (value, reward.distance_to_full_reward(position) <= NEAR)
     }
 
     /// Renders the camera picture of the present state.
@@ -94,7 +94,7 @@ impl Episode {
 
     /// Writes the observation, the picture `[48, 48, 6]` and the hand's position (x, y), both
     /// mirrored by the episode's element of D2.
-    pub fn show(&self, image: &mut [u8], vector: &mut [f32]) {
+    pub fn write_observation(&self, image: &mut [u8], vector: &mut [f32]) {
         for (at, pixel) in image.chunks_exact_mut(6).enumerate() {
             // every variant is its own inverse, so the source is where the pixel goes
             let (row, col) = self.variant.apply_pixel(

@@ -36,12 +36,12 @@ impl RewardFunction {
     /// Returns the reward, in (0, 1], for a hand at a position relative to the object, in units of
     /// half the picture's side.
     pub fn reward_at(&self, [x, y]: [f32; 2]) -> f32 {
-        (-DECAY * self.distance([x, y])).exp()
+        (-DECAY * self.distance_to_full_reward([x, y])).exp()
     }
 
     /// Returns the distance of a hand from the nearest position of full reward, in units of half
     /// the picture's side.
-    pub fn distance(&self, [x, y]: [f32; 2]) -> f32 {
+    pub fn distance_to_full_reward(&self, [x, y]: [f32; 2]) -> f32 {
         ((x - self.offset[0]).hypot(y - self.offset[1]) - self.radius).abs()
     }
 

@@ -130,7 +130,7 @@ impl WorldKind {
     }
 
     /// Returns the properties in which the task groups of this kind of world differ.
-    pub const fn properties(self) -> &'static [GroupProperty] {
+    pub const fn varying_properties(self) -> &'static [GroupProperty] {
         self.spec().properties
     }
 
@@ -148,7 +148,7 @@ impl WorldKind {
 
     /// Returns the largest number of task groups of this kind of world.
     pub(crate) const fn max_num_groups(self) -> usize {
-        match self.properties() {
+        match self.varying_properties() {
             // values of a property are drawn without repetition
             [property] | [property, GroupProperty::Target] => property.num_values(),
             _ => 16,
@@ -157,7 +157,7 @@ impl WorldKind {
 
     /// Returns `number` random task groups of this kind of world.
     pub(crate) fn draw_groups(self, number: usize, rng: &mut ChaCha8Rng) -> Vec<TaskGroup> {
-        let mut groups = match *self.properties() {
+        let mut groups = match *self.varying_properties() {
             [] => vec![draw_group(draw_appearance(rng), rng); number],
             [property] => {
                 let common = draw_group(draw_appearance(rng), rng);

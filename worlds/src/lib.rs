@@ -19,10 +19,10 @@
 //!
 //! ```
 //! use rl::{Observations, VectorEnv};
-//! use worlds::{WorldKind, TaskStream, Visit, World};
+//! use worlds::{WorldKind, TaskStream, GroupVisit, World};
 //!
 //! let world = World::random(WorldKind::Appearance, 1000);
-//! let visits = vec![Visit::new(0, 2), Visit::new(1, 2)];
+//! let visits = vec![GroupVisit::new(0, 2), GroupVisit::new(1, 2)];
 //! let mut stream = TaskStream::new(world, visits, 4)?;
 //! let mut observations = Observations::new(stream.spec());
 //! stream.reset(&mut observations)?;
@@ -43,7 +43,7 @@ pub use appearance::{Appearance, Shape, Texture};
 pub use group::{HandDynamics, RewardFunction, TaskGroup};
 pub use kind::{GroupProperty, WorldKind};
 pub use scene::Scene;
-pub use stream::{DEFAULT_HORIZON, StreamError, TaskStream, Visit};
+pub use stream::{DEFAULT_HORIZON, GroupVisit, StreamError, TaskStream};
 pub use world::World;
 
 /// Compiles and runs the example of the README.

@@ -15,7 +15,7 @@ pub const DEFAULT_HORIZON: usize = 50;
 /// Visit of the stream to one task group for a number of rounds. In a round each environment runs
 /// one episode; all begin and end together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Visit {
+pub struct GroupVisit {
     /// Index of the visited task group in the world, from 0.
     pub group: usize,
     /// Number of rounds of the visit; a round is one episode in each environment.
@@ -24,7 +24,7 @@ pub struct Visit {
     pub variant: Option<D2>,
 }
 
-impl Visit {
+impl GroupVisit {
     /// Returns a visit whose episodes are mirrored at random.
     pub fn new(group: usize, rounds: usize) -> Self {
         Self { group, rounds, variant: None }
@@ -73,7 +73,7 @@ pub enum StreamError {
 #[derive(Clone, Debug)]
 pub struct TaskStream {
     world: World,
-    visits: Vec<Visit>,
+    visits: Vec<GroupVisit>,
     horizon: usize,
     spec: EnvSpec,
     episodes: Vec<Episode>,
@@ -86,7 +86,11 @@ impl TaskStream {
     ///
     /// # Errors
     /// No visit, no environment, or a group that the world does not have.
-    pub fn new(world: World, visits: Vec<Visit>, num_envs: usize) -> Result<Self, StreamError> {
+    pub fn new(
+        world: World,
+        visits: Vec<GroupVisit>,
+        num_envs: usize,
+    ) -> Result<Self, StreamError> {
         for (what, size) in [("the number of visits", visits.len()), ("num_envs", num_envs)] {
             if size == 0 {
                 return Err(StreamError::NoVisitsOrEnvs { what });
@@ -149,7 +153,7 @@ impl TaskStream {
     ///
     /// # Errors
     /// [`StreamError::UnknownGroup`] for a group that the world does not have.
-    pub fn insert_visit(&mut self, visit: Visit) -> Result<(), StreamError> {
+    pub fn insert_visit(&mut self, visit: GroupVisit) -> Result<(), StreamError> {
         let next = self.round + usize::from(!self.episodes.is_empty());
         let index = self.visit_in_round(next);
         let rounds_before: usize = self.visits[..index].iter().map(|earlier| earlier.rounds).sum();
@@ -160,7 +164,7 @@ impl TaskStream {
     }
 
     /// Returns the visit that round `round`, from 0, belongs to.
-    pub fn visit_of_round(&self, round: usize) -> Visit {
+    pub fn visit_of_round(&self, round: usize) -> GroupVisit {
         self.visits[self.visit_in_round(round)]
     }
 
@@ -187,7 +191,7 @@ impl TaskStream {
     fn begin(&mut self) {
         self.step = 0;
         let (world, round) = (&self.world, self.round);
-        let scene = world.scene_in(round, self.visit_in_round(round));
+        let scene = world.scene_in_round(round, self.visit_in_round(round));
         let visit = self.visit_of_round(round);
         let group = world.groups[visit.group].after(round);
         let episodes = (0..self.spec.num_envs).map(|env| {
@@ -203,13 +207,13 @@ impl TaskStream {
         let images = out.images.chunks_exact_mut(self.spec.image_len());
         let vectors = out.vectors.chunks_exact_mut(self.spec.vector_irreps.len());
         for (episode, (image, vector)) in self.episodes.iter().zip(images.zip(vectors)) {
-            episode.show(image, vector);
+            episode.write_observation(image, vector);
         }
     }
 }
 
 /// Checks that the world has the group of a visit, which has this index in the list of visits.
-fn check_group(world: &World, index: usize, visit: &Visit) -> Result<(), StreamError> {
+fn check_group(world: &World, index: usize, visit: &GroupVisit) -> Result<(), StreamError> {
     let (group, groups) = (visit.group, world.groups.len());
     if group < groups {
         Ok(())

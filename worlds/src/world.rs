@@ -48,7 +48,7 @@ impl World {
 
     /// Returns the surroundings of the objects in round `round` of a stream of tasks, which belongs
     /// to visit `visit`.
-    pub fn scene_in(&self, round: usize, visit: usize) -> Scene {
+    pub fn scene_in_round(&self, round: usize, visit: usize) -> Scene {
         let (from, to) = (&self.scene, &self.changed_scene);
         // rises to 1 and returns to 0
         let share = 1.0 - (1.0 - (round as f32 / CHANGE_ROUNDS).rem_euclid(2.0)).abs();
@@ -68,12 +68,12 @@ impl World {
 
     /// Returns the number of policies that the world requires: equal groups count once.
     pub fn num_distinct_groups(&self) -> usize {
-        if self.kind.properties().is_empty() { 1 } else { self.groups.len() }
+        if self.kind.varying_properties().is_empty() { 1 } else { self.groups.len() }
     }
 
     /// Returns the smallest index of a task group that equals the one with index `group`.
     pub fn first_equal_group(&self, group: usize) -> usize {
-        if self.kind.properties().is_empty() { 0 } else { group }
+        if self.kind.varying_properties().is_empty() { 0 } else { group }
     }
 }
 

@@ -6,12 +6,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, Observations, Transition, VectorEnv};
 use symmetry::D2;
-use worlds::{TaskStream, Visit, World, WorldKind};
+use worlds::{GroupVisit, TaskStream, World, WorldKind};
 
 fn stream(kind: WorldKind, seed: u64, variant: D2) -> TaskStream {
     let world = World::random(kind, seed);
     let groups = world.groups.len();
-    let visits = (0..2).map(|visit| Visit::new(visit % groups, 1)).collect();
+    let visits = (0..2).map(|visit| GroupVisit::new(visit % groups, 1)).collect();
     let stream = TaskStream::new(world, visits, 2).unwrap();
     stream.with_variant(variant).with_horizon(6)
 }

@@ -6,12 +6,14 @@ use std::collections::BTreeSet;
 
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::D2;
-use worlds::{GroupProperty, Scene, StreamError, TaskGroup, TaskStream, Visit, World, WorldKind};
+use worlds::{
+    GroupProperty, GroupVisit, Scene, StreamError, TaskGroup, TaskStream, World, WorldKind,
+};
 
 const SEEDS: std::ops::Range<u64> = 1000..1020;
 
-fn visits(groups: &[usize], rounds: usize) -> Vec<Visit> {
-    groups.iter().map(|&group| Visit::new(group, rounds)).collect()
+fn visits(groups: &[usize], rounds: usize) -> Vec<GroupVisit> {
+    groups.iter().map(|&group| GroupVisit::new(group, rounds)).collect()
 }
 
 /// Returns each property of a group as text; offset and radius are the target's and the reward's.
@@ -42,13 +44,16 @@ fn equal_seeds_draw_equal_worlds_and_groups_differ_where_their_kind_says() {
                     let differ = both.filter(|(a, b)| a != b).map(|(one, _)| one.0);
                     let differ: Vec<GroupProperty> = differ.collect();
                     // two groups may share some of a long list of properties, not all
-                    let few = kind.properties().len() <= 2;
-                    assert!(differ == kind.properties() || !few && !differ.is_empty(), "{kind:?}");
+                    let few = kind.varying_properties().len() <= 2;
+                    assert!(
+                        differ == kind.varying_properties() || !few && !differ.is_empty(),
+                        "{kind:?}"
+                    );
                     seen.extend(differ);
                 }
             }
         }
-        assert!(seen.iter().eq(kind.properties()), "{kind:?} {seen:?}");
+        assert!(seen.iter().eq(kind.varying_properties()), "{kind:?} {seen:?}");
         for number in [2, 16] {
             let world = World::random_with_num_groups(kind, 1000, number);
             assert!((2..=number).contains(&world.groups.len()));
@@ -67,7 +72,7 @@ fn mean_reward(world: &World, of_group: usize, as_group: usize) -> f32 {
         stream.step(&actions, &mut transition).unwrap();
         sum += transition.rewards.iter().sum::<f32>() / 400.0;
     }
-    sum / world.scene_in(0, 0).reward_scale
+    sum / world.scene_in_round(0, 0).reward_scale
 }
 
 #[test]
@@ -100,9 +105,9 @@ fn parts(scene: &Scene) -> [(WorldKind, String); 5] {
 fn nothing_but_the_nuisance_changes_with_time() {
     for kind in WorldKind::ALL {
         let world = World::random(kind, 1000);
-        let first = world.scene_in(0, 0);
+        let first = world.scene_in_round(0, 0);
         for (round, visit) in [(100, 3), (300, 9)] {
-            let later = world.scene_in(round, visit);
+            let later = world.scene_in_round(round, visit);
             let is_constant = parts(&first).iter().all(|(changing, _)| *changing != kind);
             assert_eq!(later == first, is_constant, "{kind:?}");
             for ((changing, before), (_, after)) in parts(&first).iter().zip(parts(&later)) {
@@ -138,10 +143,10 @@ fn nuisances_change_pictures_or_rewards_and_slowly() {
             let [(seen, paid), (expected, plain)] =
                 [&world, &constant].map(|world| shown(world, 0, late, 1));
             assert_eq!(seen == expected, kind == WorldKind::RescaledReward, "{kind:?}");
-            let scaled = world.scene_in(late - 1, late - 1).reward_scale * plain[0];
+            let scaled = world.scene_in_round(late - 1, late - 1).reward_scale * plain[0];
             assert_eq!(paid[0] != scaled, kind == WorldKind::MovingObject, "{kind:?}");
         }
-        let noise = |round| world.scene_in(round, 0).noise_amplitude;
+        let noise = |round| world.scene_in_round(round, 0).noise_amplitude;
         assert!((0..249).all(|r| (0.0..0.1).contains(&(noise(r + 1) - noise(r)))));
     }
 }
@@ -205,7 +210,7 @@ fn a_visit_is_inserted_after_the_round_that_runs() {
     let mut stream = TaskStream::new(world, visits(&[0, 1], 4), 1).unwrap().with_horizon(2);
     let groups =
         |of: &TaskStream| -> Vec<usize> { (0..8).map(|round| of.group_in_round(round)).collect() };
-    let inserted = Visit { variant: Some(D2::FlipX), ..Visit::new(2, 2) };
+    let inserted = GroupVisit { variant: Some(D2::FlipX), ..GroupVisit::new(2, 2) };
     let mut transition = Transition::new(stream.spec());
     let mut observations = Observations::new(stream.spec());
     stream.reset(&mut observations).unwrap();
@@ -215,8 +220,8 @@ fn a_visit_is_inserted_after_the_round_that_runs() {
     assert_eq!(stream.visit_of_round(1), inserted);
     // an episode whose first observation was returned belongs to the visit before
     stream.step(&[0.0; 2], &mut transition).unwrap();
-    stream.insert_visit(Visit::new(0, 1)).unwrap();
+    stream.insert_visit(GroupVisit::new(0, 1)).unwrap();
     assert_eq!(groups(&stream), [0, 2, 0, 1, 1, 1, 1, 1]);
-    let refused = stream.insert_visit(Visit::new(3, 1)).unwrap_err();
+    let refused = stream.insert_visit(GroupVisit::new(3, 1)).unwrap_err();
     assert_eq!(refused, StreamError::UnknownGroup { visit: 3, group: 3, groups: 3 });
 }

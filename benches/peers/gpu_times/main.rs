@@ -27,13 +27,13 @@ use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::time::{Duration, Instant};
 
-use equivariant::gpu::Device;
+use equivariant::gpu::GpuDevice;
 
 /// Least time of one measurement.
 const TIME: Duration = Duration::from_millis(400);
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let device = Device::open(std::env::args().nth(1).as_deref())?;
+    let device = GpuDevice::open(std::env::args().nth(1).as_deref())?;
     for line in stdin().lock().lines() {
         let answer = answer(&device, &line?).unwrap_or_else(|error| format!("error {error}"));
         writeln!(stdout(), "{}", answer.replace('\n', " "))?;
@@ -42,14 +42,16 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn answer(device: &Device, line: &str) -> Result<String, Box<dyn Error>> {
+fn answer(device: &GpuDevice, line: &str) -> Result<String, Box<dyn Error>> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let milliseconds = match words[..] {
         ["adapter"] => return Ok(device.adapter().to_string()),
-        [network, "kernels", batch] => return passes::kernels(device, network, batch.parse()?),
-        ["update", width, place] => policies::update(device, width.parse()?, place)?,
-        ["decide", batch, place] => policies::decide(device, batch.parse()?, place)?,
-        [network, task, batch] => passes::time(device, network, task, batch.parse()?)?,
+        [network, "kernels", batch] => {
+            return passes::kernel_times(device, network, batch.parse()?);
+        }
+        ["update", width, place] => policies::time_ppo_update(device, width.parse()?, place)?,
+        ["decide", batch, place] => policies::time_decisions(device, batch.parse()?, place)?,
+        [network, task, batch] => passes::time_network_pass(device, network, task, batch.parse()?)?,
         _ => return Err(format!("got the request `{line}`").into()),
     };
     Ok(milliseconds.to_string())

@@ -3,14 +3,14 @@
 use std::error::Error;
 
 use equivariant::gpu::{
-    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, Device, PassSelection,
+    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuDevice, PassSelection,
 };
 use equivariant::{Layer, LayerSignature};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::milliseconds;
-use crate::networks::network;
+use crate::networks::build_network;
 
 /// Program of a network, and the buffer that it writes last.
 struct Bench {
@@ -21,7 +21,7 @@ struct Bench {
 
 impl Bench {
     fn new(
-        device: &Device,
+        device: &GpuDevice,
         name: &str,
         passes: PassSelection,
         samples: usize,
@@ -33,7 +33,7 @@ impl Bench {
             "wide" => (64, &[16, 32, 64, 64], false),
             _ => return Err(format!("got the network `{name}`").into()),
         };
-        let network = network(size, fields, pooled)?;
+        let network = build_network(size, fields, pooled)?;
         let mut plan = ComputePlan::new();
         let x = plan.add_input(network.in_shape());
         let y = plan.add_layer(&network, x)?;
@@ -56,8 +56,8 @@ impl Bench {
 }
 
 /// Returns the mean milliseconds of a training pass or a forward pass of a network on a GPU.
-pub fn time(
-    device: &Device,
+pub fn time_network_pass(
+    device: &GpuDevice,
     network: &str,
     task: &str,
     batch: usize,
@@ -70,7 +70,7 @@ pub fn time(
     let bench = Bench::new(device, network, passes, batch)?;
     milliseconds(|runs| {
         for _ in 0..runs {
-            bench.program.submit(passes, bench.batch);
+            bench.program.submit_passes(passes, bench.batch);
         }
         bench.program.read_floats([(bench.last, 1)])?;
         Ok(())
@@ -79,11 +79,15 @@ pub fn time(
 
 /// Returns the name and the microseconds of each GPU kernel of a training pass, after passes that
 /// warm up the device.
-pub fn kernels(device: &Device, network: &str, batch: usize) -> Result<String, Box<dyn Error>> {
+pub fn kernel_times(
+    device: &GpuDevice,
+    network: &str,
+    batch: usize,
+) -> Result<String, Box<dyn Error>> {
     let bench = Bench::new(device, network, PassSelection::All, batch)?;
     milliseconds(|runs| {
         for _ in 0..runs {
-            bench.program.submit(PassSelection::All, bench.batch);
+            bench.program.submit_passes(PassSelection::All, bench.batch);
         }
         bench.program.read_floats([(bench.last, 1)])?;
         Ok(())

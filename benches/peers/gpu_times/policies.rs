@@ -2,29 +2,34 @@
 
 use std::error::Error;
 
-use equivariant::gpu::Device;
+use equivariant::gpu::GpuDevice;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, Decisions, EncoderSettings, EnvSpec, GpuPolicy, NetworkSettings,
-    Observations, OnPolicyActor, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState, collect,
+    Observations, OnPolicyActor, Ppo, PpoSettings, RlError, RolloutBuffer, RolloutState,
+    collect_experience,
 };
 
 use crate::milliseconds;
-use crate::noise::{HORIZON, Noise, spec};
+use crate::noise::{HORIZON, RandomEnv, random_env_spec};
 
 /// Largest number of observations on the device at a time.
 const AT_A_TIME: usize = 512;
 
 /// Returns the mean milliseconds of a PPO update of a policy whose network is `width` times as wide
 /// as the presets'.
-pub fn update(device: &Device, width: usize, place: &str) -> Result<f64, Box<dyn Error>> {
+pub fn time_ppo_update(
+    device: &GpuDevice,
+    width: usize,
+    place: &str,
+) -> Result<f64, Box<dyn Error>> {
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let mut env = Noise::new();
-    let mut policy = ActorCriticPolicy::new(&wide(width), &spec(), 0)?;
-    let mut buffer = RolloutBuffer::new(&spec(), width * HORIZON)?;
-    let mut state = RolloutState::reset(&mut env, &policy)?;
-    collect(&mut env, &mut policy, &mut buffer, &mut state, &mut rng)?;
+    let mut env = RandomEnv::new();
+    let mut policy = ActorCriticPolicy::new(&wide(width), &random_env_spec(), 0)?;
+    let mut buffer = RolloutBuffer::new(&random_env_spec(), width * HORIZON)?;
+    let mut state = RolloutState::from_env_reset(&mut env, &policy)?;
+    collect_experience(&mut env, &mut policy, &mut buffer, &mut state, &mut rng)?;
     let defaults = PpoSettings::default();
     let settings = PpoSettings {
         minibatch: width * defaults.minibatch,
@@ -49,7 +54,11 @@ pub fn update(device: &Device, width: usize, place: &str) -> Result<f64, Box<dyn
 }
 
 /// Returns the mean milliseconds in which a policy decides on `num_envs` observations.
-pub fn decide(device: &Device, num_envs: usize, place: &str) -> Result<f64, Box<dyn Error>> {
+pub fn time_decisions(
+    device: &GpuDevice,
+    num_envs: usize,
+    place: &str,
+) -> Result<f64, Box<dyn Error>> {
     let spec = EnvSpec { num_envs, ..spec() };
     let mut policy = ActorCriticPolicy::new(&NetworkSettings::default(), &spec, 0)?;
     if place == "gpu" {

@@ -1,13 +1,14 @@
 //! Simple baselines: groupings by one description of first pictures.
 
 use cluster::{
-    AlternativeHypothesis, CandidateFeatures, Decision, FrameFeatures, SourceSamples,
-    assign_by_threshold, joint_test,
+    AlternativeHypothesis, AssignedPolicy, CandidateFeatures, EvidenceSourceSamples, FrameFeatures,
+    assign_by_threshold, joint_permutation_test,
 };
 use evidence::{RecogniserSettings, Trajectory};
 use learner::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, CoversSettings, EpisodeRequirements,
-    Episodes, Grouping, GroupingDecision, GroupingUpdate, LearnerError, PolicyCollectionSettings,
+    Grouping, GroupingDecision, GroupingUpdate, LearnerError, PolicyCollectionSettings,
+    RolloutEpisodes,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -15,7 +16,7 @@ use rayon::prelude::*;
 use rl::{ActorCriticPolicy, EnvSpec, FeatureExtractor, Observations};
 use symmetry::D2;
 
-use crate::cases::Rule;
+use crate::cases::AssignmentRule;
 
 /// Returns the shares of 64 colours: four levels of each of the first three channels.
 fn histogram(spec: &EnvSpec, trajectory: &Trajectory) -> Vec<f32> {
@@ -42,27 +43,31 @@ fn mean_image(spec: &EnvSpec, trajectory: &Trajectory) -> Vec<f32> {
 
 /// Simple grouping rule for comparison: it takes the policy whose descriptions of first images
 /// differ least, or a new one if they differ too much. Without second rollouts, trials and merges.
-pub struct Baseline {
-    rule: Rule,
+pub struct BaselineGrouping {
+    rule: AssignmentRule,
     untrained: ActorCriticPolicy,
     settings: RecogniserSettings,
     /// Latest descriptions that each policy trained on.
     memories: Vec<Vec<f32>>,
 }
 
-impl Baseline {
-    pub fn new(rule: Rule, spec: &EnvSpec, seed: u64) -> Result<Self, LearnerError> {
+impl BaselineGrouping {
+    pub fn new(rule: AssignmentRule, spec: &EnvSpec, seed: u64) -> Result<Self, LearnerError> {
         let untrained = CoversSettings::default().new_policy(spec, seed)?;
         Ok(Self { rule, untrained, settings: RecogniserSettings::default(), memories: Vec::new() })
     }
 
     /// Returns descriptions of the first pictures, which but for rounding are equal for mirror
     /// images.
-    fn describe(&mut self, episodes: Episodes<'_>) -> Result<FrameFeatures, LearnerError> {
-        let Episodes { spec, trajectories, .. } = episodes;
+    fn describe(&mut self, episodes: RolloutEpisodes<'_>) -> Result<FrameFeatures, LearnerError> {
+        let RolloutEpisodes { spec, trajectories, .. } = episodes;
         let points: Vec<f32> = match self.rule {
-            Rule::Histogram => trajectories.iter().flat_map(|t| histogram(spec, t)).collect(),
-            Rule::Image => trajectories.iter().flat_map(|t| mean_image(spec, t)).collect(),
+            AssignmentRule::Histogram => {
+                trajectories.iter().flat_map(|t| histogram(spec, t)).collect()
+            }
+            AssignmentRule::Image => {
+                trajectories.iter().flat_map(|t| mean_image(spec, t)).collect()
+            }
             _ => {
                 let first = |t: &Trajectory| t.vectors[..spec.vector_irreps.len()].to_vec();
                 let observations = Observations {
@@ -81,13 +86,18 @@ impl Baseline {
     /// Returns the policy whose descriptions differ least by a permutation test, or a new one. A
     /// policy is rejected at the levels of the learner's own rule: `doubt` for the exact p-value
     /// and `level` for that of the fitted tail.
-    fn test(&self, clouds: Vec<CandidateFeatures>, seed: u64) -> Result<Decision, LearnerError> {
+    fn test(
+        &self,
+        clouds: Vec<CandidateFeatures>,
+        seed: u64,
+    ) -> Result<AssignedPolicy, LearnerError> {
         let tests = clouds.into_par_iter().map(|clouds| {
-            let source = SourceSamples { clouds, alternative: AlternativeHypothesis::TwoSided };
+            let source =
+                EvidenceSourceSamples { clouds, alternative: AlternativeHypothesis::TwoSided };
             let stages = [self.settings.permutations / 4, self.settings.permutations];
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             // a test that is far from significant may end early
-            joint_test(&[source], &stages, |test| test.overall.p_value > 0.15, &mut rng)
+            joint_permutation_test(&[source], &stages, |test| test.overall.p_value > 0.15, &mut rng)
         });
         let tests = tests.collect::<Result<Vec<_>, _>>()?.into_iter().enumerate();
         let nearest =
@@ -98,11 +108,11 @@ impl Baseline {
                 source.p_value > self.settings.doubt || source.tail_p_value > self.settings.level
             })
         });
-        Ok(fits.map_or(Decision::New, |(policy, _)| Decision::Existing(policy)))
+        Ok(fits.map_or(AssignedPolicy::New, |(policy, _)| AssignedPolicy::Existing(policy)))
     }
 }
 
-impl Grouping for Baseline {
+impl Grouping for BaselineGrouping {
     fn requirements(&self) -> EpisodeRequirements {
         EpisodeRequirements { episodes: self.settings.min_episodes, whole_episodes: true }
     }
@@ -120,8 +130,8 @@ impl Grouping for Baseline {
         });
         let clouds = clouds.collect::<Result<Vec<_>, LearnerError>>()?;
         Ok(match self.rule {
-            Rule::Threshold => assign_by_threshold(&clouds, 1.0)?.into(),
-            _ => GroupingDecision::of(self.test(clouds, rng.random())?),
+            AssignmentRule::Threshold => assign_by_threshold(&clouds, 1.0)?.into(),
+            _ => GroupingDecision::for_policy(self.test(clouds, rng.random())?),
         })
     }
 

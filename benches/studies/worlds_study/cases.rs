@@ -6,24 +6,25 @@ use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 use worlds::{World, WorldKind};
 
-use crate::trial::ROUNDS;
+use crate::trial::ROUNDS_PER_ROLLOUT;
 
 /// Kind of world, stream or policies that one row of a table tests.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Case {
+pub enum StudyCase {
     Kind(WorldKind),
     /// Two groups, one of which has one rollout of fifty.
     RareGroup,
-    /// Policies that earn nothing before iteration [`TURN`], and are skilled at once.
+    /// Policies that earn nothing before iteration [`SUDDEN_CHANGE_ITERATION`], and are skilled at
+    /// once.
     SuddenSuccess,
-    /// Policies that lose all skill in iteration [`TURN`], and learn again.
+    /// Policies that lose all skill in iteration [`SUDDEN_CHANGE_ITERATION`], and learn again.
     Collapse,
 }
 
 /// Iteration in which a policy suddenly succeeds or collapses.
-pub const TURN: usize = 8;
+pub const SUDDEN_CHANGE_ITERATION: usize = 8;
 
-impl Case {
+impl StudyCase {
     pub fn all() -> Vec<Self> {
         let special = [Self::RareGroup, Self::SuddenSuccess, Self::Collapse];
         WorldKind::ALL.into_iter().map(Self::Kind).chain(special).collect()
@@ -50,7 +51,7 @@ impl Case {
 /// Visits of a stream. The default visits last three rollouts to ten, with switches in the middle
 /// of some.
 #[derive(Clone, Debug, Default, PartialEq, clap::Args)]
-pub struct Plan {
+pub struct VisitPlan {
     /// Visits of all groups together, for a table of this stream alone [default: two of each group,
     /// and at least eight if surroundings change]
     #[arg(long)]
@@ -69,12 +70,12 @@ pub fn range(word: &str) -> Result<RangeInclusive<usize>, String> {
     range.ok_or_else(|| "expected two rising numbers from 1 on, such as 12-40".to_owned())
 }
 
-impl Plan {
+impl VisitPlan {
     /// Returns five plans of streams, whose visits last from one rollout to thirty.
-    pub fn streams() -> [Self; 5] {
+    pub fn with_fixed_lengths() -> [Self; 5] {
         [(60, 1), (240, 1), (60, 2), (60, 3), (16, 30)].map(|(visits, rollouts)| Self {
             visits: Some(visits),
-            stay: Some(ROUNDS * rollouts..=ROUNDS * rollouts),
+            stay: Some(ROUNDS_PER_ROLLOUT * rollouts..=ROUNDS_PER_ROLLOUT * rollouts),
         })
     }
 
@@ -85,7 +86,7 @@ impl Plan {
 
 /// Rule by which a rollout is assigned to a policy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ValueEnum)]
-pub enum Rule {
+pub enum AssignmentRule {
     /// The learner's own rule.
     #[default]
     Evidence,

@@ -17,9 +17,9 @@ use clap::builder::PossibleValuesParser;
 use clap::{Parser, ValueEnum};
 use worlds::WorldKind;
 
-use cases::{Case, Plan, Rule};
-use record::{HEADER, Record, Results, row};
-use trial::Trial;
+use cases::{AssignmentRule, StudyCase, VisitPlan};
+use record::{AssignmentCounts, HEADER, StudyResults, table_row};
+use trial::StreamTrial;
 
 type Answer<T> = Result<T, Box<dyn Error + Send + Sync>>;
 
@@ -35,13 +35,13 @@ struct Arguments {
     #[arg(default_value_t = 10)]
     count: u64,
     /// Kind of the worlds; without it all kinds
-    #[arg(value_parser = PossibleValuesParser::new(Case::all().iter().map(Case::name)))]
+    #[arg(value_parser = PossibleValuesParser::new(StudyCase::all().iter().map(StudyCase::name)))]
     kind: Option<String>,
     /// Rule of assignment; without it all rules
     #[arg(long)]
-    rule: Option<Rule>,
+    rule: Option<AssignmentRule>,
     #[command(flatten)]
-    plan: Plan,
+    plan: VisitPlan,
     /// File to which each world adds a line as it is done; worlds that it holds are not run again
     #[arg(long)]
     csv: Option<PathBuf>,
@@ -49,19 +49,20 @@ struct Arguments {
 
 /// Stream of one world, and the rule that assigns it.
 struct Job {
-    case: Case,
-    rule: Rule,
-    plan: Plan,
+    case: StudyCase,
+    rule: AssignmentRule,
+    plan: VisitPlan,
     seed: u64,
 }
 
 impl Arguments {
     /// Returns the streams of each table.
     fn tables(&self) -> Vec<Vec<Job>> {
-        let mut tables = vec![self.table(&self.plan, &Case::all())];
-        if self.plan == Plan::default() {
-            let few = [WorldKind::Appearance, WorldKind::Target].map(Case::Kind);
-            tables.extend(Plan::streams().iter().map(|plan| self.table(plan, &few)));
+        let mut tables = vec![self.table(&self.plan, &StudyCase::all())];
+        if self.plan == VisitPlan::default() {
+            let few = [WorldKind::Appearance, WorldKind::Target].map(StudyCase::Kind);
+            tables
+                .extend(VisitPlan::with_fixed_lengths().iter().map(|plan| self.table(plan, &few)));
         }
         tables.retain(|jobs| !jobs.is_empty());
         tables
@@ -69,16 +70,16 @@ impl Arguments {
 
     /// Returns the streams of one table. Rows alternate, so that a study that is interrupted has as
     /// many worlds of each.
-    fn table(&self, plan: &Plan, cases: &[Case]) -> Vec<Job> {
+    fn table(&self, plan: &VisitPlan, cases: &[StudyCase]) -> Vec<Job> {
         let seeds = self.first..self.first + self.count;
         let jobs = seeds.flat_map(|seed| cases.iter().map(move |&case| (seed, case)));
         let jobs = jobs.flat_map(|(seed, case)| {
             let job = move |&rule| Job { case, rule, plan: plan.clone(), seed };
-            Rule::value_variants().iter().map(job)
+            AssignmentRule::value_variants().iter().map(job)
         });
         let is_kind = |job: &Job| self.kind.as_ref().is_none_or(|kind| kind == job.case.name());
         // the visits of a rare group are fixed
-        let fits = |job: &Job| job.case != Case::RareGroup || job.plan == Plan::default();
+        let fits = |job: &Job| job.case != StudyCase::RareGroup || job.plan == VisitPlan::default();
         let is_asked = |job: &Job| self.rule.is_none_or(|rule| rule == job.rule);
         jobs.filter(is_kind).filter(fits).filter(is_asked).collect()
     }
@@ -86,14 +87,14 @@ impl Arguments {
 
 fn main() -> Answer<()> {
     let arguments = Arguments::parse();
-    let results = Results::open(arguments.csv.as_deref())?;
+    let results = StudyResults::open(arguments.csv.as_deref())?;
     for jobs in arguments.tables() {
         let records = run_all(&jobs, &results)?;
-        let Record { visits, stay, .. } = Record::new(&jobs[0]);
+        let AssignmentCounts { visits, stay, .. } = AssignmentCounts::new(&jobs[0]);
         println!("Visits: {visits}, of {stay} rounds\n\n{HEADER}");
         for job in jobs.iter().filter(|job| job.seed == arguments.first) {
-            let own = records.iter().filter(|record| record.is_like(job));
-            println!("{}", row(job, &own.collect::<Vec<_>>()));
+            let own = records.iter().filter(|record| record.shares_row_with(job));
+            println!("{}", table_row(job, &own.collect::<Vec<_>>()));
         }
         println!();
     }
@@ -102,7 +103,7 @@ fn main() -> Answer<()> {
 
 /// Runs the streams of one table on threads of their own, and returns their records. Decisions are
 /// made in rayon's pool and timed.
-fn run_all(jobs: &[Job], results: &Results) -> Answer<Vec<Record>> {
+fn run_all(jobs: &[Job], results: &StudyResults) -> Answer<Vec<AssignmentCounts>> {
     let next = Mutex::new(jobs.iter());
     let take = || next.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || {
@@ -121,12 +122,12 @@ fn run_all(jobs: &[Job], results: &Results) -> Answer<Vec<Record>> {
 }
 
 /// Returns the record of one world, from the file if it is there.
-fn run(job: &Job, results: &Results) -> Answer<Record> {
-    if let Some(record) = results.known(job) {
+fn run(job: &Job, results: &StudyResults) -> Answer<AssignmentCounts> {
+    if let Some(record) = results.find(job) {
         return Ok(record.clone());
     }
-    let outcome = Trial::of(job)?.run()?;
-    let record = scores::record(job, &outcome);
+    let outcome = StreamTrial::new(job)?.run()?;
+    let record = scores::count_assignments(job, &outcome);
     results.add(&record)?;
     Ok(record)
 }

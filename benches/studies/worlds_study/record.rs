@@ -6,18 +6,18 @@ use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
-use crate::cases::Rule;
-use crate::trial::ROUNDS;
+use crate::cases::AssignmentRule;
+use crate::trial::ROUNDS_PER_ROLLOUT;
 use crate::{Answer, Job};
 
 /// Version of the study. Results of two versions do not belong in one table.
-pub const VERSION: u32 = 9;
+pub const STUDY_VERSION: u32 = 9;
 
 /// Counts of right and wrong assignments in one world, in the order of the file's columns.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Record {
+pub struct AssignmentCounts {
     pub version: u32,
-    pub rule: Rule,
+    pub rule: AssignmentRule,
     pub kind: String,
     pub seed: u64,
     /// Columns of the plan.
@@ -46,12 +46,12 @@ pub struct Record {
     pub slowest_us: u128,
 }
 
-impl Record {
+impl AssignmentCounts {
     /// Creates the record of a job's world, with all counts at zero.
     pub fn new(job: &Job) -> Self {
         let rounds = job.plan.rounds();
         Self {
-            version: VERSION,
+            version: STUDY_VERSION,
             rule: job.rule,
             kind: job.case.name().to_owned(),
             seed: job.seed,
@@ -63,18 +63,18 @@ impl Record {
 
     /// Returns `true` if the record has the kind of worlds and the rule of `job`, so both belong to
     /// one row of the table.
-    pub fn is_like(&self, job: &Job) -> bool {
+    pub fn shares_row_with(&self, job: &Job) -> bool {
         self.kind == job.case.name() && self.rule == job.rule
     }
 }
 
 /// Results of a study, in a file if one is named. A later study with the same file continues it.
-pub struct Results {
+pub struct StudyResults {
     file: Option<Mutex<csv::Writer<File>>>,
-    known: Vec<Record>,
+    known: Vec<AssignmentCounts>,
 }
 
-impl Results {
+impl StudyResults {
     /// Opens the file and reads its records.
     pub fn open(path: Option<&Path>) -> Answer<Self> {
         let Some(path) = path else {
@@ -84,15 +84,16 @@ impl Results {
         let rejected = |problem: String| {
             let path = path.display();
             format!(
-                "{path}: {problem}, expected version {VERSION} of this study; name another file"
+                "{path}: {problem}, expected version {STUDY_VERSION} of this study; \
+                 name another file"
             )
         };
         let file = OpenOptions::new().append(true).create(true).open(path)?;
         let is_new = file.metadata()?.len() == 0;
         let rows = csv::Reader::from_path(path)?.into_deserialize();
-        let rows: Result<Vec<Record>, _> = rows.collect();
+        let rows: Result<Vec<AssignmentCounts>, _> = rows.collect();
         let known = rows.map_err(|error| rejected(error.to_string()))?;
-        if let Some(other) = known.iter().find(|record| record.version != VERSION) {
+        if let Some(other) = known.iter().find(|record| record.version != STUDY_VERSION) {
             return Err(rejected(format!("it holds version {}", other.version)).into());
         }
         let mut writer = csv::WriterBuilder::new();
@@ -102,15 +103,16 @@ impl Results {
     }
 
     /// Returns the record of a job's world; `None` if the file did not hold it when it was opened.
-    pub fn known(&self, job: &Job) -> Option<&Record> {
-        let own = Record::new(job);
-        let is_own =
-            |r: &&Record| (r.seed, &r.visits, &r.stay) == (job.seed, &own.visits, &own.stay);
-        self.known.iter().filter(is_own).find(|record| record.is_like(job))
+    pub fn find(&self, job: &Job) -> Option<&AssignmentCounts> {
+        let own = AssignmentCounts::new(job);
+        let is_own = |r: &&AssignmentCounts| {
+            (r.seed, &r.visits, &r.stay) == (job.seed, &own.visits, &own.stay)
+        };
+        self.known.iter().filter(is_own).find(|record| record.shares_row_with(job))
     }
 
     /// Appends a record to the results file, if there is one, and flushes it.
-    pub fn add(&self, record: &Record) -> Answer<()> {
+    pub fn add(&self, record: &AssignmentCounts) -> Answer<()> {
         let Some(file) = &self.file else {
             return Ok(());
         };
@@ -127,16 +129,19 @@ pub const HEADER: &str = "| worlds | rule | number | as many policies as groups 
 |---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// Returns the Markdown line of the results table for one rule in worlds of one kind.
-pub fn row(Job { case, rule, .. }: &Job, records: &[&Record]) -> String {
-    let count = |holds: fn(&Record) -> bool| records.iter().filter(|r| holds(r)).count() as f64;
+pub fn table_row(Job { case, rule, .. }: &Job, records: &[&AssignmentCounts]) -> String {
+    let count =
+        |holds: fn(&AssignmentCounts) -> bool| records.iter().filter(|r| holds(r)).count() as f64;
     let worlds = |holds| 100.0 * count(holds) / records.len().max(1) as f64;
-    let sum = |of: fn(&Record) -> usize| records.iter().map(|record| of(record)).sum::<usize>();
+    let sum =
+        |of: fn(&AssignmentCounts) -> usize| records.iter().map(|record| of(record)).sum::<usize>();
     // a share of nothing is a dash
     let share = |part, whole| match sum(whole) {
         0 => "-".to_owned(),
         whole => format!("{:.1} %", 100.0 * sum(part) as f64 / whole as f64),
     };
-    let most = |of: fn(&Record) -> usize| records.iter().map(|r| of(r)).max().unwrap_or(0);
+    let most =
+        |of: fn(&AssignmentCounts) -> usize| records.iter().map(|r| of(r)).max().unwrap_or(0);
     let cells = [
         case.name().to_owned(),
         format!("{rule:?}"),
@@ -150,7 +155,10 @@ pub fn row(Job { case, rule, .. }: &Job, records: &[&Record]) -> String {
         share(|r| r.right, |r| r.known),
         share(|r| r.noticed, |r| r.switches),
         share(|r| r.foreign, |r| r.learnt),
-        format!("{:.2}", sum(|r| r.rounds) as f64 / (ROUNDS * sum(|r| r.turns).max(1)) as f64),
+        format!(
+            "{:.2}",
+            sum(|r| r.rounds) as f64 / (ROUNDS_PER_ROLLOUT * sum(|r| r.turns).max(1)) as f64
+        ),
         sum(|r| r.merged).to_string(),
         format!("{} ms", most(|r| r.slowest_us as usize) / 1000),
     ];
@@ -165,23 +173,28 @@ mod tests {
     use worlds::WorldKind;
 
     use super::*;
-    use crate::cases::{Case, Plan};
+    use crate::cases::{StudyCase, VisitPlan};
 
     fn scratch(name: &str) -> PathBuf {
         let name = format!("worlds-study-{name}-{}.csv", std::process::id());
         std::env::temp_dir().join(name)
     }
 
-    fn job(visits: Option<usize>, rule: Rule, seed: u64) -> Job {
-        let plan = Plan { visits, ..Plan::default() };
-        Job { case: Case::Kind(WorldKind::Shape), rule, plan, seed }
+    fn job(visits: Option<usize>, rule: AssignmentRule, seed: u64) -> Job {
+        let plan = VisitPlan { visits, ..VisitPlan::default() };
+        Job { case: StudyCase::Kind(WorldKind::Shape), rule, plan, seed }
     }
 
     #[test]
     fn the_right_number_of_policies_is_not_enough_to_be_exact() {
-        let record = |policies, exact| Record { groups: 4, policies, exact, ..Record::default() };
+        let record = |policies, exact| AssignmentCounts {
+            groups: 4,
+            policies,
+            exact,
+            ..AssignmentCounts::default()
+        };
         let records = [record(4, 1), record(4, 0), record(6, 0), record(3, 0)];
-        let line = row(&job(None, Rule::Network, 7), &records.each_ref());
+        let line = table_row(&job(None, AssignmentRule::Network, 7), &records.each_ref());
         let start = "| shape | Network | 4 | 50.0 % | 25.0 % | 1 | 2 | 1 | 1 | - |";
         assert!(line.starts_with(start), "{line}");
         let columns = |text: &str| text.matches('|').count();
@@ -194,7 +207,7 @@ mod tests {
         let path = scratch("version");
         for text in ["kind,seed\nshape,7\n", "version,kind\n9,shape\n"] {
             fs::write(&path, text).unwrap();
-            let rejected = Results::open(Some(&path)).err().unwrap();
+            let rejected = StudyResults::open(Some(&path)).err().unwrap();
             let message = rejected.to_string();
             assert!(message.contains("expected version 9"), "{message}");
             assert_eq!(fs::read_to_string(&path).unwrap(), text);
@@ -205,20 +218,24 @@ mod tests {
     #[test]
     fn results_are_found_again() {
         let path = scratch("again");
-        let results = Results::open(Some(&path)).unwrap();
-        let own = job(None, Rule::Evidence, 7);
-        assert_eq!(results.known(&own), None);
-        let record = Record::new(&own);
+        let results = StudyResults::open(Some(&path)).unwrap();
+        let own = job(None, AssignmentRule::Evidence, 7);
+        assert_eq!(results.find(&own), None);
+        let record = AssignmentCounts::new(&own);
         results.add(&record).unwrap();
-        let again = Results::open(Some(&path)).unwrap();
-        assert_eq!(again.known(&own), Some(&record));
-        let others = [(None, Rule::Evidence, 8), (None, Rule::Network, 7), (Some(9), own.rule, 7)];
+        let again = StudyResults::open(Some(&path)).unwrap();
+        assert_eq!(again.find(&own), Some(&record));
+        let others = [
+            (None, AssignmentRule::Evidence, 8),
+            (None, AssignmentRule::Network, 7),
+            (Some(9), own.rule, 7),
+        ];
         for (visits, rule, seed) in others {
-            assert_eq!(again.known(&job(visits, rule, seed)), None);
+            assert_eq!(again.find(&job(visits, rule, seed)), None);
         }
         let text = fs::read_to_string(&path).unwrap().replace("\n9,", "\n5,");
         fs::write(&path, text).unwrap();
-        let rejected = Results::open(Some(&path)).err().unwrap();
+        let rejected = StudyResults::open(Some(&path)).err().unwrap();
         assert!(rejected.to_string().contains("it holds version 5"));
         fs::remove_file(&path).unwrap();
     }

@@ -3,22 +3,22 @@
 use std::cmp::Reverse;
 
 use crate::Job;
-use crate::record::Record;
-use crate::trial::{Outcome, Turn};
+use crate::record::AssignmentCounts;
+use crate::trial::{IterationOutcome, StreamOutcome};
 
 /// Turn, with `true` if policy and group belong to each other, and `true` if the group had just
 /// changed.
-type Judged = (Turn, bool, bool);
+type Judged = (IterationOutcome, bool, bool);
 
 /// Numbers of turns in which each policy served each group, `[policies][groups]`.
 struct Served(Vec<Vec<usize>>);
 
 impl Served {
-    fn of(outcome: &Outcome) -> Self {
+    fn of(outcome: &StreamOutcome) -> Self {
         let groups = outcome.turns.iter().map(|turn| turn.group + 1).max();
         let mut served = vec![vec![0; groups.unwrap_or(0)]; outcome.policies];
         for turn in &outcome.turns {
-            served[outcome.now(turn.policy)][turn.group] += 1;
+            served[outcome.policy_after_merges(turn.policy)][turn.group] += 1;
         }
         Self(served)
     }
@@ -41,39 +41,40 @@ fn most(numbers: impl Iterator<Item = usize>) -> Option<usize> {
 
 /// Returns `true` if policies and groups belong to each other one to one, and no policy is left
 /// over. Merged policies are left out.
-fn is_exact(outcome: &Outcome) -> bool {
+fn is_exact(outcome: &StreamOutcome) -> bool {
     let served = Served::of(outcome);
-    let policies = (0..outcome.policies).filter(|&policy| outcome.now(policy) == policy);
+    let policies =
+        (0..outcome.policies).filter(|&policy| outcome.policy_after_merges(policy) == policy);
     let mut groups = policies.map(|policy| (policy, most(served.0[policy].iter().copied())));
-    outcome.left() == outcome.distinct
+    outcome.num_remaining_policies() == outcome.distinct
         && groups.all(|(policy, group)| group.is_some_and(|group| served.is_pair(policy, group)))
 }
 
-fn judge(outcome: &Outcome) -> Vec<Judged> {
+fn judge(outcome: &StreamOutcome) -> Vec<Judged> {
     let served = Served::of(outcome);
     let turns = outcome.turns.iter().enumerate();
     let judged = turns.map(|(index, turn)| {
         let before = index.checked_sub(1).map(|i| outcome.turns[i].group);
         let is_switch = before.is_some_and(|group| group != turn.group);
-        let policy = outcome.now(turn.policy);
+        let policy = outcome.policy_after_merges(turn.policy);
         (*turn, served.is_pair(policy, turn.group), is_switch)
     });
     judged.collect()
 }
 
 /// Counts right and wrong assignments in the outcome of one world.
-pub fn record(job: &Job, outcome: &Outcome) -> Record {
+pub fn count_assignments(job: &Job, outcome: &StreamOutcome) -> AssignmentCounts {
     let judged = judge(outcome);
     let served = Served::of(outcome);
     let count = |holds: &dyn Fn(&Judged) -> bool| judged.iter().filter(|j| holds(j)).count();
     let learnt = outcome.turns.iter().flat_map(|turn| {
-        let (served, policy) = (&served, outcome.now(turn.policy));
+        let (served, policy) = (&served, outcome.policy_after_merges(turn.policy));
         turn.learnt.iter().flatten().map(move |&group| served.is_pair(policy, group))
     });
     let learnt: Vec<bool> = learnt.collect();
-    Record {
+    AssignmentCounts {
         groups: outcome.distinct,
-        policies: outcome.left(),
+        policies: outcome.num_remaining_policies(),
         exact: usize::from(is_exact(outcome)),
         turns: judged.len(),
         rounds: outcome.turns.iter().map(|turn| turn.rounds).sum(),
@@ -83,9 +84,9 @@ pub fn record(job: &Job, outcome: &Outcome) -> Record {
         noticed: count(&|(turn, right, new)| turn.is_known && *new && *right),
         learnt: learnt.len(),
         foreign: learnt.iter().filter(|&&is_own| !is_own).count(),
-        merged: outcome.merged(),
+        merged: outcome.num_merged_policies(),
         slowest_us: outcome.slowest.as_micros(),
-        ..Record::new(job)
+        ..AssignmentCounts::new(job)
     }
 }
 
@@ -94,11 +95,11 @@ mod tests {
     use worlds::WorldKind;
 
     use super::*;
-    use crate::cases::{Case, Plan, Rule};
+    use crate::cases::{AssignmentRule, StudyCase, VisitPlan};
 
     /// Returns an outcome with these turns, given as policy and group; all groups are known.
-    fn outcome(policies: usize, distinct: usize, turns: &[(usize, usize)]) -> Outcome {
-        let turn = |&(policy, group): &(usize, usize)| Turn {
+    fn outcome(policies: usize, distinct: usize, turns: &[(usize, usize)]) -> StreamOutcome {
+        let turn = |&(policy, group): &(usize, usize)| IterationOutcome {
             group,
             policy,
             rounds: 4,
@@ -106,15 +107,15 @@ mod tests {
             last: 0,
             learnt: [Some(group), Some(group), None, None],
         };
-        Outcome {
+        StreamOutcome {
             distinct,
             policies,
             turns: turns.iter().map(turn).collect(),
-            ..Outcome::default()
+            ..StreamOutcome::default()
         }
     }
 
-    fn right(outcome: &Outcome) -> Vec<bool> {
+    fn right(outcome: &StreamOutcome) -> Vec<bool> {
         judge(outcome).iter().map(|judged| judged.1).collect()
     }
 
@@ -123,9 +124,9 @@ mod tests {
         let late = outcome(2, 2, &[(0, 0), (0, 0), (0, 1), (1, 1), (1, 1)]);
         assert_eq!(right(&late), [true, true, false, true, true]);
         assert_eq!(judge(&late).iter().filter(|judged| judged.2).count(), 1);
-        let case = Case::Kind(WorldKind::Shape);
-        let job = Job { case, rule: Rule::Evidence, plan: Plan::default(), seed: 7 };
-        let record = record(&job, &late);
+        let case = StudyCase::Kind(WorldKind::Shape);
+        let job = Job { case, rule: AssignmentRule::Evidence, plan: VisitPlan::default(), seed: 7 };
+        let record = count_assignments(&job, &late);
         assert_eq!([record.exact, record.known, record.right], [1, 5, 4]);
         assert_eq!([record.switches, record.noticed], [1, 0]);
         assert_eq!([record.learnt, record.foreign], [10, 2]);

@@ -1,7 +1,7 @@
 //! Proof of optimality of a transport plan, independent of the solver that made it.
 
 use super::problem::{OptimalityCertificate, TransportPlan};
-use super::problem::{Weights, check};
+use super::problem::{PointWeights, check};
 use crate::check::{check_len, check_range};
 use crate::error::{ClusterError, Result};
 
@@ -10,8 +10,8 @@ use crate::error::{ClusterError, Result};
 pub const RELATIVE_TOLERANCE: f64 = 1e-12;
 
 /// Largest accepted `gap + violation` of a certificate, by which the transport plan's cost may
-/// exceed the optimum, as a fraction of that cost in magnitude. See [`certify`] for what negative
-/// costs and given weights are held to where that cost is close to zero.
+/// exceed the optimum, as a fraction of that cost in magnitude. See [`certify_optimality`] for what
+/// negative costs and given weights are held to where that cost is close to zero.
 pub const MAX_RELATIVE_GAP: f64 = 1e-9;
 
 /// Largest magnitude of a potential that is compared with costs: far beyond those of any plan.
@@ -54,26 +54,26 @@ pub(crate) struct Scratch {
 /// potentials would otherwise vanish in them.
 ///
 /// # Errors
-/// Errors of [`transport`](crate::transport()) about weights and costs, and the first fact that
-/// does not hold, with its numbers: [`ClusterError::Imprecise`] for the last of them. NaN anywhere
-/// is a failure, never a pass.
-pub fn certify(
+/// Errors of [`solve_transport`](crate::solve_transport) about weights and costs, and the first
+/// fact that does not hold, with its numbers: [`ClusterError::Imprecise`] for the last of them. NaN
+/// anywhere is a failure, never a pass.
+pub fn certify_optimality(
     cost: &[f64],
-    sources: Weights,
-    sinks: Weights,
+    sources: PointWeights,
+    sinks: PointWeights,
     plan: &TransportPlan,
 ) -> Result<OptimalityCertificate> {
     check(cost, sources, sinks)?;
     certify_into(&mut Scratch::default(), cost, sources, sinks, plan)
 }
 
-/// Checks that a transport plan is optimal, as [`certify`] does, for weights and costs that were
-/// checked before; reuses the memory `scratch`.
+/// Checks that a transport plan is optimal, as [`certify_optimality`] does, for weights and costs
+/// that were checked before; reuses the memory `scratch`.
 pub(crate) fn certify_into(
     scratch: &mut Scratch,
     cost: &[f64],
-    sources: Weights,
-    sinks: Weights,
+    sources: PointWeights,
+    sinks: PointWeights,
     plan: &TransportPlan,
 ) -> Result<OptimalityCertificate> {
     check_lengths(plan, sources.len(), sinks.len())?;
@@ -86,7 +86,7 @@ pub(crate) fn certify_into(
     let tolerance = RELATIVE_TOLERANCE * scale + last_bit;
     let violation = check_reduced_costs(cost, plan, tolerance)?;
     let gap = check_gap(cost, sources, sinks, plan, tolerance)?;
-    let equal = matches!((sources, sinks), (Weights::Uniform(_), Weights::Uniform(_)));
+    let equal = matches!((sources, sinks), (PointWeights::Uniform(_), PointWeights::Uniform(_)));
     check_precision(cost, plan, equal, gap + violation, last_bit)?;
     Ok(OptimalityCertificate { marginal_error, violation, gap })
 }
@@ -98,8 +98,8 @@ fn check_lengths(plan: &TransportPlan, n: usize, m: usize) -> Result<()> {
 
 fn check_marginals(
     scratch: &mut Scratch,
-    sources: Weights,
-    sinks: Weights,
+    sources: PointWeights,
+    sinks: PointWeights,
     plan: &TransportPlan,
 ) -> Result<f64> {
     let Scratch { sent, received } = scratch;
@@ -125,7 +125,7 @@ fn check_marginals(
     Ok(rows.max(columns))
 }
 
-fn check_side(side: &'static str, carried: &[f64], weights: Weights) -> Result<f64> {
+fn check_side(side: &'static str, carried: &[f64], weights: PointWeights) -> Result<f64> {
     let sum = weights.sum();
     let mut largest = 0.0_f64;
     for (index, &got) in carried.iter().enumerate() {
@@ -201,8 +201,8 @@ fn refuse(source_index: usize, row: &[f64], v: &[f64], u: f64, tolerance: f64) -
 
 fn check_gap(
     cost: &[f64],
-    sources: Weights,
-    sinks: Weights,
+    sources: PointWeights,
+    sinks: PointWeights,
     plan: &TransportPlan,
     tolerance: f64,
 ) -> Result<f64> {
@@ -234,7 +234,7 @@ fn priced(cost: &[f64], plan: &TransportPlan) -> (f64, f64) {
 }
 
 /// Returns the dual value of a transport plan: the potentials, averaged by the weights.
-fn dual(sources: Weights, sinks: Weights, plan: &TransportPlan) -> f64 {
+fn dual(sources: PointWeights, sinks: PointWeights, plan: &TransportPlan) -> f64 {
     let (u, a) = weighted(sources, &plan.source_potentials);
     let (v, b) = weighted(sinks, &plan.sink_potentials);
     // one division at the end: two large quotients that cancel would leave their rounding
@@ -249,14 +249,14 @@ fn dual(sources: Weights, sinks: Weights, plan: &TransportPlan) -> f64 {
 
 /// Returns the weighted sum of the potentials of one side (sources or sinks), and the sum of the
 /// weights.
-fn weighted(weights: Weights, potentials: &[f64]) -> (Sum, Sum) {
+fn weighted(weights: PointWeights, potentials: &[f64]) -> (Sum, Sum) {
     let (mut value, mut whole) = (Sum::default(), Sum::default());
     match weights {
-        Weights::Uniform(points) => {
+        PointWeights::Uniform(points) => {
             potentials.iter().for_each(|p| value.add(*p));
             whole.add(points as f64);
         }
-        Weights::Given(given) => {
+        PointWeights::Given(given) => {
             for (weight, potential) in given.iter().zip(potentials) {
                 value.add_product(*weight, *potential);
                 whole.add(*weight);

@@ -2,7 +2,7 @@
 
 use std::ops::{AddAssign, Sub, SubAssign};
 
-use super::problem::Weights;
+use super::problem::PointWeights;
 
 /// Number of integer units of the whole mass, for weights given as numbers: finer than the rounding
 /// of an `f64` near 1.
@@ -61,13 +61,13 @@ pub(crate) struct Balance {
 
 impl Balance {
     /// Computes the supplies and demands from the weights of sources and sinks, which were checked.
-    pub(crate) fn fill(&mut self, sources: Weights, sinks: Weights) {
+    pub(crate) fn fill(&mut self, sources: PointWeights, sinks: PointWeights) {
         let (n, m) = (sources.len(), sinks.len());
         self.masses.clear();
         self.masses.resize(n + m, Mass::ZERO);
         let (supplies, demands) = self.masses.split_at_mut(n);
         self.total = match (sources, sinks) {
-            (Weights::Uniform(_), Weights::Uniform(_)) => {
+            (PointWeights::Uniform(_), PointWeights::Uniform(_)) => {
                 // n sources of m units and m sinks of n units, in the smallest whole numbers
                 let divisor = gcd(n, m);
                 supplies.fill(whole(m / divisor));
@@ -102,7 +102,7 @@ fn perturb(supplies: &mut [Mass], demands: &mut [Mass]) {
 
 /// Rounds weights to integer units of mass. The heaviest takes the remainder, where it changes the
 /// least in relation.
-fn apportion(weights: Weights, masses: &mut [Mass]) {
+fn apportion(weights: PointWeights, masses: &mut [Mass]) {
     let sum = weights.sum();
     for (index, mass) in masses.iter_mut().enumerate() {
         mass.units = (weights.get(index) / sum * FINE as f64).round() as i64;
@@ -121,7 +121,7 @@ fn gcd(a: usize, b: usize) -> usize {
 mod tests {
     use super::*;
 
-    fn balance(sources: Weights, sinks: Weights) -> Balance {
+    fn balance(sources: PointWeights, sinks: PointWeights) -> Balance {
         let mut balance = Balance::default();
         balance.fill(sources, sinks);
         balance
@@ -130,8 +130,8 @@ mod tests {
     #[test]
     fn both_sides_carry_the_same_mass() {
         let weights = [0.1, 0.0, 0.6, 0.3];
-        for sinks in [Weights::Uniform(7), Weights::Given(&weights)] {
-            let b = balance(Weights::Given(&weights), sinks);
+        for sinks in [PointWeights::Uniform(7), PointWeights::Given(&weights)] {
+            let b = balance(PointWeights::Given(&weights), sinks);
             let side = |part: &[Mass]| {
                 part.iter().fold(Mass::ZERO, |mut sum, m| {
                     sum += *m;
@@ -148,7 +148,7 @@ mod tests {
     fn no_proper_subset_of_sources_equals_one_of_sinks() {
         // the worst case: all weights equal, one of them zero
         let weights = [0.5, 0.0, 0.5];
-        let b = balance(Weights::Given(&weights), Weights::Given(&weights));
+        let b = balance(PointWeights::Given(&weights), PointWeights::Given(&weights));
         for subset in 1..63_u32 {
             let mut difference = Mass::ZERO;
             for (index, mass) in b.masses.iter().enumerate() {
@@ -162,7 +162,7 @@ mod tests {
 
     #[test]
     fn uniform_weights_are_small_whole_numbers() {
-        let b = balance(Weights::Uniform(4), Weights::Uniform(6));
+        let b = balance(PointWeights::Uniform(4), PointWeights::Uniform(6));
         assert_eq!(b.total, 12);
         assert!(b.masses[..4].iter().all(|m| m.units == 3));
         assert!(b.masses[4..].iter().all(|m| m.units == 2));

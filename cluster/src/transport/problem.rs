@@ -14,14 +14,14 @@ const SUM_TOLERANCE: f64 = 1e-6;
 
 /// Weights of the points on one side of a transport problem, all sources or all sinks.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Weights<'a> {
+pub enum PointWeights<'a> {
     /// Equal weights of as many points as the number says.
     Uniform(usize),
     /// One weight for each point: at least 0, of sum one within 1e-6, and divided by their sum.
     Given(&'a [f64]),
 }
 
-impl Weights<'_> {
+impl PointWeights<'_> {
     /// Returns the number of points that the weights belong to.
     #[expect(
         clippy::len_without_is_empty,
@@ -50,7 +50,7 @@ impl Weights<'_> {
     }
 }
 
-pub(super) fn check(cost: &[f64], sources: Weights, sinks: Weights) -> Result<()> {
+pub(super) fn check(cost: &[f64], sources: PointWeights, sinks: PointWeights) -> Result<()> {
     check_weights([("sources", sources), ("sinks", sinks)])?;
     check_shape(cost, sources.len(), sinks.len())?;
     check_nodes(sources.len(), sinks.len())?;
@@ -91,10 +91,10 @@ fn check_costs(cost: &[f64]) -> Result<()> {
 }
 
 /// Checks that two named sides have weights, all finite and at least 0, of sum one.
-fn check_weights(sides: [(&'static str, Weights); 2]) -> Result<()> {
+fn check_weights(sides: [(&'static str, PointWeights); 2]) -> Result<()> {
     for (side, weights) in sides {
         check_positive(side, weights.len())?;
-        let Weights::Given(given) = weights else {
+        let PointWeights::Given(given) = weights else {
             continue;
         };
         if let Some(index) = given.iter().position(|w| !w.is_finite() || *w < 0.0) {
@@ -113,7 +113,7 @@ fn check_weights(sides: [(&'static str, Weights); 2]) -> Result<()> {
 
 /// Checks the weights `a` of the cloud `x` of `n` points and `b` of the cloud `y` of `m`: one
 /// finite number of at least 0 for each point, of sum one.
-pub(crate) fn check_weights_of(a: Weights, n: usize, b: Weights, m: usize) -> Result<()> {
+pub(crate) fn check_weights_of(a: PointWeights, n: usize, b: PointWeights, m: usize) -> Result<()> {
     check_weights([("x", a), ("y", b)])?;
     check_len("weights of x", a.len(), n)?;
     check_len("weights of y", b.len(), m)

@@ -5,7 +5,7 @@ use super::certificate::{Scratch, certify_into};
 use super::mass::Balance;
 use super::pricing::Pricing;
 use super::problem::{PlanEntry, TransportPlan};
-use super::problem::{Weights, check};
+use super::problem::{PointWeights, check};
 use super::start::Start;
 use crate::error::{ClusterError, Result};
 
@@ -20,11 +20,11 @@ const PIVOTS_PER_NODE: usize = 1000;
 /// Solves the transport problem from n sources to m sinks with the row-major cost matrix `cost`
 /// `[n, m]`, whose entries may be negative.
 ///
-/// The answer is exact up to rounding and carries its own proof; see [`certify`](crate::certify).
-/// Huge costs that forbid a pair do not reduce the precision: if they would, the problem is solved
-/// again with such costs lowered. Among costs that the optimum uses, differences below some 1e-14
-/// of the largest are lost in rounding. [`TransportSolver`] reuses its memory from problem to
-/// problem.
+/// The answer is exact up to rounding and carries its own proof; see
+/// [`certify_optimality`](crate::certify_optimality). Huge costs that forbid a pair do not reduce
+/// the precision: if they would, the problem is solved again with such costs lowered. Among costs
+/// that the optimum uses, differences below some 1e-14 of the largest are lost in rounding.
+/// [`TransportSolver`] reuses its memory from problem to problem.
 ///
 /// # Errors
 /// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a
@@ -33,15 +33,20 @@ const PIVOTS_PER_NODE: usize = 1000;
 /// [`MAX_RELATIVE_GAP`](crate::MAX_RELATIVE_GAP) of the cost open.
 ///
 /// ```
-/// use cluster::{Weights, transport};
+/// use cluster::{PointWeights, solve_transport};
 ///
 /// // a baker with three quarters of the bread, one with a quarter; two cafes
 /// let cost = [1.0, 4.0, 2.0, 3.0];
-/// let plan = transport(&cost, Weights::Given(&[0.75, 0.25]), Weights::Uniform(2))?;
+/// let (sources, sinks) = (PointWeights::Given(&[0.75, 0.25]), PointWeights::Uniform(2));
+/// let plan = solve_transport(&cost, sources, sinks)?;
 /// assert_eq!(plan.cost, 0.5 * 1.0 + 0.25 * 4.0 + 0.25 * 3.0);
 /// # Ok::<(), cluster::ClusterError>(())
 /// ```
-pub fn transport(cost: &[f64], sources: Weights, sinks: Weights) -> Result<TransportPlan> {
+pub fn solve_transport(
+    cost: &[f64],
+    sources: PointWeights,
+    sinks: PointWeights,
+) -> Result<TransportPlan> {
     let mut solver = TransportSolver::default();
     solver.solve(cost, sources, sinks)?;
     Ok(solver.plan)
@@ -71,15 +76,16 @@ impl TransportSolver {
         Self::default()
     }
 
-    /// Solves a transport problem as [`transport`] does. The plan is kept until the next problem.
+    /// Solves a transport problem as [`solve_transport`] does. The plan is kept until the next
+    /// problem.
     ///
     /// # Errors
-    /// Errors of [`transport`].
+    /// Errors of [`solve_transport`].
     pub fn solve(
         &mut self,
         cost: &[f64],
-        sources: Weights,
-        sinks: Weights,
+        sources: PointWeights,
+        sinks: PointWeights,
     ) -> Result<&TransportPlan> {
         check(cost, sources, sinks)?;
         self.balance.fill(sources, sinks);
@@ -206,7 +212,7 @@ mod tests {
         // from degeneracy
         let (zeros, mut solver) = ([0.0, 0.25, 0.25, 0.0, 0.5, 0.0], TransportSolver::new());
         let cost: Vec<f64> = (0..30 * 30).map(|k| (k * k % 11 % 3) as f64).collect();
-        let (equal, given) = (Weights::Uniform(30), Weights::Given(&zeros));
+        let (equal, given) = (PointWeights::Uniform(30), PointWeights::Given(&zeros));
         for (a, b) in [(equal, equal), (given, equal), (equal, given), (given, given)] {
             let cost = &cost[..a.len() * b.len()];
             assert!(solver.solve(cost, a, b).unwrap().pivots > 0);

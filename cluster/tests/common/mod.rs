@@ -3,7 +3,7 @@
 // each test file uses its part
 #![allow(dead_code)]
 
-use cluster::{ClusterError, TransportPlan, Weights, transport};
+use cluster::{ClusterError, PointWeights, TransportPlan, solve_transport};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -32,7 +32,7 @@ pub fn random_weights(seed: u64, len: usize) -> Vec<f64> {
 
 /// Solves a problem with equal weights.
 pub fn uniform(cost: &[f64], n: usize, m: usize) -> Result<TransportPlan, ClusterError> {
-    transport(cost, Weights::Uniform(n), Weights::Uniform(m))
+    solve_transport(cost, PointWeights::Uniform(n), PointWeights::Uniform(m))
 }
 
 /// The distances `[n, m]` by their definition, in double precision.

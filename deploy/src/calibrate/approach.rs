@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use envs::embodiments::Arm;
-use robots::{Command, Pose, RobotState};
+use robots::{ArmCommand, Pose, RobotState};
 
 use crate::DeployError;
 
@@ -47,7 +47,7 @@ pub fn move_hand_to(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), D
             });
         }
         // the fingers keep their opening
-        rig.command(&Command {
+        rig.command(&ArmCommand {
             twist: limits.twist_towards(way, RATE),
             gripper_closure: state.gripper_closure,
         })?;

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use experiments::RunError;
-use inpainting::{Distortion, Intrinsics};
+use inpainting::{Intrinsics, LensDistortion};
 use saphyr_parser::{Event, Parser, ScalarStyle, StrInput};
 use serde_json::{Map, Number, Value};
 
@@ -25,19 +25,21 @@ const LENS: &[&str] = &["distortioncoefficients", "distcoeffs", "distcoeff", "di
 ///
 /// # Errors
 /// [`RunError::Read`] with the file and the reason.
-pub(super) fn read_camera_intrinsics(path: &Path) -> Result<(Intrinsics, Distortion), RunError> {
-    let metadata = std::fs::metadata(path).map_err(RunError::reading(path))?;
+pub(super) fn read_camera_intrinsics(
+    path: &Path,
+) -> Result<(Intrinsics, LensDistortion), RunError> {
+    let metadata = std::fs::metadata(path).map_err(RunError::read_error_at(path))?;
     let size = metadata.len();
     // a pipe or a device might never end
     if !metadata.is_file() || size > MAX_BYTES {
         let problem = format!("it has {size} bytes, expected a plain file of at most 4 MiB");
         return Err(RunError::damaged_file(path, problem));
     }
-    let text = std::fs::read_to_string(path).map_err(RunError::reading(path))?;
+    let text = std::fs::read_to_string(path).map_err(RunError::read_error_at(path))?;
     parse(&text).map_err(|problem| RunError::damaged_file(path, problem))
 }
 
-fn parse(text: &str) -> Result<(Intrinsics, Distortion), String> {
+fn parse(text: &str) -> Result<(Intrinsics, LensDistortion), String> {
     // `%YAML:1.0`, which OpenCV writes, is no directive of YAML
     let lines = text.trim_start_matches('\u{feff}').lines();
     let lines: Vec<&str> = lines.filter(|line| !line.starts_with("%YAML")).collect();
@@ -69,7 +71,7 @@ fn parse(text: &str) -> Result<(Intrinsics, Distortion), String> {
         principal_point: [cx + CORNER, cy + CORNER],
     };
     let lens =
-        Distortion::from_opencv(&numbers(&tree, LENS)?).map_err(|error| error.to_string())?;
+        LensDistortion::from_opencv(&numbers(&tree, LENS)?).map_err(|error| error.to_string())?;
     Ok((intrinsics, lens))
 }
 

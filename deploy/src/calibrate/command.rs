@@ -9,24 +9,24 @@ use envs::Camera;
 use envs::embodiments::Arm;
 use glam::DVec3;
 use inpainting::{
-    BallOffset, Calibration, CalibrationBall, FocalLengthEstimate, HandEyeCalibration,
-    HandEyeSettings, Uncertainty,
+    BallOffsetInHand, CalibrationBall, CameraCalibration, FocalLengthEstimate, HandEyeCalibration,
+    HandEyeSettings, HandEyeUncertainty,
 };
 use serde_json::{Value, json};
 
 use crate::{DeployError, plausibility};
 use experiments::RunError;
 use experiments::cli::print_escaped;
-use learner::disk::{LocalDisk, check_writable};
+use learner::disk::{LocalDisk, check_path_writable};
 
 use super::camera_file::read_camera_intrinsics;
-use super::file::CalibrationFile;
-use super::measure::{CalibrateSettings, CalibrationResult, calibrate};
+use super::file::CameraCalibrationFile;
+use super::measure::{CameraCalibrationResult, CameraCalibrationSettings, calibrate_camera};
 use super::poses::calibration_poses;
-use crate::faults::Fault;
+use crate::faults::SimulatedFault;
 use crate::options::RigOptions;
 use crate::rig::{Rig, Trial};
-use crate::simulated::{SimulatedRig, SimulationSettings};
+use crate::simulated::{SimulatedRig, SimulatedRigSettings};
 
 /// Options of `covers calibrate`: the robot, the ball and the file.
 #[derive(Clone, Debug, Args)]
@@ -42,7 +42,7 @@ pub struct CalibrateOptions {
     /// Position of the ball's centre in the frame of the hand's link (mm), as 129.9,-0.1,-170.2
     /// (default: it is estimated, too).
     #[arg(long = "offset", value_name = "X,Y,Z", allow_hyphen_values = true)]
-    pub ball_offset_mm: Option<Triple>,
+    pub ball_offset_mm: Option<NumberTriple>,
     /// Accuracy of the ball's position by the arm's joints (mm, one standard deviation). A pose
     /// that is off by more than four times as much is left out.
     #[arg(long, value_name = "MM", default_value_t = 2.5)]
@@ -56,7 +56,7 @@ pub struct CalibrateOptions {
     pub estimate_focal: bool,
     /// Colour of the ball in the picture: red, green and blue, each 0 to 255.
     #[arg(long = "color", value_name = "R,G,B", default_value = "255,0,255")]
-    pub ball_color: Triple,
+    pub ball_color: NumberTriple,
     /// Print the result as one JSON object, in the last line.
     #[arg(long)]
     pub json: bool,
@@ -64,9 +64,9 @@ pub struct CalibrateOptions {
 
 /// Three numbers, parsed from text such as `1,2.5,-3`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Triple(pub [f64; 3]);
+pub struct NumberTriple(pub [f64; 3]);
 
-impl FromStr for Triple {
+impl FromStr for NumberTriple {
     type Err = DeployError;
 
     fn from_str(text: &str) -> Result<Self, DeployError> {
@@ -90,10 +90,11 @@ impl CalibrateOptions {
     /// with its uncertainty to `out`.
     ///
     /// # Errors
-    /// As [`calibrate`]; a file and an `out` that cannot be written to.
+    /// As [`calibrate_camera`]; a file and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), DeployError> {
         let settings = self.simulation()?;
-        let mut rig = SimulatedRig::carrying_ball(settings, Camera::default(), self.rig.robot)?;
+        let mut rig =
+            SimulatedRig::new_with_calibration_ball(settings, Camera::default(), self.rig.robot)?;
         let arm = rig.arm().clone();
         let calibrated = self.calibrate_on(&mut rig, &arm, out)?;
         if self.json {
@@ -112,12 +113,12 @@ impl CalibrateOptions {
     ///
     /// # Errors
     /// As [`CalibrateOptions::run`], and `--fault`, which only a simulated rig can set.
-    pub fn run_on(
+    pub fn run_on_rig(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
-    ) -> Result<CalibrationResult, DeployError> {
+    ) -> Result<CameraCalibrationResult, DeployError> {
         self.rig.reject_faults([])?;
         self.calibrate_on(rig, arm, out)
     }
@@ -127,12 +128,12 @@ impl CalibrateOptions {
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
-    ) -> Result<CalibrationResult, DeployError> {
+    ) -> Result<CameraCalibrationResult, DeployError> {
         let settings = self.settings(&rig.calibration())?;
         // the arm moves for minutes, so check first that the file can be written
-        check_writable(&LocalDisk, &self.out)?;
+        check_path_writable(&LocalDisk, &self.out)?;
         let trial = Trial::on_empty_table(self.rig.seed);
-        let calibrated = calibrate(rig, arm, &settings, &calibration_poses(arm), &trial)?;
+        let calibrated = calibrate_camera(rig, arm, &settings, &calibration_poses(arm), &trial)?;
         let refusal = refusal(&calibrated.estimate.calibration, rig);
         let result = if self.json {
             object(&calibrated, self.estimate_focal, refusal.as_deref()).to_string()
@@ -140,7 +141,7 @@ impl CalibrateOptions {
             text(&calibrated, self.estimate_focal, refusal.as_deref())
         };
         print_escaped(out, &result)?;
-        CalibrationFile::write(&calibrated.estimate.calibration, &self.out)?;
+        CameraCalibrationFile::write(&calibrated.estimate.calibration, &self.out)?;
         Ok(calibrated)
     }
 
@@ -148,11 +149,11 @@ impl CalibrateOptions {
     ///
     /// # Errors
     /// [`RunError::InvalidSetting`] for a fault of the mask, which a calibration does not use.
-    fn simulation(&self) -> Result<SimulationSettings, DeployError> {
-        if self.rig.fault_amounts.iter().any(|of| of.fault == Fault::MaskMargin) {
+    fn simulation(&self) -> Result<SimulatedRigSettings, DeployError> {
+        if self.rig.fault_amounts.iter().any(|of| of.fault == SimulatedFault::MaskMargin) {
             return Err(RunError::InvalidSetting {
                 name: "fault",
-                value: Fault::MaskMargin.name().to_owned(),
+                value: SimulatedFault::MaskMargin.name().to_owned(),
                 expected: "a fault of the camera or the arm: a calibration makes no mask",
             }
             .into());
@@ -161,7 +162,10 @@ impl CalibrateOptions {
     }
 
     /// Returns the settings for a rig whose own calibration is `known`.
-    fn settings(&self, known: &Calibration) -> Result<CalibrateSettings, DeployError> {
+    fn settings(
+        &self,
+        known: &CameraCalibration,
+    ) -> Result<CameraCalibrationSettings, DeployError> {
         let levels = self.ball_color.0;
         let is_level = |level: &f64| (0.0..=255.0).contains(level) && level.fract() == 0.0;
         if !levels.iter().all(is_level) {
@@ -182,18 +186,18 @@ impl CalibrateOptions {
                 );
                 return Err(RunError::damaged_file(path, problem));
             }
-            let checked = Calibration { intrinsics, distortion, ..*known };
-            checked.check().map_err(RunError::reading(path))?;
+            let checked = CameraCalibration { intrinsics, distortion, ..*known };
+            checked.check().map_err(RunError::read_error_at(path))?;
             Ok((intrinsics, distortion))
         });
         // millimetres on the command line, metres inside
-        let offset = self.ball_offset_mm.map(|Triple(place)| DVec3::from_array(place) / 1e3);
-        Ok(CalibrateSettings {
+        let offset = self.ball_offset_mm.map(|NumberTriple(place)| DVec3::from_array(place) / 1e3);
+        Ok(CameraCalibrationSettings {
             ball: CalibrationBall { color: levels.map(|level| level as u8) },
             hand_eye: HandEyeSettings {
                 arm_position_sd: self.arm_accuracy / 1e3,
                 estimate_focal_length: self.estimate_focal,
-                ..offset.map_or(BallOffset::Unknown, BallOffset::Known).into()
+                ..offset.map_or(BallOffsetInHand::Unknown, BallOffsetInHand::Known).into()
             },
             lens: camera.transpose()?,
         })
@@ -201,7 +205,7 @@ impl CalibrateOptions {
 }
 
 /// Returns the reason for which `covers deploy` would reject the calibration on this rig, if any.
-fn refusal(found: &Calibration, rig: &dyn Rig) -> Option<String> {
+fn refusal(found: &CameraCalibration, rig: &dyn Rig) -> Option<String> {
     match plausibility::check_plausibility(found, &rig.trial_independent_calibration()) {
         Err(DeployError::ImplausibleCalibration { part, value, expected }) => {
             Some(format!("its {part} is {value}, expected {expected}"))
@@ -211,7 +215,10 @@ fn refusal(found: &Calibration, rig: &dyn Rig) -> Option<String> {
 }
 
 /// Returns the distance between two cameras (mm) and the angle between them (degrees).
-pub(crate) fn distance_mm_and_angle_deg(one: &Calibration, other: &Calibration) -> [f64; 2] {
+pub(crate) fn distance_mm_and_angle_deg(
+    one: &CameraCalibration,
+    other: &CameraCalibration,
+) -> [f64; 2] {
     let [place, angle] = plausibility::distance_m_and_angle_deg(one, other);
     [1e3 * place, angle]
 }
@@ -229,7 +236,7 @@ fn degrees(angle: DVec3) -> [f64; 3] {
     angle.to_array().map(f64::to_degrees)
 }
 
-fn uncertainty(of: &Uncertainty) -> Value {
+fn uncertainty(of: &HandEyeUncertainty) -> Value {
     json!({
         "position_mm": millimetres(of.position_sd),
         "angle_degrees": degrees(of.angle_sd),
@@ -238,7 +245,7 @@ fn uncertainty(of: &Uncertainty) -> Value {
 }
 
 /// Returns the result of a camera calibration as a JSON object.
-fn object(calibrated: &CalibrationResult, estimated: bool, refusal: Option<&str>) -> Value {
+fn object(calibrated: &CameraCalibrationResult, estimated: bool, refusal: Option<&str>) -> Value {
     let found = &calibrated.estimate;
     let [moved, turned] = distance_mm_and_angle_deg(&found.calibration, &calibrated.previous);
     let residuals = found.residuals.iter().map(|of| {
@@ -246,7 +253,7 @@ fn object(calibrated: &CalibrationResult, estimated: bool, refusal: Option<&str>
         json!({"pose": of.pose_number, "pixels": of.distance_px, "mm_on_table": on_table})
     });
     json!({
-        "calibration": CalibrationFile::from(&found.calibration),
+        "calibration": CameraCalibrationFile::from(&found.calibration),
         "ball_in_hand_mm": millimetres(found.ball_offset),
         "rms_pixels": found.rms_px(),
         "rms_mm_on_table": found.rms_on_table_m().map(|place| 1e3 * place),
@@ -266,8 +273,8 @@ fn object(calibrated: &CalibrationResult, estimated: bool, refusal: Option<&str>
 }
 
 /// Formats the result of a camera calibration as text.
-fn text(calibrated: &CalibrationResult, estimated: bool, refusal: Option<&str>) -> String {
-    let CalibrationResult { previous, estimate: found, skipped_poses } = calibrated;
+fn text(calibrated: &CameraCalibrationResult, estimated: bool, refusal: Option<&str>) -> String {
+    let CameraCalibrationResult { previous, estimate: found, skipped_poses } = calibrated;
     let mut lines: Vec<String> = skipped_poses
         .iter()
         .map(|left| format!("pose {} was left out: {}", left.pose_number, left.reason))
@@ -319,7 +326,7 @@ fn estimates(found: &HandEyeCalibration) -> Vec<String> {
     let sigma = &found.uncertainty;
     let [right, down, forwards] = degrees(sigma.angle_sd);
     let mut lines = vec![
-        position("camera", found.calibration.position(), sigma.position_sd),
+        position("camera", found.calibration.camera_position(), sigma.position_sd),
         format!(
             "turned as the file says, give or take {right:.3}, {down:.3}, {forwards:.3} degrees \
              about its axes right, down and forwards"
@@ -357,10 +364,10 @@ mod tests {
 
     #[test]
     fn three_numbers_are_read_or_refused() {
-        let triple: Triple = "1,2.5,-3".parse().unwrap();
-        assert_eq!(triple, Triple([1.0, 2.5, -3.0]));
+        let triple: NumberTriple = "1,2.5,-3".parse().unwrap();
+        assert_eq!(triple, NumberTriple([1.0, 2.5, -3.0]));
         for text in ["", "1,2", "1,2,3,4", "1,2,x", "1,2,NaN", "1,2,inf"] {
-            let message = text.parse::<Triple>().unwrap_err().to_string();
+            let message = text.parse::<NumberTriple>().unwrap_err().to_string();
             assert!(message.contains("1,2.5,-3"), "{message}");
         }
     }

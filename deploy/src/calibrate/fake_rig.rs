@@ -5,12 +5,12 @@ use std::time::Duration;
 use envs::embodiments::Arm;
 use envs::{Camera, Embodiment, HAND_TARGET_START};
 use glam::{DQuat, DVec3};
-use inpainting::Calibration;
+use inpainting::CameraCalibration;
 use rl::BoxedEnvError;
-use robots::{Command, ControlError, MissedTarget, Pose, Robot, RobotState};
+use robots::{ArmCommand, ControlError, MissedTarget, Pose, Robot, RobotState};
 
 use crate::rig::{Rig, TaskVerdict, Trial, TrialSetUp};
-use crate::{SimulatedRig, SimulationSettings};
+use crate::{SimulatedRig, SimulatedRigSettings};
 
 /// Rig with an arm without dynamics over a grey table.
 pub struct FakeRig {
@@ -52,7 +52,7 @@ impl Robot for FakeRig {
     }
 
     /// Moves the hand by one tick of 25 ms; heights above 0.24 m are out of reach.
-    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         let tip = &mut self.state.tip;
         if command.twist.linear.z > 0.0 && tip.position.z > 0.24 {
             let [target, reached] = [tip.position; 2];
@@ -78,9 +78,9 @@ impl Rig for FakeRig {
         })
     }
 
-    fn calibration(&self) -> Calibration {
+    fn calibration(&self) -> CameraCalibration {
         let rig = SimulatedRig::new(
-            SimulationSettings::NO_FAULTS,
+            SimulatedRigSettings::NO_FAULTS,
             Camera::default(),
             Embodiment::KINOVA_GEN3,
         );

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use glam::DMat3;
-use inpainting::{Calibration, Distortion, Extrinsics, Intrinsics};
+use inpainting::{CameraCalibration, Extrinsics, Intrinsics, LensDistortion};
 use serde::{Deserialize, Serialize};
 
 use crate::DeployError;
@@ -17,7 +17,7 @@ const FARTHEST: f64 = 100.0;
 /// Contents of `calibration.json`. Lengths are in metres; all else is in pixels or has no unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct CalibrationFile {
+pub struct CameraCalibrationFile {
     /// Width and height of the camera's pictures (pixels).
     pub size: [usize; 2],
     /// Horizontal and vertical focal length (pixels).
@@ -35,14 +35,14 @@ pub struct CalibrationFile {
     pub rotation: [[f64; 3]; 3],
 }
 
-impl CalibrationFile {
+impl CameraCalibrationFile {
     /// Reads a camera's calibration from a JSON file.
     ///
     /// # Errors
     /// [`RunError::Read`] with the file and the reason.
-    pub fn read(path: &Path) -> Result<Calibration, RunError> {
+    pub fn read(path: &Path) -> Result<CameraCalibration, RunError> {
         let file: Self = read_json(path)?;
-        file.calibration().map_err(RunError::reading(path))
+        file.calibration().map_err(RunError::read_error_at(path))
     }
 
     /// Reads a camera's calibration from JSON text.
@@ -52,7 +52,7 @@ impl CalibrationFile {
     /// [`UnknownSetting`](learner::LearnerError::UnknownSetting),
     /// [`WrongSetting`](learner::LearnerError::WrongSetting); [`RunError::InvalidSetting`] for a
     /// position in millimetres, [`DeployError::Inpainting`] for numbers that no camera can have.
-    pub fn parse(text: &str) -> Result<Calibration, DeployError> {
+    pub fn parse(text: &str) -> Result<CameraCalibration, DeployError> {
         let file: Self = parse_json(text)?;
         file.calibration()
     }
@@ -61,14 +61,14 @@ impl CalibrationFile {
     ///
     /// # Errors
     /// [`RunError::Write`].
-    pub fn write(calibration: &Calibration, path: &Path) -> Result<(), DeployError> {
+    pub fn write(calibration: &CameraCalibration, path: &Path) -> Result<(), DeployError> {
         let text = serde_json::to_string_pretty(&Self::from(calibration))
-            .map_err(RunError::writing(path))?
+            .map_err(RunError::write_error_at(path))?
             + "\n";
         Ok(write_atomically(&LocalDisk, path, text.as_bytes())?)
     }
 
-    fn calibration(self) -> Result<Calibration, DeployError> {
+    fn calibration(self) -> Result<CameraCalibration, DeployError> {
         if self.position.iter().any(|place| place.abs() > FARTHEST) {
             return Err(RunError::InvalidSetting {
                 name: "position",
@@ -88,14 +88,14 @@ impl CalibrationFile {
         given.copy_from_slice(&self.radial);
         let [width, height] = self.size;
         let rotation = DMat3::from_cols_array_2d(&self.rotation).transpose();
-        let calibration = Calibration {
+        let calibration = CameraCalibration {
             intrinsics: Intrinsics {
                 width,
                 height,
                 focal_lengths: self.focal,
                 principal_point: self.centre,
             },
-            distortion: Distortion { radial, tangential: self.tangential },
+            distortion: LensDistortion { radial, tangential: self.tangential },
             extrinsics: Extrinsics {
                 rotation,
                 translation: -(rotation * glam::DVec3::from_array(self.position)),
@@ -106,8 +106,8 @@ impl CalibrationFile {
     }
 }
 
-impl From<&Calibration> for CalibrationFile {
-    fn from(calibration: &Calibration) -> Self {
+impl From<&CameraCalibration> for CameraCalibrationFile {
+    fn from(calibration: &CameraCalibration) -> Self {
         let inside = calibration.intrinsics;
         let rows = calibration.extrinsics.rotation.transpose();
         Self {
@@ -119,7 +119,7 @@ impl From<&Calibration> for CalibrationFile {
                 all => all.to_vec(),
             },
             tangential: calibration.distortion.tangential,
-            position: calibration.position().to_array(),
+            position: calibration.camera_position().to_array(),
             rotation: rows.to_cols_array_2d(),
         }
     }
@@ -129,11 +129,11 @@ impl From<&Calibration> for CalibrationFile {
 mod tests {
     use super::*;
 
-    fn camera() -> Calibration {
+    fn camera() -> CameraCalibration {
         let rotation = DMat3::from_rotation_x(3.1) * DMat3::from_rotation_z(0.4);
-        Calibration {
+        CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: Distortion::brown_conrady([0.01, -0.02], [0.001, 0.0]),
+            distortion: LensDistortion::brown_conrady([0.01, -0.02], [0.001, 0.0]),
             extrinsics: Extrinsics { rotation, translation: glam::DVec3::new(0.1, -0.2, 1.4) },
         }
     }
@@ -142,35 +142,35 @@ mod tests {
     fn a_calibration_comes_back_from_its_file() {
         let name = format!("covers-calibration-{}.json", std::process::id());
         let path = std::env::temp_dir().join(name);
-        CalibrationFile::write(&camera(), &path).unwrap();
-        let read = CalibrationFile::read(&path);
+        CameraCalibrationFile::write(&camera(), &path).unwrap();
+        let read = CameraCalibrationFile::read(&path);
         std::fs::remove_file(&path).unwrap();
         let read = read.unwrap();
         assert_eq!(read.extrinsics.rotation, camera().extrinsics.rotation);
         assert_eq!(read.intrinsics, camera().intrinsics);
         assert_eq!(read.distortion, camera().distortion);
-        let off = read.position().distance(camera().position());
+        let off = read.camera_position().distance(camera().camera_position());
         assert!(off < 1e-12, "{off}");
-        let gone = CalibrationFile::read(&path).unwrap_err().to_string();
+        let gone = CameraCalibrationFile::read(&path).unwrap_err().to_string();
         assert!(gone.contains("covers-calibration"), "{gone}");
     }
 
     #[test]
     fn a_camera_in_millimetres_is_refused() {
-        let mut file = CalibrationFile::from(&camera());
+        let mut file = CameraCalibrationFile::from(&camera());
         file.position = [0.3, -0.3, 1498.9];
         let text = serde_json::to_string(&file).unwrap();
-        let message = CalibrationFile::parse(&text).unwrap_err().to_string();
+        let message = CameraCalibrationFile::parse(&text).unwrap_err().to_string();
         assert!(message.contains("1498.9") && message.contains("metres"), "{message}");
     }
 
     #[test]
     fn files_that_are_no_camera_say_why() {
-        let text = serde_json::to_string(&CalibrationFile::from(&camera())).unwrap();
-        CalibrationFile::parse(&text).unwrap();
+        let text = serde_json::to_string(&CameraCalibrationFile::from(&camera())).unwrap();
+        CameraCalibrationFile::parse(&text).unwrap();
         for radial in ["-0.1,0.02,-0.01", "9.0,-20.0,4.0,9.1,-20.0,4.1"] {
             let more = text.replacen("0.01,-0.02", radial, 1);
-            let again = CalibrationFile::from(&CalibrationFile::parse(&more).unwrap());
+            let again = CameraCalibrationFile::from(&CameraCalibrationFile::parse(&more).unwrap());
             assert!(serde_json::to_string(&again).unwrap().contains(radial), "{again:?}");
         }
         for (part, other, says) in [
@@ -187,7 +187,7 @@ mod tests {
         ] {
             let spoilt = text.replacen(part, other, 1);
             assert_ne!(spoilt, text, "{part}");
-            let message = CalibrationFile::parse(&spoilt).unwrap_err().to_string();
+            let message = CameraCalibrationFile::parse(&spoilt).unwrap_err().to_string();
             assert!(message.contains(says), "{other}: {message}");
         }
     }

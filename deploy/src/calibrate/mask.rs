@@ -66,11 +66,11 @@ fn set_up_observer(
 
 impl MaskCheck {
     /// Maximum share of the arm's pixels outside of the mask, in any pose, for the check to pass.
-    pub const MAX_UNCOVERED_SHARE: f64 = 0.02;
+    pub const MAX_UNCOVERED_ARM_SHARE: f64 = 0.02;
     /// Minimum mean intersection over union of mask and arm; below it the mask is far too large.
     pub const MIN_MEAN_IOU: f64 = 0.5;
     /// Minimum number of poses of the arm that a check must compare to pass.
-    pub const MIN_POSES: usize = MIN_CALIBRATION_POSES;
+    pub const MIN_CHECKED_POSES: usize = MIN_CALIBRATION_POSES;
 
     /// Moves the arm to `poses` over the table of `trial`, which should be empty, and compares the
     /// mask that `deployment` would use with the pictures. The robot is stopped at the end and
@@ -117,7 +117,7 @@ impl MaskCheck {
                     observer.record_state(since, state.clone());
                     observer.record_state(rig.now(), state);
                     observer.fetch_picture(rig)?;
-                    observer.write_without_arm(arm, &mut seen)?;
+                    observer.write_picture_without_arm(arm, &mut seen)?;
                     check.add(pose, &observer);
                 }
                 Err(error) if concerns_one_pose(&error) => {
@@ -157,12 +157,12 @@ impl MaskCheck {
     /// Returns `true` if the mask was checked in enough poses, leaves at most 2 % of the arm
     /// uncovered in each, and has a mean overlap of at least 0.5.
     pub fn passes(&self) -> bool {
-        self.comparisons.len() >= Self::MIN_POSES && self.passes_in_visited_poses()
+        self.comparisons.len() >= Self::MIN_CHECKED_POSES && self.passes_in_visited_poses()
     }
 
     /// Returns `true` if the mask fits the arm in the poses that were visited, however few.
     pub(super) fn passes_in_visited_poses(&self) -> bool {
-        let hidden = |row: &MaskComparison| row.uncovered_share <= Self::MAX_UNCOVERED_SHARE;
+        let hidden = |row: &MaskComparison| row.uncovered_share <= Self::MAX_UNCOVERED_ARM_SHARE;
         self.comparisons.iter().all(hidden) && self.mean_iou() >= Self::MIN_MEAN_IOU
     }
 }
@@ -224,7 +224,7 @@ mod tests {
             let comparisons = rows.to_vec();
             MaskCheck { comparisons, ..MaskCheck::default() }.passes()
         };
-        let mut rows = vec![row(0.0, 0.6); MaskCheck::MIN_POSES];
+        let mut rows = vec![row(0.0, 0.6); MaskCheck::MIN_CHECKED_POSES];
         rows[3] = row(0.02, 0.4);
         assert!(holds(&rows));
         assert!(!holds(&rows[1..]), "too little was seen");

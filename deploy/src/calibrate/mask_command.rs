@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::DeployError;
 use experiments::RunError;
 use experiments::cli::print_escaped;
-use learner::disk::{LocalDisk, check_writable, write_atomically};
+use learner::disk::{LocalDisk, check_path_writable, write_atomically};
 
 use super::mask::MaskCheck;
 use super::poses::calibration_poses;
@@ -45,7 +45,7 @@ impl CheckMaskOptions {
     /// As [`MaskCheck::measure`]; folders and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, DeployError> {
         let settings = self.run_and_rig.rig.settings()?;
-        let deployment = self.run_and_rig.deployment(settings.vision)?;
+        let deployment = self.run_and_rig.load_deployment(settings.vision)?;
         let robot = self.run_and_rig.rig.robot;
         let camera = *deployment.training_camera();
         let mut rig = SimulatedRig::new(settings.simulation, camera, robot)?;
@@ -57,14 +57,14 @@ impl CheckMaskOptions {
     ///
     /// # Errors
     /// As [`CheckMaskOptions::run`], and `--fault`, which only a simulated rig can set.
-    pub fn run_on(
+    pub fn run_on_rig(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<bool, DeployError> {
         self.run_and_rig.rig.reject_faults([])?;
-        let deployment = self.run_and_rig.deployment(VisionSettings::default())?;
+        let deployment = self.run_and_rig.load_deployment(VisionSettings::default())?;
         self.check(&deployment, rig, arm, out)
     }
 
@@ -93,8 +93,8 @@ impl CheckMaskOptions {
 
 /// Creates the folder for the mask's pictures if needed, and checks that it can be written to.
 fn prepare(folder: &Path) -> Result<(), DeployError> {
-    std::fs::create_dir_all(folder).map_err(RunError::writing(folder))?;
-    Ok(check_writable(&LocalDisk, &picture(folder, 1))?)
+    std::fs::create_dir_all(folder).map_err(RunError::write_error_at(folder))?;
+    Ok(check_path_writable(&LocalDisk, &picture(folder, 1))?)
 }
 
 fn picture(folder: &Path, pose: usize) -> PathBuf {
@@ -104,7 +104,7 @@ fn picture(folder: &Path, pose: usize) -> PathBuf {
 fn write(check: &MaskCheck, folder: &Path) -> Result<(), DeployError> {
     for (row, drawn) in check.comparisons.iter().zip(&check.overlays) {
         let path = picture(folder, row.pose_number);
-        let png = drawn.to_png().map_err(RunError::writing(&path))?;
+        let png = drawn.to_png().map_err(RunError::write_error_at(&path))?;
         write_atomically(&LocalDisk, &path, &png)?;
     }
     Ok(())
@@ -140,11 +140,11 @@ fn table(check: &MaskCheck) -> String {
         "the mask {}: at most {:.0} % of the arm may be outside in any pose, the mean overlap, \
          {:.2}, must be at least {}, and the poses seen, {}, at least {}",
         verdict,
-        100.0 * MaskCheck::MAX_UNCOVERED_SHARE,
+        100.0 * MaskCheck::MAX_UNCOVERED_ARM_SHARE,
         check.mean_iou(),
         MaskCheck::MIN_MEAN_IOU,
         check.comparisons.len(),
-        MaskCheck::MIN_POSES
+        MaskCheck::MIN_CHECKED_POSES
     ));
     lines.join("\n")
 }

@@ -2,8 +2,8 @@
 
 use envs::embodiments::Arm;
 use inpainting::{
-    BallSighting, Calibration, CalibrationBall, Distortion, HandEyeCalibration, HandEyeSettings,
-    InpaintingError, Intrinsics, MIN_CALIBRATION_POSES, Residual,
+    BallResidual, BallSighting, CalibrationBall, CameraCalibration, HandEyeCalibration,
+    HandEyeSettings, InpaintingError, Intrinsics, LensDistortion, MIN_CALIBRATION_POSES,
 };
 use robots::{ControlError, Pose};
 use serde::Serialize;
@@ -15,14 +15,14 @@ use crate::rig::{Rig, Trial, stop_after};
 
 /// Settings of a camera calibration: the arm's ball, and what is known of arm and camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CalibrateSettings {
+pub struct CameraCalibrationSettings {
     /// Ball that the arm carries.
     pub ball: CalibrationBall,
     /// Settings of the least-squares fit: the ball's position in the hand, if it is known, the
     /// arm's accuracy, and `true` to estimate the focal lengths.
     pub hand_eye: HandEyeSettings,
     /// Intrinsics and distortion of the camera; `None` to use those of the rig's own calibration.
-    pub lens: Option<(Intrinsics, Distortion)>,
+    pub lens: Option<(Intrinsics, LensDistortion)>,
 }
 
 /// Pose of the hand that was skipped, with the reason.
@@ -38,9 +38,9 @@ pub struct SkippedPose {
 
 /// Result of a camera calibration with the ball.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CalibrationResult {
+pub struct CameraCalibrationResult {
     /// Calibration of the camera that the rig had before.
-    pub previous: Calibration,
+    pub previous: CameraCalibration,
     /// Calibration of the camera that was found, with its uncertainty.
     pub estimate: HandEyeCalibration,
     /// Poses of the calibration that were skipped, and those that the others contradict.
@@ -57,13 +57,13 @@ pub struct CalibrationResult {
 /// [`DeployError::TooFewSightings`]; [`DeployError::Rig`], [`DeployError::Robot`],
 /// [`DeployError::StalePicture`], [`DeployError::CameraClockAhead`]; as
 /// [`HandEyeCalibration::solve`].
-pub fn calibrate(
+pub fn calibrate_camera(
     rig: &mut dyn Rig,
     arm: &Arm,
-    settings: &CalibrateSettings,
+    settings: &CameraCalibrationSettings,
     poses: &[Pose],
     trial: &Trial,
-) -> Result<CalibrationResult, DeployError> {
+) -> Result<CameraCalibrationResult, DeployError> {
     settings.hand_eye.check()?;
     let seen = carry(rig, arm, settings, poses, trial);
     let (sightings, mut skipped_poses) = stop_after(rig, seen)?;
@@ -79,14 +79,14 @@ pub fn calibrate(
         });
     }
     let previous = rig.calibration();
-    let start = settings.lens.map_or(previous, |(intrinsics, distortion)| Calibration {
+    let start = settings.lens.map_or(previous, |(intrinsics, distortion)| CameraCalibration {
         intrinsics,
         distortion,
         ..previous
     });
     let estimate = HandEyeCalibration::solve(&start, settings.hand_eye, &sightings)?;
     skipped_poses.extend(estimate.outliers.iter().map(
-        |&Residual { pose_number: pose, distance_px: pixels, .. }| SkippedPose {
+        |&BallResidual { pose_number: pose, distance_px: pixels, .. }| SkippedPose {
             pose_number: pose,
             reason: if pixels.is_finite() {
                 format!("the ball is seen {pixels:.1} pixels from where the other poses predict it")
@@ -95,14 +95,14 @@ pub fn calibrate(
             },
         },
     ));
-    Ok(CalibrationResult { previous, estimate, skipped_poses })
+    Ok(CameraCalibrationResult { previous, estimate, skipped_poses })
 }
 
 /// Carries the ball to all poses; returns its positions in the pictures, and the skipped poses.
 fn carry(
     rig: &mut dyn Rig,
     arm: &Arm,
-    settings: &CalibrateSettings,
+    settings: &CameraCalibrationSettings,
     poses: &[Pose],
     trial: &Trial,
 ) -> Result<(Vec<BallSighting>, Vec<SkippedPose>), DeployError> {

@@ -8,10 +8,10 @@ use envs::embodiments::{Arm, KinovaGen3};
 
 use super::command::CalibrateOptions;
 use super::fake_rig::FakeRig;
-use super::file::CalibrationFile;
+use super::file::CameraCalibrationFile;
 use super::mask::{MaskCheck, MaskComparison};
 use super::mask_command::{CheckMaskOptions, mask_check_json};
-use super::measure::{SkippedPose, calibrate};
+use super::measure::{SkippedPose, calibrate_camera};
 use super::tests::SETTINGS;
 use crate::rig::{Rig, Trial};
 use crate::{DeployError, DeployOptions};
@@ -43,7 +43,7 @@ fn spoilt(spoil: fn(&mut FakeRig)) -> DeployError {
     spoil(&mut rig);
     let there = [rig.state.tip];
     let trial = Trial::on_empty_table(0);
-    calibrate(&mut rig, &arm(), &SETTINGS, &there, &trial).unwrap_err()
+    calibrate_camera(&mut rig, &arm(), &SETTINGS, &there, &trial).unwrap_err()
 }
 
 #[test]
@@ -70,15 +70,18 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
     for out in ["no/such/folder/c.json", "src"] {
         let mut rig = FakeRig::new(&arm());
         let out = root.join(out);
-        let failed =
-            options(&["--out", out.to_str().unwrap()]).run_on(&mut rig, &arm(), &mut Vec::new());
+        let failed = options(&["--out", out.to_str().unwrap()]).run_on_rig(
+            &mut rig,
+            &arm(),
+            &mut Vec::new(),
+        );
         let error = failed.unwrap_err();
         assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
         assert!(still(&rig));
     }
     let mask = mask_options(&["--pictures", concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml/m")]);
     let mut rig = FakeRig::new(&arm());
-    let error = mask.run_on(&mut rig, &arm(), &mut Vec::new()).err().unwrap();
+    let error = mask.run_on_rig(&mut rig, &arm(), &mut Vec::new()).err().unwrap();
     assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
     assert!(still(&rig));
 }
@@ -95,8 +98,8 @@ fn a_rig_of_your_own_takes_no_simulated_fault() {
     let fault = ["--fault", "position-error=30"];
     let calibration = options(&[&["--out", "no/such/c.json"], &fault[..]].concat());
     let refused = [
-        calibration.run_on(&mut rig, &arm, &mut out).err(),
-        mask_options(&fault).run_on(&mut rig, &arm, &mut out).err(),
+        calibration.run_on_rig(&mut rig, &arm, &mut out).err(),
+        mask_options(&fault).run_on_rig(&mut rig, &arm, &mut out).err(),
     ];
     for error in refused {
         let message = error.unwrap().to_string();
@@ -126,7 +129,7 @@ fn what_does_not_fit_the_rig_is_named_before_the_arm_moves() {
     let mut rig = FakeRig::new(&arm());
     let mut too_far = rig.calibration();
     too_far.extrinsics.translation.z = 99.9;
-    CalibrationFile::write(&too_far, &json).unwrap();
+    CameraCalibrationFile::write(&too_far, &json).unwrap();
     let text = "image_width: 1280\nimage_height: 720\ncamera_matrix: [900, 0, 640, 0, 900, 360, 0, \
                 0, 1]\ndistortion_coefficients: [0, 0, 0, 0]\n";
     std::fs::write(&yaml, text).unwrap();
@@ -136,9 +139,9 @@ fn what_does_not_fit_the_rig_is_named_before_the_arm_moves() {
     let calibrate = options(&["--out", &out, "--camera", &camera]);
     let inexact = options(&["--out", &out, "--arm-accuracy", "0"]);
     let errors = [
-        mask.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
-        calibrate.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
-        inexact.run_on(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
+        mask.run_on_rig(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
+        calibrate.run_on_rig(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
+        inexact.run_on_rig(&mut rig, &arm(), &mut Vec::new()).unwrap_err(),
     ];
     std::fs::remove_dir_all(&folder).unwrap();
     let expected = [

@@ -4,25 +4,27 @@ use std::time::Duration;
 
 use envs::{Camera, Embodiment, HAND_TARGET_START};
 use glam::{DMat3, DVec3};
-use inpainting::{BallOffset, Calibration, CalibrationBall, Extrinsics, HandEyeSettings};
+use inpainting::{
+    BallOffsetInHand, CalibrationBall, CameraCalibration, Extrinsics, HandEyeSettings,
+};
 use rl::BoxedEnvError;
-use robots::{Command, ControlError, Pose, Robot, RobotState};
+use robots::{ArmCommand, ControlError, Pose, Robot, RobotState};
 
 use super::calibration_poses;
-use super::command::{CalibrateOptions, Triple, distance_mm_and_angle_deg};
+use super::command::{CalibrateOptions, NumberTriple, distance_mm_and_angle_deg};
 use super::fake_rig::FakeRig;
-use super::file::CalibrationFile;
+use super::file::CameraCalibrationFile;
 use super::mask::MaskCheck;
-use super::measure::{CalibrateSettings, calibrate};
+use super::measure::{CameraCalibrationSettings, calibrate_camera};
 use crate::faults::FaultAmount;
 use crate::rig::{Rig, TaskVerdict, Trial, TrialSetUp};
 use crate::tests::pretrained;
-use crate::{DeployError, FaultLevel, RigOptions, SimulatedRig, SimulationSettings};
+use crate::{DeployError, FaultPreset, RigOptions, SimulatedRig, SimulatedRigSettings};
 
-pub(super) const SETTINGS: CalibrateSettings = CalibrateSettings {
+pub(super) const SETTINGS: CameraCalibrationSettings = CameraCalibrationSettings {
     ball: CalibrationBall { color: [255, 0, 255] },
     hand_eye: HandEyeSettings {
-        ball_offset: BallOffset::Unknown,
+        ball_offset: BallOffsetInHand::Unknown,
         arm_position_sd: 0.0025,
         estimate_focal_length: false,
     },
@@ -35,7 +37,7 @@ fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions 
         rig: RigOptions {
             robot: Embodiment::KINOVA_GEN3,
             seed: 1000,
-            faults: FaultLevel::Nominal,
+            faults: FaultPreset::Nominal,
             fault_amounts: fault,
         },
         out: std::env::temp_dir().join(name),
@@ -43,7 +45,7 @@ fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions 
         arm_accuracy: 2.5,
         camera_file: None,
         estimate_focal: false,
-        ball_color: Triple([255.0, 0.0, 255.0]),
+        ball_color: NumberTriple([255.0, 0.0, 255.0]),
         json,
     }
 }
@@ -55,12 +57,16 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     let faults = ["position-error=30", "angle-error=3"].map(|fault| fault.parse().unwrap());
     let options = options(&name, faults.to_vec(), true);
     let settings = options.rig.settings().unwrap().simulation;
-    let mut rig =
-        SimulatedRig::carrying_ball(settings, Camera::default(), Embodiment::KINOVA_GEN3).unwrap();
+    let mut rig = SimulatedRig::new_with_calibration_ball(
+        settings,
+        Camera::default(),
+        Embodiment::KINOVA_GEN3,
+    )
+    .unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.true_calibration());
     let mut out = Vec::new();
     let calibrated = options.calibrate_on(&mut rig, &arm, &mut out).unwrap();
-    let read = CalibrationFile::read(&options.out);
+    let read = CameraCalibrationFile::read(&options.out);
     std::fs::remove_file(&options.out).unwrap();
     let [place, angle] = distance_mm_and_angle_deg(&calibrated.previous, &truth);
     assert!((place - 30.0).abs() < 1e-6 && (angle - 3.0).abs() < 1e-6);
@@ -81,7 +87,7 @@ impl Robot for Misplaced {
         self.0.state()
     }
 
-    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         self.0.command(command)
     }
 
@@ -95,11 +101,11 @@ impl Rig for Misplaced {
         self.0.set_up(trial)
     }
 
-    fn calibration(&self) -> Calibration {
+    fn calibration(&self) -> CameraCalibration {
         let known = self.0.true_calibration();
         let Extrinsics { rotation, translation } = known.extrinsics;
         let translation = translation - rotation * DVec3::new(0.2, 0.0, 0.0);
-        Calibration { extrinsics: Extrinsics { rotation, translation }, ..known }
+        CameraCalibration { extrinsics: Extrinsics { rotation, translation }, ..known }
     }
 
     fn now(&self) -> Duration {
@@ -124,11 +130,15 @@ fn a_file_that_deploy_will_refuse_is_told() {
     let name = format!("covers-refused-{}.json", std::process::id());
     let options = options(&name, Vec::new(), false);
     let settings = options.rig.settings().unwrap().simulation;
-    let rig =
-        SimulatedRig::carrying_ball(settings, Camera::default(), Embodiment::KINOVA_GEN3).unwrap();
+    let rig = SimulatedRig::new_with_calibration_ball(
+        settings,
+        Camera::default(),
+        Embodiment::KINOVA_GEN3,
+    )
+    .unwrap();
     let arm = rig.arm().clone();
     let mut out = Vec::new();
-    let calibrated = options.run_on(&mut Misplaced(rig), &arm, &mut out);
+    let calibrated = options.run_on_rig(&mut Misplaced(rig), &arm, &mut out);
     std::fs::remove_file(&options.out).unwrap();
     let calibrated = calibrated.unwrap();
     let [place, _] =
@@ -145,15 +155,15 @@ fn a_file_that_deploy_will_refuse_is_told() {
 #[test]
 fn masks_are_held_to_the_picture() {
     let mut rig = SimulatedRig::new(
-        SimulationSettings::NOMINAL_FAULTS,
+        SimulatedRigSettings::NOMINAL_FAULTS,
         Camera::default(),
         Embodiment::KINOVA_GEN3,
     )
     .unwrap();
     let (arm, truth) = (rig.arm().clone(), rig.true_calibration());
     let rotation = DMat3::from_rotation_x(3_f64.to_radians()) * truth.extrinsics.rotation;
-    let position = truth.position() + 0.03 * DVec3::X;
-    let wrong = Calibration {
+    let position = truth.camera_position() + 0.03 * DVec3::X;
+    let wrong = CameraCalibration {
         extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
         ..truth
     };
@@ -171,7 +181,7 @@ fn masks_are_held_to_the_picture() {
 #[test]
 fn masks_do_not_lag_behind_late_pictures() {
     let checks = [0.0, 0.4].map(|latency| {
-        let mut settings = SimulationSettings::NO_FAULTS;
+        let mut settings = SimulatedRigSettings::NO_FAULTS;
         settings.camera_imperfections.latency = latency;
         let mut rig =
             SimulatedRig::new(settings, Camera::default(), Embodiment::KINOVA_GEN3).unwrap();
@@ -201,7 +211,7 @@ fn balls_that_are_not_seen_and_poses_out_of_reach_are_told() {
     for (poses, says) in
         [(vec![tip, high], "no ball of the colour"), (vec![high, tip], "cannot follow")]
     {
-        let failed = calibrate(&mut rig, &arm, &SETTINGS, &poses, &trial);
+        let failed = calibrate_camera(&mut rig, &arm, &SETTINGS, &poses, &trial);
         let error = failed.unwrap_err();
         assert!(matches!(
             error,

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use envs::{
-    Camera, Control, Embodiment, ExtraView, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
+    ActionSettings, Camera, Embodiment, ExtraView, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
     TaskGroup, TaskVariant,
 };
 use rand::SeedableRng;
@@ -12,7 +12,7 @@ use robots::Robot;
 use symmetry::D2;
 
 use crate::tests::pretrained;
-use crate::{Deployment, FilmStrip, Rig, SimulatedRig, SimulationSettings, Trial};
+use crate::{Deployment, FilmStrip, Rig, SimulatedRig, SimulatedRigSettings, Trial};
 
 /// Trial of a button whose cap stands beside the hand's start.
 const TRIAL: Trial = Trial {
@@ -31,11 +31,11 @@ fn deployment() -> Deployment {
 /// Returns the pictures of training at the start of the trial: the whole picture and the close-up.
 fn learnt(camera: Camera) -> [Vec<u8>; 2] {
     let TaskVariant { group, element } = TRIAL.variant;
-    let scene = Arc::new(Scene::new(group, Embodiment::HAND, camera).unwrap());
+    let scene = Arc::new(Scene::new(group, Embodiment::FLOATING_HAND, camera).unwrap());
     let mut rng = ChaCha8Rng::seed_from_u64(TRIAL.seed);
     rng.set_stream(TRIAL.index as u64);
-    let placement = scene.draw_placement(&mut rng);
-    let mut table = TableTop::new(Arc::clone(&scene), Control::default()).unwrap();
+    let placement = scene.sample_placement(&mut rng);
+    let mut table = TableTop::new(Arc::clone(&scene), ActionSettings::default()).unwrap();
     table.reset_to(element, placement).unwrap();
     let mut seen = vec![0; camera.size * camera.size * RGB_CHANNELS];
     let mut renderer = SceneRenderer::new(scene).unwrap();
@@ -64,14 +64,15 @@ fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
     let deployment = deployment();
     let camera = *deployment.training_camera();
     let mut rig =
-        SimulatedRig::new(SimulationSettings::NO_FAULTS, camera, Embodiment::KINOVA_GEN3).unwrap();
+        SimulatedRig::new(SimulatedRigSettings::NO_FAULTS, camera, Embodiment::KINOVA_GEN3)
+            .unwrap();
     let arm = rig.arm().clone();
     let set_up = rig.set_up(&TRIAL).unwrap();
     let start = rig.state().unwrap();
     let mut observer = deployment.observer(&rig, &arm, &set_up, start).unwrap();
     observer.fetch_picture(&mut rig).unwrap();
     let mut seen = vec![0; camera.size * camera.size * RGB_CHANNELS];
-    observer.write_without_arm(&arm, &mut seen).unwrap();
+    observer.write_picture_without_arm(&arm, &mut seen).unwrap();
     let seen = parts(|image| observer.compose_observation(&seen, &[], image), camera);
     for (on_robot, learnt) in seen.iter().zip(learnt(camera)) {
         let off = difference(on_robot, &learnt);
@@ -87,7 +88,7 @@ fn a_policy_on_the_robot_sees_the_close_ups_that_it_has_learnt_with() {
 fn a_trial_with_close_ups_is_filmed_as_any_other() {
     let mut deployment = deployment();
     let mut rig = SimulatedRig::new(
-        SimulationSettings::NO_FAULTS,
+        SimulatedRigSettings::NO_FAULTS,
         *deployment.training_camera(),
         Embodiment::KINOVA_GEN3,
     )

@@ -56,7 +56,7 @@ fn settings_travel_as_text() {
 
 fn draw(camera: &Camera, point: DVec3) -> Vec<u8> {
     let mut rgb = vec![0; camera.size * camera.size * 3];
-    camera.draw_mark(&camera.mark, point, &mut rgb);
+    camera.draw_gripper_mark(&camera.mark, point, &mut rgb);
     rgb
 }
 

@@ -7,10 +7,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-use crate::control::Control;
+use crate::control::ActionSettings;
 use crate::error::EnvError;
 use crate::scene::Scene;
-use crate::tabletop::{ACTION_DIM, StepResult, TableTop, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, StepResult, TableTop, VECTOR_OBSERVATION_DIM};
 
 /// Outcome of testing a conformance rule: `None` if it holds, or a description of the violation.
 pub(super) type RuleResult = Result<Option<String>, EnvError>;
@@ -28,7 +28,7 @@ pub(super) struct Case {
 
 impl Case {
     pub(super) fn table(&self) -> Result<TableTop, EnvError> {
-        TableTop::new(Arc::clone(&self.scene), self.scene.layout.control())
+        TableTop::new(Arc::clone(&self.scene), self.scene.layout.action_settings())
     }
 
     /// Returns an environment at the start of the episode of `seed`.
@@ -43,13 +43,13 @@ impl Case {
     }
 
     pub(super) fn decisions_per_episode(&self) -> usize {
-        self.scene.layout.control().decisions_per_episode()
+        self.scene.layout.action_settings().decisions_per_episode()
     }
 
-    /// Returns the layout's control settings, changed to one decision in each control step.
-    pub(super) fn fine_control(&self) -> Control {
-        let control = self.scene.layout.control();
-        Control {
+    /// Returns the layout's action settings, changed to one decision in each control step.
+    pub(super) fn fine_control(&self) -> ActionSettings {
+        let control = self.scene.layout.action_settings();
+        ActionSettings {
             action_repeat: 1,
             displacement: control.displacement / control.action_repeat as f64,
             ..control
@@ -57,13 +57,13 @@ impl Case {
     }
 
     pub(super) fn random_actions(&self, seed: u64) -> RandomActions {
-        RandomActions::new(seed, &self.scene.layout.control())
+        RandomActions::new(seed, &self.scene.layout.action_settings())
     }
 }
 
 impl RandomActions {
-    /// Creates random actions for an environment with the control settings `control`.
-    pub(super) fn new(seed: u64, control: &Control) -> Self {
+    /// Creates random actions for an environment with the action settings `control`.
+    pub(super) fn new(seed: u64, control: &ActionSettings) -> Self {
         Self {
             rng: ChaCha8Rng::seed_from_u64(seed),
             action: [0.0; ACTION_DIM],
@@ -104,7 +104,7 @@ impl RandomActions {
 }
 
 /// Vector observation, reward and flags of one decision, as bits for exact comparison.
-pub(super) type Bits = ([u32; VECTOR_DIM], u64, [bool; 3]);
+pub(super) type Bits = ([u32; VECTOR_OBSERVATION_DIM], u64, [bool; 3]);
 
 /// Takes `decisions` random decisions in `table` and returns the outcome of each, without pictures.
 pub(super) fn run(

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use symmetry::D2;
 
-use crate::control::Control;
+use crate::control::ActionSettings;
 use crate::error::{EnvError, require};
 use crate::scene::Scene;
 use crate::tabletop::TableTop;
@@ -80,12 +80,12 @@ impl ExpertResult {
 /// in `0..seeds`.
 ///
 /// # Errors
-/// [`EnvError::InvalidSetting`] for zero seeds or control settings out of range,
+/// [`EnvError::InvalidSetting`] for zero seeds or action settings out of range,
 /// [`EnvError::NoSuchVariant`], or MuJoCo's error.
 pub fn measure_expert(
     scene: &Arc<Scene>,
     element: D2,
-    control: Control,
+    control: ActionSettings,
     seeds: u64,
 ) -> Result<ExpertResult, EnvError> {
     check_seeds(seeds)?;

@@ -5,12 +5,12 @@ use std::sync::Arc;
 use symmetry::D2;
 
 use crate::camera::Camera;
-use crate::control::Control;
+use crate::control::ActionSettings;
 use crate::embodiment::Embodiment;
 use crate::error::EnvError;
 use crate::layout::Layout;
 use crate::scene::Scene;
-use crate::tabletop::{ACTION_DIM, StepResult, TableTop, VECTOR_DIM};
+use crate::tabletop::{ACTION_DIM, StepResult, TableTop, VECTOR_OBSERVATION_DIM};
 use crate::task::{StepReward, TaskGroup};
 
 use super::case::{Case, RandomActions, RuleResult, run, unless};
@@ -78,12 +78,12 @@ const OF_MIRRORED_VARIANTS: [Rule; 2] =
 ///
 /// # Errors
 /// The first [`ConformanceError`].
-pub fn check(group: TaskGroup) -> Result<(), ConformanceError> {
+pub fn check_conformance(group: TaskGroup) -> Result<(), ConformanceError> {
     for layout in Layout::ALL {
-        if layout == Layout::MetaWorld && group.task().meta_world_spec().is_none() {
+        if layout == Layout::MetaWorld && group.identity_task().meta_world_spec().is_none() {
             continue;
         }
-        for embodiment in Embodiment::STANDARD {
+        for embodiment in Embodiment::STANDARD_EMBODIMENTS {
             let scene = Scene::new_in_layout(layout, group, embodiment, Camera::default())
                 .map_err(|source| ConformanceError::CheckFailed {
                     case: format!("{group}, {embodiment}, {layout}"),
@@ -96,7 +96,7 @@ pub fn check(group: TaskGroup) -> Result<(), ConformanceError> {
 }
 
 fn check_scene(scene: &Arc<Scene>) -> Result<(), ConformanceError> {
-    for (index, &element) in scene.layout.elements().iter().enumerate() {
+    for (index, &element) in scene.layout.group_elements().iter().enumerate() {
         let scene = Arc::clone(scene);
         let case = Case { scene, element };
         // scene rules do not depend on the variant; the identity comes first in every layout
@@ -177,7 +177,7 @@ fn reward_in_range(reward: &StepReward) -> bool {
         && reward.goal_distance >= 0.0
 }
 
-fn vector_in_range(vector: &[f32; VECTOR_DIM]) -> bool {
+fn vector_in_range(vector: &[f32; VECTOR_OBSERVATION_DIM]) -> bool {
     let [x, y, z, aperture, goal_x, goal_y, goal_z, lead @ ..] = vector;
     // wider than the bounds of the hand's target in either layout, with room for overshoot
     x.abs() < 0.7
@@ -223,8 +223,8 @@ fn independence(case: &Case) -> RuleResult {
 }
 
 fn variation(case: &Case) -> RuleResult {
-    let mut low = [f32::INFINITY; VECTOR_DIM];
-    let mut high = [f32::NEG_INFINITY; VECTOR_DIM];
+    let mut low = [f32::INFINITY; VECTOR_OBSERVATION_DIM];
+    let mut high = [f32::NEG_INFINITY; VECTOR_OBSERVATION_DIM];
     for seed in 0..2 {
         let mut table = case.started(seed)?;
         let mut actions = case.random_actions(seed);
@@ -239,7 +239,7 @@ fn variation(case: &Case) -> RuleResult {
     let observable = case.scene.goal_observable;
     // hand, aperture and lead must always vary; the goal, at 4 to 6, only where it is shown
     let varies = |i: usize| observable || !(4..7).contains(&i);
-    let wrong = (0..VECTOR_DIM).find(|&i| (high[i] - low[i] > 1e-3) != varies(i));
+    let wrong = (0..VECTOR_OBSERVATION_DIM).find(|&i| (high[i] - low[i] > 1e-3) != varies(i));
     Ok(wrong.map(|i| format!("component {i} of the vector is in {}..={}", low[i], high[i])))
 }
 
@@ -276,7 +276,7 @@ fn idleness(case: &Case) -> RuleResult {
 }
 
 fn solution(case: &Case) -> RuleResult {
-    let row = measure_expert(&case.scene, case.element, Control::default(), 2)?;
+    let row = measure_expert(&case.scene, case.element, ActionSettings::default(), 2)?;
     Ok(unless(row.passes(), || format!("{row:?}")))
 }
 

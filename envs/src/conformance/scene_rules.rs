@@ -43,12 +43,12 @@ fn moving_object(case: &Case) -> RuleResult {
     let mut renderer = SceneRenderer::without_arm(Arc::clone(&case.scene))?;
     let mut table = case.started(1)?;
     let before = picture(&mut renderer, &mut table)?;
-    let start = table.measurement()?.object;
+    let start = table.task_state()?.object;
     let (mut unseen, last) = (None, case.decisions_per_episode());
     for decision in 1..=last {
         let action = table.expert_action()?;
         table.step(&action)?;
-        let way = table.measurement()?.object.distance(start);
+        let way = table.task_state()?.object.distance(start);
         if way > VISIBLE_DISPLACEMENT || (decision == last && way > FINAL_DISPLACEMENT) {
             if picture(&mut renderer, &mut table)? != before {
                 return Ok(None);
@@ -67,7 +67,7 @@ fn moving_mark(case: &Case) -> RuleResult {
     let mut table = case.started(1)?;
     let before = picture(&mut renderer, &mut table)?;
     // as long in either layout: 200 control steps
-    let decisions = 200 / case.scene.layout.control().action_repeat;
+    let decisions = 200 / case.scene.layout.action_settings().action_repeat;
     run(&mut table, &mut case.random_actions(6), decisions)?;
     let after = picture(&mut renderer, &mut table)?;
     Ok(unless(before != after, || "nothing changes".to_owned()))
@@ -78,9 +78,9 @@ fn moving_mark(case: &Case) -> RuleResult {
 pub(super) fn distinct_variants(case: &Case) -> RuleResult {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let placements: Vec<Placement> =
-        (0..PLACEMENTS).map(|_| case.scene.draw_placement(&mut rng)).collect();
+        (0..PLACEMENTS).map(|_| case.scene.sample_placement(&mut rng)).collect();
     let placement = placements[0];
-    let elements = case.scene.layout.elements();
+    let elements = case.scene.layout.group_elements();
     if elements.len() > 1 && !off_centre(&placements) {
         let found = "neither the object nor the goal stays in one quadrant, 1 mm off its axes";
         return Ok(Some(found.to_owned()));

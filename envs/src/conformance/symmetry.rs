@@ -15,7 +15,7 @@ use crate::error::EnvError;
 use crate::renderer::SceneRenderer;
 use crate::scene::Scene;
 use crate::tabletop::{ACTION_DIM, ACTION_IRREPS, TableTop};
-use crate::task::{Measurement, Placement};
+use crate::task::{Placement, TaskState};
 
 /// Largest relative difference of an expert's return between variants of a group, closed loop.
 const RETURN_SPREAD: f64 = 0.03;
@@ -111,7 +111,7 @@ enum Driver {
 
 impl Twins {
     fn new(scene: Arc<Scene>, element: D2, of_actions: D2) -> Result<Self, EnvError> {
-        let control = scene.layout.control();
+        let control = scene.layout.action_settings();
         let pixels = scene.camera.size * scene.camera.size * RGB_CHANNELS;
         let row = SymmetryDeviation {
             variant: VariantName::new(&scene, element),
@@ -141,7 +141,7 @@ impl Twins {
         for seed in 0..seeds {
             let mut rng = ChaCha8Rng::seed_from_u64(seed);
             // one placement for both: the variant maps it itself
-            let placement = self.canonical.scene().draw_placement(&mut rng);
+            let placement = self.canonical.scene().sample_placement(&mut rng);
             for driver in [Driver::Expert, Driver::Random] {
                 self.open_loop(placement, driver, &mut rng)?;
             }
@@ -169,7 +169,7 @@ impl Twins {
     ) -> Result<(), EnvError> {
         self.reset(placement)?;
         let mut action = [0.0; ACTION_DIM];
-        for decision in 0..self.canonical.control().decisions_per_episode() {
+        for decision in 0..self.canonical.action_settings().decisions_per_episode() {
             match driver {
                 Driver::Expert => action = self.canonical.expert_action()?,
                 Driver::Random if decision % HELD == 0 => {
@@ -189,7 +189,7 @@ impl Twins {
         let here = self.canonical.step(action)?;
         let there = self.variant.step(&mirrored)?;
         self.touched |= self.canonical.had_contact() || self.variant.had_contact();
-        let deviation = deviation(&self.canonical.measurement()?, &self.variant.measurement()?);
+        let deviation = deviation(&self.canonical.task_state()?, &self.variant.task_state()?);
         let worst = if self.touched {
             &mut self.row.contact_deviation
         } else {
@@ -219,7 +219,7 @@ impl Twins {
 
 /// Returns the largest distance (metres) between the measurements of two environments, in the
 /// canonical frame.
-fn deviation(a: &Measurement, b: &Measurement) -> f64 {
+fn deviation(a: &TaskState, b: &TaskState) -> f64 {
     let distances = [
         a.hand.distance(b.hand),
         a.tcp.distance(b.tcp),
@@ -244,7 +244,7 @@ mod tests {
 
     use super::*;
     use crate::camera::Camera;
-    use crate::control::Control;
+    use crate::control::ActionSettings;
     use crate::embodiment::Embodiment;
     use crate::task::TaskGroup;
 
@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn a_wrong_mirror_is_noticed() {
-        let row = row(Embodiment::HAND, D2::FlipX, D2::FlipY);
+        let row = row(Embodiment::FLOATING_HAND, D2::FlipX, D2::FlipY);
         assert!(row.free_deviation > 1e-2, "{row:?}");
         assert!(row.reward_deviation > 1e-2, "{row:?}");
         assert!(row.frames_differing * 2 > row.frames, "{row:?}");
@@ -266,21 +266,22 @@ mod tests {
 
     #[test]
     fn every_point_and_the_sides_of_the_pads_count() {
-        let scene = Scene::new(TaskGroup::PEG_INSERT_SIDE, Embodiment::HAND, Camera::default());
-        let mut table = TableTop::new(Arc::new(scene.unwrap()), Control::default()).unwrap();
+        let scene =
+            Scene::new(TaskGroup::PEG_INSERT_SIDE, Embodiment::FLOATING_HAND, Camera::default());
+        let mut table = TableTop::new(Arc::new(scene.unwrap()), ActionSettings::default()).unwrap();
         table.reset(D2::FlipY, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
-        let good = table.measurement().unwrap();
+        let good = table.task_state().unwrap();
         assert_eq!(deviation(&good, &good), 0.0);
         let [low, high] = good.pads;
         assert!(low < high, "{good:?}");
         let moved = DVec3::new(0.0, 0.0, 0.02);
         for (bad, least) in [
-            (Measurement { pads: [high, low], ..good }, 0.05),
-            (Measurement { hand: good.hand + moved, ..good }, 0.01),
-            (Measurement { tcp: good.tcp + moved, ..good }, 0.01),
-            (Measurement { object: good.object + moved, ..good }, 0.01),
-            (Measurement { tip: good.tip + moved, ..good }, 0.01),
-            (Measurement { aperture: good.aperture - 0.2, ..good }, 0.01),
+            (TaskState { pads: [high, low], ..good }, 0.05),
+            (TaskState { hand: good.hand + moved, ..good }, 0.01),
+            (TaskState { tcp: good.tcp + moved, ..good }, 0.01),
+            (TaskState { object: good.object + moved, ..good }, 0.01),
+            (TaskState { tip: good.tip + moved, ..good }, 0.01),
+            (TaskState { aperture: good.aperture - 0.2, ..good }, 0.01),
         ] {
             assert!(deviation(&good, &bad) > least, "{bad:?}");
         }

@@ -2,12 +2,14 @@
 
 use glam::DVec3;
 use robots::{
-    Capsule, Chain, ControlSettings, IkSettings, LinkAddition, MjcfSettings, Pose,
-    RobotDescription, RobotState, Servo, TwistController,
+    Capsule, Chain, ExtraLinkMjcf, IkSettings, JointServoSettings, MjcfSettings, Pose,
+    RobotDescription, RobotState, TwistControlSettings, TwistController,
 };
 
-use crate::actuation::{Actuation, FingerDrive, JointPositions, ServoController, ServoSettings};
-use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec, OPEN_APERTURE};
+use crate::actuation::{
+    FingerDrive, HandActuation, JointPositions, ServoController, ServoSettings,
+};
+use crate::embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec, OPEN_APERTURE};
 use crate::error::{EnvError, require};
 use crate::mjcf::{Mjcf, parts};
 
@@ -48,16 +50,16 @@ pub struct ArmSettings {
     pub ready_joint_positions: Vec<f64>,
     /// Gripper of the arm.
     pub gripper: Gripper,
-    /// Limits and inverse kinematics of the hand's motion; [`ControlSettings::lookahead_s`] is
+    /// Limits and inverse kinematics of the hand's motion; [`TwistControlSettings::lookahead_s`] is
     /// ignored.
-    pub control: ControlSettings,
+    pub control: TwistControlSettings,
     /// Servos of all joints that follow no other, those of the gripper included.
-    pub servo: Servo,
+    pub servo: JointServoSettings,
     /// Largest distance of the hand's target from the hand (metres). The target waits for an arm
     /// that is slow or blocked.
     pub max_target_lead: f64,
     /// Additional bodies on its links, for instance a ball for calibrating a camera.
-    pub additions: Vec<LinkAddition>,
+    pub additions: Vec<ExtraLinkMjcf>,
 }
 
 /// Gripper of an arm.
@@ -127,14 +129,14 @@ impl Arm {
         TwistController::new(chain.clone(), ready, settings.control)?;
         Ok(Self {
             finger: finger(robot, settings.gripper.joint.as_ref())?,
-            mjcf: robot.to_mjcf_part(&mjcf_settings(&settings))?.text,
+            mjcf: robot.to_mjcf_include(&mjcf_settings(&settings))?.text,
             chain,
             settings,
         })
     }
 
     /// Returns the description of the arm's robot.
-    pub fn robot(&self) -> &RobotDescription {
+    pub fn robot_description(&self) -> &RobotDescription {
         &self.settings.robot
     }
 
@@ -154,7 +156,7 @@ impl Arm {
     /// # Panics
     /// If the state has another number of joints.
     pub fn capsules(&self, state: &RobotState) -> Vec<Capsule> {
-        let capsules = self.robot().capsules(&self.positions(state));
+        let capsules = self.robot_description().enclosing_capsules(&self.positions(state));
         capsules.into_iter().map(|(_, capsule)| capsule).collect()
     }
 
@@ -164,7 +166,7 @@ impl Arm {
     /// # Panics
     /// If the state has another number of joints.
     pub fn aperture(&self, state: &RobotState) -> f64 {
-        let robot = self.robot();
+        let robot = self.robot_description();
         let poses = robot.link_poses(&self.positions(state));
         let claw = |finger: &Finger| {
             let mut links = robot.links().iter().zip(&poses);
@@ -188,12 +190,12 @@ impl Arm {
     /// at rest.
     fn positions(&self, state: &RobotState) -> Vec<f64> {
         assert_eq!(state.joints.len(), self.chain.joints().len(), "joints of a state");
-        let mut positions = self.robot().rest_positions();
+        let mut positions = self.robot_description().rest_positions();
         for (joint, position) in self.chain.joints().iter().zip(&state.joints) {
             positions[joint.dof_index] = *position;
         }
         if let Some(finger) = self.finger {
-            positions[finger.dof] = finger.position(state.gripper_closure);
+            positions[finger.dof] = finger.position_at_closure(state.gripper_closure);
         }
         positions
     }
@@ -225,7 +227,7 @@ fn finger(
 
 fn mjcf_settings(settings: &ArmSettings) -> MjcfSettings {
     let fingers = settings.gripper.fingers.iter().zip(["right", "left"]);
-    let finger = |(finger, side): (&Finger, &str)| LinkAddition {
+    let finger = |(finger, side): (&Finger, &str)| ExtraLinkMjcf {
         link: finger.link.clone(),
         mjcf: format!(
             "<body name=\"{side}_claw\" pos=\"{}\"/>\n<site name=\"{side}_tip\" pos=\"{}\"/>\n",
@@ -233,7 +235,7 @@ fn mjcf_settings(settings: &ArmSettings) -> MjcfSettings {
             numbers(finger.tip_point)
         ),
     };
-    let hand = LinkAddition {
+    let hand = ExtraLinkMjcf {
         link: settings.hand_link.clone(),
         mjcf: "<body name=\"hand\"/>\n".to_owned(),
     };
@@ -260,10 +262,10 @@ impl EmbodimentSpec for Arm {
         &self.settings.name
     }
 
-    fn parts(&self) -> Result<EmbodimentParts, EnvError> {
+    fn parts(&self) -> Result<EmbodimentSceneParts, EnvError> {
         let files = INCLUDED.map(|(name, text)| (name, text.into()));
         let robot = (ROBOT, self.mjcf.clone().into());
-        Ok(EmbodimentParts {
+        Ok(EmbodimentSceneParts {
             mjcf: MJCF.into(),
             included_files: files.into_iter().chain([robot]).collect(),
         })
@@ -275,20 +277,20 @@ impl EmbodimentSpec for Arm {
         let target = Pose { position: hand_target, rotation };
         let orientation = self.settings.control.orientation;
         let settings = IkSettings { orientation, ..IkSettings::default() };
-        let joints = self.chain.solve_ik_with(&target, ready, &settings)?;
+        let joints = self.chain.solve_ik_with_settings(&target, ready, &settings)?;
         let state = RobotState { tip: target, joints, gripper_closure: 0.0 };
         let positions = self.positions(&state);
-        let moving = self.robot().joints().iter().filter_map(|joint| {
-            let position = joint.motion?.position(&positions);
+        let moving = self.robot_description().joints().iter().filter_map(|joint| {
+            let position = joint.motion?.position_from_dofs(&positions);
             Some((joint.name.clone(), position))
         });
         Ok(moving.collect())
     }
 
-    fn actuation(&self) -> Result<Actuation, EnvError> {
+    fn actuation(&self) -> Result<HandActuation, EnvError> {
         let ArmSettings { robot, ready_joint_positions: ready, servo, max_target_lead, .. } =
             &self.settings;
-        let control = ControlSettings {
+        let control = TwistControlSettings {
             // no look-ahead, so that a target out of reach is no error: the arm stops where its
             // reach ends
             lookahead_s: 0.0,
@@ -304,6 +306,6 @@ impl EmbodimentSpec for Arm {
             orientation: control.orientation,
         };
         let control = TwistController::new(self.chain.clone(), ready, control)?;
-        Ok(Actuation::Servos(Box::new(ServoController::new(servos, control))))
+        Ok(HandActuation::Servos(Box::new(ServoController::new(servos, control))))
     }
 }

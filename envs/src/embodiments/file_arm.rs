@@ -5,15 +5,15 @@ use std::sync::OnceLock;
 
 use glam::{DMat3, DQuat, DVec3};
 use robots::{
-    Chain, ControlSettings, Inertia, Link, PlacedShape, Pose, RobotDescription, RobotFile, Servo,
-    Shape, TwistLimits,
+    Chain, Inertia, JointServoSettings, Link, PlacedShape, Pose, RobotDescription, RobotFile,
+    Shape, TwistControlSettings, TwistLimits,
 };
 
 use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
 use super::kinova_gen3::{ACCELERATION, LEAD};
-use super::placing::{BaseSearch, gripper_rotation};
-use crate::actuation::{Actuation, JointPositions};
-use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec, OPEN_APERTURE};
+use super::placing::{BasePlacementSearch, gripper_rotation};
+use crate::actuation::{HandActuation, JointPositions};
+use crate::embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec, OPEN_APERTURE};
 use crate::error::{EnvError, require};
 
 /// Prefix of the names of links and joints, which a scene could have otherwise.
@@ -61,7 +61,7 @@ impl EmbodimentSpec for FileArm {
         &self.name
     }
 
-    fn parts(&self) -> Result<EmbodimentParts, EnvError> {
+    fn parts(&self) -> Result<EmbodimentSceneParts, EnvError> {
         self.arm()?.parts()
     }
 
@@ -69,7 +69,7 @@ impl EmbodimentSpec for FileArm {
         self.arm()?.initial_joint_positions(hand_target)
     }
 
-    fn actuation(&self) -> Result<Actuation, EnvError> {
+    fn actuation(&self) -> Result<HandActuation, EnvError> {
         self.arm()?.actuation()
     }
 }
@@ -84,9 +84,9 @@ impl Arm {
     /// [`EnvError::InvalidFingers`], [`EnvError::InvalidSetting`] for a yaw beyond 360 degrees,
     /// [`EnvError::Control`] for joints without maximum speed.
     pub fn from_file(name: &str, file: &RobotFile) -> Result<Self, EnvError> {
-        let plain = file.description()?;
-        let hand = file.hand(&plain);
-        let fingers = file.fingers(&plain)?;
+        let plain = file.read_description()?;
+        let hand = file.hand_link(&plain);
+        let fingers = file.finger_links(&plain)?;
         let axis = file.approach_axis(&plain)?;
         let yaw = file.base_yaw_degrees.unwrap_or(90.0);
         let in_range = yaw.abs() <= 360.0;
@@ -96,7 +96,7 @@ impl Arm {
         let hand = format!("{PREFIX}{hand}");
         let robot = plain.with_prefix(PREFIX);
         let framed = robot.clone().with_fixed_link(&hand, frame, bare(HAND))?;
-        let placed = BaseSearch {
+        let placed = BasePlacementSearch {
             robot: &framed,
             hand: HAND,
             quarter_turns: if own.is_some() { &[0, 2] } else { &[0, 1, 2, 3] },
@@ -119,12 +119,12 @@ impl Arm {
             hand_link: HAND.to_owned(),
             ready_joint_positions: placed.ready,
             gripper,
-            control: ControlSettings {
+            control: TwistControlSettings {
                 limits: TwistLimits { max_acceleration: ACCELERATION, ..TwistLimits::default() },
                 orientation: placed.orientation,
-                ..ControlSettings::default()
+                ..TwistControlSettings::default()
             },
-            servo: Servo::default(),
+            servo: JointServoSettings::default(),
             max_target_lead: LEAD,
             additions: Vec::new(),
         })
@@ -226,7 +226,7 @@ impl OwnFingers {
         if [one, other].iter().any(|&link| robot.links()[link].shapes.is_empty()) {
             return Err(refuse("their tips are those of their shapes, and they have none"));
         }
-        let driving_dof = |link: usize| Some(robot.joints()[link - 1].motion?.drive.dof());
+        let driving_dof = |link: usize| Some(robot.joints()[link - 1].motion?.drive.dof_index());
         let shared = driving_dof(one).filter(|_| driving_dof(one) == driving_dof(other));
         let driving = shared.and_then(|dof| Some((dof, robot.free_joints().nth(dof)?)));
         let Some((dof, (joint, motion))) = driving else {

@@ -4,11 +4,11 @@ use std::f64::consts::FRAC_PI_2;
 use std::sync::OnceLock;
 
 use glam::DVec3;
-use robots::{ControlSettings, Pose, Servo, TwistLimits, gen3};
+use robots::{JointServoSettings, Pose, TwistControlSettings, TwistLimits, gen3};
 
 use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
-use crate::actuation::{Actuation, JointPositions};
-use crate::embodiment_spec::{EmbodimentParts, EmbodimentSpec};
+use crate::actuation::{HandActuation, JointPositions};
+use crate::embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec};
 use crate::error::EnvError;
 
 /// Kinova Gen3 with a Robotiq 2F-85 gripper, on a pedestal behind the table's centre. Its hand is
@@ -50,10 +50,10 @@ impl KinovaGen3 {
             claw_point: DVec3::new(outwards * CLAW, 0.0, 0.0),
             tip_point: DVec3::new(0.0, 0.0, TIP),
         };
-        let [pan, shoulder, turn, elbow, forearm, wrist, roll] = gen3::WORK;
+        let [pan, shoulder, turn, elbow, forearm, wrist, roll] = gen3::WORK_JOINT_POSITIONS;
         Arm::new(ArmSettings {
             name: self.name().to_owned(),
-            robot: gen3::description()?
+            robot: gen3::gen3_description()?
                 .with_base_pose(Pose::from_xyz_rpy(BASE, [0.0, 0.0, FRAC_PI_2]))?
                 .with_joint_range(FINGER, [OPEN, CLOSED])?,
             hand_link: "tool_link".to_owned(),
@@ -72,11 +72,11 @@ impl KinovaGen3 {
                 fingers: [finger("finger_r_link", -1.0), finger("finger_l_link", 1.0)],
                 joint: Some(FingerJoint { name: FINGER.to_owned(), positions: [OPEN, CLOSED] }),
             },
-            control: ControlSettings {
+            control: TwistControlSettings {
                 limits: TwistLimits { max_acceleration: ACCELERATION, ..TwistLimits::default() },
-                ..ControlSettings::default()
+                ..TwistControlSettings::default()
             },
-            servo: Servo::default(),
+            servo: JointServoSettings::default(),
             max_target_lead: LEAD,
             additions: Vec::new(),
         })
@@ -98,7 +98,7 @@ impl EmbodimentSpec for KinovaGen3 {
         "kinova_gen3"
     }
 
-    fn parts(&self) -> Result<EmbodimentParts, EnvError> {
+    fn parts(&self) -> Result<EmbodimentSceneParts, EnvError> {
         made()?.parts()
     }
 
@@ -106,7 +106,7 @@ impl EmbodimentSpec for KinovaGen3 {
         made()?.initial_joint_positions(hand_target)
     }
 
-    fn actuation(&self) -> Result<Actuation, EnvError> {
+    fn actuation(&self) -> Result<HandActuation, EnvError> {
         made()?.actuation()
     }
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use glam::{DQuat, DVec3};
 use robots::{
-    Chain, ControlSettings, IkSettings, OrientationConstraint, Pose, RobotDescription,
+    Chain, IkSettings, OrientationConstraint, Pose, RobotDescription, TwistControlSettings,
     TwistController,
 };
 
@@ -58,7 +58,7 @@ pub(super) struct BasePlacement {
 }
 
 /// Search for the place of an arm's base, and its options.
-pub(super) struct BaseSearch<'a> {
+pub(super) struct BasePlacementSearch<'a> {
     /// Robot with its base at the origin.
     pub robot: &'a RobotDescription,
     /// Link of the hand's frame, whose z is to point down.
@@ -71,7 +71,7 @@ pub(super) struct BaseSearch<'a> {
     pub base_yaw: f64,
 }
 
-impl BaseSearch<'_> {
+impl BasePlacementSearch<'_> {
     /// Returns the placement from which the hand reaches all required positions: one behind the
     /// table if there is one, and the one where the hand is fastest.
     ///
@@ -80,9 +80,9 @@ impl BaseSearch<'_> {
     /// [`EnvError::Control`] for joints that cannot be controlled.
     pub fn search(&self) -> Result<BasePlacement, EnvError> {
         let unplaced = Chain::new(self.robot, self.hand)?;
-        let middle = unplaced.spread_configuration(0);
+        let middle = unplaced.quasi_random_configuration(0);
         // reports what keeps the arm from moving before the search takes it for a short reach
-        TwistController::new(unplaced, &middle, ControlSettings::default())?;
+        TwistController::new(unplaced, &middle, TwistControlSettings::default())?;
         let grid = |ys: &[f64]| -> Vec<DVec3> {
             ys.iter().flat_map(|&y| BASE_Z.map(|z| DVec3::new(0.0, y, z))).collect()
         };
@@ -119,7 +119,7 @@ impl BaseSearch<'_> {
             base: base.position,
             missed,
             distance: missed.distance(chain.reach_centre()),
-            reach: chain.reach(),
+            reach: chain.max_reach(),
         })))
     }
 
@@ -131,7 +131,7 @@ impl BaseSearch<'_> {
         let chain = Chain::new(&robot, self.hand)?;
         let mut best = None;
         // the middle of the ranges comes first, since arms look natural near it
-        for seed in (0..SEEDS).map(|number| chain.spread_configuration(number)) {
+        for seed in (0..SEEDS).map(|number| chain.quasi_random_configuration(number)) {
             let placement = self.ready(&robot, &chain, &seed);
             let holds = |of: &BasePlacement| of.missed.is_none() && of.holds_rotation();
             if placement.as_ref().is_some_and(holds) {
@@ -161,7 +161,7 @@ impl BaseSearch<'_> {
             let mut placement = BasePlacement {
                 base: robot.base_pose(),
                 quarter_turns,
-                slowest_tip_speed: chain.tip_speed(&ready, orientation),
+                slowest_tip_speed: chain.tip_speed_in_any_direction(&ready, orientation),
                 ready,
                 orientation,
                 reached: 0,
@@ -189,7 +189,8 @@ impl BasePlacement {
         for position in required_hand_positions() {
             let solved = solve(chain, position, rotation, &self.ready, self.orientation);
             let above = solved.filter(|joints| lowest(robot, chain, joints) > MIN_JOINT_HEIGHT);
-            let speed = above.map_or(0.0, |joints| chain.tip_speed(&joints, self.orientation));
+            let speed = above
+                .map_or(0.0, |joints| chain.tip_speed_in_any_direction(&joints, self.orientation));
             self.slowest_tip_speed = self.slowest_tip_speed.min(speed);
             // a hand that cannot move in some direction is at the end of its reach
             if speed > 0.0 {
@@ -238,7 +239,7 @@ fn solve(
 ) -> Option<Vec<f64>> {
     // one search, so that the hand can move there without turning the arm over
     let settings = IkSettings { orientation, max_searches: 1, time_limit: Duration::MAX };
-    chain.solve_ik_with(&Pose { position, rotation }, seed, &settings).ok()
+    chain.solve_ik_with_settings(&Pose { position, rotation }, seed, &settings).ok()
 }
 
 /// Returns the lowest height of the chain's joints (metres), without the first, which stands on the

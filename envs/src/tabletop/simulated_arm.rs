@@ -3,11 +3,11 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use robots::{Command, ControlError, Robot, RobotState};
+use robots::{ArmCommand, ControlError, Robot, RobotState};
 use symmetry::D2;
 
-use crate::actuation::{Actuation, ServoController, control_step_seconds};
-use crate::control::Control;
+use crate::actuation::{HandActuation, ServoController, control_step_seconds};
+use crate::control::ActionSettings;
 use crate::error::{EnvError, require};
 use crate::scene::Scene;
 use crate::task::{Placement, StepReward};
@@ -34,7 +34,7 @@ pub struct SimulatedArm {
 
 #[derive(Clone, Copy, Debug)]
 enum Order {
-    Move(Command),
+    Move(ArmCommand),
     Stop,
 }
 
@@ -49,10 +49,10 @@ impl SimulatedArm {
         let in_range = (0.0..=MAX_LATENCY).contains(&latency);
         require(in_range, "latency", &latency, "0 to 1 s")?;
         let (embodiment, actuation) = (scene.embodiment, scene.embodiment.spec().actuation()?);
-        let driven = matches!(actuation, Actuation::Servos(_));
+        let driven = matches!(actuation, HandActuation::Servos(_));
         let expected = "an arm with servos, for instance kinova_gen3";
         require(driven, "embodiment", &embodiment, expected)?;
-        let table = TableTop::new(scene, Control::default())?;
+        let table = TableTop::new(scene, ActionSettings::default())?;
         let delay = (latency / control_step_seconds(&table.data)).round() as usize;
         Ok(Self { table, delay, steps: 0, sent: VecDeque::new(), fault: None })
     }
@@ -87,7 +87,7 @@ impl SimulatedArm {
     }
 
     /// Returns the environment in which the arm is simulated, for reading.
-    pub fn table(&self) -> &TableTop {
+    pub fn environment(&self) -> &TableTop {
         &self.table
     }
 
@@ -134,7 +134,7 @@ impl Robot for SimulatedArm {
         Ok(controller.state(&self.table.data))
     }
 
-    fn command(&mut self, command: &Command) -> Result<(), ControlError> {
+    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         let checked = command.check().and_then(|()| self.controller().map(|_| ()));
         if let Err(refused) = checked {
             // an invalid command stops the arm instead of leaving the last one in force

@@ -10,7 +10,8 @@ use super::{CANONICAL_X, META_WORLD_X, draw_apart, draw_at, draw_in, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    TaskState,
 };
 
 /// Task of sliding a block over the table to a marked goal.
@@ -63,12 +64,12 @@ impl Task for Push {
         "push"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = draw_block(rng);
         Placement { object, goal: draw_at(BLOCK_Z, [CANONICAL_X, GOAL_Y], rng) }
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, finger: f64) -> StepReward {
         let caged = caging_reward(start, now, PADS, finger);
         let [goal_distance, placed] = placing(start, now);
         let held = is_held(now, HELD);
@@ -90,7 +91,7 @@ impl Task for Push {
     }
 
     /// Takes the block and slides it to the mark.
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         // low, so that a block between the fingers slides and is not lifted
         let aim = DVec3::new(now.object.x, now.object.y, PUSHING_Z);
         let to = DVec3::new(placement.goal.x, placement.goal.y, PUSHING_Z);
@@ -98,7 +99,7 @@ impl Task for Push {
         take_and_carry(now, aim, to, moved)
     }
 
-    fn parts(&self) -> TaskParts<'_> {
+    fn parts(&self) -> TaskSceneParts<'_> {
         parts(part!("push.xml").1)
     }
 
@@ -115,12 +116,12 @@ impl Task for PickPlace {
         "pick-place"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = draw_block(rng);
         Placement { object, goal: draw_in([CANONICAL_X, GOAL_Y, GOAL_Z], rng) }
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, finger: f64) -> StepReward {
         let caged = sided_caging_reward(start, now, PADS, finger);
         let [goal_distance, placed] = placing(start, now);
         let held = is_held(now, HELD) && is_lifted(start, now);
@@ -139,15 +140,15 @@ impl Task for PickPlace {
     }
 
     /// Takes the block and carries it to the mark.
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         let aim = now.object + GRIP * DVec3::Z;
         // the block may sit askew in the grip, so the hand stays as far from it as it is
         let to = placement.goal + (now.hand - now.object);
         take_and_carry(now, aim, to, now.object.z - placement.object.z)
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts { goal_observable: true, ..parts(part!("pick_place.xml").1) }
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts { goal_observable: true, ..parts(part!("pick_place.xml").1) }
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
@@ -155,12 +156,12 @@ impl Task for PickPlace {
     }
 }
 
-fn parts(mjcf: &'static str) -> TaskParts<'static> {
-    TaskParts {
+fn parts(mjcf: &'static str) -> TaskSceneParts<'static> {
+    TaskSceneParts {
         mjcf: Some(mjcf),
         object_body: Some("block"),
         loose_joint: Some("loose"),
-        ..TaskParts::default()
+        ..TaskSceneParts::default()
     }
 }
 
@@ -169,7 +170,7 @@ fn draw_block(rng: &mut ChaCha8Rng) -> DVec3 {
 }
 
 /// Returns the distance of the block from its goal (metres), and its reward in `[0, 1]`.
-fn placing(start: &EpisodeStart, now: &Measurement) -> [f64; 2] {
+fn placing(start: &EpisodeStart, now: &TaskState) -> [f64; 2] {
     let Placement { object, goal } = start.placement;
     let distance = now.object.distance(goal);
     [distance, long_tail_reward(distance, BOUND, object.distance(goal))]

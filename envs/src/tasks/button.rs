@@ -9,7 +9,8 @@ use super::{CANONICAL_X, META_WORLD_HAND_BACK, META_WORLD_X, draw_at, hand_for_t
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    TaskState,
 };
 
 /// Task of pressing a button into its box.
@@ -88,16 +89,16 @@ impl Task for ButtonPress {
         "button-press"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         place(draw_at(BOX_Z, [CANONICAL_X, BOX_Y], rng), HOLE)
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _: f64) -> StepReward {
         PRESS.of(start, now, (start.placement.goal.y - now.object.y).abs(), now.aperture)
     }
 
     /// Goes in front of the cap, well clear of it, then straight through.
-    fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, _: &Placement, now: &TaskState) -> ExpertCommand {
         let aim = hand_for_tips(now, now.object);
         let off_axis = (now.hand.x - aim.x).abs().max((now.hand.z - aim.z).abs());
         let hand = if off_axis > IN_LINE {
@@ -109,7 +110,7 @@ impl Task for ButtonPress {
         ExpertCommand { hand, finger: 0.0 }
     }
 
-    fn parts(&self) -> TaskParts<'_> {
+    fn parts(&self) -> TaskSceneParts<'_> {
         scene(part!("button_press.xml").1, "button", CAP)
     }
 
@@ -130,18 +131,18 @@ impl Task for ButtonPressTopdown {
         "button-press-topdown"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         place(draw_at(TOP_BOX_Z, [CANONICAL_X, TOP_BOX_Y], rng), TOP_HOLE)
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _: f64) -> StepReward {
         let goal_distance = (start.placement.goal.z - now.object.z).abs();
         // closed fingers earn more here: an open claw would come down beside the cap
         TOP_PRESS.of(start, now, goal_distance, 1.0 - now.aperture)
     }
 
     /// Goes over the cap with closed fingers, then straight down.
-    fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, _: &Placement, now: &TaskState) -> ExpertCommand {
         let aim = hand_for_tips(now, now.object);
         let hand = if (now.hand - aim).truncate().length() > IN_LINE {
             // sideways only above the cap
@@ -152,7 +153,7 @@ impl Task for ButtonPressTopdown {
         ExpertCommand { hand, finger: 1.0 }
     }
 
-    fn parts(&self) -> TaskParts<'_> {
+    fn parts(&self) -> TaskSceneParts<'_> {
         scene(part!("button_press_topdown.xml").1, "button", TOP_CAP)
     }
 
@@ -177,13 +178,13 @@ impl PressReward {
     fn of(
         &self,
         start: &EpisodeStart,
-        now: &Measurement,
+        now: &TaskState,
         goal_distance: f64,
         fingers: f64,
     ) -> StepReward {
         let distance = now.object.distance(now.tcp);
         // as in Meta-World, the margin is the cap's present distance from the fingertips' start
-        let margin = now.object.distance(start.measurement.tcp);
+        let margin = now.object.distance(start.task_state.tcp);
         let near = long_tail_reward(distance, self.reached, margin);
         let pressed = long_tail_reward(goal_distance, PRESSED, self.travel);
         let touching = if distance <= self.touching { 1.0 } else { 0.0 };

@@ -3,8 +3,8 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::reward::{hamacher_product, long_tail_between, long_tail_reward};
-use crate::task::{EpisodeStart, ExpertCommand, Measurement};
+use crate::reward::{hamacher_product, long_tail_interval_reward, long_tail_reward};
+use crate::task::{EpisodeStart, ExpertCommand, TaskState};
 
 /// Distance of the fingertips from the object in the plane of x and z at full reward (metres).
 const IN_LINE: f64 = 0.005;
@@ -16,14 +16,14 @@ const CAGED: f64 = 0.97;
 /// the object along y are in `[low, high]` (metres).
 pub(super) fn caging_reward(
     start: &EpisodeStart,
-    now: &Measurement,
+    now: &TaskState,
     [low, high]: [f64; 2],
     finger: f64,
 ) -> f64 {
     let beside = now.pads.map(|pad| {
         // the margin follows the pad: far from where the object was, any distance is good
         let margin = ((pad - start.placement.object.y).abs() - high).abs();
-        long_tail_between((pad - now.object.y).abs(), [low, high], margin)
+        long_tail_interval_reward((pad - now.object.y).abs(), [low, high], margin)
     });
     with_pads(beside, start, now, finger)
 }
@@ -32,22 +32,22 @@ pub(super) fn caging_reward(
 /// be on its own side of the object.
 pub(super) fn sided_caging_reward(
     start: &EpisodeStart,
-    now: &Measurement,
+    now: &TaskState,
     [low, high]: [f64; 2],
     finger: f64,
 ) -> f64 {
     let [right, left] = now.pads;
     let beside = [now.object.y - right, left - now.object.y].map(|distance| {
         let margin = (distance.abs() - high).abs();
-        long_tail_between(distance, [low, high], margin)
+        long_tail_interval_reward(distance, [low, high], margin)
     });
     with_pads(beside, start, now, finger)
 }
 
-fn with_pads([right, left]: [f64; 2], start: &EpisodeStart, now: &Measurement, finger: f64) -> f64 {
+fn with_pads([right, left]: [f64; 2], start: &EpisodeStart, now: &TaskState, finger: f64) -> f64 {
     let flat = |point: DVec3| DVec2::new(point.x, point.z);
     let distance = flat(now.tcp).distance(flat(now.object));
-    let at_start = flat(start.placement.object).distance(flat(start.measurement.tcp));
+    let at_start = flat(start.placement.object).distance(flat(start.task_state.tcp));
     let in_line = long_tail_reward(distance, IN_LINE, at_start - IN_LINE);
     // all three must hold: a pad on either side, and fingertips at the object's height
     let caging = hamacher_product(hamacher_product(left, right), in_line);
@@ -60,13 +60,13 @@ const LIFTED: f64 = 0.01;
 
 /// Returns `true` if the object is within `reach` (metres) of the point between the fingertips,
 /// which are not fully closed.
-pub(super) fn is_held(now: &Measurement, reach: f64) -> bool {
+pub(super) fn is_held(now: &TaskState, reach: f64) -> bool {
     // as in Meta-World, fingers that closed on nothing hold nothing
     now.object.distance(now.tcp) < reach && now.aperture > 0.0
 }
 
 /// Returns `true` if the object is more than 1 cm above its position at the start of the episode.
-pub(super) fn is_lifted(start: &EpisodeStart, now: &Measurement) -> bool {
+pub(super) fn is_lifted(start: &EpisodeStart, now: &TaskState) -> bool {
     now.object.z - LIFTED > start.placement.object.z
 }
 
@@ -121,12 +121,7 @@ const FOLLOWS: f64 = 0.005;
 /// Returns the command of an expert that takes an object with the hand at `grip`, and then carries
 /// it with the hand to `to`. `moved` is the object's way from its start that the fingers are to
 /// cause (metres).
-pub(super) fn take_and_carry(
-    now: &Measurement,
-    grip: DVec3,
-    to: DVec3,
-    moved: f64,
-) -> ExpertCommand {
+pub(super) fn take_and_carry(now: &TaskState, grip: DVec3, to: DVec3, moved: f64) -> ExpertCommand {
     let beside = (now.hand - grip).truncate().length();
     // looser bounds once the fingers close, so that the hand does not waver between two states
     let [near, low] = if now.aperture > CLOSING { READY } else { HOLDS };

@@ -11,7 +11,8 @@ use super::{angle_to, draw_at, scene, spec};
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    TaskState,
 };
 
 /// Task of pulling a door open.
@@ -74,11 +75,11 @@ impl Task for DoorOpen {
         "door-open"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         place(draw_cabinet(rng), OPEN_TARGET)
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, finger: f64) -> StepReward {
         let goal_distance = (now.object.x - start.placement.goal.x).abs();
         let ready = is_ready(now);
         let opened = openness(angle(&start.placement, now));
@@ -100,7 +101,7 @@ impl Task for DoorOpen {
     }
 
     /// Comes down behind the bar of the handle and pulls along its circle.
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         let turned = angle(placement, now);
         let hook = on_door(placement, turned, BEHIND_BAR);
         let hand = if is_down_at(now.hand, hook, 0.045) {
@@ -112,8 +113,8 @@ impl Task for DoorOpen {
         ExpertCommand { hand, finger: 1.0 }
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts { handed: true, ..scene(part!("door.xml").1, "handle", DVec3::ZERO) }
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts { handed: true, ..scene(part!("door.xml").1, "handle", DVec3::ZERO) }
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
@@ -126,11 +127,11 @@ impl Task for DoorClose {
         "door-close"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         place(draw_cabinet(rng), SHUT_TARGET)
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _: f64) -> StepReward {
         let Placement { object, goal } = start.placement;
         let goal_distance = now.object.distance(goal);
         let shut = gaussian_reward(goal_distance, BOUND, object.distance(goal));
@@ -147,7 +148,7 @@ impl Task for DoorClose {
     }
 
     /// Comes down in front of the open door and pushes it along its circle.
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         let turned = angle(placement, now);
         let front = on_door(placement, turned, BEFORE_DOOR);
         let hand = if is_down_at(now.hand, front, 0.06) {
@@ -159,8 +160,8 @@ impl Task for DoorClose {
         ExpertCommand { hand, finger: 1.0 }
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts { start_joints: &[("hinge", OPEN)], ..DoorOpen.parts() }
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts { start_joints: &[("hinge", OPEN)], ..DoorOpen.parts() }
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
@@ -184,7 +185,7 @@ fn draw_meta_world_cabinet(rng: &mut ChaCha8Rng) -> DVec3 {
 }
 
 /// Returns the angle of the door (radians), 0 if shut, which the place of its handle tells.
-fn angle(placement: &Placement, now: &Measurement) -> f64 {
+fn angle(placement: &Placement, now: &TaskState) -> f64 {
     // measured, not read from the joint: experts see what rewards see
     angle_to(HANDLE, (now.object - placement.object - HINGE).truncate())
 }
@@ -197,7 +198,7 @@ fn on_door(placement: &Placement, angle: f64, point: DVec2) -> DVec3 {
 }
 
 /// Returns the reward in `[0, 1]` of a hand between handle and door that came there from above.
-fn is_ready(now: &Measurement) -> f64 {
+fn is_ready(now: &TaskState) -> f64 {
     /// Radius of the funnel above the handle, through which the hand should come (metres).
     const FUNNEL: f64 = 0.12;
     // the bar stands 5 cm in front of the door

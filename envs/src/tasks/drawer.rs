@@ -10,7 +10,8 @@ use super::{CANONICAL_X, META_WORLD_X, scene, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    TaskState,
 };
 
 /// Task of pushing a drawer shut.
@@ -62,16 +63,16 @@ impl Task for DrawerClose {
         "drawer-close"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         place(draw_case(rng, CANONICAL_X, CASE_Y), 0.0)
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
-        let EpisodeStart { placement, measurement, .. } = start;
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, finger: f64) -> StepReward {
+        let EpisodeStart { placement, task_state, .. } = start;
         let goal_distance = now.object.distance(placement.goal);
-        let at_start = measurement.object.distance(placement.goal);
+        let at_start = task_state.object.distance(placement.goal);
         let shut = long_tail_reward(goal_distance, CLOSE_BOUND, (at_start - CLOSE_BOUND).abs());
-        let margin = (measurement.object.distance(measurement.tcp) - TOUCHING).abs();
+        let margin = (task_state.object.distance(task_state.tcp) - TOUCHING).abs();
         let reached = gaussian_reward(now.object.distance(now.tcp), TOUCHING, margin);
         let success = goal_distance <= CLOSE_SUCCESS;
         // closed fingers push better than a claw that may slip over the handle
@@ -87,7 +88,7 @@ impl Task for DrawerClose {
     }
 
     /// Moves up and over to the near side of the handle, down, then pushes.
-    fn expert(&self, _: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, _: &Placement, now: &TaskState) -> ExpertCommand {
         let aim = now.object + DVec3::new(0.0, 0.0, -0.02);
         let near_side = aim + DVec3::new(0.0, -0.075, 0.0);
         // above or behind the handle the way down would end on the drawer
@@ -105,8 +106,8 @@ impl Task for DrawerClose {
         ExpertCommand { hand, finger: 1.0 }
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts {
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts {
             start_joints: &[("slide", OPEN)],
             ..scene(part!("drawer.xml").1, "drawer", ABOVE_HANDLE)
         }
@@ -122,18 +123,18 @@ impl Task for DrawerOpen {
         "drawer-open"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         place(draw_case(rng, CANONICAL_X, SHUT_CASE_Y), WAY)
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
-        let EpisodeStart { placement, measurement, .. } = start;
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _: f64) -> StepReward {
+        let EpisodeStart { placement, task_state, .. } = start;
         let goal_distance = now.object.distance(placement.goal);
         let shut = placement.object + SHUT;
         let opened = long_tail_reward(goal_distance, OPEN_BOUND, placement.goal.distance(shut));
         let off = ((now.object - now.hand) * WEIGHTS).length();
         // as in Meta-World, the margin begins at the fingertips, not at the hand
-        let margin = ((shut - measurement.tcp) * WEIGHTS).length();
+        let margin = ((shut - task_state.tcp) * WEIGHTS).length();
         let caged = long_tail_reward(off, CAGED, margin);
         StepReward {
             approach_reward: caged,
@@ -145,7 +146,7 @@ impl Task for DrawerOpen {
     }
 
     /// Comes down around the bar of the handle with open fingers, then pulls.
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         let aim = now.object + DVec3::new(0.0, 0.008, 0.02);
         let hand = if is_down_at(now.hand, aim, 0.045) {
             // 8 cm ahead pulls hard enough; beyond the goal the drawer would meet its stop
@@ -157,7 +158,7 @@ impl Task for DrawerOpen {
         ExpertCommand { hand, finger: -1.0 }
     }
 
-    fn parts(&self) -> TaskParts<'_> {
+    fn parts(&self) -> TaskSceneParts<'_> {
         scene(part!("drawer.xml").1, "drawer", HANDLE)
     }
 

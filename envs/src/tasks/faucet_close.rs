@@ -10,7 +10,8 @@ use super::{CANONICAL_X, META_WORLD_HAND_BACK, META_WORLD_X, angle_to, draw_at, 
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    TaskState,
 };
 
 /// Task of turning a faucet shut.
@@ -54,17 +55,17 @@ impl Task for FaucetClose {
         "faucet-close"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         place(draw_at(0.0, [CANONICAL_X, FAUCET_Y], rng))
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _: f64) -> StepReward {
         let Placement { object, goal } = start.placement;
         let goal_distance = now.object.distance(goal);
         let margin = (object.distance(goal) - SUCCESS).abs();
         let turned = long_tail_reward(goal_distance, SUCCESS, margin);
         // as in Meta-World, the margin is the distance from the faucet's foot
-        let far = (object.distance(start.measurement.tcp) - TOUCHING).abs();
+        let far = (object.distance(start.task_state.tcp) - TOUCHING).abs();
         let reached = gaussian_reward(now.object.distance(now.tcp), TOUCHING, far);
         let success = goal_distance <= SUCCESS;
         StepReward {
@@ -77,7 +78,7 @@ impl Task for FaucetClose {
     }
 
     /// Comes down on the right of the handle and pushes along its circle.
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         let turned = angle_to(TIP_AT_START, (now.object - placement.object).truncate());
         let at = |angle, point: DVec2| {
             let on_circle = DVec2::from_angle(angle).rotate(point);
@@ -94,8 +95,8 @@ impl Task for FaucetClose {
         ExpertCommand { hand, finger: 1.0 }
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts { handed: true, ..scene(part!("faucet.xml").1, "handle_tip", TIP) }
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts { handed: true, ..scene(part!("faucet.xml").1, "handle_tip", TIP) }
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {

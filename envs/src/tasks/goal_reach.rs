@@ -9,7 +9,8 @@ use super::{CANONICAL_X, META_WORLD_X, draw_apart, draw_at, draw_in, hand_for_ti
 use crate::mjcf::part;
 use crate::reward::long_tail_reward;
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    TaskState,
 };
 
 /// Task of moving the fingertips to a goal; its scene is the bare table.
@@ -39,13 +40,13 @@ impl Task for GoalReach {
         "goal-reach"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let goal = draw_in([CANONICAL_X, GOAL_Y, GOAL_Z], rng);
         // nothing is placed; the object is the goal, so that it lies in the same quadrant
         Placement { object: goal, goal }
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _: f64) -> StepReward {
         let goal = start.placement.goal;
         let distance = now.tcp.distance(goal);
         let margin = start.hand_target.distance(goal);
@@ -60,12 +61,12 @@ impl Task for GoalReach {
         }
     }
 
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         ExpertCommand { hand: hand_for_tips(now, placement.goal), finger: 0.0 }
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts { goal_observable: true, ..TaskParts::default() }
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts { goal_observable: true, ..TaskSceneParts::default() }
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {

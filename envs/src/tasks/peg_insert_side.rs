@@ -10,7 +10,8 @@ use super::{draw_apart, draw_at, draw_in, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    TaskState,
 };
 
 /// Task of inserting a peg into a box from the side.
@@ -78,12 +79,12 @@ impl Task for PegInsertSide {
         "peg-insert-side"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = draw_at(PEG_Z, [PEG_X, PEG_Y], rng);
         Placement { object, goal: draw_at(0.0, [BOX_X, BOX_Y], rng) }
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, finger: f64) -> StepReward {
         let goal = start.placement.goal;
         let off = |head: DVec3| ((head - (goal + HOLE)) * WEIGHTS).length();
         let goal_distance = off(now.tip);
@@ -109,7 +110,7 @@ impl Task for PegInsertSide {
     }
 
     /// Takes the peg, lifts it in front of the channel and pushes it in.
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         let off = placement.goal + HOLE - now.tip;
         // in line first: a peg that enters askew jams at the rim
         let x = if off.y.hypot(off.z) > ALIGNED {
@@ -122,14 +123,14 @@ impl Task for PegInsertSide {
         take_and_carry(now, now.object + GRIP * DVec3::Z, to, lifted)
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts {
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts {
             mjcf: Some(part!("peg_insert_side.xml").1),
             object_body: Some("grasp"),
             tip_body: Some("peg_head"),
             loose_joint: Some("loose"),
             handed: true,
-            ..TaskParts::default()
+            ..TaskSceneParts::default()
         }
     }
 

@@ -9,7 +9,8 @@ use super::{CANONICAL_X, META_WORLD_X, draw_at, scene, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    TaskState,
 };
 
 /// Task of sliding a plate (puck) into a goal cage.
@@ -39,11 +40,11 @@ impl Task for PlateSlide {
         "plate-slide"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         place(CANONICAL_X, rng)
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _: f64) -> StepReward {
         let goal = start.placement.goal;
         let goal_distance = now.object.distance(goal);
         // as in Meta-World, margins count from the start on the table
@@ -52,7 +53,7 @@ impl Task for PlateSlide {
         let touching = long_tail_reward(
             now.tcp.distance(now.object),
             BOUND,
-            start.measurement.tcp.distance(START_ON_TABLE),
+            start.task_state.tcp.distance(START_ON_TABLE),
         );
         StepReward {
             approach_reward: touching,
@@ -68,7 +69,7 @@ impl Task for PlateSlide {
     }
 
     /// Goes behind the puck on the line from the goal, down, then pushes towards the goal.
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         let aim = now.object + DVec3::new(0.0, -0.055, 0.03);
         let off = (now.hand - aim).truncate().length();
         // over the place behind the puck, then down, then forward
@@ -86,7 +87,7 @@ impl Task for PlateSlide {
         ExpertCommand { hand, finger: -1.0 }
     }
 
-    fn parts(&self) -> TaskParts<'_> {
+    fn parts(&self) -> TaskSceneParts<'_> {
         scene(part!("plate_slide.xml").1, "puck", DVec3::ZERO)
     }
 

@@ -10,7 +10,8 @@ use super::{META_WORLD_HAND_BACK, META_WORLD_X, draw_at, scene, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task, TaskParts,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    TaskState,
 };
 
 /// Task of sliding a window open.
@@ -56,11 +57,11 @@ impl Task for WindowOpen {
         "window-open"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         place_shut(draw_window(rng))
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _: f64) -> StepReward {
         let Placement { object, goal } = start.placement;
         let [distance, margin] = distances_from_handle(start, now);
         let reached = long_tail_reward(distance, HANDLE_RADIUS, margin);
@@ -68,12 +69,12 @@ impl Task for WindowOpen {
         sliding_reward(now, goal, (object.x - goal.x).abs(), reached)
     }
 
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         push(placement, now, -1.0)
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts { handed: true, ..scene(part!("window.xml").1, "window", OPENING_SIDE) }
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts { handed: true, ..scene(part!("window.xml").1, "window", OPENING_SIDE) }
     }
 
     fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
@@ -92,23 +93,23 @@ impl Task for WindowClose {
         "window-close"
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         place_open(draw_window(rng))
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _: f64) -> StepReward {
         let goal = start.placement.goal;
         let [distance, margin] = distances_from_handle(start, now);
         let reached = gaussian_reward(distance, HANDLE_RADIUS, margin);
-        sliding_reward(now, goal, (start.measurement.object.x - goal.x).abs(), reached)
+        sliding_reward(now, goal, (start.task_state.object.x - goal.x).abs(), reached)
     }
 
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         push(placement, now, 1.0)
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts {
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts {
             handed: true,
             start_joints: &[("slide", TRAVEL)],
             ..scene(part!("window.xml").1, "window", CLOSING_SIDE)
@@ -141,14 +142,14 @@ fn place_open(object: DVec3) -> Placement {
 }
 
 /// Returns the distance of the fingertips from the handle, and its margin (metres).
-fn distances_from_handle(start: &EpisodeStart, now: &Measurement) -> [f64; 2] {
-    let begun = &start.measurement;
+fn distances_from_handle(start: &EpisodeStart, now: &TaskState) -> [f64; 2] {
+    let begun = &start.task_state;
     let margin = (begun.object.distance(begun.tcp) - HANDLE_RADIUS).abs();
     [now.object.distance(now.tcp), margin]
 }
 
 /// Returns the reward of a pane whose handle was `at_start` from its target along x (metres).
-fn sliding_reward(now: &Measurement, goal: DVec3, at_start: f64, reached: f64) -> StepReward {
+fn sliding_reward(now: &TaskState, goal: DVec3, at_start: f64, reached: f64) -> StepReward {
     let goal_distance = (now.object.x - goal.x).abs();
     let placed = long_tail_reward(goal_distance, SUCCESS, (at_start - SUCCESS).abs());
     StepReward {
@@ -162,7 +163,7 @@ fn sliding_reward(now: &Measurement, goal: DVec3, at_start: f64, reached: f64) -
 
 /// Comes down beside the handle, on its left (`side` -1) or right (1), and pushes it away until it
 /// is near its target.
-fn push(placement: &Placement, now: &Measurement, side: f64) -> ExpertCommand {
+fn push(placement: &Placement, now: &TaskState, side: f64) -> ExpertCommand {
     let aim = now.object + DVec3::new(0.01 * side, 0.0, 0.02);
     let ahead = (now.hand.x - aim.x) * side;
     let in_line = (now.hand.y - aim.y).abs() < 0.02 && (-0.03..0.25).contains(&ahead);

@@ -49,7 +49,7 @@ impl Rig {
         let image = observation.images.len() / N;
         (
             observation.images[env * image..][..image].to_vec(),
-            observation.vectors[env * VECTOR_DIM..][..VECTOR_DIM].to_vec(),
+            observation.vectors[env * VECTOR_OBSERVATION_DIM..][..VECTOR_OBSERVATION_DIM].to_vec(),
         )
     }
 
@@ -64,8 +64,8 @@ impl Rig {
 
     fn try_step(&mut self) -> Result<(Vec<Seen>, Vec<String>), EnvError> {
         let actions = [0.5; N * ACTION_DIM];
-        let failures = texts(self.env.step(&actions, self.batch.step_mut())?);
-        let out = self.batch.step_mut();
+        let failures = texts(self.env.step(&actions, self.batch.step_results_mut())?);
+        let out = self.batch.step_results_mut();
         let seen = |env| Seen {
             observation: Self::row(&out.observations, env),
             last: out.truncated[env].then(|| Self::row(&out.final_observations, env)),
@@ -181,7 +181,7 @@ fn lost_rendering_is_an_error_of_the_call_and_a_reset_recovers() {
         // a renderer of another scene rejects every simulation, like a lost context
         hurt.inject(|table, renderer| {
             let camera = table.scene().camera;
-            let other = Scene::new(table.scene().group, Embodiment::HAND, camera).unwrap();
+            let other = Scene::new(table.scene().group, Embodiment::FLOATING_HAND, camera).unwrap();
             *renderer = SceneRenderer::new(Arc::new(other)).unwrap();
         });
         let lost = hurt.try_step().unwrap_err().to_string();
@@ -211,8 +211,8 @@ fn in_another_process_every_call_is_refused_and_a_drop_joins_no_thread() {
         let mut actions = [0.0; N * ACTION_DIM];
         let commands = [EnvCommand::Reset; N];
         let reset = rig.env.reset(rig.batch.observations_mut()).map(|_| ());
-        let step = rig.env.step(&actions, rig.batch.step_mut()).map(|_| ());
-        let advance = rig.env.execute_commands(&actions, &commands, rig.batch.step_mut());
+        let step = rig.env.step(&actions, rig.batch.step_results_mut()).map(|_| ());
+        let advance = rig.env.execute_commands(&actions, &commands, rig.batch.step_results_mut());
         for refused in [
             reset,
             step,

@@ -3,7 +3,7 @@
 pub mod spoilt;
 
 use envs::{
-    EpisodeStart, ExpertCommand, Measurement, Placement, StepReward, Task, TaskParts, reward,
+    EpisodeStart, ExpertCommand, Placement, StepReward, Task, TaskSceneParts, TaskState, reward,
 };
 use glam::DVec3;
 use rand::RngExt;
@@ -45,16 +45,20 @@ impl Task for PushBlock {
         &self.name
     }
 
-    fn parts(&self) -> TaskParts<'_> {
-        TaskParts { mjcf: Some(&self.scene), object_body: Some("block"), ..TaskParts::default() }
+    fn parts(&self) -> TaskSceneParts<'_> {
+        TaskSceneParts {
+            mjcf: Some(&self.scene),
+            object_body: Some("block"),
+            ..TaskSceneParts::default()
+        }
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
         let object = DVec3::new(rng.random_range(0.08..0.18), 0.06, 0.045);
         Placement { object, goal: object + WAY * DVec3::Y }
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, _finger: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, _finger: f64) -> StepReward {
         let goal_distance = (start.placement.goal.y - now.object.y).abs();
         let approach_reward = reward::long_tail_reward(now.tcp.distance(now.object), 0.06, 0.2);
         let in_place_reward = reward::long_tail_reward(goal_distance, SUCCESS, WAY);
@@ -68,7 +72,7 @@ impl Task for PushBlock {
     }
 
     /// Over the place behind the block, down, then forward.
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         let behind = now.object - 0.07 * DVec3::Y + (now.hand - now.tcp);
         let above = now.hand.z > behind.z + 0.03;
         let hand = if now.object.y > placement.goal.y - 0.5 * SUCCESS {

@@ -1,22 +1,22 @@
 //! Correct task with one thing changed.
 
 use envs::{
-    EpisodeStart, ExpertCommand, Measurement, MetaWorldSpec, Placement, StepReward, Task,
-    TaskGroup, TaskParts,
+    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskGroup,
+    TaskSceneParts, TaskState,
 };
 use rand_chacha::ChaCha8Rng;
 
 use crate::common::PushBlock;
 
-pub type Reward = fn(&mut StepReward, &EpisodeStart, &Measurement, f64);
+pub type Reward = fn(&mut StepReward, &EpisodeStart, &TaskState, f64);
 
 /// Functions that change what the correct task returns.
 pub struct Spoilt {
     pub task: PushBlock,
-    pub parts: fn(&mut TaskParts<'_>),
+    pub parts: fn(&mut TaskSceneParts<'_>),
     pub place: fn(&mut Placement),
     pub reward: Reward,
-    pub expert: fn(&mut ExpertCommand, &Measurement),
+    pub expert: fn(&mut ExpertCommand, &TaskState),
     pub meta_world: Option<MetaWorldSpec<'static>>,
 }
 
@@ -44,25 +44,25 @@ impl Task for Spoilt {
         self.task.name()
     }
 
-    fn parts(&self) -> TaskParts<'_> {
+    fn parts(&self) -> TaskSceneParts<'_> {
         let mut parts = self.task.parts();
         (self.parts)(&mut parts);
         parts
     }
 
-    fn draw_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
-        let mut placement = self.task.draw_placement(rng);
+    fn sample_placement(&self, rng: &mut ChaCha8Rng) -> Placement {
+        let mut placement = self.task.sample_placement(rng);
         (self.place)(&mut placement);
         placement
     }
 
-    fn reward(&self, start: &EpisodeStart, now: &Measurement, finger: f64) -> StepReward {
+    fn reward(&self, start: &EpisodeStart, now: &TaskState, finger: f64) -> StepReward {
         let mut reward = self.task.reward(start, now, finger);
         (self.reward)(&mut reward, start, now, finger);
         reward
     }
 
-    fn expert(&self, placement: &Placement, now: &Measurement) -> ExpertCommand {
+    fn expert(&self, placement: &Placement, now: &TaskState) -> ExpertCommand {
         let mut command = self.task.expert(placement, now);
         (self.expert)(&mut command, now);
         command

@@ -3,7 +3,7 @@
 use envs::{ARM_GEOM_GROUP, Camera, TableTop};
 use glam::{DMat3, DVec3};
 use inpainting::{ArmLink, Extrinsics, GripperMark, Intrinsics, PinholeCamera};
-use mujoco::{Data, GeomId, Model, Shape};
+use mujoco::{Data, GeomId, GeomShape, Model};
 
 /// Returns the camera above the table.
 pub fn pinhole(camera: &Camera) -> PinholeCamera {
@@ -62,7 +62,7 @@ impl Arm {
             if model.geom_group(geom) != ARM_GEOM_GROUP {
                 continue;
             }
-            let name = model.name(geom).unwrap_or("without a name");
+            let name = model.name_of(geom).unwrap_or("without a name");
             let shape = model.geom_shape(geom).ok_or_else(|| {
                 format!("the arm's geom `{name}` is no sphere, capsule, cylinder or box")
             })?;
@@ -98,17 +98,16 @@ impl Bone {
 }
 
 /// Returns capsules that cover a shape, with their radii (metres).
-fn around(geom: GeomId, shape: Shape) -> Vec<(Bone, f64)> {
+fn around(geom: GeomId, shape: GeomShape) -> Vec<(Bone, f64)> {
     let upright = |half_length, radius| {
         let bone = Bone { geom, middle: DVec3::ZERO, axis: 2, half_length };
         vec![(bone, radius)]
     };
     match shape {
-        Shape::Sphere { radius } => upright(0.0, radius),
-        Shape::Capsule { radius, half_length } | Shape::Cylinder { radius, half_length } => {
-            upright(half_length, radius)
-        }
-        Shape::Box { half } => bundle(geom, half),
+        GeomShape::Sphere { radius } => upright(0.0, radius),
+        GeomShape::Capsule { radius, half_length }
+        | GeomShape::Cylinder { radius, half_length } => upright(half_length, radius),
+        GeomShape::Box { half } => bundle(geom, half),
     }
 }
 

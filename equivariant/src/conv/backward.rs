@@ -80,7 +80,7 @@ fn read_blocked<T: Real>(patches: &PatchGeometry, blocked: &[T], dx: &mut [T], i
     let blocked = blocked.chunks_exact(patches.blocked_len());
     let dx = dx.chunks_exact_mut(patches.image_shape.len());
     for (blocked_image, image_gradient) in blocked.zip(dx).take(images) {
-        patches.read_blocked(blocked_image, image_gradient);
+        patches.read_blocked_gradient(blocked_image, image_gradient);
     }
 }
 
@@ -117,7 +117,7 @@ impl<T: Real, L: Lanes<T>> BackwardPanels<'_, T, L> {
                 *window = cursor.blocked_index(&patches.window_starts, patches.blocked_len());
                 cursor.advance();
             }
-            loader.load_pixels(row, count, buffers);
+            loader.load_output_gradients(row, count, buffers);
             self.add_gradients(&windows[..count], products, buffers, gradient.as_deref_mut());
         }
     }
@@ -185,7 +185,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientProducts<'a, T, L, G> {
         let w = arena.take_blocks(layout.num_packed_blocks());
         if pass.dx.is_some() {
             let packed = layout.packed_weights(pass.params, arena, true);
-            layout.transpose_packed::<T, G>(&conv.patches, packed, w);
+            layout.transpose_packed_weights::<T, G>(&conv.patches, packed, w);
         }
         GradientProducts { lanes, transposed_weights: w }
     }

@@ -64,7 +64,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
     /// Writes `count` output pixels of a convolution from pixel `first` on, at most [`PANEL_ROWS`]
     /// of them.
     #[inline(always)]
-    pub fn run(&mut self, sums: &[Block<T>], first: usize, count: usize) {
+    pub fn write_outputs(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.blocks_per_pixel;
         let mut first_blocks = [0; PANEL_ROWS];
         let (to, scale) = match &mut self.to.y {
@@ -76,7 +76,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
             }
             FeatureMapsMut::Blocked(patches, y) => {
                 let first_blocks = &mut first_blocks[..count];
-                patches.write_pixel_blocks(self.start + first, first_blocks);
+                patches.write_block_offsets(self.start + first, first_blocks);
                 for place in first_blocks {
                     *place -= self.blocks_before_start;
                 }

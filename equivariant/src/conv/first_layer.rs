@@ -36,7 +36,7 @@ impl<T: Real> ConvForward<'_, T> {
         let (conv, patches, weights) = (self.conv, &self.conv.patches, &self.conv.weights);
         let mut arena = Arena::new(self.scratch);
         let w = arena.take_blocks(weights.num_packed_blocks());
-        weights.pack(self.params, w);
+        weights.pack_weights(self.params, w);
         scale_weights(lanes, patches, w);
         let of_output = self.output.lines.clone();
         let mut epilogue = Epilogue::<T, L, LANES_PER_GROUP>::new(
@@ -52,11 +52,11 @@ impl<T: Real> ConvForward<'_, T> {
         let len = patches.image_shape.len();
         for (i, (image, oy)) in lines_of(self.samples, of_output).enumerate() {
             let x = &x[image * len..][..len];
-            lines.fold(lanes, x, oy..oy + 1, own);
+            lines.fold_image(lanes, x, oy..oy + 1, own);
             for first in (0..conv.out_shape.width).step_by(LINE_TILE_PIXELS) {
                 let rows = LINE_TILE_PIXELS.min(conv.out_shape.width - first);
-                line.forward(&own[line.window_start(lines, first)..], w, sums, rows);
-                epilogue.run(sums, i * conv.out_shape.width + first, rows);
+                line.write_weighted_sums(&own[line.window_start(lines, first)..], w, sums, rows);
+                epilogue.write_outputs(sums, i * conv.out_shape.width + first, rows);
             }
         }
     }
@@ -87,11 +87,11 @@ impl<T: Real> ConvBackward<'_, T> {
         let len = patches.image_shape.len();
         for (image, oy) in lines_of(self.samples, 0..conv.out_shape.height) {
             let x = &x[image * len..][..len];
-            lines.fold(lanes, x, oy..oy + 1, own);
+            lines.fold_image(lanes, x, oy..oy + 1, own);
             for first in (0..conv.out_shape.width).step_by(MAX_GRADIENT_ROWS) {
                 let count = MAX_GRADIENT_ROWS.min(conv.out_shape.width - first);
                 let row = (image * conv.out_shape.height + oy) * conv.out_shape.width + first;
-                loader.load_pixels(row, count, &mut buffers);
+                loader.load_output_gradients(row, count, &mut buffers);
                 let dy = &buffers.dy[..count * width];
                 line.add_column_gradients(
                     lines,

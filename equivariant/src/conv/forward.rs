@@ -105,7 +105,7 @@ impl<T: Real, L: Lanes<T>, const G: usize> ForwardPanels<'_, T, L, G> {
             self.gather(blocked, &windows);
             let panel = self.panel.as_chunks().0;
             panel_product::<T, L, G>(self.lanes, panel, self.w, self.sums, count);
-            self.epilogue.run(self.sums, first * pixels + row, count);
+            self.epilogue.write_outputs(self.sums, first * pixels + row, count);
         }
     }
 

@@ -105,7 +105,12 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
     /// Loads the output gradient of `count` pixels into `buffers.dy`, back through the ReLU if
     /// there is one, and adds it to the bias gradient.
     #[inline(always)]
-    pub fn load_pixels(&self, first: usize, count: usize, buffers: &mut ConvGradientScratch<T>) {
+    pub fn load_output_gradients(
+        &self,
+        first: usize,
+        count: usize,
+        buffers: &mut ConvGradientScratch<T>,
+    ) {
         let mut first_blocks = [0; MAX_GRADIENT_ROWS];
         let first_blocks = &mut first_blocks[..count];
         let (from, scale) = match self.dy {
@@ -114,7 +119,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
                 (&*buffers.pixels, 1.0)
             }
             FeatureMaps::Blocked(patches, dy) => {
-                patches.write_pixel_blocks(first, first_blocks);
+                patches.write_block_offsets(first, first_blocks);
                 (dy.as_chunks().0, patches.blocked_scale())
             }
         };

@@ -62,7 +62,7 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
     /// Writes the weighted sums `[pixel][block]` of the convolution for the first `rows` output
     /// pixels of a tile.
     #[inline(always)]
-    pub fn forward(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
+    pub fn write_weighted_sums(&self, x: &[T], w: &[Block<T>], sums: &mut [Block<T>], rows: usize) {
         // The last pixels of a line sum in the same order as the others: under a flip they are the
         // first.
         if L::REGISTERS >= 8 && self.is_4x4_stride_2 {
@@ -289,10 +289,10 @@ impl<'a, T: Real, L: Lanes<T>> LineKernel<'a, T, L> {
                     first,
                 };
                 first += match (L::REGISTERS, self.blocks_per_pixel - first) {
-                    (32.., 2..) => tile.add_all_columns::<6, 2>(columns, dw),
-                    (32.., _) => tile.add_all_columns::<12, 1>(columns, dw),
-                    (8..32, _) => tile.add_all_columns::<6, 1>(columns, dw),
-                    _ => tile.add_all_columns::<4, 1>(columns, dw),
+                    (32.., 2..) => tile.add_column_gradient_blocks::<6, 2>(columns, dw),
+                    (32.., _) => tile.add_column_gradient_blocks::<12, 1>(columns, dw),
+                    (8..32, _) => tile.add_column_gradient_blocks::<6, 1>(columns, dw),
+                    _ => tile.add_column_gradient_blocks::<4, 1>(columns, dw),
                 };
             }
         }

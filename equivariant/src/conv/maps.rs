@@ -49,7 +49,7 @@ impl<T: Real> ConvInput<'_, T> {
             ConvInput::Channels(x) => {
                 for (i, image) in images.enumerate() {
                     let x = &x[image * len..][..len];
-                    patches.write_blocked(lanes, x, &mut own[i * blocked..][..blocked]);
+                    patches.write_blocked_image(lanes, x, &mut own[i * blocked..][..blocked]);
                 }
                 own
             }
@@ -68,7 +68,7 @@ impl<T: Real> ConvInput<'_, T> {
 impl<'a, T: Real> FeatureMapsMut<'a, T> {
     /// Splits the feature maps of a single image before `pixel`, which must be the first of a line;
     /// `channels` is the number of channels.
-    pub fn split(
+    pub fn split_at_pixel(
         self,
         pixel: usize,
         channels: usize,
@@ -149,7 +149,7 @@ impl<'a, T: Real> Arena<'a, T> {
     }
 
     /// Returns the values of the arena that have not been taken.
-    pub fn rest(self) -> &'a mut [T] {
+    pub fn take_rest(self) -> &'a mut [T] {
         self.rest.as_flattened_mut()
     }
 }

@@ -61,7 +61,7 @@ impl<T: Real> ConvOutput<'_, T> {
     fn split_in_half(self, conv: &R2Conv) -> (Self, Self) {
         let middle = conv.out_shape.height / 2;
         let pixels = middle * conv.out_shape.width;
-        let (y, y_below) = self.y.split(pixels, conv.out_shape.fields.dim());
+        let (y, y_below) = self.y.split_at_pixel(pixels, conv.out_shape.fields.dim());
         let at = pixels * conv.weights.blocks_per_pixel;
         let (masks, masks_below) = self.masks.map(|masks| masks.split_at_mut(at)).unzip();
         let above = ConvOutput { lines: 0..middle, y, masks };

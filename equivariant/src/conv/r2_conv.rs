@@ -57,8 +57,8 @@ impl R2Conv {
         LayerError::check_groups(layer, in_type, out_type)?;
         let windows = WindowGrid::new(layer, out_type.group(), kernel, size)?;
         let out = windows.out_shape(out_type);
-        LayerError::check_map(layer, image, kernel.padding)?;
-        LayerError::check_map(layer, out, 0)?;
+        LayerError::check_feature_map(layer, image, kernel.padding)?;
+        LayerError::check_feature_map(layer, out, 0)?;
         // `dense` builds this kernel, so its size must be within the limit as well
         let dense = [kernel.size, kernel.size, image.fields.dim(), out_type.dim()];
         checked_product(dense).ok_or(LayerError::TooManyValues { layer, what: "a kernel" })?;

@@ -103,13 +103,13 @@ impl WeightLayout {
             return &params.as_chunks().0[..self.num_packed_blocks()];
         }
         let packed = arena.take_blocks(self.num_packed_blocks());
-        self.pack(params, packed);
+        self.pack_weights(params, packed);
         packed
     }
 
     /// Writes the weights in the packed order of the CPU kernels, `[lane group of a folded
     /// patch][block of outputs]`; a lane group of a block is an output field.
-    pub fn pack<T: Real>(&self, params: &[T], packed: &mut [Block<T>]) {
+    pub fn pack_weights<T: Real>(&self, params: &[T], packed: &mut [Block<T>]) {
         let packed = packed.as_flattened_mut();
         let mut end = 0;
         for range in self.ranges.iter() {
@@ -137,7 +137,7 @@ impl WeightLayout {
     ///
     /// The lanes of a block are (input field, output irrep).
     #[inline(always)]
-    pub fn transpose_packed<T: Real, const G: usize>(
+    pub fn transpose_packed_weights<T: Real, const G: usize>(
         &self,
         patches: &PatchGeometry,
         packed: &[Block<T>],

@@ -4,7 +4,7 @@ use std::fmt;
 
 /// Kind of hardware behind a GPU adapter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum AdapterKind {
+pub enum GpuAdapterKind {
     /// GPU with its own memory.
     Discrete,
     /// GPU that shares the CPU's memory.
@@ -17,32 +17,32 @@ pub enum AdapterKind {
     Other,
 }
 
-impl AdapterKind {
+impl GpuAdapterKind {
     /// Returns `true` if the adapter is certainly a GPU.
     pub fn is_hardware(self) -> bool {
-        !matches!(self, AdapterKind::Software | AdapterKind::Other)
+        !matches!(self, GpuAdapterKind::Software | GpuAdapterKind::Other)
     }
 }
 
-impl fmt::Display for AdapterKind {
+impl fmt::Display for GpuAdapterKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
-            AdapterKind::Discrete => "discrete GPU",
-            AdapterKind::Integrated => "integrated GPU",
-            AdapterKind::Virtual => "virtual GPU",
-            AdapterKind::Software => "software",
-            AdapterKind::Other => "other",
+            GpuAdapterKind::Discrete => "discrete GPU",
+            GpuAdapterKind::Integrated => "integrated GPU",
+            GpuAdapterKind::Virtual => "virtual GPU",
+            GpuAdapterKind::Software => "software",
+            GpuAdapterKind::Other => "other",
         })
     }
 }
 
 /// Description of a GPU adapter, as its driver reports it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Adapter {
+pub struct GpuAdapter {
     /// Name of the adapter's hardware, such as `NVIDIA H100 80GB HBM3`.
     pub name: String,
     /// Kind of the adapter's hardware.
-    pub kind: AdapterKind,
+    pub kind: GpuAdapterKind,
     /// Programming interface that reaches the adapter, such as `vulkan`.
     pub backend: String,
     /// Name and version of the adapter's driver.
@@ -60,7 +60,7 @@ pub struct Adapter {
     pub subgroup_sizes: [u32; 2],
 }
 
-impl fmt::Display for Adapter {
+impl fmt::Display for GpuAdapter {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [binding, buffer] =
             [self.max_binding_bytes, self.max_buffer_bytes].map(|bytes| bytes >> 20);
@@ -79,11 +79,11 @@ impl fmt::Display for Adapter {
 }
 
 /// Returns the adapters that can run networks, real GPUs first; empty if no driver is installed.
-pub fn available_adapters() -> Vec<Adapter> {
+pub fn available_gpu_adapters() -> Vec<GpuAdapter> {
     wgpu_adapters().iter().map(describe_adapter).collect()
 }
 
-/// Returns wgpu's handles of the [`available_adapters`], in the same order.
+/// Returns wgpu's handles of the [`available_gpu_adapters`], in the same order.
 pub(crate) fn wgpu_adapters() -> Vec<wgpu::Adapter> {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = wgpu::Backends::VULKAN;
@@ -93,10 +93,10 @@ pub(crate) fn wgpu_adapters() -> Vec<wgpu::Adapter> {
     found
 }
 
-/// Converts wgpu's information about a GPU adapter into an [`Adapter`].
-pub(crate) fn describe_adapter(adapter: &wgpu::Adapter) -> Adapter {
+/// Converts wgpu's information about a GPU adapter into a [`GpuAdapter`].
+pub(crate) fn describe_adapter(adapter: &wgpu::Adapter) -> GpuAdapter {
     let (info, limits) = (adapter.get_info(), adapter.limits());
-    Adapter {
+    GpuAdapter {
         kind: kind(info.device_type),
         backend: info.backend.to_string(),
         driver: format!("{} {}", info.driver, info.driver_info),
@@ -109,23 +109,23 @@ pub(crate) fn describe_adapter(adapter: &wgpu::Adapter) -> Adapter {
     }
 }
 
-fn kind(device: wgpu::DeviceType) -> AdapterKind {
+fn kind(device: wgpu::DeviceType) -> GpuAdapterKind {
     match device {
-        wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,
-        wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
-        wgpu::DeviceType::VirtualGpu => AdapterKind::Virtual,
-        wgpu::DeviceType::Cpu => AdapterKind::Software,
-        wgpu::DeviceType::Other => AdapterKind::Other,
+        wgpu::DeviceType::DiscreteGpu => GpuAdapterKind::Discrete,
+        wgpu::DeviceType::IntegratedGpu => GpuAdapterKind::Integrated,
+        wgpu::DeviceType::VirtualGpu => GpuAdapterKind::Virtual,
+        wgpu::DeviceType::Cpu => GpuAdapterKind::Software,
+        wgpu::DeviceType::Other => GpuAdapterKind::Other,
     }
 }
 
 /// Returns the rank of an adapter's kind in the order of preference; 0 is best.
-fn rank(kind: AdapterKind) -> u8 {
+fn rank(kind: GpuAdapterKind) -> u8 {
     match kind {
-        AdapterKind::Discrete => 0,
-        AdapterKind::Virtual => 1,
-        AdapterKind::Integrated => 2,
-        AdapterKind::Other => 3,
-        AdapterKind::Software => 4,
+        GpuAdapterKind::Discrete => 0,
+        GpuAdapterKind::Virtual => 1,
+        GpuAdapterKind::Integrated => 2,
+        GpuAdapterKind::Other => 3,
+        GpuAdapterKind::Software => 4,
     }
 }

@@ -30,12 +30,12 @@ impl ChannelLayout {
     }
 
     /// Creates the channel layout of `dim` fields of one component.
-    pub fn single_channel_fields(dim: usize) -> ChannelLayout {
-        ChannelLayout::regular_fields(1, dim)
+    pub fn for_single_channel_fields(dim: usize) -> ChannelLayout {
+        ChannelLayout::for_regular_fields(1, dim)
     }
 
     /// Creates the channel layout of `fields` fields of `order` components.
-    pub fn regular_fields(order: usize, fields: usize) -> ChannelLayout {
+    pub fn for_regular_fields(order: usize, fields: usize) -> ChannelLayout {
         ChannelLayout {
             dim: order * fields,
             starts: (0..order).map(|a| a * fields).collect(),
@@ -45,7 +45,7 @@ impl ChannelLayout {
 
     /// Returns the layout of the same fields in pixels of `dim` channels, with component a of all
     /// fields from channel `starts[a]` on.
-    pub fn moved_to(mut self, dim: usize, starts: Vec<usize>) -> ChannelLayout {
+    pub fn with_component_starts(mut self, dim: usize, starts: Vec<usize>) -> ChannelLayout {
         self.dim = dim;
         self.starts = starts;
         self
@@ -53,16 +53,16 @@ impl ChannelLayout {
 
     /// Returns the layout of these fields in the direct sum of two maps, if they are those of its
     /// first map; the sum's own layout is `sum`.
-    pub fn first_of_sum(&self, sum: &ChannelLayout) -> ChannelLayout {
-        self.clone().moved_to(sum.dim, sum.starts.clone())
+    pub fn as_first_summand(&self, sum: &ChannelLayout) -> ChannelLayout {
+        self.clone().with_component_starts(sum.dim, sum.starts.clone())
     }
 
     /// Returns the layout of these fields in the direct sum of two maps, if they are those of its
     /// second map; the sum's own layout is `sum`.
-    pub fn last_of_sum(&self, sum: &ChannelLayout) -> ChannelLayout {
+    pub fn as_second_summand(&self, sum: &ChannelLayout) -> ChannelLayout {
         let ends = sum.starts.iter().zip(&sum.counts).map(|(start, count)| start + count);
         let starts = ends.zip(&self.counts).map(|(end, count)| end - count);
-        self.clone().moved_to(sum.dim, starts.collect())
+        self.clone().with_component_starts(sum.dim, starts.collect())
     }
 
     /// Returns the number of fields of a pixel, some of which may lack components.

@@ -2,7 +2,7 @@
 
 use std::collections::hash_map::Entry;
 
-use crate::gpu::device::{Device, lock_even_if_poisoned};
+use crate::gpu::device::{GpuDevice, lock_even_if_poisoned};
 use crate::gpu::kernel_dispatch::KernelDispatch;
 
 /// Maximum number of workgroups along the first axis of a GPU dispatch, below the limit of 65,535
@@ -19,7 +19,7 @@ pub(crate) struct CompiledKernel {
 impl CompiledKernel {
     /// Compiles a kernel of a compute plan; `buffers` are all buffers of the plan.
     pub fn new(
-        device: &Device,
+        device: &GpuDevice,
         kernel: &KernelDispatch,
         uniform: &wgpu::Buffer,
         buffers: &[wgpu::Buffer],
@@ -50,7 +50,7 @@ impl CompiledKernel {
     }
 
     /// Records a dispatch of the kernel in a compute pass, for a batch of `samples` samples.
-    pub fn record(&self, samples: usize, pass: &mut wgpu::ComputePass) {
+    pub fn record_dispatch(&self, samples: usize, pass: &mut wgpu::ComputePass) {
         let groups = self.dispatch.workgroups.num_workgroups(samples);
         // larger dispatches fill a plane, because every dimension has a limit
         let line = groups.min(MAX_WORKGROUPS_X);
@@ -84,12 +84,12 @@ fn layout(device: &wgpu::Device, kernel: &KernelDispatch) -> wgpu::BindGroupLayo
 
 /// Returns the compute pipeline of a kernel; kernels with equal text are compiled once.
 fn pipeline(
-    device: &Device,
+    device: &GpuDevice,
     kernel: &KernelDispatch,
     layout: &wgpu::BindGroupLayout,
 ) -> wgpu::ComputePipeline {
     let mut pipelines = lock_even_if_poisoned(&device.pipelines);
-    let known = pipelines.entry(kernel.wgsl_source(device.uses_subgroups()));
+    let known = pipelines.entry(kernel.wgsl_source(device.uses_subgroup_operations()));
     match known {
         Entry::Occupied(known) => known.get().clone(),
         Entry::Vacant(place) => {

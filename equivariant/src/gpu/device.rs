@@ -4,13 +4,13 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::gpu::adapter::{Adapter, describe_adapter, wgpu_adapters};
+use crate::gpu::adapter::{GpuAdapter, describe_adapter, wgpu_adapters};
 use crate::gpu::error::GpuError;
 
 /// Opened GPU adapter, on which networks run. Clones share one device.
 #[derive(Clone)]
-pub struct Device {
-    adapter: Adapter,
+pub struct GpuDevice {
+    adapter: GpuAdapter,
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     /// Compiled kernels by their WGSL text.
@@ -27,14 +27,14 @@ const OPTIONAL_FEATURES: wgpu::Features =
 /// First error of a GPU device since the last check; `None` if there was none.
 type FirstError = Arc<Mutex<Option<GpuError>>>;
 
-impl Device {
+impl GpuDevice {
     /// Opens the first adapter whose name contains `name`, ignoring case. Without a name it opens
-    /// the first of [`available_adapters`](crate::gpu::available_adapters), which is real hardware
-    /// if there is any.
+    /// the first of [`available_gpu_adapters`](crate::gpu::available_gpu_adapters), which is real
+    /// hardware if there is any.
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`] and [`GpuError::NoDevice`].
-    pub fn open(name: Option<&str>) -> Result<Device, GpuError> {
+    pub fn open(name: Option<&str>) -> Result<GpuDevice, GpuError> {
         let found = wgpu_adapters();
         let names: Vec<String> =
             found.iter().map(|adapter| describe_adapter(adapter).name).collect();
@@ -45,10 +45,10 @@ impl Device {
             wanted: name.map_or("at all".to_owned(), |name| format!("named `{name}`")),
             found: names,
         })?;
-        Device::request(adapter)
+        GpuDevice::request(adapter)
     }
 
-    fn request(adapter: &wgpu::Adapter) -> Result<Device, GpuError> {
+    fn request(adapter: &wgpu::Adapter) -> Result<GpuDevice, GpuError> {
         let described = describe_adapter(adapter);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("covers"),
@@ -63,7 +63,7 @@ impl Device {
             reason: error.to_string(),
         })?;
         let first_error = record_errors_of(&device, &described.name);
-        Ok(Device {
+        Ok(GpuDevice {
             adapter: described,
             device,
             queue,
@@ -74,19 +74,19 @@ impl Device {
     }
 
     /// Returns the description of the opened adapter.
-    pub fn adapter(&self) -> &Adapter {
+    pub fn adapter(&self) -> &GpuAdapter {
         &self.adapter
     }
 
     /// Returns `true` if newly compiled kernels use subgroup operations; they do if the adapter has
     /// them.
-    pub fn uses_subgroups(&self) -> bool {
+    pub fn uses_subgroup_operations(&self) -> bool {
         self.subgroups
     }
 
     /// Turns subgroup operations off for newly compiled kernels, for comparisons. The order of sums
     /// differs then.
-    pub fn without_subgroups(mut self) -> Device {
+    pub fn without_subgroup_operations(mut self) -> GpuDevice {
         self.subgroups = false;
         self
     }
@@ -162,15 +162,15 @@ impl Device {
 }
 
 /// Compares the identity of two GPU devices: clones of one device are equal.
-impl PartialEq for Device {
-    fn eq(&self, other: &Device) -> bool {
+impl PartialEq for GpuDevice {
+    fn eq(&self, other: &GpuDevice) -> bool {
         self.device == other.device
     }
 }
 
-impl fmt::Debug for Device {
+impl fmt::Debug for GpuDevice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Device({})", self.adapter)
+        write!(f, "GpuDevice({})", self.adapter)
     }
 }
 

@@ -10,7 +10,7 @@ mod product;
 mod window;
 
 use crate::gpu::error::GpuError;
-use crate::gpu::plan::{ComputePlan, Tensor};
+use crate::gpu::plan::{ComputePlan, GpuTensor};
 use crate::layers::Concat;
 use crate::layers::layer::{Layer, LayerKind};
 use crate::shape::Shape;
@@ -23,7 +23,11 @@ impl ComputePlan {
     /// # Errors
     /// [`GpuError::UnsupportedLayer`] for a layer without kernels: [`BranchSum`](crate::BranchSum),
     /// [`Restrict`](crate::Restrict) and layers of other crates.
-    pub fn add_layer(&mut self, layer: &dyn Layer<f32>, x: Tensor) -> Result<Tensor, GpuError> {
+    pub fn add_layer(
+        &mut self,
+        layer: &dyn Layer<f32>,
+        x: GpuTensor,
+    ) -> Result<GpuTensor, GpuError> {
         let mut leaves = flatten_layers(layer).into_iter().peekable();
         let mut x = x;
         while let Some(leaf) = leaves.next() {
@@ -37,7 +41,7 @@ impl ComputePlan {
     }
 
     /// Adds the direct sum of two feature maps to the compute plan and returns the sum.
-    pub fn add_concat(&mut self, concat: &Concat, inputs: [Tensor; 2]) -> Tensor {
+    pub fn add_concat(&mut self, concat: &Concat, inputs: [GpuTensor; 2]) -> GpuTensor {
         let y = self.add_tensor(concat.out_shape());
         joins::concat(self, &inputs, &y);
         y
@@ -45,8 +49,8 @@ impl ComputePlan {
 
     /// Duplicates a feature map of the compute plan for two layers that read it. Each copy has its
     /// own gradient, and the backward pass adds the two.
-    pub fn add_fork(&mut self, x: Tensor) -> [Tensor; 2] {
-        let readers = [(); 2].map(|()| Tensor {
+    pub fn add_fork(&mut self, x: GpuTensor) -> [GpuTensor; 2] {
+        let readers = [(); 2].map(|()| GpuTensor {
             gradient: x.gradient.map(|_| self.add_buffer(0, x.shape.len())),
             ..x
         });
@@ -79,8 +83,8 @@ fn is_fusable_relu(layer: &dyn Layer<f32>, shape: Shape) -> bool {
 fn add(
     plan: &mut ComputePlan,
     layer: &dyn Layer<f32>,
-    x: &Tensor,
-    y: &Tensor,
+    x: &GpuTensor,
+    y: &GpuTensor,
     with_relu: bool,
 ) -> Result<(), GpuError> {
     match layer.kind() {

@@ -2,10 +2,10 @@
 
 use std::fmt;
 
-use crate::gpu::device::Device;
+use crate::gpu::device::GpuDevice;
 use crate::gpu::error::GpuError;
 use crate::gpu::kernel_dispatch::BufferSlot;
-use crate::gpu::plan::{ComputePlan, Tensor};
+use crate::gpu::plan::{ComputePlan, GpuTensor};
 use crate::gpu::program::{BatchUniforms, CompiledPlan, PassSelection};
 use crate::layers::layer::Layer;
 
@@ -16,8 +16,8 @@ pub struct GpuLayer {
     plan: ComputePlan,
     /// Description of the layer, for error messages.
     name: String,
-    x: Tensor,
-    y: Tensor,
+    x: GpuTensor,
+    y: GpuTensor,
     /// Buffers of the gradients with respect to input and output.
     gradients: [BufferSlot; 2],
     /// Number of samples of the last forward pass.
@@ -44,7 +44,7 @@ impl GpuLayer {
     /// # Panics
     /// When `samples` is 0.
     pub fn new(
-        device: &Device,
+        device: &GpuDevice,
         layer: &dyn Layer<f32>,
         samples: usize,
     ) -> Result<GpuLayer, GpuError> {
@@ -137,7 +137,7 @@ impl GpuLayer {
 
     fn submit(&self, passes: PassSelection) {
         let batch = BatchUniforms { samples: self.last_samples, ..BatchUniforms::default() };
-        self.program.submit(passes, batch);
+        self.program.submit_passes(passes, batch);
     }
 
     fn check_len(&self, slice: &str, got: usize, expected: usize) {

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use crate::gpu::adapter::Adapter;
+use crate::gpu::adapter::GpuAdapter;
 use crate::gpu::error::GpuError;
 use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch};
 use crate::shape::Shape;
@@ -31,7 +31,7 @@ impl BufferLength {
 
 /// Feature map of a batch on a GPU, with its gradient.
 #[derive(Clone, Copy, Debug)]
-pub struct Tensor {
+pub struct GpuTensor {
     /// Shape of one sample of the tensor.
     pub shape: Shape,
     /// Buffer of the map's values, `[N, H, W, C]` (samples, height, width, channels).
@@ -163,13 +163,13 @@ impl ComputePlan {
     }
 
     /// Adds a feature map without a gradient to the compute plan, as an input.
-    pub fn add_input(&mut self, shape: Shape) -> Tensor {
-        Tensor { shape, values: self.add_buffer(0, shape.len()), gradient: None }
+    pub fn add_input(&mut self, shape: Shape) -> GpuTensor {
+        GpuTensor { shape, values: self.add_buffer(0, shape.len()), gradient: None }
     }
 
     /// Adds a feature map with its gradient to the compute plan.
-    pub fn add_tensor(&mut self, shape: Shape) -> Tensor {
-        Tensor { gradient: Some(self.add_buffer(0, shape.len())), ..self.add_input(shape) }
+    pub fn add_tensor(&mut self, shape: Shape) -> GpuTensor {
+        GpuTensor { gradient: Some(self.add_buffer(0, shape.len())), ..self.add_input(shape) }
     }
 
     /// Reserves `len` parameters on the GPU, where the layer's parameters have the positions
@@ -244,7 +244,11 @@ impl ComputePlan {
 
     /// Returns [`GpuError::BufferTooLarge`] if an adapter cannot hold the buffers for `samples`
     /// samples.
-    pub(crate) fn check_limits(&self, adapter: &Adapter, samples: usize) -> Result<(), GpuError> {
+    pub(crate) fn check_limits(
+        &self,
+        adapter: &GpuAdapter,
+        samples: usize,
+    ) -> Result<(), GpuError> {
         let largest =
             self.buffer_lengths.iter().map(|length| length.bytes(samples)).max().unwrap_or(0);
         let refused = |what, limit| GpuError::BufferTooLarge {

@@ -1,7 +1,7 @@
 //! Compute plans on a GPU: compiled kernels and allocated buffers.
 
 use crate::gpu::compiled_kernel::CompiledKernel;
-use crate::gpu::device::Device;
+use crate::gpu::device::GpuDevice;
 use crate::gpu::error::GpuError;
 use crate::gpu::kernel_dispatch::BufferSlot;
 use crate::gpu::plan::{BufferLength, ComputePlan};
@@ -38,7 +38,7 @@ pub enum PassSelection {
 /// Compute plan that is compiled for a GPU, with memory for batches of up to some number of
 /// samples.
 pub struct CompiledPlan {
-    device: Device,
+    device: GpuDevice,
     samples: usize,
     uniform: wgpu::Buffer,
     buffers: Vec<wgpu::Buffer>,
@@ -54,7 +54,7 @@ impl CompiledPlan {
     /// [`GpuError::BufferTooLarge`] before anything is allocated when the batch is too large for
     /// the adapter, [`GpuError::DeviceLost`] and [`GpuError::CommandFailed`].
     pub fn new(
-        device: &Device,
+        device: &GpuDevice,
         plan: &ComputePlan,
         samples: usize,
     ) -> Result<CompiledPlan, GpuError> {
@@ -79,7 +79,7 @@ impl CompiledPlan {
     }
 
     /// Returns the GPU device that the program runs on.
-    pub fn device(&self) -> &Device {
+    pub fn device(&self) -> &GpuDevice {
         &self.device
     }
 
@@ -130,13 +130,13 @@ impl CompiledPlan {
     ///
     /// # Panics
     /// When the batch has more samples than there is memory for.
-    pub fn submit(&self, passes: PassSelection, batch: BatchUniforms) {
+    pub fn submit_passes(&self, passes: PassSelection, batch: BatchUniforms) {
         let (got, most) = (batch.samples, self.samples);
         assert!(got <= most, "got a batch of {got} samples, expected at most {most}");
         self.write_batch(batch);
         let mut encoder = self.encoder();
         let mut pass = encoder.begin_compute_pass(&Default::default());
-        self.kernels(passes).for_each(|kernel| kernel.record(got, &mut pass));
+        self.kernels(passes).for_each(|kernel| kernel.record_dispatch(got, &mut pass));
         drop(pass);
         self.device.queue.submit([encoder.finish()]);
     }
@@ -171,7 +171,7 @@ impl CompiledPlan {
 
     /// Runs passes over a batch kernel by kernel and returns name and seconds of each kernel, in
     /// the order of execution, by the device's clock. Kernels do not overlap here, so the sum may
-    /// exceed the time of [`submit`](CompiledPlan::submit).
+    /// exceed the time of [`submit_passes`](CompiledPlan::submit_passes).
     ///
     /// # Errors
     /// [`GpuError::CommandFailed`] if the adapter has no timestamps, and the errors of
@@ -195,8 +195,8 @@ impl CompiledPlan {
         let clock = KernelTimer::new(&self.device, commands.len())?;
         let mut encoder = self.encoder();
         for (index, kernel) in commands.iter().enumerate() {
-            let mut pass = encoder.begin_compute_pass(&clock.timed_pass(index));
-            kernel.record(batch.samples, &mut pass);
+            let mut pass = encoder.begin_compute_pass(&clock.timed_pass_descriptor(index));
+            kernel.record_dispatch(batch.samples, &mut pass);
         }
         let seconds = clock.submit_and_read_seconds(&self.device, encoder)?;
         Ok(commands.iter().map(|c| c.label()).zip(seconds).collect())

@@ -1,6 +1,6 @@
 //! Kernel times by the device's own clock.
 
-use crate::gpu::device::Device;
+use crate::gpu::device::GpuDevice;
 use crate::gpu::error::GpuError;
 
 /// Number of bytes of a GPU timestamp.
@@ -15,7 +15,7 @@ pub(crate) struct KernelTimer {
 impl KernelTimer {
     /// Creates a timer of `kernels` GPU kernels; [`GpuError::CommandFailed`] if the adapter has no
     /// timestamps.
-    pub fn new(device: &Device, kernels: usize) -> Result<KernelTimer, GpuError> {
+    pub fn new(device: &GpuDevice, kernels: usize) -> Result<KernelTimer, GpuError> {
         let features = device.device.features();
         if !features.contains(wgpu::Features::TIMESTAMP_QUERY) {
             return Err(device.command_failed("the adapter has no timestamps"));
@@ -31,7 +31,7 @@ impl KernelTimer {
 
     /// Returns the descriptor of a compute pass that runs kernel `kernel` alone and writes its
     /// timestamps.
-    pub fn timed_pass(&self, kernel: usize) -> wgpu::ComputePassDescriptor<'_> {
+    pub fn timed_pass_descriptor(&self, kernel: usize) -> wgpu::ComputePassDescriptor<'_> {
         let first = 2 * kernel as u32;
         wgpu::ComputePassDescriptor {
             label: None,
@@ -46,7 +46,7 @@ impl KernelTimer {
     /// Submits the recorded GPU commands and returns the seconds of each kernel.
     pub fn submit_and_read_seconds(
         self,
-        device: &Device,
+        device: &GpuDevice,
         mut encoder: wgpu::CommandEncoder,
     ) -> Result<Vec<f64>, GpuError> {
         let size = BYTES * u64::from(self.count);

@@ -132,7 +132,7 @@ impl FusedChain {
     ) {
         let mut arena = Arena::new(scratch);
         let mut saved = Arena::new(arena.take_values(self.saved_len(samples)));
-        let rest = arena.rest();
+        let rest = arena.take_rest();
         let mut input = x;
         for (i, pair) in self.convs.windows(2).enumerate() {
             let own = pair[0].take_saved(samples, &mut saved);
@@ -163,7 +163,7 @@ impl FusedChain {
         let mut saved = arena.take_values(self.saved_len(samples));
         let mut output_gradient = arena.take_values(self.largest_map_len(samples));
         let mut input_gradient = arena.take_values(self.largest_map_len(samples));
-        let scratch = arena.rest();
+        let scratch = arena.take_rest();
         let mut dx = args.dx;
         for (i, fused) in self.convs.iter().enumerate().rev() {
             let patches = &fused.conv.patches;

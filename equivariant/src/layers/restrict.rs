@@ -39,7 +39,7 @@ impl Restrict {
     /// # Errors
     /// When the map is empty or the group is not a subgroup of that of its type.
     pub fn new(shape: Shape, group: Group) -> Result<Restrict, LayerError> {
-        LayerError::check_map("Restrict", shape, 0)?;
+        LayerError::check_feature_map("Restrict", shape, 0)?;
         if !group.is_subgroup_of(shape.fields.group()) {
             return Err(LayerError::InvalidSetting {
                 layer: "Restrict",

@@ -101,7 +101,7 @@ impl FoldedLines {
     /// Folds the rows of one image for a band of output lines: sums and differences of the rows of
     /// the taps t and k - 1 - t (see [`FoldedLines`]). Padding along x must be zero and stays so.
     #[inline(always)]
-    pub fn fold<T: Real, L: Lanes<T>, P: Pixel<T>>(
+    pub fn fold_image<T: Real, L: Lanes<T>, P: Pixel<T>>(
         &self,
         lanes: L,
         image: &[P],
@@ -127,9 +127,9 @@ impl FoldedLines {
         }
     }
 
-    /// Applies the transpose of [`fold`](FoldedLines::fold), which takes gradients of the folded
-    /// lines to the gradient of one image, and overwrites `image` with it.
-    pub fn fold_transpose<T: Real>(&self, lines: &[T], image: &mut [T]) {
+    /// Applies the transpose of [`fold_image`](FoldedLines::fold_image), which takes gradients of
+    /// the folded lines to the gradient of one image, and overwrites `image` with it.
+    pub fn fold_image_transpose<T: Real>(&self, lines: &[T], image: &mut [T]) {
         let len = self.row_len();
         image.fill(T::ZERO);
         for oy in 0..self.out_height {
@@ -249,7 +249,7 @@ impl<T: Real, L: Lanes<T>> LineGradient<'_, T, L> {
     /// Adds V blocks of the weight gradient of all window columns, K columns at a time, and returns
     /// V.
     #[inline(always)]
-    pub fn add_all_columns<const K: usize, const V: usize>(
+    pub fn add_column_gradient_blocks<const K: usize, const V: usize>(
         &self,
         columns: usize,
         dw: &mut [Block<T>],

@@ -196,7 +196,7 @@ impl PatchGeometry {
 
     /// Writes the positions of consecutive pixels in blocked images, in blocks.
     #[inline(always)]
-    pub fn write_pixel_blocks(&self, first: usize, places: &mut [usize]) {
+    pub fn write_block_offsets(&self, first: usize, places: &mut [usize]) {
         let pixels = self.pixel_starts.len();
         let (mut start, mut pixel) = (first / pixels * self.blocked_len(), first % pixels);
         for place in places {
@@ -237,9 +237,14 @@ impl PatchGeometry {
     /// Writes one image into `blocked` in the blocked layout. Padding and lanes without a
     /// channel must be zero and stay so.
     #[inline(always)]
-    pub fn write_blocked<T: Real, L: Lanes<T>>(&self, lanes: L, image: &[T], blocked: &mut [T]) {
+    pub fn write_blocked_image<T: Real, L: Lanes<T>>(
+        &self,
+        lanes: L,
+        image: &[T],
+        blocked: &mut [T],
+    ) {
         if let Some(lines) = &self.folded_lines {
-            return lines.fold(lanes, image, 0..lines.out_height, blocked);
+            return lines.fold_image(lanes, image, 0..lines.out_height, blocked);
         }
         let order = self.image_shape.fields.group().order();
         with_const_order!(G = order, self.write_blocked_groups::<T, G>(image, blocked));
@@ -279,12 +284,12 @@ impl PatchGeometry {
         }
     }
 
-    /// Applies the transpose of [`write_blocked`](PatchGeometry::write_blocked), which takes the
-    /// gradient of a blocked image to that of the image, and overwrites `image` with it.
+    /// Applies the transpose of [`write_blocked_image`](PatchGeometry::write_blocked_image), which
+    /// takes the gradient of a blocked image to that of the image, and overwrites `image` with it.
     #[inline(always)]
-    pub fn read_blocked<T: Real>(&self, blocked: &[T], image: &mut [T]) {
+    pub fn read_blocked_gradient<T: Real>(&self, blocked: &[T], image: &mut [T]) {
         if let Some(lines) = &self.folded_lines {
-            return lines.fold_transpose(blocked, image);
+            return lines.fold_image_transpose(blocked, image);
         }
         let order = self.image_shape.fields.group().order();
         with_const_order!(G = order, self.read_blocked_groups::<T, G>(blocked, image));

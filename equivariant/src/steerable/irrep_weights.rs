@@ -6,7 +6,7 @@ use faer::MatRef;
 use rand::Rng;
 use symmetry::{FieldType, Irrep};
 
-use crate::matrix::{ProductOperands, row_major, row_major_mut};
+use crate::matrix::{MatrixProductOperands, row_major, row_major_mut};
 use crate::real::{Real, fill_normal};
 
 /// Parameter layout and matrix products of an equivariant linear map with one weight matrix per
@@ -89,7 +89,7 @@ impl IrrepWeights {
             return;
         };
         let y = &mut y[self.out.channel_range(b).start..];
-        T::multiply_matrices(ProductOperands {
+        T::multiply_matrices(MatrixProductOperands {
             to: row_major_mut(y, [rows, n], self.out.dim()),
             add: true,
             a: x.view([rows, k]),
@@ -108,7 +108,7 @@ impl IrrepWeights {
         let Some([rows, k, n]) = self.sizes(b, dy.len()) else {
             return;
         };
-        T::multiply_matrices(ProductOperands {
+        T::multiply_matrices(MatrixProductOperands {
             to: row_major_mut(&mut dparams[self.weight_range(b)], [n, k], k),
             add: true,
             a: IrrepChannels::new(self.out, b, dy).view([rows, n]).transpose(),
@@ -127,7 +127,7 @@ impl IrrepWeights {
         stride: usize,
     ) {
         if let Some([rows, k, n]) = self.sizes(b, dy.len()) {
-            T::multiply_matrices(ProductOperands {
+            T::multiply_matrices(MatrixProductOperands {
                 to: row_major_mut(dx, [rows, k], stride),
                 add: false,
                 a: IrrepChannels::new(self.out, b, dy).view([rows, n]),

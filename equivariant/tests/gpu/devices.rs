@@ -1,6 +1,6 @@
 //! Adapters, limits and lost devices.
 
-use equivariant::gpu::{Device, GpuError, GpuLayer, available_adapters};
+use equivariant::gpu::{GpuDevice, GpuError, GpuLayer, available_gpu_adapters};
 use equivariant::{BackwardArgs, Group, Layer, LayerSignature, Relu, Scalar, Shape};
 
 fn relu() -> Relu {
@@ -9,7 +9,7 @@ fn relu() -> Relu {
 
 #[test]
 fn adapters_are_listed_with_their_limits() {
-    let adapters = available_adapters();
+    let adapters = available_gpu_adapters();
     assert!(!adapters.is_empty(), "no Vulkan driver is installed");
     for adapter in &adapters {
         assert_eq!(adapter.backend, "vulkan");
@@ -17,21 +17,21 @@ fn adapters_are_listed_with_their_limits() {
         let line = adapter.to_string();
         assert!(line.contains(&adapter.name) && line.contains("MiB a binding"), "{line}");
     }
-    let device = Device::open(None).unwrap();
+    let device = GpuDevice::open(None).unwrap();
     assert_eq!(device.adapter(), &adapters[0]);
 }
 
 #[test]
 fn an_adapter_that_is_not_there_is_refused_with_those_that_are() {
-    let error = Device::open(Some("abacus")).unwrap_err();
+    let error = GpuDevice::open(Some("abacus")).unwrap_err();
     let message = error.to_string();
     assert!(message.contains("got no adapter named `abacus`"), "{message}");
-    assert!(message.contains(&available_adapters()[0].name), "{message}");
+    assert!(message.contains(&available_gpu_adapters()[0].name), "{message}");
 }
 
 #[test]
 fn a_batch_that_the_adapter_cannot_hold_is_refused() {
-    let device = Device::open(None).unwrap();
+    let device = GpuDevice::open(None).unwrap();
     let samples = device.adapter().max_binding_bytes as usize / (4 * relu().in_shape().len()) + 1;
     let error = GpuLayer::new(&device, &relu(), samples).unwrap_err();
     let bytes = (samples * 4 * relu().in_shape().len()) as u64;
@@ -46,7 +46,7 @@ fn a_batch_that_the_adapter_cannot_hold_is_refused() {
 
 #[test]
 fn a_lost_device_is_an_error() {
-    let device = Device::open(None).unwrap();
+    let device = GpuDevice::open(None).unwrap();
     let mut network = GpuLayer::new(&device, &relu(), 1).unwrap();
     let x = vec![1.0; relu().in_shape().len()];
     network.forward(&x).unwrap();
@@ -56,7 +56,7 @@ fn a_lost_device_is_an_error() {
     assert!(lost(network.backward(&x).unwrap_err()));
     assert!(lost(GpuLayer::new(&device, &relu(), 1).unwrap_err()));
     // other devices are not affected
-    let other = Device::open(None).unwrap();
+    let other = GpuDevice::open(None).unwrap();
     GpuLayer::new(&other, &relu(), 1).unwrap().forward(&x).unwrap();
 }
 
@@ -93,7 +93,7 @@ impl<T: Scalar> Layer<T> for Foreign {
 
 #[test]
 fn a_layer_of_another_crate_is_refused_by_name() {
-    let device = Device::open(None).unwrap();
+    let device = GpuDevice::open(None).unwrap();
     let error = GpuLayer::new(&device, &Foreign, 1).unwrap_err();
     assert_eq!(error, GpuError::UnsupportedLayer { layer: "Foreign".to_owned() });
 }
@@ -103,7 +103,7 @@ fn a_layer_of_another_crate_is_refused_by_name() {
     expected = "got x of 4096 values, expected a multiple of 8192 above 0 and at most 2"
 )]
 fn half_a_sample_is_refused() {
-    let device = Device::open(None).unwrap();
+    let device = GpuDevice::open(None).unwrap();
     let mut network = GpuLayer::new(&device, &relu(), 2).unwrap();
     let _ = network.forward(&vec![0.0; relu().in_shape().len() / 2]);
 }

@@ -10,10 +10,10 @@ mod registry;
 
 use std::sync::OnceLock;
 
-use equivariant::gpu::Device;
+use equivariant::gpu::GpuDevice;
 
 /// Returns the device of most tests, which compiles every kernel once.
-fn device() -> &'static Device {
-    static DEVICE: OnceLock<Device> = OnceLock::new();
-    DEVICE.get_or_init(|| Device::open(None).unwrap())
+fn device() -> &'static GpuDevice {
+    static DEVICE: OnceLock<GpuDevice> = OnceLock::new();
+    DEVICE.get_or_init(|| GpuDevice::open(None).unwrap())
 }

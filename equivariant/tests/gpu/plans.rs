@@ -28,7 +28,7 @@ fn sums_of_maps_and_their_gradients_are_those_of_the_cpu() {
         program.write_floats(inputs[0].values, &x_a);
         program.write_floats(inputs[1].values, &x_b);
         program.write_floats(y.gradient.unwrap(), &dy);
-        program.submit(PassSelection::All, batch());
+        program.submit_passes(PassSelection::All, batch());
         let mut expected = vec![0.0; dy.len()];
         concat.forward(&x_a, &x_b, &mut expected);
         let [sum] = program.read_floats([(y.values, dy.len())]).unwrap();
@@ -59,7 +59,7 @@ fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
     for y in ends {
         program.write_floats(y.gradient.unwrap(), &dy);
     }
-    program.submit(PassSelection::All, batch());
+    program.submit_passes(PassSelection::All, batch());
     let slots = [x, first].map(|x| (x.gradient.unwrap(), SAMPLES * 8));
     let [sum, branch_gradient] = program.read_floats(slots).unwrap();
     assert!(branch_gradient.iter().any(|&d| d.abs() > 0.1));
@@ -86,7 +86,7 @@ fn a_kernel_of_somebody_else_sees_the_batch() {
     for (samples, start) in [(100, 7), (70, 20)] {
         let extra_numbers = [0.0, 0.0, 0.0, 0.5];
         let batch = BatchUniforms { samples, start, extra_numbers, ..BatchUniforms::default() };
-        program.submit(PassSelection::Backward, batch);
+        program.submit_passes(PassSelection::Backward, batch);
     }
     let [y] = program.read_floats([(y.values, 100)]).unwrap();
     assert_eq!([y[0], y[69], y[70], y[99]], [20.5, 89.5, 77.5, 106.5]);

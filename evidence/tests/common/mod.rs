@@ -10,14 +10,14 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::Irrep;
-use worlds::{TaskStream, Visit, World, WorldKind};
+use worlds::{GroupVisit, TaskStream, World, WorldKind};
 
 pub const HORIZON: usize = 12;
 const AXES: [Irrep; 2] = [Irrep::X, Irrep::Y];
 
 /// Shows groups of a world for some rounds each.
 pub fn stream(kind: WorldKind, seed: u64, visits: &[(usize, usize)], envs: usize) -> TaskStream {
-    let visits = visits.iter().map(|&(group, rounds)| Visit::new(group, rounds));
+    let visits = visits.iter().map(|&(group, rounds)| GroupVisit::new(group, rounds));
     let world = World::random(kind, seed);
     let stream = TaskStream::new(world, visits.collect(), envs).unwrap();
     stream.with_horizon(HORIZON)
@@ -92,12 +92,15 @@ pub fn assign(
     seen: &[EpisodeSummary],
     collector: usize,
 ) -> RolloutDecision {
-    recogniser.clone().assign(seen, RolloutContext::of_collector(collector), &mut rng()).unwrap()
+    recogniser
+        .clone()
+        .assign_rollout(seen, RolloutContext::collected_by_policy(collector), &mut rng())
+        .unwrap()
 }
 
 /// Context of a rollout that must be decided.
 pub fn must_decide(collector: usize) -> RolloutContext<'static> {
-    RolloutContext { allow_undecided: false, ..RolloutContext::of_collector(collector) }
+    RolloutContext { allow_undecided: false, ..RolloutContext::collected_by_policy(collector) }
 }
 
 /// Decision of a recogniser on a rollout that it must decide. It does not remember the rollout.
@@ -106,7 +109,7 @@ pub fn settle(
     seen: &[EpisodeSummary],
     collector: usize,
 ) -> RolloutDecision {
-    recogniser.clone().assign(seen, must_decide(collector), &mut rng()).unwrap()
+    recogniser.clone().assign_rollout(seen, must_decide(collector), &mut rng()).unwrap()
 }
 
 /// Review of a rollout by a recogniser, which does not remember the rollout.
@@ -115,7 +118,7 @@ pub fn review(
     seen: &[EpisodeSummary],
     context: RolloutContext,
 ) -> RolloutDecision {
-    recogniser.clone().review(seen, context, &mut rng()).unwrap()
+    recogniser.clone().review_policy(seen, context, &mut rng()).unwrap()
 }
 
 /// A recogniser of the groups 0, 1, ... of a world, each known from two rollouts of its own policy;

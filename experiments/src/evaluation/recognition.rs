@@ -16,7 +16,7 @@ use super::Evaluator;
 /// Numbers of episodes from whose first frames the learner must name the policy of a task group.
 /// With each number it is asked
 /// [`EvaluationPlan::recognition_repeats`](crate::EvaluationPlan::recognition_repeats) times.
-pub const RECOGNITION_EPISODES: [usize; 3] = [1, 4, 20];
+pub const RECOGNITION_EPISODE_COUNTS: [usize; 3] = [1, 4, 20];
 
 /// Number of the ChaCha stream for the seeds of shown episodes, next to that of the learner's
 /// draws.
@@ -24,7 +24,7 @@ const EPISODES: u64 = u64::MAX - 1;
 
 /// Number of times that a learner named one policy for a task variant whose frames it was shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Recognition {
+pub struct RecognitionCount {
     /// Task group whose episodes were shown.
     pub group: TaskGroup,
     /// Element of D2 (a flip, half turn or identity) that transforms the shown variant's scene.
@@ -51,23 +51,23 @@ impl Evaluator {
         learner: &mut dyn Learner,
         variant: TaskVariant,
         looks: usize,
-    ) -> Result<Vec<Recognition>, RunError> {
+    ) -> Result<Vec<RecognitionCount>, RunError> {
         let TaskVariant { group, element } = variant;
         self.labels.set(group.name());
-        self.stream.switch_to(group, &[element])?;
+        self.stream.switch_task_group(group, &[element])?;
         let mut seeds = ChaCha8Rng::seed_from_u64(self.seed);
         seeds.set_stream(EPISODES);
         let mut found = Vec::new();
-        for episodes in RECOGNITION_EPISODES {
+        for episodes in RECOGNITION_EPISODE_COUNTS {
             let mut answers: BTreeMap<Option<usize>, usize> = BTreeMap::new();
             for _ in 0..looks {
                 let seed: u64 = seeds.random();
                 self.stream.reseed(seed)?;
                 let rng = &mut super::recognition_rng(seed);
                 let answer = learner.recognise_policy(&mut self.stream, Some(episodes), rng)?;
-                *answers.entry(answer.accepted()).or_default() += 1;
+                *answers.entry(answer.accepted_policy()).or_default() += 1;
             }
-            found.extend(answers.into_iter().map(|(policy, times)| Recognition {
+            found.extend(answers.into_iter().map(|(policy, times)| RecognitionCount {
                 group,
                 element,
                 episodes_shown: episodes,

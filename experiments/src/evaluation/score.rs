@@ -10,11 +10,11 @@ use itertools::Itertools;
 
 /// Own policy of each group, by the group's name: the policy that served it in most of its training
 /// rollouts. [`RunStats`](crate::RunStats) counts them; learners never see the group's name.
-pub type OwnPolicies = BTreeMap<String, usize>;
+pub type OwnPolicyByGroup = BTreeMap<String, usize>;
 
 /// Results of the learner in one task variant, over the episodes of an evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Score {
+pub struct VariantScore {
     /// Task group of the variant.
     pub group: TaskGroup,
     /// Element of D2 (a flip, half turn or identity) that transforms the variant's scene.
@@ -50,9 +50,9 @@ pub struct PolicyScore {
     pub reward: f64,
 }
 
-impl Score {
+impl VariantScore {
     /// Returns `true` if the learner chose another policy than the group's own.
-    pub fn is_mismatch(&self) -> bool {
+    pub fn is_policy_mismatch(&self) -> bool {
         self.own_policy_score.is_some_and(|own| own.policy != self.policy)
     }
 }
@@ -80,13 +80,13 @@ pub struct GroupScore {
 }
 
 /// Averages the scores of the variants of each task group, in the order in which the groups appear.
-pub fn average_by_group(scores: &[Score]) -> Vec<GroupScore> {
+pub fn average_scores_by_group(scores: &[VariantScore]) -> Vec<GroupScore> {
     let groups: Vec<TaskGroup> = scores.iter().map(|score| score.group).unique().collect();
     let of = |group| scores.iter().filter(move |score| score.group == group);
     let summarise = |group| {
         let episodes: usize = of(group).map(|score| score.episodes).sum();
         let over_episodes = |sum: f64| sum / episodes.max(1) as f64;
-        let mean = |figure: fn(&Score) -> f64| {
+        let mean = |figure: fn(&VariantScore) -> f64| {
             over_episodes(of(group).map(|s| figure(s) * s.episodes as f64).sum())
         };
         let own_scores: Option<Vec<(PolicyScore, usize)>> =
@@ -115,7 +115,7 @@ pub fn average_by_group(scores: &[Score]) -> Vec<GroupScore> {
             success: mean(|score| score.success),
             success_at_end: mean(|score| score.success_at_end),
             reward: mean(|score| score.reward),
-            mismatches: of(group).filter(|score| score.is_mismatch()).count(),
+            mismatches: of(group).filter(|score| score.is_policy_mismatch()).count(),
             own_policy_score: own,
         }
     };
@@ -126,8 +126,8 @@ pub fn average_by_group(scores: &[Score]) -> Vec<GroupScore> {
 mod tests {
     use super::*;
 
-    fn score(group: TaskGroup, policy: usize, episodes: usize, success: f64) -> Score {
-        Score {
+    fn score(group: TaskGroup, policy: usize, episodes: usize, success: f64) -> VariantScore {
+        VariantScore {
             group,
             element: D2::Identity,
             seen_in_training: true,
@@ -148,24 +148,27 @@ mod tests {
             success_at_end: 0.0,
             reward: 400.0 * success,
         };
-        let with = |score: Score, scored| Score { own_policy_score: Some(scored), ..score };
+        let with =
+            |score: VariantScore, scored| VariantScore { own_policy_score: Some(scored), ..score };
         let reach = TaskGroup::GOAL_REACH;
         let right = with(score(reach, 2, 30, 1.0), own(2, 1.0));
         let wrong = with(score(reach, 0, 10, 0.0), own(2, 0.6));
-        assert!(wrong.is_mismatch() && !right.is_mismatch());
-        let [group] = &average_by_group(&[right.clone(), wrong])[..] else { panic!() };
+        assert!(wrong.is_policy_mismatch() && !right.is_policy_mismatch());
+        let [group] = &average_scores_by_group(&[right.clone(), wrong])[..] else { panic!() };
         assert_eq!((group.mismatches, group.success), (1, 0.75));
         let means = group.own_policy_score.unwrap();
         assert_eq!((means.policy, means.success), (2, 0.9));
         assert!((means.reward - 360.0).abs() < 1e-9, "{means:?}");
-        let [partial] = &average_by_group(&[right, score(reach, 2, 10, 0.0)])[..] else { panic!() };
+        let [partial] = &average_scores_by_group(&[right, score(reach, 2, 10, 0.0)])[..] else {
+            panic!()
+        };
         assert_eq!((partial.mismatches, partial.own_policy_score), (0, None));
     }
 
     #[test]
     fn a_group_is_the_mean_of_its_episodes() {
         let (reach, drawer) = (TaskGroup::GOAL_REACH, TaskGroup::DRAWER_CLOSE);
-        let groups = average_by_group(&[
+        let groups = average_scores_by_group(&[
             score(reach, 2, 30, 1.0),
             score(reach, 0, 10, 0.5),
             score(drawer, 1, 20, 0.25),

@@ -98,16 +98,16 @@ impl Learner for Spy {
 /// Returns the first observations that a learner sees when a run of this method and seed is scored
 /// twice, and then asked for its policies.
 fn shown(method: Method, seeds: [u64; 2], mut spy: Spy) -> Vec<Observations> {
-    let mut run = Budget::Smoke.experiment(method).with_seed(seeds[0]);
+    let mut run = Budget::Smoke.preset_experiment(method).with_seed(seeds[0]);
     run.schedule.groups.truncate(1);
     // methods have pictures of their own, and what is compared is what they show
     run.envs.camera = Camera::default();
     run.evaluation.seed = seeds[1];
-    let tasks = TaskRegistry::standard();
+    let tasks = TaskRegistry::with_standard();
     let labels = TaskLabel::default();
-    let mut evaluator = Evaluator::of_run(&run.with_threads(1), &tasks, labels).unwrap();
-    let [variant, ..] = evaluator.variants()[..] else { panic!() };
-    let none = OwnPolicies::default();
+    let mut evaluator = Evaluator::for_experiment(&run.with_threads(1), &tasks, labels).unwrap();
+    let [variant, ..] = evaluator.task_variants()[..] else { panic!() };
+    let none = OwnPolicyByGroup::default();
     for rounds in [1, 2] {
         let findings = &mut EvaluationResults::default();
         evaluator.score_variant(&mut spy, variant, &none, rounds, findings).unwrap();
@@ -152,14 +152,14 @@ fn what_the_learner_draws_is_not_what_places_the_episodes() {
 
 #[test]
 fn a_policy_that_has_not_changed_is_not_played_again() {
-    let run = Budget::Smoke.experiment(Method::Covers).with_threads(1);
-    let (tasks, labels) = (TaskRegistry::standard(), TaskLabel::default());
-    let mut evaluator = Evaluator::of_run(&run, &tasks, labels).unwrap();
-    let [first, second, ..] = evaluator.variants()[..] else { panic!() };
+    let run = Budget::Smoke.preset_experiment(Method::Covers).with_threads(1);
+    let (tasks, labels) = (TaskRegistry::with_standard(), TaskLabel::default());
+    let mut evaluator = Evaluator::for_experiment(&run, &tasks, labels).unwrap();
+    let [first, second, ..] = evaluator.task_variants()[..] else { panic!() };
     let mut spy = Spy::default();
     let mut plays = |parameters: Option<Vec<f32>>, variant, rounds| {
         (spy.parameters, spy.seen) = (parameters, Vec::new());
-        let (findings, none) = (&mut EvaluationResults::default(), OwnPolicies::default());
+        let (findings, none) = (&mut EvaluationResults::default(), OwnPolicyByGroup::default());
         evaluator.score_variant(&mut spy, variant, &none, rounds, findings).unwrap();
         assert_eq!(findings.scores.len(), 1);
         // the look before it is another one
@@ -181,10 +181,10 @@ fn a_policy_that_has_not_changed_is_not_played_again() {
 /// The learner always chooses policy 0.
 #[test]
 fn a_groups_own_policy_plays_the_same_episodes_where_another_one_was_chosen() {
-    let run = Budget::Smoke.experiment(Method::Covers).with_threads(1);
-    let (tasks, labels) = (TaskRegistry::standard(), TaskLabel::default());
-    let mut evaluator = Evaluator::of_run(&run, &tasks, labels).unwrap();
-    let variant = evaluator.variants()[0];
+    let run = Budget::Smoke.preset_experiment(Method::Covers).with_threads(1);
+    let (tasks, labels) = (TaskRegistry::with_standard(), TaskLabel::default());
+    let mut evaluator = Evaluator::for_experiment(&run, &tasks, labels).unwrap();
+    let variant = evaluator.task_variants()[0];
     let group = variant.group.name().to_owned();
     let mut score = |own: Option<usize>| {
         let own = own.map(|own| (group.clone(), own)).into_iter().collect();
@@ -202,7 +202,7 @@ fn a_groups_own_policy_plays_the_same_episodes_where_another_one_was_chosen() {
     let (wrong, played_both) = score(Some(1));
     assert_eq!(played_both, [0, 1]);
     let other_own = wrong.own_policy_score.unwrap();
-    assert!(wrong.is_mismatch() && !right.is_mismatch());
+    assert!(wrong.is_policy_mismatch() && !right.is_policy_mismatch());
     assert_eq!((wrong.policy, wrong.success), (0, 0.0));
     assert_eq!((other_own.policy, other_own.success, other_own.success_at_end), (1, 1.0, 0.0));
     assert!(other_own.reward > 0.0);

@@ -10,8 +10,8 @@ use super::*;
 fn every_preset_is_a_run_that_can_be_finished() {
     for method in Method::ALL {
         for budget in Budget::value_variants() {
-            let experiment = budget.experiment(method);
-            experiment.check(&TaskRegistry::all()).unwrap();
+            let experiment = budget.preset_experiment(method);
+            experiment.check(&TaskRegistry::with_all()).unwrap();
         }
         let option = method.to_possible_value().unwrap();
         assert_eq!(option.get_name(), method.name());
@@ -25,16 +25,16 @@ fn every_preset_is_a_run_that_can_be_finished() {
 #[test]
 fn all_budgets_but_that_of_the_table_show_close_ups() {
     for budget in Budget::value_variants() {
-        let camera = budget.experiment(Method::Covers).envs.camera;
+        let camera = budget.preset_experiment(Method::Covers).envs.camera;
         let table = *budget == Budget::TableProtocol;
         assert_eq!(camera == Camera::default(), table, "{budget:?}");
         assert_eq!(camera.extra_views == ExtraView::CloseUp, !table);
     }
     for method in [Method::Clear, Method::ThreeRl, Method::CoversRandomised] {
-        let camera = Budget::Full.experiment(method).envs.camera;
+        let camera = Budget::Full.preset_experiment(method).envs.camera;
         assert_eq!(camera, Camera::default(), "{method:?}");
     }
-    let paper = |budget: Budget| budget.experiment(Method::Paper).envs;
+    let paper = |budget: Budget| budget.preset_experiment(Method::Paper).envs;
     assert_eq!(paper(Budget::TableProtocol), paper(Budget::Full));
     assert_eq!(paper(Budget::Full).camera.size, PAPER_PICTURES);
 }
@@ -43,7 +43,7 @@ fn all_budgets_but_that_of_the_table_show_close_ups() {
 /// variant".
 #[test]
 fn the_budget_of_the_table_is_the_same_for_all_methods() {
-    let of = |method| Budget::TableProtocol.experiment(method);
+    let of = |method| Budget::TableProtocol.preset_experiment(method);
     let covers = of(Method::Covers);
     for method in Method::ALL {
         let run = of(method);
@@ -57,7 +57,7 @@ fn the_budget_of_the_table_is_the_same_for_all_methods() {
         );
     }
     let decisions = |budget: Budget| {
-        let schedule = budget.experiment(Method::Covers).schedule;
+        let schedule = budget.preset_experiment(Method::Covers).schedule;
         schedule.total_decisions()
     };
     assert_eq!(decisions(Budget::TableProtocol), 204_000);
@@ -67,7 +67,10 @@ fn the_budget_of_the_table_is_the_same_for_all_methods() {
     assert_eq!(decisions(Budget::Ten), 886_000);
     assert_eq!(decisions(Budget::Mt10), 1_000_000);
     assert_eq!(decisions(Budget::All), 1_370_000);
-    assert_eq!(Budget::Full.experiment(Method::CoversSac).schedule.total_decisions(), 63_000);
+    assert_eq!(
+        Budget::Full.preset_experiment(Method::CoversSac).schedule.total_decisions(),
+        63_000
+    );
 }
 
 /// Streams of many groups visit each twice, in an order that the seed draws, and rollouts of two
@@ -75,12 +78,12 @@ fn the_budget_of_the_table_is_the_same_for_all_methods() {
 #[test]
 fn streams_of_many_groups_follow_the_seed_and_switch_within_rollouts() {
     let budgets = [
-        (Budget::Ten, &TaskGroup::TEN[..]),
+        (Budget::Ten, &TaskGroup::TEN_GROUPS[..]),
         (Budget::Mt10, &TaskGroup::MT10),
         (Budget::All, &TaskGroup::ALL),
     ];
     for (budget, groups) in budgets {
-        let run = budget.experiment(Method::Paper);
+        let run = budget.preset_experiment(Method::Paper);
         let rollout = run.learner.rollout_steps();
         let orders = [1, 2].map(|seed| {
             let rng = &mut ChaCha8Rng::seed_from_u64(seed);
@@ -101,17 +104,17 @@ fn streams_of_many_groups_follow_the_seed_and_switch_within_rollouts() {
 fn settings_tell_the_method_and_settings_of_ones_own_are_none() {
     for method in Method::ALL {
         for budget in Budget::value_variants() {
-            let mut run = budget.experiment(method).with_seed(7).with_threads(3);
+            let mut run = budget.preset_experiment(method).with_seed(7).with_threads(3);
             run.schedule.cycles += 1;
             run.checkpoints.keep = 7;
-            assert_eq!(Method::of_run(&run), Some(method));
-            let other = run.clone().with_embodiment(envs::Embodiment::HAND);
-            assert_eq!(Method::of_run(&other), None);
+            assert_eq!(Method::from_experiment(&run), Some(method));
+            let other = run.clone().with_embodiment(envs::Embodiment::FLOATING_HAND);
+            assert_eq!(Method::from_experiment(&other), None);
             match &mut run.learner {
                 LearnerSettings::Covers(settings) => settings.ppo.gamma = 0.5,
                 LearnerSettings::OffPolicy(settings) => settings.sac.gamma = 0.5,
             }
-            assert_eq!(Method::of_run(&run), None);
+            assert_eq!(Method::from_experiment(&run), None);
         }
     }
 }
@@ -119,8 +122,8 @@ fn settings_tell_the_method_and_settings_of_ones_own_are_none() {
 #[test]
 fn the_slim_network_has_as_many_parameters_as_the_equivariant_one() {
     let parameters = |method: Method| {
-        let experiment = Budget::TableProtocol.experiment(method);
-        let spec = crate::stream::Stream::env_spec(&experiment.envs);
+        let experiment = Budget::TableProtocol.preset_experiment(method);
+        let spec = crate::stream::SwitchableVecEnv::env_spec(&experiment.envs);
         let network = &method.covers().network;
         let network = rl::ActorCritic::<f32>::new(network, &spec).unwrap();
         network.num_params() as f64
@@ -134,9 +137,9 @@ fn the_slim_network_has_as_many_parameters_as_the_equivariant_one() {
 #[test]
 fn randomised_pictures_without_close_ups_are_all_that_a_preset_changes() {
     for budget in Budget::value_variants() {
-        let mut run = budget.experiment(Method::CoversRandomised);
-        assert_eq!(run.envs.randomisation, Some(DomainRandomisation::NOMINAL));
-        let covers = budget.experiment(Method::Covers);
+        let mut run = budget.preset_experiment(Method::CoversRandomised);
+        assert_eq!(run.envs.randomisation, Some(DomainRandomisation::NOMINAL_RANDOMISATION));
+        let covers = budget.preset_experiment(Method::Covers);
         run.envs = run.envs.without_randomisation();
         run.envs.camera = covers.envs.camera;
         assert_eq!(run, covers);

@@ -1,7 +1,7 @@
 //! Fuzz target of camera calibrations.
 
 use allocation_counter::opt_out;
-use covers::deploy::CalibrationFile;
+use covers::deploy::CameraCalibrationFile;
 
 use super::{Reading, Target, accepted, measured, texts};
 
@@ -11,7 +11,7 @@ pub const CALIBRATION: Target =
 fn read(input: &[u8]) -> Option<Reading> {
     let text = str::from_utf8(input).ok()?;
     measured(|| {
-        let calibration = CalibrationFile::parse(text);
+        let calibration = CameraCalibrationFile::parse(text);
         if let Ok(calibration) = &calibration {
             opt_out(|| assert!(calibration.check().is_ok(), "{text}"));
         }

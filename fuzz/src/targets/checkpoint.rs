@@ -3,7 +3,9 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
-use covers::{CheckpointExtent, Covers, Learner, LearnerSettings, OffPolicy, TaskLabel};
+use covers::{
+    CheckpointExtent, CoversLearner, Learner, LearnerSettings, OffPolicyLearner, TaskLabel,
+};
 use rl::{EnvSpec, VectorEnv};
 use serde_json::Value;
 
@@ -54,8 +56,8 @@ fn small_settings(like: &LearnerSettings, envelope: &str) -> Option<LearnerSetti
 
 fn by_its_own_settings(settings: &LearnerSettings, path: &Path, spec: &EnvSpec) -> bool {
     match settings {
-        LearnerSettings::Covers(_) => accepted(Covers::load(path, spec)),
-        LearnerSettings::OffPolicy(_) => accepted(OffPolicy::load(path, spec)),
+        LearnerSettings::Covers(_) => accepted(CoversLearner::load(path, spec)),
+        LearnerSettings::OffPolicy(_) => accepted(OffPolicyLearner::load(path, spec)),
     }
 }
 

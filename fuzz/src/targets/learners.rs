@@ -5,8 +5,8 @@ use covers::{
     RolloutHandover,
 };
 use rl::{
-    BoxedEnvError, ContextSettings, CriticSettings, EncoderSettings, EnvSpec, NetworkSettings,
-    Observations, PpoSettings, SacSettings, StepOutcome, Transition, VectorEnv,
+    BoxedEnvError, CriticSettings, EncoderSettings, EnvSpec, NetworkSettings, Observations,
+    PpoSettings, RecurrentContextSettings, SacSettings, StepOutcome, Transition, VectorEnv,
 };
 use symmetry::Irrep;
 
@@ -46,7 +46,7 @@ fn with_replays() -> [OffPolicySettings; 3] {
     [
         grouped(GroupingSettings::Single),
         OffPolicySettings {
-            context: Some(ContextSettings { size: 4, length: 2 }),
+            context: Some(RecurrentContextSettings { size: 4, length: 2 }),
             ..grouped(THRESHOLD)
         },
         OffPolicySettings { still_channels: 0, ..grouped(evidence()) },

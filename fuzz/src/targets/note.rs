@@ -61,7 +61,7 @@ fn notes() -> Vec<Vec<u8>> {
 
 fn note(method: Method, ledger: &RunStats, due: usize, metrics: &str, scores: &str) -> Value {
     json!({
-        "experiment": Budget::Smoke.experiment(method),
+        "experiment": Budget::Smoke.preset_experiment(method),
         "note": {
             "ledger": ledger,
             "due": due,

@@ -2,7 +2,7 @@
 //! not a failure.
 
 use covers::{Experiment, LearnerSettings};
-use rl::{ContextSettings, CriticSettings, EncoderSettings, NetworkSettings};
+use rl::{CriticSettings, EncoderSettings, NetworkSettings, RecurrentContextSettings};
 
 /// Returns the smallest network for images of 16 x 16 pixels or multiples.
 pub fn small_network() -> NetworkSettings {
@@ -37,7 +37,7 @@ fn has_small_context(learner: &LearnerSettings) -> bool {
     let LearnerSettings::OffPolicy(settings) = learner else {
         return true;
     };
-    let is_small = |context: ContextSettings| context.size <= 32 && context.length <= 8;
+    let is_small = |context: RecurrentContextSettings| context.size <= 32 && context.length <= 8;
     settings.context.is_none_or(is_small)
 }
 

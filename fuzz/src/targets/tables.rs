@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
-use covers::experiments::timings::{TimingSums, first_rows};
+use covers::experiments::timings::{TimingSums, first_timing_rows};
 use covers::presets::{Budget, Method};
 use covers::report::Report;
 use covers::{CoversError, RunData, RunFolder};
@@ -25,7 +25,7 @@ const NAMES: [&str; 6] = [
 static RUN: LazyLock<PathBuf> = LazyLock::new(|| {
     let runs = own_path("tables");
     let folder = RunFolder::create(&runs, "covers-seed0").and_then(|folder| {
-        folder.write_experiment(&Budget::Smoke.experiment(Method::Covers))?;
+        folder.write_experiment(&Budget::Smoke.preset_experiment(Method::Covers))?;
         Ok(folder)
     });
     let folder = folder.unwrap_or_else(|error| panic!("{}: {error}", runs.display()));
@@ -55,8 +55,8 @@ fn read(input: &[u8]) -> Option<Reading> {
 
 /// Checks the rows of timings that a resumed run keeps.
 fn go_on(table: &[u8]) {
-    let kept = first_rows(table, 2);
-    assert_eq!(first_rows(kept.as_bytes(), 2), kept);
+    let kept = first_timing_rows(table, 2);
+    assert_eq!(first_timing_rows(kept.as_bytes(), 2), kept);
     let known = TimingSums::of_table(kept.as_bytes());
     let rate = known.decisions_per_second();
     assert!(rate.is_none_or(|rate| !rate.is_nan()));

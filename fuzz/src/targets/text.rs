@@ -8,8 +8,8 @@ use std::sync::LazyLock;
 
 use allocation_counter::opt_out;
 use clap::{CommandFactory, FromArgMatches, Subcommand};
-use covers::check::Check;
-use covers::cli::{StreamOptions, TrainOptions};
+use covers::check::CheckCommand;
+use covers::cli::{ContinualStreamOptions, TrainOptions};
 use covers::commands::LearnerCommand;
 use covers::presets::{Budget, Method};
 use covers::{Experiment, LearnerSettings, SettingOverride};
@@ -67,7 +67,7 @@ fn read_settings(input: &[u8]) -> Option<Reading> {
 
 /// Asserts that settings are either refused, or survive a round trip through text.
 fn check(experiment: &Experiment) {
-    if !is_small(experiment) || experiment.check(&TaskRegistry::all()).is_err() {
+    if !is_small(experiment) || experiment.check(&TaskRegistry::with_all()).is_err() {
         return;
     }
     let text = serde_json::to_string(experiment).unwrap_or_default();
@@ -80,7 +80,7 @@ fn check(experiment: &Experiment) {
 
 fn settings() -> Vec<Vec<u8>> {
     let experiments = Method::ALL.map(|method| {
-        let mut experiment = Budget::Smoke.experiment(method);
+        let mut experiment = Budget::Smoke.preset_experiment(method);
         let network = match &mut experiment.learner {
             LearnerSettings::Covers(settings) => &mut settings.network,
             LearnerSettings::OffPolicy(settings) => &mut settings.network,
@@ -99,7 +99,7 @@ pub const OVERRIDES: Target =
 /// the target's constant.
 fn read_overrides(input: &[u8]) -> Option<Reading> {
     static EXPERIMENT: LazyLock<Experiment> = LazyLock::new(|| {
-        let mut experiment = Budget::Smoke.experiment(Method::Covers);
+        let mut experiment = Budget::Smoke.preset_experiment(Method::Covers);
         experiment.schedule.groups.truncate(1);
         experiment
     });
@@ -125,8 +125,8 @@ fn overrides() -> Vec<Vec<u8>> {
 thread_local! {
     static COMMANDS: RefCell<[clap::Command; 2]> = RefCell::new([
         LearnerCommand::augment_subcommands(clap::Command::new("covers"))
-            .subcommand(Check::augment_subcommands(clap::Command::new("check"))),
-        StreamOptions::command(),
+            .subcommand(CheckCommand::augment_subcommands(clap::Command::new("check"))),
+        ContinualStreamOptions::command(),
     ]);
 }
 
@@ -150,7 +150,7 @@ fn read_command_line(input: &[u8]) -> Option<Reading> {
 fn reads_stream(stream: &mut clap::Command, arguments: &[OsString]) -> bool {
     let matches = stream.try_get_matches_from_mut(arguments);
     if let Ok(matches) = &matches {
-        assert!(StreamOptions::from_arg_matches(matches).is_ok());
+        assert!(ContinualStreamOptions::from_arg_matches(matches).is_ok());
     }
     accepted(matches)
 }

@@ -27,7 +27,7 @@ impl NormalEquations {
     }
 
     /// Adds an equation of the least-squares problem: `row` times the unknowns is `value`.
-    pub fn add(&mut self, row: &Vector, value: f64) {
+    pub fn add_equation(&mut self, row: &Vector, value: f64) {
         for (i, left) in row.iter().enumerate().take(self.free) {
             self.right[i] += left * value;
             for (sum, right) in self.matrix[i].iter_mut().zip(row) {
@@ -140,7 +140,7 @@ mod tests {
         for free in [6, 9, 10] {
             let mut equations = NormalEquations::new(free);
             for row in rows() {
-                equations.add(&row, dot(&row, &known, free));
+                equations.add_equation(&row, dot(&row, &known, free));
             }
             let solved = equations.solve(0.0).unwrap();
             for (i, (value, wanted)) in solved.into_iter().zip(known).enumerate() {
@@ -155,7 +155,7 @@ mod tests {
     fn variances_are_the_inverse_of_the_matrix() {
         let mut equations = NormalEquations::new(6);
         for row in rows() {
-            equations.add(&row, 0.0);
+            equations.add_equation(&row, 0.0);
         }
         let variances = equations.variances().unwrap();
         for (i, variance) in variances.into_iter().enumerate() {
@@ -174,7 +174,7 @@ mod tests {
         let mut equations = NormalEquations::new(6);
         for mut row in rows() {
             row[1] = 2.0 * row[0];
-            equations.add(&row, 1.0);
+            equations.add_equation(&row, 1.0);
         }
         assert_eq!(equations.variances(), None);
         assert_eq!(NormalEquations::new(6).solve(1.0), None);

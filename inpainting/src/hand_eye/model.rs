@@ -4,17 +4,17 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::calibration::Calibration;
+use crate::calibration::CameraCalibration;
 use crate::camera::{Extrinsics, require_valid_coordinates};
 use crate::error::{InpaintingError, require_that};
 
 use super::equations::{NormalEquations, UNKNOWNS, Vector};
 
 /// Returns the camera rotated by `quarters` quarter turns about its optical axis.
-pub(super) fn rotated(calibration: &Calibration, quarters: usize) -> Calibration {
+pub(super) fn rotated(calibration: &CameraCalibration, quarters: usize) -> CameraCalibration {
     let turn = DMat3::from_rotation_z(quarters as f64 * FRAC_PI_2);
     let Extrinsics { rotation, translation } = calibration.extrinsics;
-    Calibration {
+    CameraCalibration {
         extrinsics: Extrinsics { rotation: turn * rotation, translation: turn * translation },
         ..*calibration
     }
@@ -23,7 +23,7 @@ pub(super) fn rotated(calibration: &Calibration, quarters: usize) -> Calibration
 /// Estimate of the unknowns of a hand-eye calibration, and its residuals.
 #[derive(Clone, Debug)]
 pub(super) struct HandEyeFit<'a> {
-    calibration: Calibration,
+    calibration: CameraCalibration,
     settings: HandEyeSettings,
     /// Estimate of the ball's offset in the hand; the given one if it is known.
     guess: DVec3,
@@ -37,13 +37,13 @@ impl<'a> HandEyeFit<'a> {
     /// Creates the first estimate, with an unknown offset at zero and the focal lengths as given;
     /// `None` if a ball would be out of sight.
     pub fn new(
-        calibration: Calibration,
+        calibration: CameraCalibration,
         settings: HandEyeSettings,
         sightings: &'a [BallSighting],
     ) -> Option<Self> {
         let guess = match settings.ball_offset {
-            BallOffset::Known(offset) => offset,
-            BallOffset::Unknown => DVec3::ZERO,
+            BallOffsetInHand::Known(offset) => offset,
+            BallOffsetInHand::Unknown => DVec3::ZERO,
         };
         let settings = HandEyeSettings { estimate_focal_length: false, ..settings };
         Self::at(calibration, settings, guess, sightings)
@@ -51,14 +51,15 @@ impl<'a> HandEyeFit<'a> {
 
     /// Creates an estimate with its residuals; `None` if a ball would be out of sight.
     fn at(
-        calibration: Calibration,
+        calibration: CameraCalibration,
         settings: HandEyeSettings,
         guess: DVec3,
         sightings: &'a [BallSighting],
     ) -> Option<Self> {
         let residual = |sighting: &BallSighting| {
             let ball = sighting.hand_position + sighting.hand_rotation * guess;
-            let [column, row] = calibration.project_direction(ball - calibration.position())?;
+            let [column, row] =
+                calibration.project_direction(ball - calibration.camera_position())?;
             Some([sighting.ball_pixel[0] - column, sighting.ball_pixel[1] - row])
         };
         let residuals = sightings.iter().map(residual).collect::<Option<Vec<_>>>()?;
@@ -74,12 +75,12 @@ impl<'a> HandEyeFit<'a> {
     }
 
     /// Returns the camera that was fitted.
-    pub fn calibration(&self) -> Calibration {
+    pub fn calibration(&self) -> CameraCalibration {
         self.calibration
     }
 
     /// Returns the ball's offset in the hand (metres).
-    pub fn offset(&self) -> DVec3 {
+    pub fn ball_offset(&self) -> DVec3 {
         self.guess
     }
 
@@ -100,7 +101,7 @@ impl<'a> HandEyeFit<'a> {
 
     /// Returns a copy of the fit in which the ball's offset is held at its estimate.
     pub fn with_known_offset(&self) -> Self {
-        let offset = BallOffset::Known(self.guess);
+        let offset = BallOffsetInHand::Known(self.guess);
         Self { settings: HandEyeSettings { ball_offset: offset, ..self.settings }, ..self.clone() }
     }
 
@@ -115,16 +116,16 @@ impl<'a> HandEyeFit<'a> {
 
     /// Returns the index of the focal length among the unknowns: after the camera's rotation and
     /// position, and the offset if it is unknown.
-    pub fn focal_index(&self) -> usize {
+    pub fn focal_length_index(&self) -> usize {
         match self.settings.ball_offset {
-            BallOffset::Known(_) => 6,
-            BallOffset::Unknown => 9,
+            BallOffsetInHand::Known(_) => 6,
+            BallOffsetInHand::Unknown => 9,
         }
     }
 
     /// Returns the number of unknowns that are not held.
     fn free(&self) -> usize {
-        self.focal_index() + usize::from(self.settings.estimate_focal_length)
+        self.focal_length_index() + usize::from(self.settings.estimate_focal_length)
     }
 
     /// Returns the degrees of freedom of the residuals: the number of equations less that of the
@@ -146,7 +147,7 @@ impl<'a> HandEyeFit<'a> {
         let rows = seen.flat_map(|(sighting, residual)| {
             self.rows(sighting, *residual).into_iter().zip(*residual)
         });
-        rows.for_each(|(row, value)| equations.add(&row, value));
+        rows.for_each(|(row, value)| equations.add_equation(&row, value));
         equations
     }
 
@@ -169,7 +170,8 @@ impl<'a> HandEyeFit<'a> {
             if self.settings.estimate_focal_length {
                 // the expected pixel relative to the principal point, which scales with the focal
                 // length
-                row[self.focal_index()] = sighting.ball_pixel[axis] - residual[axis] - centre[axis];
+                row[self.focal_length_index()] =
+                    sighting.ball_pixel[axis] - residual[axis] - centre[axis];
             }
             row
         })
@@ -181,31 +183,31 @@ impl<'a> HandEyeFit<'a> {
         let turn = DQuat::from_scaled_axis(DVec3::from_slice(&step[..3]));
         let old = DQuat::from_mat3(&self.calibration.extrinsics.rotation);
         let rotation = DMat3::from_quat((turn * old).normalize());
-        let position = self.calibration.position() + DVec3::from_slice(&step[3..6]);
-        let mut calibration = Calibration {
+        let position = self.calibration.camera_position() + DVec3::from_slice(&step[3..6]);
+        let mut calibration = CameraCalibration {
             extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
             ..self.calibration
         };
         if self.settings.estimate_focal_length {
-            let growth = step[self.focal_index()].exp();
+            let growth = step[self.focal_length_index()].exp();
             calibration.intrinsics.focal_lengths =
                 calibration.intrinsics.focal_lengths.map(|f| growth * f);
         }
         let guess = match self.settings.ball_offset {
-            BallOffset::Known(offset) => offset,
-            BallOffset::Unknown => self.guess + DVec3::from_slice(&step[6..9]),
+            BallOffsetInHand::Known(offset) => offset,
+            BallOffsetInHand::Unknown => self.guess + DVec3::from_slice(&step[6..9]),
         };
         Self::at(calibration, self.settings, guess, self.sightings)
     }
 
     /// Returns the residual of the ball in each arm pose.
-    pub fn residuals(&self) -> Vec<Residual> {
+    pub fn residuals(&self) -> Vec<BallResidual> {
         let pairs = self.sightings.iter().zip(&self.residuals);
         let residual = |(sighting, [right, down]): (&BallSighting, &[f64; 2])| {
             let [column, row] = sighting.ball_pixel;
             let expected = [column - right, row - down];
             let points = [sighting.ball_pixel, expected].map(|pixel| self.on_table(pixel));
-            Residual {
+            BallResidual {
                 pose_number: sighting.pose_number,
                 distance_px: right.hypot(*down),
                 table_distance_m: match points {
@@ -220,7 +222,8 @@ impl<'a> HandEyeFit<'a> {
     /// Returns the point at which the line of sight of a pixel meets the plane z = 0. `None` if it
     /// does not.
     fn on_table(&self, pixel: [f64; 2]) -> Option<DVec3> {
-        let (eye, ray) = (self.calibration.position(), self.calibration.direction_of_pixel(pixel)?);
+        let (eye, ray) =
+            (self.calibration.camera_position(), self.calibration.direction_of_pixel(pixel)?);
         let part = -eye.z / ray.z;
         (part.is_finite() && part > 0.0).then(|| eye + part * ray)
     }
@@ -237,7 +240,7 @@ impl<'a> HandEyeFit<'a> {
 
     /// Returns the residual of each arm pose, and the largest one (pixels) that counts as noise
     /// there.
-    pub fn residuals_with_limits(&self) -> impl Iterator<Item = (Residual, f64)> {
+    pub fn residuals_with_limits(&self) -> impl Iterator<Item = (BallResidual, f64)> {
         let limits = self.sightings.iter().map(|sighting| self.limit(sighting));
         self.residuals().into_iter().zip(limits)
     }
@@ -258,7 +261,7 @@ pub(super) const OUTLINE_SD: f64 = 0.2;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandEyeSettings {
     /// Position of the ball in the hand's frame.
-    pub ball_offset: BallOffset,
+    pub ball_offset: BallOffsetInHand,
     /// Standard deviation (metres) of the ball's position by the arm's joints. Residuals of four of
     /// these, projected into the picture, count as noise.
     pub arm_position_sd: f64,
@@ -276,15 +279,17 @@ impl HandEyeSettings {
         let expected = "at most 0.1 metres and at least 1e-6 (`--arm-accuracy` is in millimetres)";
         require_that((1e-6..=0.1).contains(&accuracy), "accuracy of the arm", &accuracy, expected)?;
         match self.ball_offset {
-            BallOffset::Known(offset) => require_valid_coordinates("offset of the ball", offset),
-            BallOffset::Unknown => Ok(()),
+            BallOffsetInHand::Known(offset) => {
+                require_valid_coordinates("offset of the ball", offset)
+            }
+            BallOffsetInHand::Unknown => Ok(()),
         }
     }
 }
 
-impl From<BallOffset> for HandEyeSettings {
+impl From<BallOffsetInHand> for HandEyeSettings {
     /// Returns the settings for an arm that is accurate to 2.5 mm and for given focal lengths.
-    fn from(ball_offset: BallOffset) -> Self {
+    fn from(ball_offset: BallOffsetInHand) -> Self {
         Self { ball_offset, arm_position_sd: 0.0025, estimate_focal_length: false }
     }
 }
@@ -304,7 +309,7 @@ pub struct BallSighting {
 
 /// Position of the ball in the hand's frame (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum BallOffset {
+pub enum BallOffsetInHand {
     /// Known offset of the ball in the hand's frame (metres).
     Known(DVec3),
     /// Offset that is solved for, which requires poses in which the hand turns about two axes.
@@ -313,7 +318,7 @@ pub enum BallOffset {
 
 /// Distance of the ball in one arm pose from its expected position.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Residual {
+pub struct BallResidual {
     /// Number of the arm pose.
     pub pose_number: usize,
     /// Distance between seen and expected ball in the picture (pixels).

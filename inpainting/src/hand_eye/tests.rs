@@ -5,22 +5,22 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 use crate::camera::{Extrinsics, Intrinsics};
-use crate::distortion::Distortion;
+use crate::distortion::LensDistortion;
 use crate::sensor::standard_normal;
 
-fn camera(position: DVec3, turn: DVec3, distortion: Distortion) -> Calibration {
+fn camera(position: DVec3, turn: DVec3, distortion: LensDistortion) -> CameraCalibration {
     let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
     let rotation = turn * Extrinsics::overhead(0.0).rotation;
-    Calibration {
+    CameraCalibration {
         intrinsics: Intrinsics::REALSENSE_D435,
         distortion,
         extrinsics: Extrinsics { rotation, translation: -(rotation * position) },
     }
 }
 
-fn plain() -> Calibration {
+fn plain() -> CameraCalibration {
     let position = DVec3::new(0.03, -0.05, 1.5);
-    camera(position, DVec3::new(0.04, -0.02, 0.1), Distortion::NONE)
+    camera(position, DVec3::new(0.04, -0.02, 0.1), LensDistortion::NO_DISTORTION)
 }
 
 const OFFSET: DVec3 = DVec3::new(0.1, 0.02, -0.15);
@@ -36,23 +36,27 @@ fn hands(count: usize) -> Vec<(DVec3, DQuat)> {
     (0..count).map(hand).collect()
 }
 
-fn sightings(camera: &Calibration, offset: DVec3, hands: &[(DVec3, DQuat)]) -> Vec<BallSighting> {
+fn sightings(
+    camera: &CameraCalibration,
+    offset: DVec3,
+    hands: &[(DVec3, DQuat)],
+) -> Vec<BallSighting> {
     let sighting = |(pose, &(position, rotation)): (usize, &(DVec3, DQuat))| BallSighting {
         pose_number: pose,
         hand_position: position,
         hand_rotation: rotation,
         ball_pixel: camera
-            .project_direction(position + rotation * offset - camera.position())
+            .project_direction(position + rotation * offset - camera.camera_position())
             .unwrap(),
     };
     hands.iter().enumerate().map(sighting).collect()
 }
 
 /// Returns the differences of two cameras: of positions (metres), and of angles about their axes.
-fn apart(found: &Calibration, truth: &Calibration) -> [DVec3; 2] {
+fn apart(found: &CameraCalibration, truth: &CameraCalibration) -> [DVec3; 2] {
     let turn = found.extrinsics.rotation * truth.extrinsics.rotation.transpose();
     let angles = DQuat::from_mat3(&turn).to_scaled_axis();
-    [found.position() - truth.position(), angles]
+    [found.camera_position() - truth.camera_position(), angles]
 }
 
 fn vector(most: f64) -> impl Strategy<Value = DVec3> {
@@ -72,12 +76,12 @@ proptest! {
         offset in vector(0.15),
         known in prop::bool::ANY,
     ) {
-        let lens = Distortion::brown_conrady([radial, -radial], [tangential; 2]);
+        let lens = LensDistortion::brown_conrady([radial, -radial], [tangential; 2]);
         let place = place + 1.6 * DVec3::Z;
         let truth = camera(place, turn, lens);
         let start = rotated(&camera(place + off, turn + twist, lens), quarters);
         let seen = sightings(&truth, offset, &hands(12));
-        let offset_given = if known { BallOffset::Known(offset) } else { BallOffset::Unknown };
+        let offset_given = if known { BallOffsetInHand::Known(offset) } else { BallOffsetInHand::Unknown };
         let found = HandEyeCalibration::solve(&start, offset_given, &seen).unwrap();
         let [position, angle] = apart(&found.calibration, &truth);
         prop_assert!(position.length() < 1e-6, "{position}");
@@ -97,7 +101,8 @@ fn errors_are_as_large_as_the_uncertainty_says() {
     let exact = sightings(&truth, OFFSET, &hands(15));
     let mut rng = ChaCha8Rng::seed_from_u64(1000);
     let mut all_alarms = 0;
-    for (offset, free) in [(BallOffset::Known(OFFSET), 6.0), (BallOffset::Unknown, 9.0)] {
+    for (offset, free) in [(BallOffsetInHand::Known(OFFSET), 6.0), (BallOffsetInHand::Unknown, 9.0)]
+    {
         let (mut squares, mut alarms) = ([DVec3::ZERO; 3], 0);
         for _ in 0..TRIALS {
             let mut seen = exact.clone();
@@ -163,7 +168,7 @@ fn calibration_poses() -> Vec<(DVec3, DQuat)> {
 
 /// Counts the draws, of 20 with a noise of 0.1 pixels, in which a focal length with a relative
 /// error is rejected.
-fn refused(part: f64, offset: BallOffset) -> usize {
+fn refused(part: f64, offset: BallOffsetInHand) -> usize {
     let truth = plain();
     let mut start = truth;
     start.intrinsics.focal_lengths =
@@ -198,7 +203,7 @@ const BALL: DVec3 = DVec3::new(0.0, 0.13, 0.17);
 /// Wrong focal lengths would leave the camera centimetres off, with residuals that look like noise.
 #[test]
 fn focal_lengths_that_the_poses_contradict_are_refused() {
-    for offset in [BallOffset::Known(BALL), BallOffset::Unknown] {
+    for offset in [BallOffsetInHand::Known(BALL), BallOffsetInHand::Unknown] {
         assert_eq!(refused(0.0, offset), 0, "{offset:?}");
         for part in [-0.03, 0.03] {
             assert_eq!(refused(part, offset), 20, "{offset:?} {part}");
@@ -210,7 +215,8 @@ fn focal_lengths_that_the_poses_contradict_are_refused() {
 fn residuals_are_told_in_pixels_and_on_the_table() {
     let mut seen = sightings(&plain(), OFFSET, &hands(200));
     seen[7].ball_pixel[0] += 0.6;
-    let found = HandEyeCalibration::solve(&plain(), BallOffset::Known(OFFSET), &seen).unwrap();
+    let found =
+        HandEyeCalibration::solve(&plain(), BallOffsetInHand::Known(OFFSET), &seen).unwrap();
     let worst = found.largest_residual().unwrap();
     assert_eq!(worst.pose_number, 7);
     assert!((worst.distance_px - 0.6).abs() < 0.02, "{worst:?}");
@@ -227,28 +233,28 @@ fn residuals_are_told_in_pixels_and_on_the_table() {
 #[test]
 fn lines_of_sight_that_miss_the_table_are_left_out_of_its_mean() {
     let rotation = DMat3::from_cols(DVec3::X, DVec3::Z, -DVec3::Y);
-    let level = Calibration {
+    let level = CameraCalibration {
         extrinsics: Extrinsics { rotation, translation: -(rotation * DVec3::new(0.0, -1.5, 0.1)) },
         ..plain()
     };
     let mut seen = sightings(&level, OFFSET, &hands(40));
     seen[7].ball_pixel[0] += 1.0;
-    let found = HandEyeCalibration::solve(&level, BallOffset::Known(OFFSET), &seen).unwrap();
+    let found = HandEyeCalibration::solve(&level, BallOffsetInHand::Known(OFFSET), &seen).unwrap();
     let meet = found.residuals.iter().filter(|of| of.table_distance_m.is_some());
     let meet = meet.count();
     assert!(meet > 0 && meet < 40, "{meet}");
     assert!(found.rms_on_table_m().is_some_and(f64::is_finite));
-    let finite = |of: &Residual| of.table_distance_m.is_none_or(f64::is_finite);
+    let finite = |of: &BallResidual| of.table_distance_m.is_none_or(f64::is_finite);
     assert!(found.residuals.iter().all(finite));
 }
 
-fn refusal(start: &Calibration, offset: BallOffset, seen: &[BallSighting]) -> String {
+fn refusal(start: &CameraCalibration, offset: BallOffsetInHand, seen: &[BallSighting]) -> String {
     HandEyeCalibration::solve(start, offset, seen).unwrap_err().to_string()
 }
 
 #[test]
 fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
-    let (known, exact) = (BallOffset::Known(OFFSET), sightings(&plain(), OFFSET, &hands(12)));
+    let (known, exact) = (BallOffsetInHand::Known(OFFSET), sightings(&plain(), OFFSET, &hands(12)));
     let message = refusal(&plain(), known, &exact[..9]);
     assert!(message.contains("9 poses, expected at least 10"), "{message}");
     let mut seen = exact[..10].to_vec();
@@ -258,7 +264,7 @@ fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
         outlier_message.contains("pose 5") && outlier_message.contains("at most 4.1"),
         "{outlier_message}"
     );
-    let away = camera(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, Distortion::NONE);
+    let away = camera(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, LensDistortion::NO_DISTORTION);
     let away_message = refusal(&away, known, &exact);
     assert!(away_message.contains("pose 0"), "{away_message}");
 }
@@ -278,7 +284,7 @@ fn noisy(exact: &[BallSighting], pixels: f64, metres: f64, seed: u64) -> Vec<Bal
 #[test]
 fn poses_that_the_others_contradict_are_left_out_while_ten_are_left() {
     let exact = sightings(&plain(), BALL, &calibration_poses());
-    for offset in [BallOffset::Known(BALL), BallOffset::Unknown] {
+    for offset in [BallOffsetInHand::Known(BALL), BallOffsetInHand::Unknown] {
         for seed in 0..20 {
             for bad in [&[][..], &[(3, 8.0)], &[(0, 10.0), (12, -40.0)], &[(1, 9.0), (6, 300.0)]] {
                 let mut seen = noisy(&exact, 0.3, 0.0, seed);
@@ -311,14 +317,14 @@ fn poses_that_the_others_contradict_are_left_out_while_ten_are_left() {
 fn poses_that_contradict_each_other_name_the_offset_and_units() {
     let exact = sightings(&plain(), BALL, &calibration_poses());
     type Spoil = fn(&mut BallSighting);
-    let spoils: [(Spoil, BallOffset, &str); 4] = [
+    let spoils: [(Spoil, BallOffsetInHand, &str); 4] = [
         // given in metres where millimetres were expected, and along other axes
-        (|_| {}, BallOffset::Known(1e-3 * BALL), "130.0, 170.0] mm in the hand"),
-        (|_| {}, BallOffset::Known(-BALL), "130.0, 170.0] mm in the hand"),
-        (|s| s.ball_pixel.swap(0, 1), BallOffset::Unknown, "columns and rows"),
+        (|_| {}, BallOffsetInHand::Known(1e-3 * BALL), "130.0, 170.0] mm in the hand"),
+        (|_| {}, BallOffsetInHand::Known(-BALL), "130.0, 170.0] mm in the hand"),
+        (|s| s.ball_pixel.swap(0, 1), BallOffsetInHand::Unknown, "columns and rows"),
         (
             |s| s.hand_rotation = s.hand_rotation.conjugate(),
-            BallOffset::Known(BALL),
+            BallOffsetInHand::Known(BALL),
             "axes of the hand",
         ),
     ];
@@ -352,8 +358,10 @@ fn cheap_arms_and_fine_cameras_are_calibrated() {
     ] {
         let exact = sightings(&camera, BALL, &calibration_poses());
         let found = (0..20).filter(|&seed| {
-            let settings =
-                HandEyeSettings { arm_position_sd: arm_accuracy, ..BallOffset::Known(BALL).into() };
+            let settings = HandEyeSettings {
+                arm_position_sd: arm_accuracy,
+                ..BallOffsetInHand::Known(BALL).into()
+            };
             let seen = noisy(&exact, 0.1, noise, seed);
             HandEyeCalibration::solve(&camera, settings, &seen).is_ok_and(|found| {
                 let [position, _] = apart(&found.calibration, &camera);
@@ -364,7 +372,8 @@ fn cheap_arms_and_fine_cameras_are_calibrated() {
         assert_eq!(found.count(), solved, "{noise} {arm_accuracy}");
     }
     for accuracy in [0.0, -1.0, f64::NAN, 2.5] {
-        let settings = HandEyeSettings { arm_position_sd: accuracy, ..BallOffset::Unknown.into() };
+        let settings =
+            HandEyeSettings { arm_position_sd: accuracy, ..BallOffsetInHand::Unknown.into() };
         let message = HandEyeCalibration::solve(&plain(), settings, &[]).unwrap_err().to_string();
         assert!(message.contains("accuracy of the arm"), "{message}");
     }
@@ -375,7 +384,7 @@ fn focal_lengths_are_estimated_on_request() {
     let exact = sightings(&plain(), BALL, &calibration_poses());
     let mut start = plain();
     start.intrinsics.focal_lengths = start.intrinsics.focal_lengths.map(|focal| 1.1 * focal);
-    for offset in [BallOffset::Known(BALL), BallOffset::Unknown] {
+    for offset in [BallOffsetInHand::Known(BALL), BallOffsetInHand::Unknown] {
         let settings = HandEyeSettings { estimate_focal_length: true, ..offset.into() };
         for seed in 0..20 {
             let found = HandEyeCalibration::solve(&start, settings, &noisy(&exact, 0.1, 0.0, seed))
@@ -398,7 +407,7 @@ fn focal_lengths_are_estimated_on_request() {
 /// about one axis, does not determine the offset.
 #[test]
 fn poses_that_do_not_tell_the_camera_are_refused() {
-    let known = BallOffset::Known(OFFSET);
+    let known = BallOffsetInHand::Known(OFFSET);
     let line = |index: usize| (0.04 * index as f64 * DVec3::new(1.0, 0.3, 0.2), DQuat::IDENTITY);
     let line: Vec<_> = (0..12).map(line).collect();
     let message = refusal(&plain(), known, &sightings(&plain(), OFFSET, &line));
@@ -407,7 +416,7 @@ fn poses_that_do_not_tell_the_camera_are_refused() {
         let turning = |(i, (place, _))| (place, DQuat::from_scaled_axis(0.1 * i as f64 * axis));
         let still: Vec<_> = hands(12).into_iter().enumerate().map(turning).collect();
         let seen = sightings(&plain(), OFFSET, &still);
-        let axis_message = refusal(&plain(), BallOffset::Unknown, &seen);
+        let axis_message = refusal(&plain(), BallOffsetInHand::Unknown, &seen);
         assert!(axis_message.contains("turn it about two axes"), "{axis_message}");
         HandEyeCalibration::solve(&plain(), known, &seen).unwrap();
     }
@@ -438,12 +447,12 @@ fn numbers_out_of_range_are_refused() {
     for (spoil, says) in spoils {
         let mut seen = exact.clone();
         spoil(&mut seen[3]);
-        let message = refusal(&plain(), BallOffset::Unknown, &seen);
+        let message = refusal(&plain(), BallOffsetInHand::Unknown, &seen);
         assert!(message.contains(says) && message.contains("pose 3"), "{message}");
     }
-    let far = BallOffset::Known(DVec3::splat(1e200));
+    let far = BallOffsetInHand::Known(DVec3::splat(1e200));
     assert!(refusal(&plain(), far, &exact).contains("offset of the ball"));
     let mut blind = plain();
     blind.intrinsics.focal_lengths[0] = 0.0;
-    assert!(refusal(&blind, BallOffset::Unknown, &exact).contains("focal length"));
+    assert!(refusal(&blind, BallOffsetInHand::Unknown, &exact).contains("focal length"));
 }

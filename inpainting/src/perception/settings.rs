@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::calibration::Calibration;
+use crate::calibration::CameraCalibration;
 use crate::camera::{Extrinsics, Intrinsics, PinholeCamera};
 use crate::color::ColorCorrection;
 use crate::error::{InpaintingError, require_nonnegative_metres, require_that};
@@ -19,7 +19,7 @@ const AXIS_TOLERANCE: f64 = 1e-9;
 #[derive(Clone, Debug, PartialEq)]
 pub struct PerceptionSettings {
     /// Calibration of the real camera.
-    pub calibration: Calibration,
+    pub calibration: CameraCalibration,
     /// Camera of the policy's observations. It looks straight down on the table, the plane z = 0.
     pub policy_camera: PinholeCamera,
     /// Number of in-painting pixels along each side of a pixel of the policy: odd, at most 15.
@@ -51,7 +51,7 @@ impl PerceptionSettings {
             ("height of the policy's camera", &self.policy_camera.extrinsics),
             ("height of the camera", &self.calibration.extrinsics),
         ] {
-            let height = camera.position().z;
+            let height = camera.camera_position().z;
             require_that(height > 0.0, name, &height, "a positive number of metres")?;
         }
         Ok(())
@@ -61,7 +61,8 @@ impl PerceptionSettings {
     /// the table where the policy's camera shows it.
     pub(super) fn rectified_camera(&self) -> Result<PinholeCamera, InpaintingError> {
         let Extrinsics { rotation, .. } = self.policy_camera.extrinsics;
-        let (from, to) = (self.policy_camera.extrinsics.position(), self.calibration.position());
+        let (from, to) =
+            (self.policy_camera.extrinsics.camera_position(), self.calibration.camera_position());
         let inside = self.policy_camera.intrinsics;
         let finer = self.oversampling as f64;
         let scale = inside.focal_lengths.map(|focal| finer * focal / from.z);

@@ -1,7 +1,7 @@
 //! Grouping by images, motion and returns of whole episodes, instead of features that a policy has
 //! learnt.
 
-use cluster::{Assignment, Decision};
+use cluster::{AssignedPolicy, Assignment};
 use evidence::{
     EpisodeSummariser, EpisodeSummary, ImageFeatureCache, PolicyTest, Recogniser,
     RecogniserSettings, RolloutContext, RolloutDecision,
@@ -12,8 +12,8 @@ use serde_json::Value;
 use crate::error::LearnerError;
 
 use super::grouping::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Episodes, Grouping,
-    GroupingDecision, GroupingUpdate,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Grouping,
+    GroupingDecision, GroupingUpdate, RolloutEpisodes,
 };
 use super::threshold::nearest_policy;
 
@@ -40,10 +40,10 @@ impl EvidenceGrouping {
     /// `policy` collected them, since those depend on the policy that acts.
     fn summarise(
         &mut self,
-        episodes: Episodes<'_>,
+        episodes: RolloutEpisodes<'_>,
         policy: usize,
     ) -> Result<Vec<EpisodeSummary>, LearnerError> {
-        let Episodes { spec, collector, trajectories } = episodes;
+        let RolloutEpisodes { spec, collector, trajectories } = episodes;
         let filters = self.recogniser.settings().filters;
         let (vector, action) = (&spec.vector_irreps, &spec.action_irreps);
         let summariser = EpisodeSummariser::new(spec.image_shape, vector, action, filters)?;
@@ -64,7 +64,7 @@ impl EvidenceGrouping {
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
         let found = self.recogniser.recognise(summaries, rng)?;
-        let best = match found.most_probable().filter(|_| found.fits_any_policy()) {
+        let best = match found.most_probable_policy().filter(|_| found.fits_any_policy()) {
             Some(policy) => policy,
             None => {
                 let merged = self.recogniser.merged_into().into_iter().enumerate();
@@ -73,16 +73,16 @@ impl EvidenceGrouping {
             }
         };
         let fits = found.policies.get(best).is_some_and(|&p| p >= found.none);
-        let policy = if fits { Decision::Existing(best) } else { Decision::Undecided };
-        Ok(GroupingDecision { nearest: Some(best), ..GroupingDecision::of(policy) })
+        let policy = if fits { AssignedPolicy::Existing(best) } else { AssignedPolicy::Undecided };
+        Ok(GroupingDecision { nearest: Some(best), ..GroupingDecision::for_policy(policy) })
     }
 }
 
 impl From<RolloutDecision> for GroupingDecision {
     fn from(decision: RolloutDecision) -> Self {
         let accepted = match decision.policy {
-            Decision::Existing(_) => decision.accepted(),
-            Decision::New | Decision::Undecided => Vec::new(),
+            AssignedPolicy::Existing(_) => decision.accepted_policies(),
+            AssignedPolicy::New | AssignedPolicy::Undecided => Vec::new(),
         };
         let evidence = decision.tests.iter().map(PolicyTest::evidence).collect();
         Self {
@@ -111,18 +111,18 @@ impl Grouping for EvidenceGrouping {
     ) -> Result<GroupingDecision, LearnerError> {
         let collector = data.episodes().collector;
         let summaries = self.summarise(data.episodes(), collector)?;
-        let context = RolloutContext::of_collector(collector);
+        let context = RolloutContext::collected_by_policy(collector);
         let decision = match request {
             AssignmentRequest::Recognise => return self.recognise(&summaries, data, rng),
             AssignmentRequest::Assign { allow_undecided } => {
                 let context = RolloutContext { allow_undecided, ..context };
-                self.recogniser.assign(&summaries, context, rng)?
+                self.recogniser.assign_rollout(&summaries, context, rng)?
             }
             AssignmentRequest::Confirm { proposal, allow_undecided } => {
                 let (rejected, is_provisional) = (&proposal.rejected, proposal.is_provisional);
                 let context =
                     RolloutContext { rejected, is_provisional, allow_undecided, ..context };
-                self.recogniser.review(&summaries, context, rng)?
+                self.recogniser.review_policy(&summaries, context, rng)?
             }
         };
         Ok(decision.into())
@@ -153,7 +153,7 @@ impl Grouping for EvidenceGrouping {
                 let duplicate = first.collector;
                 let of_duplicate = self.summarise(first, duplicate)?;
                 let again = self.summarise(again, policy)?;
-                self.recogniser.merge(policy, duplicate, &of_duplicate, &again, rng)?;
+                self.recogniser.merge_policies(policy, duplicate, &of_duplicate, &again, rng)?;
             }
             AssignedEpisodes::Probes { probes: &[], .. } => {}
         }
@@ -162,13 +162,13 @@ impl Grouping for EvidenceGrouping {
 
     fn state(&self) -> Value {
         // numbers always serialise; if they did not, `restore` would reject this text and print it
-        let state = self.recogniser.state(serde_json::value::Serializer);
+        let state = self.recogniser.serialise_state(serde_json::value::Serializer);
         state.unwrap_or_else(|error| Value::String(format!("no episodes were saved: {error}")))
     }
 
     fn restore(&mut self, state: &Value, policies: usize) -> Result<(), String> {
         let mut restored = self.recogniser.clone();
-        restored.restore(state).map_err(|error| error.to_string())?;
+        restored.restore_state(state).map_err(|error| error.to_string())?;
         let known = restored.policy_count();
         // a fresh learner has one policy, which has not trained yet
         if known != policies && (known, policies) != (0, 1) {

@@ -1,7 +1,7 @@
 //! Trait of all groupings, with their requests and decisions.
 
-use cluster::{Assignment, CandidateFeatures, Decision, Evidence, TwoPolicyComparison};
-use evidence::{Trajectory, Trial};
+use cluster::{AssignedPolicy, Assignment, CandidateFeatures, PolicyEvidence, TwoPolicyComparison};
+use evidence::{PolicyTrial, Trajectory};
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
 use serde_json::Value;
@@ -19,7 +19,7 @@ pub trait Grouping: Send {
     }
 
     /// Decides which policy the rollout in `data` belongs to: an existing one, a new one, or none
-    /// yet. After [`Decision::New`] a policy is created, unless the request is
+    /// yet. After [`AssignedPolicy::New`] a policy is created, unless the request is
     /// [`AssignmentRequest::Recognise`].
     ///
     /// # Errors
@@ -69,7 +69,7 @@ pub struct EpisodeRequirements {
     /// least 1.
     pub episodes: usize,
     /// `true` if the grouping uses whole episodes and not only their first frames; otherwise
-    /// [`Episodes::trajectories`] is empty.
+    /// [`RolloutEpisodes::trajectories`] is empty.
     pub whole_episodes: bool,
 }
 
@@ -78,18 +78,18 @@ pub struct EpisodeRequirements {
 pub enum AssignmentRequest<'a> {
     /// Request to assign one rollout to the policy that will train on it.
     Assign {
-        /// `true` if the decision may be [`Decision::Undecided`]: no policy trains on the rollout,
-        /// and another one is collected.
+        /// `true` if the decision may be [`AssignedPolicy::Undecided`]: no policy trains on the
+        /// rollout, and another one is collected.
         allow_undecided: bool,
     },
     /// Request for the policy that fits one or more episodes, which are not used for training.
     Recognise,
     /// Request to confirm the policy that a decision proposed, from episodes that it collected
-    /// itself. It only follows a decision that demands a [`Trial`].
+    /// itself. It only follows a decision that demands a [`PolicyTrial`].
     Confirm {
         /// Earlier decision, which proposed the policy on trial.
         proposal: &'a GroupingDecision,
-        /// `true` if the decision may be [`Decision::Undecided`], as for
+        /// `true` if the decision may be [`AssignedPolicy::Undecided`], as for
         /// [`AssignmentRequest::Assign`].
         allow_undecided: bool,
     },
@@ -118,12 +118,12 @@ pub trait AssignmentData {
     ) -> Result<[TwoPolicyComparison; 2], LearnerError>;
 
     /// Returns the whole episodes of the rollout.
-    fn episodes(&self) -> Episodes<'_>;
+    fn episodes(&self) -> RolloutEpisodes<'_>;
 }
 
 /// Whole episodes of one or two rollouts, with the policy that acted in them.
 #[derive(Clone, Copy, Debug)]
-pub struct Episodes<'a> {
+pub struct RolloutEpisodes<'a> {
     /// Specification of the environments in which the episodes ran.
     pub spec: &'a EnvSpec,
     /// Index of the policy that acted in the episodes.
@@ -136,11 +136,11 @@ pub struct Episodes<'a> {
 #[derive(Clone, Debug, PartialEq)]
 pub struct GroupingDecision {
     /// Policy that the rollout is assigned to: an existing one, a new one, or undecided.
-    pub policy: Decision,
+    pub policy: AssignedPolicy,
     /// Index of the policy that fits best, accepted or not; `None` if nothing was compared.
     pub nearest: Option<usize>,
     /// Evidence for and against each policy; empty if nothing was compared.
-    pub evidence: Vec<Evidence>,
+    pub evidence: Vec<PolicyEvidence>,
     /// Changepoint, in decisions of all environments since the start of the rollout, if the rollout
     /// shows two task groups. Only the later group was judged, or in a trial only the earlier one,
     /// unless `group_changed`.
@@ -150,7 +150,7 @@ pub struct GroupingDecision {
     pub group_changed: bool,
     /// Trial that the named policy must pass, with episodes that it collects, before the decision
     /// is final.
-    pub trial: Trial,
+    pub trial: PolicyTrial,
     /// `true` if the named policy is provisional: there is evidence against it, so it must not
     /// train before its trial.
     pub is_provisional: bool,
@@ -166,23 +166,23 @@ impl From<Assignment> for GroupingDecision {
     /// Converts an assignment into a final decision on the whole rollout.
     fn from(assignment: Assignment) -> Self {
         Self {
-            nearest: assignment.nearest(),
+            nearest: assignment.best_candidate(),
             evidence: assignment.evidence,
-            ..Self::of(assignment.decision)
+            ..Self::for_policy(assignment.decision)
         }
     }
 }
 
 impl GroupingDecision {
     /// Returns a final decision for `policy`, without evidence or trial.
-    pub fn of(policy: Decision) -> Self {
+    pub fn for_policy(policy: AssignedPolicy) -> Self {
         Self {
             policy,
             nearest: None,
             evidence: Vec::new(),
             changepoint: None,
             group_changed: false,
-            trial: Trial::None,
+            trial: PolicyTrial::None,
             is_provisional: false,
             rejected: Vec::new(),
             accepted: Vec::new(),
@@ -200,7 +200,7 @@ pub enum AssignedEpisodes<'a> {
         /// [`GroupingDecision::accepted`] of the last decision.
         accepted: &'a [usize],
         /// Episodes of the rollout that the policy trains on.
-        episodes: Episodes<'a>,
+        episodes: RolloutEpisodes<'a>,
     },
     /// Episodes of the policies that [`GroupingUpdate::probe`] asked for, in the task group of
     /// `policy`.
@@ -208,7 +208,7 @@ pub enum AssignedEpisodes<'a> {
         /// Index of the policy that trained on the task group.
         policy: usize,
         /// Episodes of all probes since the policy trained, in the order of the probes.
-        probes: &'a [Episodes<'a>],
+        probes: &'a [RolloutEpisodes<'a>],
     },
 }
 
@@ -242,8 +242,8 @@ impl From<&GroupingDecision> for RecognisedPolicy {
     /// was compared.
     fn from(decision: &GroupingDecision) -> Self {
         match decision.policy {
-            Decision::Existing(policy) => Self { policy, fits: true },
-            Decision::New | Decision::Undecided => {
+            AssignedPolicy::Existing(policy) => Self { policy, fits: true },
+            AssignedPolicy::New | AssignedPolicy::Undecided => {
                 Self { policy: decision.nearest.unwrap_or(0), fits: false }
             }
         }
@@ -252,7 +252,7 @@ impl From<&GroupingDecision> for RecognisedPolicy {
 
 impl RecognisedPolicy {
     /// Returns the index of the recognised policy; `None` if the evidence does not accept it.
-    pub fn accepted(self) -> Option<usize> {
+    pub fn accepted_policy(self) -> Option<usize> {
         self.fits.then_some(self.policy)
     }
 }

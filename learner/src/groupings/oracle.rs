@@ -3,7 +3,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use cluster::Decision;
+use cluster::AssignedPolicy;
 use rand_chacha::ChaCha8Rng;
 use serde::Deserialize;
 use serde_json::Value;
@@ -25,7 +25,7 @@ impl Grouping for SinglePolicyGrouping {
         _: &mut dyn AssignmentData,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
-        Ok(GroupingDecision::of(Decision::Existing(0)))
+        Ok(GroupingDecision::for_policy(AssignedPolicy::Existing(0)))
     }
 }
 
@@ -78,8 +78,8 @@ impl Grouping for OracleGrouping {
         if policy.is_none() && !matches!(request, AssignmentRequest::Recognise) {
             self.known.push(label);
         }
-        let decision = policy.map_or(Decision::New, Decision::Existing);
-        Ok(GroupingDecision::of(decision))
+        let decision = policy.map_or(AssignedPolicy::New, AssignedPolicy::Existing);
+        Ok(GroupingDecision::for_policy(decision))
     }
 
     /// Records the label of the very first rollout, for which there is no request.
@@ -122,7 +122,7 @@ mod tests {
     use rand::SeedableRng;
 
     use super::*;
-    use crate::groupings::grouping::Episodes;
+    use crate::groupings::grouping::RolloutEpisodes;
 
     const ROLLOUT: AssignmentRequest<'static> = AssignmentRequest::Assign { allow_undecided: true };
 
@@ -142,7 +142,7 @@ mod tests {
             panic!("an oracle does not compare")
         }
 
-        fn episodes(&self) -> Episodes<'_> {
+        fn episodes(&self) -> RolloutEpisodes<'_> {
             panic!("an oracle does not look")
         }
     }
@@ -150,7 +150,7 @@ mod tests {
     fn ask(
         oracle: &mut OracleGrouping,
         request: AssignmentRequest<'_>,
-    ) -> Result<Decision, LearnerError> {
+    ) -> Result<AssignedPolicy, LearnerError> {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         Ok(oracle.assign(request, &mut Blind, &mut rng)?.policy)
     }
@@ -169,17 +169,17 @@ mod tests {
             labels.set(label);
             ask(&mut oracle, request).unwrap()
         };
-        assert_eq!(decide("a", ROLLOUT), Decision::Existing(0));
-        assert_eq!(decide("b", AssignmentRequest::Recognise), Decision::New);
-        assert_eq!(decide("c", ROLLOUT), Decision::New);
-        assert_eq!(decide("c", AssignmentRequest::Recognise), Decision::Existing(1));
-        assert_eq!(decide("a", ROLLOUT), Decision::Existing(0));
-        assert_eq!(decide("b", ROLLOUT), Decision::New, "recognition did not create it");
+        assert_eq!(decide("a", ROLLOUT), AssignedPolicy::Existing(0));
+        assert_eq!(decide("b", AssignmentRequest::Recognise), AssignedPolicy::New);
+        assert_eq!(decide("c", ROLLOUT), AssignedPolicy::New);
+        assert_eq!(decide("c", AssignmentRequest::Recognise), AssignedPolicy::Existing(1));
+        assert_eq!(decide("a", ROLLOUT), AssignedPolicy::Existing(0));
+        assert_eq!(decide("b", ROLLOUT), AssignedPolicy::New, "recognition did not create it");
         let state = oracle.state();
         let mut restored = OracleGrouping::new(labels.clone());
         restored.restore(&state, 3).unwrap();
         let again = ask(&mut restored, ROLLOUT).unwrap();
-        assert_eq!(again, Decision::Existing(2));
+        assert_eq!(again, AssignedPolicy::Existing(2));
         assert!(restored.restore(&state, 4).is_err());
         assert!(restored.restore(&Value::from(3), 2).is_err());
     }

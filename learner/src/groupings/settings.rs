@@ -31,12 +31,12 @@ pub enum GroupingSettings {
     /// Removed grouping `calibrated` of earlier versions. Reports read it in the settings of their
     /// runs, but no learner has it.
     #[serde(rename = "calibrated")]
-    Removed(RemovedSettings),
+    Removed(RemovedGroupingSettings),
 }
 
 /// Settings of the removed grouping `calibrated`, which are ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct RemovedSettings {}
+pub struct RemovedGroupingSettings {}
 
 impl Default for GroupingSettings {
     fn default() -> Self {
@@ -46,13 +46,13 @@ impl Default for GroupingSettings {
 
 impl GroupingSettings {
     /// Grouping by the paper's rule with its threshold, `d_epsilon = 1.0`.
-    pub const PAPER: Self = Self::Threshold { threshold: 1.0 };
+    pub const PAPER_GROUPING: Self = Self::Threshold { threshold: 1.0 };
 
     /// Creates the grouping for a learner outside a run.
     ///
     /// # Errors
     /// A setting out of range, and [`GroupingSettings::Oracle`], since only runs have labels.
-    pub fn build(&self) -> Result<Box<dyn Grouping>, LearnerError> {
+    pub fn build_grouping(&self) -> Result<Box<dyn Grouping>, LearnerError> {
         match self {
             Self::Oracle => Err(unlabelled()),
             _ => self.build_with(&TaskLabel::default()),
@@ -83,7 +83,7 @@ mod tests {
     fn settings_survive_a_file_and_unknown_names_are_refused() {
         let all = [
             GroupingSettings::default(),
-            GroupingSettings::PAPER,
+            GroupingSettings::PAPER_GROUPING,
             GroupingSettings::Single,
             GroupingSettings::Oracle,
         ];
@@ -99,12 +99,13 @@ mod tests {
 
     #[test]
     fn labels_and_ranges_are_asked_for() {
-        let refuse = |settings: GroupingSettings| settings.build().err().unwrap().to_string();
+        let refuse =
+            |settings: GroupingSettings| settings.build_grouping().err().unwrap().to_string();
         assert!(refuse(GroupingSettings::Oracle).contains("a grouping without labels"));
         let message = refuse(GroupingSettings::Threshold { threshold: f64::NAN });
         assert!(message.contains("NaN"), "{message}");
         let removed = serde_json::from_str(r#"{"calibrated": {"doubt": 0.02}}"#).unwrap();
         assert!(refuse(removed).contains("evidence, which replaces it"));
-        assert!(GroupingSettings::Single.build().is_ok());
+        assert!(GroupingSettings::Single.build_grouping().is_ok());
     }
 }

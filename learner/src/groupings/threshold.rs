@@ -70,7 +70,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
 
     use super::*;
-    use crate::groupings::grouping::Episodes;
+    use crate::groupings::grouping::RolloutEpisodes;
 
     /// Policies that know frames around -1 and 1 of two features. The first feature alone separates
     /// them, and policy 1 hardly sees it.
@@ -113,7 +113,7 @@ mod tests {
             }))
         }
 
-        fn episodes(&self) -> Episodes<'_> {
+        fn episodes(&self) -> RolloutEpisodes<'_> {
             panic!("first frames are compared")
         }
     }

@@ -8,9 +8,9 @@ mod extensions;
 mod settings;
 
 pub use checkpoint::read_checkpoint_note;
-pub use episodes::{Rollout, StepView};
+pub use episodes::{Rollout, RolloutStep};
 pub use settings::{
-    CommonSettings, NewPolicyInit, PolicyCollectionSettings, RolloutHandover, Training,
+    CommonSettings, NewPolicyInit, PolicyCollectionSettings, PolicyTrainer, RolloutHandover,
 };
 
 use cluster::{CandidateFeatures, Reservoir, TwoPolicyComparison};
@@ -21,11 +21,11 @@ use serde::{Deserialize, Serialize};
 use web_time::Instant;
 
 use crate::error::LearnerError;
-use crate::groupings::{AssignmentData, Episodes, Grouping};
+use crate::groupings::{AssignmentData, Grouping, RolloutEpisodes};
 
 use super::learner::IterationReport;
 use episodes::{FirstFrames, ObservedEpisodes, embed_first_frames};
-use settings::{PolicyOf, RolloutOf};
+use settings::{CollectionPolicy, CollectionRollout};
 
 /// Learner with a growing collection of policies. It never receives a task label.
 pub struct PolicyCollection<S: PolicyCollectionSettings> {
@@ -37,14 +37,14 @@ pub struct PolicyCollection<S: PolicyCollectionSettings> {
     /// Index of the policy that acts.
     current: usize,
     /// Rollout that is being assigned: the paper's online rollout buffer `D`.
-    rollout: RolloutOf<S>,
+    rollout: CollectionRollout<S>,
     generators: Generators,
 }
 
 /// Policy with its training, and the first frames of the task group that it serves.
 struct PolicyEntry<S: PolicyCollectionSettings> {
-    policy: PolicyOf<S>,
-    training: S::Training,
+    policy: CollectionPolicy<S>,
+    training: S::Trainer,
     buffer: Reservoir<FirstFrames>,
 }
 
@@ -56,7 +56,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// A setting out of range, a grouping that needs labels, or an image size that the network
     /// cannot keep exactly symmetric.
     pub fn new(settings: S, spec: &EnvSpec) -> Result<Self, LearnerError> {
-        let grouping = settings.common().grouping.build()?;
+        let grouping = settings.common().grouping.build_grouping()?;
         Self::with_grouping(settings, spec, grouping)
     }
 
@@ -112,7 +112,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
 
     /// Returns the number of episodes whose first frames policy `index` keeps, the size of the
     /// paper's buffer `B`; `None` for a policy that does not exist.
-    pub fn buffered_episodes(&self, index: usize) -> Option<usize> {
+    pub fn num_buffered_episodes(&self, index: usize) -> Option<usize> {
         let entry = self.policies.get(index)?;
         Some(entry.buffer.episodes().len())
     }
@@ -123,14 +123,14 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
     fn act(
         &mut self,
         env: &mut dyn VectorEnv,
-        rollout: &mut RolloutOf<S>,
+        rollout: &mut CollectionRollout<S>,
         rng: &mut ChaCha8Rng,
         iteration: &mut IterationReport,
     ) -> Result<RolloutStats, RlError> {
         let clock = Instant::now();
         self.training.prepare_rollout(rollout);
-        let mut state = RolloutState::reset(env, &self.policy)?;
-        let stats = rl::collect(env, &mut self.policy, rollout, &mut state, rng)?;
+        let mut state = RolloutState::from_env_reset(env, &self.policy)?;
+        let stats = rl::collect_experience(env, &mut self.policy, rollout, &mut state, rng)?;
         iteration.decisions += stats.decisions;
         iteration.seconds.collection += clock.elapsed().as_secs_f64();
         Ok(stats)
@@ -142,7 +142,7 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
 struct CandidateClouds<'a, S: PolicyCollectionSettings> {
     policies: &'a mut [PolicyEntry<S>],
     frames: &'a [FirstFrames],
-    episodes: Episodes<'a>,
+    episodes: RolloutEpisodes<'a>,
 }
 
 impl<'a, S: PolicyCollectionSettings> CandidateClouds<'a, S> {
@@ -155,7 +155,7 @@ impl<'a, S: PolicyCollectionSettings> CandidateClouds<'a, S> {
         Self {
             policies,
             frames: &observed.frames,
-            episodes: Episodes { spec, collector, trajectories: &observed.trajectories },
+            episodes: RolloutEpisodes { spec, collector, trajectories: &observed.trajectories },
         }
     }
 }
@@ -197,7 +197,7 @@ impl<S: PolicyCollectionSettings> AssignmentData for CandidateClouds<'_, S> {
         Ok([first?, second?])
     }
 
-    fn episodes(&self) -> Episodes<'_> {
+    fn episodes(&self) -> RolloutEpisodes<'_> {
         self.episodes
     }
 }

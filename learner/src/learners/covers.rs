@@ -6,22 +6,22 @@
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, AlgorithmState, EnvSpec, Metrics, NetworkSettings, Ppo,
-    PpoSettings, Ranks, RlError, RolloutBuffer,
+    PpoSettings, ProcessRanks, RlError, RolloutBuffer,
 };
 use serde::{Deserialize, Serialize};
 
 use crate::groupings::GroupingSettings;
 
 use super::collection::{
-    CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, RolloutHandover,
-    Training,
+    CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, PolicyTrainer,
+    RolloutHandover,
 };
 use super::device::LearningDevice;
 
 /// Learner of the paper: a growing collection of policies, trained by PPO.
-pub type Covers = PolicyCollection<CoversSettings>;
+pub type CoversLearner = PolicyCollection<CoversSettings>;
 
-/// Settings of [`Covers`].
+/// Settings of [`CoversLearner`].
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,7 +58,7 @@ pub struct CoversSettings {
     pub device: LearningDevice,
     /// Processes that share the updates; settings files do not store them.
     #[serde(skip)]
-    pub ranks: Ranks,
+    pub ranks: ProcessRanks,
 }
 
 impl Default for CoversSettings {
@@ -75,7 +75,7 @@ impl Default for CoversSettings {
             new_policy: NewPolicyInit::default(),
             seed: 0,
             device: LearningDevice::default(),
-            ranks: Ranks::default(),
+            ranks: ProcessRanks::default(),
         }
     }
 }
@@ -88,7 +88,7 @@ impl CoversSettings {
         Self {
             network: NetworkSettings::so2_128(),
             ppo: PpoSettings::paper(),
-            grouping: GroupingSettings::PAPER,
+            grouping: GroupingSettings::PAPER_GROUPING,
             first_frames: 4,
             rollout_steps: 1000,
             buffer_episodes: None,
@@ -109,7 +109,7 @@ impl CoversSettings {
 }
 
 impl PolicyCollectionSettings for CoversSettings {
-    type Training = PpoTraining;
+    type Trainer = PpoTrainer;
 
     fn common(&self) -> CommonSettings {
         CommonSettings {
@@ -143,21 +143,17 @@ impl PolicyCollectionSettings for CoversSettings {
         RolloutBuffer::new(spec, steps)?.with_noise_correlation(self.noise_correlation)
     }
 
-    fn new_training(
-        &self,
-        _: &EnvSpec,
-        policy: &ActorCriticPolicy,
-    ) -> Result<PpoTraining, RlError> {
-        Ok(PpoTraining { ppo: self.ppo(policy)? })
+    fn new_training(&self, _: &EnvSpec, policy: &ActorCriticPolicy) -> Result<PpoTrainer, RlError> {
+        Ok(PpoTrainer { ppo: self.ppo(policy)? })
     }
 }
 
-/// Training of one policy by PPO, on one rollout at a time.
-pub struct PpoTraining {
+/// Trainer of one policy by PPO, on one rollout at a time.
+pub struct PpoTrainer {
     ppo: Ppo,
 }
 
-impl Training for PpoTraining {
+impl PolicyTrainer for PpoTrainer {
     type Policy = ActorCriticPolicy;
     type Rollout = RolloutBuffer;
 

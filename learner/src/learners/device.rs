@@ -17,7 +17,7 @@ pub enum LearningDevice {
     Cpu,
     /// Training on this opened GPU.
     #[cfg(feature = "wgpu")]
-    Gpu(rl::gpu::Device),
+    Gpu(rl::gpu::GpuDevice),
 }
 
 impl LearningDevice {
@@ -89,7 +89,7 @@ impl FromStr for DeviceChoice {
 
 #[cfg(feature = "wgpu")]
 fn first_gpu() -> Result<LearningDevice, LearnerError> {
-    let device = rl::gpu::Device::open(None).map_err(rl::RlError::from)?;
+    let device = rl::gpu::GpuDevice::open(None).map_err(rl::RlError::from)?;
     Ok(LearningDevice::Gpu(device))
 }
 
@@ -102,7 +102,7 @@ fn first_gpu() -> Result<LearningDevice, LearnerError> {
 /// Returns `true` if the first adapter of `wgpu` is a hardware GPU.
 #[cfg(feature = "wgpu")]
 fn hardware() -> bool {
-    let adapters = rl::gpu::available_adapters();
+    let adapters = rl::gpu::available_gpu_adapters();
     adapters.first().is_some_and(|adapter| adapter.kind.is_hardware())
 }
 

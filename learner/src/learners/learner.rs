@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use cluster::{Evidence, PermutationTest};
+use cluster::{PermutationTest, PolicyEvidence};
 use rand_chacha::ChaCha8Rng;
 use rl::{ExportedPolicy, Observations, PolicyOutput, RolloutStats, UnitActivity, VectorEnv};
 
@@ -114,7 +114,7 @@ pub struct IterationReport {
     pub policy_created: bool,
     /// Evidence for and against each policy that the grouping compared; empty for learners and
     /// groupings that compare nothing.
-    pub evidence: Vec<Evidence>,
+    pub evidence: Vec<PolicyEvidence>,
     /// Number of rollouts that the grouping left undecided, so that no policy trained on them.
     pub discarded: usize,
     /// For each policy, the index of the policy that it was merged into, if any; empty for learners
@@ -158,7 +158,7 @@ pub enum CheckpointExtent {
 
 /// Value that a learner logs: one number, or one for each policy.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Metric {
+pub enum MetricValue {
     /// Single number for the whole learner.
     Number(f64),
     /// One number for each policy, in the order of the policies; `None` if there was nothing to
@@ -166,7 +166,7 @@ pub enum Metric {
     PerPolicy(Vec<Option<f64>>),
 }
 
-impl fmt::Display for Metric {
+impl fmt::Display for MetricValue {
     /// Writes the cell of a table: the shortest decimal that reads back to the same bits; numbers
     /// of several policies are joined by semicolons, and one that was not measured is empty.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -183,12 +183,12 @@ impl fmt::Display for Metric {
 
 /// Logged values by name, in the order in which they are logged.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Metrics(Vec<(String, Metric)>);
+pub struct Metrics(Vec<(String, MetricValue)>);
 
 impl Metrics {
     /// Adds one number for the whole learner to the logged values, under a name.
     pub fn add_number(&mut self, name: impl Into<String>, value: f64) {
-        self.0.push((name.into(), Metric::Number(value)));
+        self.0.push((name.into(), MetricValue::Number(value)));
     }
 
     /// Adds a list with one number for each policy to the logged values, under a name.
@@ -197,17 +197,17 @@ impl Metrics {
         name: impl Into<String>,
         values: impl IntoIterator<Item = Option<f64>>,
     ) {
-        let values = Metric::PerPolicy(values.into_iter().collect());
+        let values = MetricValue::PerPolicy(values.into_iter().collect());
         self.0.push((name.into(), values));
     }
 
     /// Returns the value that was logged under a name; `None` if there is none.
-    pub fn metric(&self, name: &str) -> Option<&Metric> {
+    pub fn metric(&self, name: &str) -> Option<&MetricValue> {
         self.iter().find(|(own, _)| *own == name).map(|(_, m)| m)
     }
 
     /// Returns an iterator over names and values, in the order in which they are logged.
-    pub fn iter(&self) -> impl Iterator<Item = (&str, &Metric)> {
+    pub fn iter(&self) -> impl Iterator<Item = (&str, &MetricValue)> {
         self.0.iter().map(|(name, value)| (name.as_str(), value))
     }
 }

@@ -9,8 +9,9 @@ mod staged_rollout;
 
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Algorithm, AlgorithmState, ContextSettings, EnvSpec, Metrics, NetworkSettings, PpoSettings,
-    Ranks, ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy, SacSettings, Temperature,
+    Algorithm, AlgorithmState, EntropyTemperature, EnvSpec, Metrics, NetworkSettings, PpoSettings,
+    ProcessRanks, RecurrentContextSettings, ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy,
+    SacSettings,
 };
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
@@ -19,16 +20,16 @@ use crate::error::LearnerError;
 use crate::groupings::GroupingSettings;
 
 use super::collection::{
-    CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, RolloutHandover,
-    Training,
+    CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, PolicyTrainer,
+    RolloutHandover,
 };
 use super::tensor_file::{Tensor, TensorFile};
 use staged_rollout::StagedRollout;
 
 /// Learner with a growing collection of policies, or a single one, trained by soft actor-critic.
-pub type OffPolicy = PolicyCollection<OffPolicySettings>;
+pub type OffPolicyLearner = PolicyCollection<OffPolicySettings>;
 
-/// Settings of [`OffPolicy`]. [`OffPolicySettings::clear`] is the default.
+/// Settings of [`OffPolicyLearner`]. [`OffPolicySettings::clear_baseline`] is the default.
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,7 +39,7 @@ pub struct OffPolicySettings {
     pub network: NetworkSettings,
     /// Recurrent context (GRU) of the last steps of an episode, for the actor and the critics; none
     /// if null.
-    pub context: Option<ContextSettings>,
+    pub context: Option<RecurrentContextSettings>,
     /// Settings of the soft actor-critic that trains each policy.
     pub sac: SacSettings,
     /// Largest number of steps that each policy's replay buffer holds.
@@ -69,14 +70,14 @@ pub struct OffPolicySettings {
     pub seed: u64,
     /// Processes that share the updates; settings files do not store them.
     #[serde(skip)]
-    pub ranks: Ranks,
+    pub ranks: ProcessRanks,
 }
 
 impl OffPolicySettings {
     /// Returns the settings of the baseline CLEAR, as in the paper of COVERS (Liu et al., CoRL
     /// 2023, appendix). They have one ordinary policy and one replay of 200,000 steps, the newest
     /// of which are drawn more often. The paper does not say which those are, nor how often.
-    pub fn clear() -> Self {
+    pub fn clear_baseline() -> Self {
         Self {
             network: NetworkSettings { group: Group::C1, ..NetworkSettings::default() },
             context: None,
@@ -96,13 +97,13 @@ impl OffPolicySettings {
             buffer_episodes: Some(100),
             new_policy: NewPolicyInit::default(),
             seed: 0,
-            ranks: Ranks::default(),
+            ranks: ProcessRanks::default(),
         }
     }
 
     /// Returns the settings of CLEAR with behavioural cloning of the actions in the replay buffer.
-    pub fn clear_bc() -> Self {
-        let mut settings = Self::clear();
+    pub fn clear_baseline_with_cloning() -> Self {
+        let mut settings = Self::clear_baseline();
         settings.sac.cloning_weight = 0.1;
         settings
     }
@@ -110,10 +111,10 @@ impl OffPolicySettings {
     /// Returns the settings of the baseline 3RL, as in the paper of COVERS: CLEAR with a recurrent
     /// context of the last five steps. Windows (sequences of consecutive steps of a minibatch) are
     /// longer, since their steps share the observations that contexts read.
-    pub fn three_rl() -> Self {
-        let clear = Self::clear();
+    pub fn three_rl_baseline() -> Self {
+        let clear = Self::clear_baseline();
         Self {
-            context: Some(ContextSettings::default()),
+            context: Some(RecurrentContextSettings::default()),
             sac: SacSettings { window: 16, ..clear.sac },
             ..clear
         }
@@ -122,7 +123,7 @@ impl OffPolicySettings {
     /// Returns the settings of the method `equi-sac`: equivariant policies under COVERS's grouping,
     /// each with a replay buffer whose steps are transformed by random group elements.
     pub fn equi_sac() -> Self {
-        let clear = Self::clear();
+        let clear = Self::clear_baseline();
         Self {
             network: NetworkSettings::default(),
             sac: SacSettings {
@@ -154,7 +155,7 @@ impl OffPolicySettings {
                 encoder_learning_rate: Some(2e-4),
                 // what is trained still moves when the group is learnt, and its average moves less
                 average_rate: Some(0.02),
-                temperature: Temperature::Learned { initial: 0.02, target: 0.3 },
+                temperature: EntropyTemperature::Learned { initial: 0.02, target: 0.3 },
                 // gradients of equivariant networks are the same for every image of a step
                 augmentation: Group::C1,
                 ..equi.sac
@@ -181,12 +182,12 @@ impl OffPolicySettings {
 
 impl Default for OffPolicySettings {
     fn default() -> Self {
-        Self::clear()
+        Self::clear_baseline()
     }
 }
 
 impl PolicyCollectionSettings for OffPolicySettings {
-    type Training = SacTraining;
+    type Trainer = SacTrainer;
 
     fn common(&self) -> CommonSettings {
         CommonSettings {
@@ -217,8 +218,8 @@ impl PolicyCollectionSettings for OffPolicySettings {
         Ok(StagedRollout::new(spec, steps))
     }
 
-    fn new_training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTraining, RlError> {
-        Ok(SacTraining {
+    fn new_training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTrainer, RlError> {
+        Ok(SacTrainer {
             sac: Sac::on_ranks(self.sac.clone(), policy, self.ranks.clone())?,
             replay: ReplayBuffer::new(self.replay(spec), spec)?,
             warm_up: self.warm_up,
@@ -227,9 +228,9 @@ impl PolicyCollectionSettings for OffPolicySettings {
     }
 }
 
-/// Training of one policy by soft actor-critic from a replay buffer of the latest steps of its
+/// Trainer of one policy by soft actor-critic from a replay buffer of the latest steps of its
 /// rollouts.
-pub struct SacTraining {
+pub struct SacTrainer {
     sac: Sac,
     replay: ReplayBuffer,
     /// Number of decisions with uniformly random actions ([`OffPolicySettings::warm_up`]).
@@ -238,12 +239,12 @@ pub struct SacTraining {
     newest_steps: u64,
 }
 
-impl Training for SacTraining {
+impl PolicyTrainer for SacTrainer {
     type Policy = SacPolicy;
     type Rollout = StagedRollout;
 
     fn prepare_rollout(&self, rollout: &mut StagedRollout) {
-        let recorded = self.replay.num_recorded();
+        let recorded = self.replay.total_recorded_steps();
         rollout.draw_uniform_actions(self.warm_up.saturating_sub(recorded));
     }
 
@@ -259,7 +260,7 @@ impl Training for SacTraining {
         rng: &mut ChaCha8Rng,
     ) -> Result<Vec<(String, f64)>, RlError> {
         rollout.commit_to(&mut self.replay)?;
-        self.replay.set_num_newest(self.newest_steps);
+        self.replay.mark_newest_steps(self.newest_steps);
         Ok(self.sac.update(policy, &self.replay, rng)?.metrics())
     }
 
@@ -272,7 +273,7 @@ impl Training for SacTraining {
     }
 
     fn extra_tensors(&self, prefix: &str) -> Vec<Tensor> {
-        replay_checkpoint::replay_tensors(&self.replay, prefix)
+        replay_checkpoint::replay_buffer_tensors(&self.replay, prefix)
     }
 
     fn restore_extra_tensors(
@@ -280,7 +281,7 @@ impl Training for SacTraining {
         file: &TensorFile<'_>,
         prefix: &str,
     ) -> Result<(), LearnerError> {
-        self.replay = replay_checkpoint::read_replay(file, prefix, &self.replay)?;
+        self.replay = replay_checkpoint::read_replay_buffer(file, prefix, &self.replay)?;
         Ok(())
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use rl::{EnvSpec, Ranks};
+use rl::{EnvSpec, ProcessRanks};
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
@@ -105,7 +105,7 @@ impl LearnerSettings {
     }
 
     /// Changes the symmetry group that networks are equivariant under, at equal width.
-    pub fn set_group(&mut self, group: Group) {
+    pub fn set_symmetry_group(&mut self, group: Group) {
         each!(self, settings => settings.network.group = group);
     }
 
@@ -145,7 +145,7 @@ impl LearnerSettings {
     ///
     /// # Errors
     /// [`LearnerError::InvalidSetting`] if policies train on a GPU.
-    pub fn set_ranks(&mut self, ranks: Ranks) -> Result<(), LearnerError> {
+    pub fn set_process_ranks(&mut self, ranks: ProcessRanks) -> Result<(), LearnerError> {
         if self.gpu_name().is_some() {
             let expected = "`cpu`: processes that train together share updates on the CPU";
             return Err(LearnerError::invalid("device", DeviceChoice::Gpu, expected));
@@ -155,13 +155,13 @@ impl LearnerSettings {
     }
 
     /// Returns the processes that share the updates of policies.
-    pub fn process_ranks(&self) -> &Ranks {
+    pub fn process_ranks(&self) -> &ProcessRanks {
         each!(self, settings => &settings.ranks)
     }
 
     /// Replaces the grouping by that of `run` if that is the removed grouping `calibrated` of
     /// earlier versions and `self` has its successor.
-    pub fn take_removed_grouping(&mut self, run: &Self) {
+    pub fn inherit_removed_grouping(&mut self, run: &Self) {
         if let removed @ GroupingSettings::Removed(_) = run.grouping()
             && matches!(self.grouping(), GroupingSettings::Evidence(_))
         {
@@ -212,7 +212,7 @@ mod tests {
             seed: u64::MAX,
             ..CoversSettings::paper()
         };
-        let off_policy = LearnerSettings::OffPolicy(OffPolicySettings::clear());
+        let off_policy = LearnerSettings::OffPolicy(OffPolicySettings::clear_baseline());
         for settings in [LearnerSettings::Covers(other), off_policy] {
             let text = serde_json::to_string(&settings).unwrap();
             assert_eq!(read::<LearnerSettings>(&text).unwrap(), settings);
@@ -222,7 +222,7 @@ mod tests {
     #[test]
     fn what_is_missing_has_its_default_and_what_does_not_exist_is_refused() {
         assert_eq!(read::<CoversSettings>("{}").unwrap(), CoversSettings::default());
-        assert_eq!(read::<OffPolicySettings>("{}").unwrap(), OffPolicySettings::clear());
+        assert_eq!(read::<OffPolicySettings>("{}").unwrap(), OffPolicySettings::clear_baseline());
         assert!(read::<CoversSettings>(r#"{"hand_over": "reuse"}"#).is_err());
         assert!(read::<CoversSettings>(r#"{"handover": "keep"}"#).is_err());
         assert!(read::<OffPolicySettings>(r#"{"handover": "reuse"}"#).is_err());

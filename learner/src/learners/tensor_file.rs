@@ -44,13 +44,13 @@ pub struct Tensor {
 
 impl Tensor {
     /// Creates a named array of single-precision numbers for a checkpoint.
-    pub fn floats(name: String, shape: Vec<usize>, values: &[f32]) -> Self {
+    pub fn from_floats(name: String, shape: Vec<usize>, values: &[f32]) -> Self {
         let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         Self { name, dtype: Dtype::F32, shape, bytes }
     }
 
     /// Creates a named array of whole numbers for a checkpoint.
-    pub fn integers(name: String, shape: Vec<usize>, values: &[u64]) -> Self {
+    pub fn from_integers(name: String, shape: Vec<usize>, values: &[u64]) -> Self {
         let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
         Self { name, dtype: Dtype::U64, shape, bytes }
     }
@@ -74,7 +74,7 @@ impl Tensor {
     }
 
     /// Creates a named array of bytes for a checkpoint.
-    pub fn bytes(name: String, shape: Vec<usize>, bytes: Vec<u8>) -> Self {
+    pub fn from_bytes(name: String, shape: Vec<usize>, bytes: Vec<u8>) -> Self {
         Self { name, dtype: Dtype::U8, shape, bytes }
     }
 }
@@ -99,7 +99,7 @@ pub(super) fn encode_tensor_file(
 
 /// Returns the bytes of a checkpoint file, with zeros in place of the checksum.
 fn serialize(tensors: &[Tensor], header: String) -> Result<Vec<u8>, SafeTensorError> {
-    let space = Tensor::bytes(CHECKSUM.to_owned(), vec![4], vec![0; 4]);
+    let space = Tensor::from_bytes(CHECKSUM.to_owned(), vec![4], vec![0; 4]);
     let mut views = Vec::with_capacity(tensors.len() + 1);
     for tensor in tensors.iter().chain([&space]) {
         let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.bytes)?;
@@ -201,39 +201,39 @@ impl<'a> TensorFile<'a> {
     }
 
     /// Returns the error of a checkpoint file whose contents contradict each other.
-    pub fn damaged(&self, problem: String) -> LearnerError {
+    pub fn damaged_error(&self, problem: String) -> LearnerError {
         LearnerError::damaged_file(self.path, problem)
     }
 
     /// Returns shape and values of the single-precision array called `name`, all values finite.
-    pub fn floats(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), LearnerError> {
+    pub fn read_floats(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), LearnerError> {
         let tensor = self.tensor(name, Dtype::F32)?;
         let (numbers, _) = tensor.data().as_chunks::<4>();
         let values: Vec<f32> = numbers.iter().map(|b| f32::from_le_bytes(*b)).collect();
         if let Some(index) = values.iter().position(|value| !value.is_finite()) {
             let problem = format!("`{name}`[{index}] is {}, expected a number", values[index]);
-            return Err(self.damaged(problem));
+            return Err(self.damaged_error(problem));
         }
         Ok((tensor.shape().to_vec(), values))
     }
 
     /// Returns the values of the array of whole numbers called `name`.
-    pub fn integers(&self, name: &str) -> Result<Vec<u64>, LearnerError> {
+    pub fn read_integers(&self, name: &str) -> Result<Vec<u64>, LearnerError> {
         let tensor = self.tensor(name, Dtype::U64)?;
         let (numbers, _) = tensor.data().as_chunks::<8>();
         Ok(numbers.iter().map(|b| u64::from_le_bytes(*b)).collect())
     }
 
     /// Returns shape and values of the array of bytes called `name`.
-    pub fn bytes(&self, name: &str) -> Result<(Vec<usize>, Vec<u8>), LearnerError> {
+    pub fn read_bytes(&self, name: &str) -> Result<(Vec<usize>, Vec<u8>), LearnerError> {
         let tensor = self.tensor(name, Dtype::U8)?;
         Ok((tensor.shape().to_vec(), tensor.data().to_vec()))
     }
 
     /// Returns the array of bytes called `name` as UTF-8 text.
-    pub fn text(&self, name: &str) -> Result<String, LearnerError> {
-        let text = String::from_utf8(self.bytes(name)?.1);
-        text.map_err(|error| self.damaged(format!("`{name}` is no text: {error}")))
+    pub fn read_text(&self, name: &str) -> Result<String, LearnerError> {
+        let text = String::from_utf8(self.read_bytes(name)?.1);
+        text.map_err(|error| self.damaged_error(format!("`{name}` is no text: {error}")))
     }
 
     fn tensor(&self, name: &str, dtype: Dtype) -> Result<TensorView<'_>, LearnerError> {
@@ -243,7 +243,7 @@ impl<'a> TensorFile<'a> {
             return Ok(tensor);
         }
         let problem = format!("`{name}` is {:?}, expected {dtype:?}", tensor.dtype());
-        Err(self.damaged(problem))
+        Err(self.damaged_error(problem))
     }
 }
 
@@ -253,8 +253,8 @@ mod tests {
 
     fn written() -> Vec<u8> {
         let tensors = [
-            Tensor::floats("a".to_owned(), vec![3], &[1.0, -2.0, 0.5]),
-            Tensor::bytes("z".to_owned(), vec![2, 2], vec![1, 2, 3, 4]),
+            Tensor::from_floats("a".to_owned(), vec![3], &[1.0, -2.0, 0.5]),
+            Tensor::from_bytes("z".to_owned(), vec![2, 2], vec![1, 2, 3, 4]),
         ];
         encode_tensor_file(Path::new("file"), &"a note", &tensors).unwrap()
     }
@@ -294,7 +294,7 @@ mod tests {
 
     #[test]
     fn numbers_that_are_not_finite_are_not_written() {
-        let tensors = [Tensor::floats("weights".to_owned(), vec![2], &[1.0, f32::NAN])];
+        let tensors = [Tensor::from_floats("weights".to_owned(), vec![2], &[1.0, f32::NAN])];
         let error = encode_tensor_file(Path::new("file"), &"", &tensors).unwrap_err();
         assert!(error.to_string().contains("`weights`[1] is NaN"), "{error}");
     }

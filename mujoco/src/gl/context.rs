@@ -7,12 +7,12 @@ use std::ptr;
 
 use libloading::os::unix::{Library, RTLD_GLOBAL, RTLD_NOW};
 
-use crate::error::ContextError;
+use crate::error::OpenGlContextError;
 
 /// OpenGL context that this crate has made, by EGL or OSMesa.
 pub(super) trait Context {
     /// Makes this OpenGL context the thread's current one, unless it is already.
-    fn make_current(&self) -> Result<PreviousContext, ContextError>;
+    fn make_current(&self) -> Result<PreviousContext, OpenGlContextError>;
     /// Returns the address of an OpenGL function; NULL if it is unknown.
     fn function(&self, name: &CStr) -> *const c_void;
 }
@@ -24,19 +24,19 @@ pub(super) trait Context {
 #[must_use]
 pub(crate) struct PreviousContext(Option<Restore>);
 
-type Restore = Box<dyn FnOnce() -> Result<(), ContextError>>;
+type Restore = Box<dyn FnOnce() -> Result<(), OpenGlContextError>>;
 
 impl PreviousContext {
     pub(super) fn nothing() -> Self {
         Self(None)
     }
 
-    pub(super) fn new(restore: impl FnOnce() -> Result<(), ContextError> + 'static) -> Self {
+    pub(super) fn new(restore: impl FnOnce() -> Result<(), OpenGlContextError> + 'static) -> Self {
         Self(Some(Box::new(restore)))
     }
 
     /// Makes the embedding program's OpenGL context current again.
-    pub(crate) fn restore(self) -> Result<(), ContextError> {
+    pub(crate) fn restore(self) -> Result<(), OpenGlContextError> {
         self.0.map_or(Ok(()), |restore| restore())
     }
 }
@@ -65,7 +65,7 @@ pub(super) fn forget(context: *mut c_void) {
 }
 
 /// Makes the symbols of the loaded OpenGL library `library` visible to MuJoCo.
-pub(super) fn publish(library: &str) -> Result<(), ContextError> {
+pub(super) fn publish(library: &str) -> Result<(), OpenGlContextError> {
     // SAFETY: the library is loaded already; this only widens the visibility of its symbols.
     let visible = unsafe { Library::open(Some(library), RTLD_NOW | RTLD_GLOBAL | RTLD_NODELETE) };
     visible.map(|_| ()).map_err(library_error(library))
@@ -74,7 +74,7 @@ pub(super) fn publish(library: &str) -> Result<(), ContextError> {
 /// Flag of `dlopen` on Linux: the library stays loaded after its last handle closes.
 pub(super) const RTLD_NODELETE: c_int = 0x1000;
 
-pub(super) fn library_error<E: Display>(library: &str) -> impl FnOnce(E) -> ContextError {
+pub(super) fn library_error<E: Display>(library: &str) -> impl FnOnce(E) -> OpenGlContextError {
     let library = library.to_owned();
-    move |error| ContextError::LibraryUnusable { library, reason: error.to_string() }
+    move |error| OpenGlContextError::LibraryUnusable { library, reason: error.to_string() }
 }

@@ -11,7 +11,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use super::context::{
     Context, PreviousContext, RTLD_NODELETE, forget, is_ours, library_error, remember,
 };
-use crate::error::ContextError;
+use crate::error::OpenGlContextError;
 
 type Egl = egl::DynamicInstance<egl::EGL1_5>;
 
@@ -53,13 +53,13 @@ pub(super) struct EglContext {
 
 impl EglContext {
     /// Creates an EGL context without making it current.
-    pub(super) fn new(library: &str, platform: Platform) -> Result<Self, ContextError> {
+    pub(super) fn new(library: &str, platform: Platform) -> Result<Self, OpenGlContextError> {
         let egl = open(library)?;
         let display = connect(&egl, platform)?;
         let config = egl
             .choose_first_config(display, &CONFIG)
             .map_err(explain("eglChooseConfig"))?
-            .ok_or(ContextError::NoConfiguration)?;
+            .ok_or(OpenGlContextError::NoConfiguration)?;
         let mut made = Self {
             context: create_context(&egl, display, config)?,
             egl: Rc::new(egl),
@@ -72,7 +72,7 @@ impl EglContext {
         Ok(made)
     }
 
-    fn add_surface(&mut self, config: egl::Config) -> Result<(), ContextError> {
+    fn add_surface(&mut self, config: egl::Config) -> Result<(), OpenGlContextError> {
         let size = [egl::WIDTH, 1, egl::HEIGHT, 1, egl::NONE];
         let surface = self.egl.create_pbuffer_surface(self.display, config, &size);
         self.surface = Some(surface.map_err(explain("eglCreatePbufferSurface"))?);
@@ -96,7 +96,7 @@ impl EglContext {
 }
 
 impl Context for EglContext {
-    fn make_current(&self) -> Result<PreviousContext, ContextError> {
+    fn make_current(&self) -> Result<PreviousContext, OpenGlContextError> {
         let current = self.egl.get_current_context();
         if current == Some(self.context) {
             return Ok(PreviousContext::nothing());
@@ -132,7 +132,7 @@ impl Drop for EglContext {
     }
 }
 
-fn open(library: &str) -> Result<Egl, ContextError> {
+fn open(library: &str) -> Result<Egl, OpenGlContextError> {
     // SAFETY: loading EGL runs no initialisers with preconditions. It stays loaded, because Mesa's
     // thread-exit handlers crash once it is gone.
     let opened = unsafe { Library::open(Some(library), RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE) }
@@ -146,7 +146,7 @@ fn create_context(
     egl: &Egl,
     display: egl::Display,
     config: egl::Config,
-) -> Result<egl::Context, ContextError> {
+) -> Result<egl::Context, OpenGlContextError> {
     let api = egl.query_api();
     egl.bind_api(egl::OPENGL_API).map_err(explain("eglBindAPI"))?;
     // the error is returned last, so that the API is restored in any case
@@ -157,7 +157,7 @@ fn create_context(
     context
 }
 
-fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, ContextError> {
+fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, OpenGlContextError> {
     let offered = egl
         .query_string(None, egl::EXTENSIONS)
         .map_err(explain("eglQueryString"))?
@@ -166,7 +166,7 @@ fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, ContextError> 
         if offered.contains(name) {
             Ok(())
         } else {
-            Err(ContextError::MissingEglExtension { name })
+            Err(OpenGlContextError::MissingEglExtension { name })
         }
     };
     if platform == Platform::Surfaceless {
@@ -175,7 +175,7 @@ fn connect(egl: &Egl, platform: Platform) -> Result<egl::Display, ContextError> 
     }
     require("EGL_EXT_platform_device")?;
     require("EGL_EXT_device_enumeration")?;
-    let mut last = Err(ContextError::NoDevice);
+    let mut last = Err(OpenGlContextError::NoDevice);
     for device in devices(egl)? {
         last = initialised(egl, PLATFORM_DEVICE_EXT, device);
         if last.is_ok() {
@@ -189,7 +189,7 @@ fn initialised(
     egl: &Egl,
     platform: egl::Enum,
     native: *mut c_void,
-) -> Result<egl::Display, ContextError> {
+) -> Result<egl::Display, OpenGlContextError> {
     // SAFETY: `native` is what the platform takes: the default display, or a device that EGL
     // listed.
     let display = unsafe { egl.get_platform_display(platform, native, &[egl::ATTRIB_NONE]) }
@@ -199,11 +199,12 @@ fn initialised(
 }
 
 /// Returns the graphics devices that `eglQueryDevicesEXT` lists.
-fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, ContextError> {
+fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, OpenGlContextError> {
     type QueryDevices =
         unsafe extern "system" fn(egl::Int, *mut *mut c_void, *mut egl::Int) -> egl::Boolean;
     let name = "eglQueryDevicesEXT";
-    let function = egl.get_proc_address(name).ok_or(ContextError::MissingEglExtension { name })?;
+    let function =
+        egl.get_proc_address(name).ok_or(OpenGlContextError::MissingEglExtension { name })?;
     // SAFETY: the extension, which the caller has found on offer, declares this signature.
     let query = unsafe { mem::transmute::<extern "system" fn(), QueryDevices>(function) };
     let mut devices = [ptr::null_mut(); 16];
@@ -211,13 +212,13 @@ fn devices(egl: &Egl) -> Result<Vec<*mut c_void>, ContextError> {
     // SAFETY: the array has the length given; EGL writes `count` entries of it.
     let done = unsafe { query(devices.len() as egl::Int, devices.as_mut_ptr(), &raw mut count) };
     if done == egl::FALSE {
-        return Err(egl.get_error().map_or(ContextError::NoDevice, explain(name)));
+        return Err(egl.get_error().map_or(OpenGlContextError::NoDevice, explain(name)));
     }
     Ok(devices[..count as usize].to_vec())
 }
 
-fn explain(call: &'static str) -> impl Fn(egl::Error) -> ContextError {
-    move |error| ContextError::EglCallFailed {
+fn explain(call: &'static str) -> impl Fn(egl::Error) -> OpenGlContextError {
+    move |error| OpenGlContextError::EglCallFailed {
         call,
         code: error.native(),
         meaning: error.to_string(),

@@ -8,7 +8,7 @@ use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 use super::context::{
     Context, PreviousContext, RTLD_NODELETE, forget, is_ours, library_error, remember,
 };
-use crate::error::ContextError;
+use crate::error::OpenGlContextError;
 
 const OSMESA_RGBA: u32 = 0x1908;
 const OSMESA_TYPE: c_int = 0x23;
@@ -49,9 +49,9 @@ pub(super) struct OsMesaContext {
 
 impl OsMesaContext {
     /// Creates an OSMesa context without making it current.
-    pub(super) fn new(library: &str) -> Result<Self, ContextError> {
+    pub(super) fn new(library: &str) -> Result<Self, OpenGlContextError> {
         if is_visible(c"eglGetProcAddress") {
-            return Err(ContextError::LinkedToEgl);
+            return Err(OpenGlContextError::LinkedToEgl);
         }
         let functions = open(library).map_err(library_error(library))?;
         // SAFETY: valid format and sizes, and no context to share with.
@@ -67,14 +67,14 @@ impl OsMesaContext {
         let call = "OSMesaCreateContextExt";
         Ok(Self {
             functions,
-            context: NonNull::new(context).ok_or(ContextError::OsMesaCallFailed { call })?,
+            context: NonNull::new(context).ok_or(OpenGlContextError::OsMesaCallFailed { call })?,
             pixel: Pixel::new(),
         })
     }
 }
 
 impl Context for OsMesaContext {
-    fn make_current(&self) -> Result<PreviousContext, ContextError> {
+    fn make_current(&self) -> Result<PreviousContext, OpenGlContextError> {
         let current = self.functions.current();
         if current == self.context.as_ptr() {
             return Ok(PreviousContext::nothing());
@@ -118,7 +118,7 @@ impl Functions {
     }
 
     /// Returns a restorer of `context`, which must be the thread's current one.
-    fn previous(self, context: Raw) -> Result<PreviousContext, ContextError> {
+    fn previous(self, context: Raw) -> Result<PreviousContext, OpenGlContextError> {
         let (mut width, mut height, mut format, mut kind) = (0, 0, 0, 0);
         let mut buffer = ptr::null_mut();
         // SAFETY: `context` is the current one, and each pointer is to a local variable.
@@ -164,9 +164,9 @@ impl Drop for Pixel {
     }
 }
 
-fn check(done: u8, call: &'static str) -> Result<(), ContextError> {
+fn check(done: u8, call: &'static str) -> Result<(), OpenGlContextError> {
     match done {
-        0 => Err(ContextError::OsMesaCallFailed { call }),
+        0 => Err(OpenGlContextError::OsMesaCallFailed { call }),
         _ => Ok(()),
     }
 }

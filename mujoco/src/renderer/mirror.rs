@@ -12,7 +12,7 @@ use crate::raw;
 /// side of it, and a mirror swaps the sides. So two scenes that mirror each other have pictures
 /// that mirror each other bit for bit if one of them is drawn in the mirror between them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Mirror {
+pub struct RenderMirror {
     /// `true` to draw the scene with left and right swapped.
     pub swaps_left_right: bool,
     /// `true` to draw the scene with top and bottom swapped.
@@ -27,17 +27,17 @@ pub struct CameraView {
     /// Camera through which the scene is drawn.
     pub camera: CameraId,
     /// Mirror in which the scene is drawn.
-    pub mirror: Mirror,
+    pub mirror: RenderMirror,
 }
 
 impl From<CameraId> for CameraView {
     fn from(camera: CameraId) -> Self {
-        let mirror = Mirror::default();
+        let mirror = RenderMirror::default();
         Self { camera, mirror }
     }
 }
 
-impl Mirror {
+impl RenderMirror {
     /// Returns `true` if the mirror swaps handedness; both flips together are a rotation and do
     /// not.
     fn reverses_orientation(self) -> bool {
@@ -69,8 +69,8 @@ fn reverse_rows(pixels: &mut [[u8; 3]], width: usize) {
 
 impl Renderer {
     /// Reflects MuJoCo's scene in the planes through the camera's axis that `mirror` names.
-    pub(super) fn reflect_scene(&mut self, mirror: Mirror) -> Result<(), RenderError> {
-        if mirror == Mirror::default() {
+    pub(super) fn reflect_scene(&mut self, mirror: RenderMirror) -> Result<(), RenderError> {
+        if mirror == RenderMirror::default() {
             return Ok(());
         }
         self.check_shapes(mirror)?;
@@ -101,7 +101,7 @@ impl Renderer {
 
     /// Rejects geoms of the scene that are not mirror-symmetric: no motion brings them to their
     /// mirror image.
-    fn check_shapes(&self, mirror: Mirror) -> Result<(), RenderError> {
+    fn check_shapes(&self, mirror: RenderMirror) -> Result<(), RenderError> {
         let asymmetric = |geom: &&raw::mjvGeom| {
             !MIRROR_SYMMETRIC.contains(&geom.type_.cast_unsigned()) || geom.texid >= 0
         };
@@ -170,7 +170,8 @@ mod tests {
             (true, true, [2, 1, 4, 3, 6, 5]),
         ] {
             let mut image = drawn.clone();
-            Mirror { swaps_left_right: columns, swaps_top_bottom: rows }.flip_back(&mut image, 2);
+            RenderMirror { swaps_left_right: columns, swaps_top_bottom: rows }
+                .flip_back(&mut image, 2);
             let expected: Vec<u8> = expected.into_iter().flat_map(|pixel| [pixel; 3]).collect();
             assert_eq!(image, expected, "columns {columns}, rows {rows}");
         }

@@ -25,7 +25,7 @@ const NUM_PARTIAL_SQUARES: usize = 64;
 /// A GPU as a [`Backend`] of PPO updates. It queues all minibatches without waiting for results;
 /// once the KL divergence stops the update, the remaining minibatches have no effect.
 pub(super) struct GpuBackend {
-    device: equivariant::gpu::Device,
+    device: equivariant::gpu::GpuDevice,
     queue: QueuedMinibatches,
     /// Kernels of the update, compiled at the first update and again for larger sizes.
     compiled: Option<CompiledUpdate>,
@@ -70,7 +70,7 @@ impl Backend for GpuBackend {
 }
 
 impl GpuBackend {
-    pub fn new(device: &equivariant::gpu::Device) -> Self {
+    pub fn new(device: &equivariant::gpu::GpuDevice) -> Self {
         Self { device: device.clone(), queue: QueuedMinibatches::default(), compiled: None }
     }
 
@@ -115,7 +115,7 @@ impl QueuedMinibatches {
 
 impl CompiledUpdate {
     fn new(
-        device: &equivariant::gpu::Device,
+        device: &equivariant::gpu::GpuDevice,
         update: &Update,
         size: UpdateSize,
     ) -> Result<Self, GpuError> {
@@ -142,7 +142,7 @@ impl CompiledUpdate {
             self.program.write_floats(slot, &plan.params_to_device_order(values));
         }
         let Observations { images, vectors } = update.buffer.observations();
-        buffers.observation_buffers.write(&self.program, network, images, vectors);
+        buffers.observation_buffers.upload(&self.program, network, images, vectors);
         self.program.write_floats(buffers.decisions, &decisions(network, update));
         self.program.write_words(buffers.observation_buffers.samples, &queue.samples);
         // zeros: the state RUNNING, and no row written yet
@@ -151,7 +151,7 @@ impl CompiledUpdate {
 
     /// Queues the kernels of every minibatch on the GPU.
     fn submit(&self, update: &Update, queue: &QueuedMinibatches) {
-        let [encoder, heads] = update.groups().map(|group| group.learning_rate);
+        let [encoder, heads] = update.param_groups().map(|group| group.learning_rate);
         for (index, &(start, samples)) in queue.minibatches.iter().enumerate() {
             let steps = update.optimiser.steps + index as u64 + 1;
             // Adam's bias corrections, computed here in f64, which kernels do not have
@@ -162,7 +162,7 @@ impl CompiledUpdate {
                 index,
                 extra_numbers: [encoder / first, heads / first, second.sqrt(), 0.0],
             };
-            self.program.submit(PassSelection::All, batch);
+            self.program.submit_passes(PassSelection::All, batch);
         }
     }
 
@@ -210,7 +210,7 @@ impl PpoTotals {
                 break;
             }
             check_finite("the loss of a minibatch", policy_loss + value_loss + approx_kl)?;
-            self.losses.add(&LossSums {
+            self.losses.add_sums(&LossSums {
                 samples,
                 policy_loss,
                 value_loss,

@@ -14,7 +14,7 @@ use crate::network_policy::ActorCriticPolicy;
 use crate::ppo::settings::PpoSettings;
 use crate::ppo::stats::{LossSums, LossWeights, PpoTotals};
 use crate::ppo::symmetry_loss::{AugmentedSamples, symmetry_loss};
-use crate::ranks::Ranks;
+use crate::ranks::ProcessRanks;
 
 /// Number of decisions that one thread processes at a time (a chunk) in training. A minibatch of 64
 /// then has 8 chunks to keep the cores busy; smaller chunks take a quarter more time.
@@ -75,7 +75,7 @@ impl<'a> Update<'a> {
     /// Returns the two parameter groups of the optimiser, image encoder and all others, with their
     /// learning rates. The encoder has its own rate, since its changes under the critic's loss move
     /// the actor, too.
-    pub fn groups(&self) -> [ParamGroup; 2] {
+    pub fn param_groups(&self) -> [ParamGroup; 2] {
         let group = |range, rate: f32| ParamGroup { range, learning_rate: rate * self.rate_factor };
         let (network, settings) = (self.policy.network(), self.settings);
         [
@@ -152,7 +152,7 @@ impl Minibatch<'_> {
     /// Runs the network forward and backward on the decisions at positions `range` of the
     /// minibatch. Adds their share of the gradient of the mean loss to `gradient` and returns the
     /// sums of their loss terms.
-    pub fn run_chunk<T: Scalar>(
+    pub fn accumulate_chunk_gradients<T: Scalar>(
         &self,
         network: &ActorCritic<T>,
         params: &[T],
@@ -161,8 +161,9 @@ impl Minibatch<'_> {
         gradient: &mut [T],
     ) -> LossSums {
         for (slot, &i) in self.indices[range.clone()].iter().enumerate() {
-            let (image, vector) = self.buffer.observations().sample(self.buffer.spec(), i);
-            network.load_sample(slot, image, vector, workspace);
+            let (image, vector) =
+                self.buffer.observations().image_and_vector(self.buffer.spec(), i);
+            network.load_observation(slot, image, vector, workspace);
         }
         network.forward(params, range.len(), workspace);
         let mut sums = self.loss(range.clone(), workspace);
@@ -205,7 +206,7 @@ impl Minibatch<'_> {
             let (d_mean, d_log_std) = (&mut w.d_mean[own], &mut w.d_log_std);
             let (terms, d_value) = self.weights.loss(&old, &new, scale, d_mean, d_log_std);
             w.d_value[slot] = d_value;
-            sums.add(&terms);
+            sums.add_sums(&terms);
         }
         sums
     }
@@ -216,16 +217,16 @@ impl Minibatch<'_> {
 pub(super) struct CpuBackend {
     chunks: ParallelChunks<f32, ActorCriticWorkspace<f32>>,
     gradient: Vec<f32>,
-    ranks: Ranks,
+    ranks: ProcessRanks,
 }
 
 impl CpuBackend {
-    pub fn new(policy: &ActorCriticPolicy, ranks: Ranks) -> Self {
+    pub fn new(policy: &ActorCriticPolicy, ranks: ProcessRanks) -> Self {
         let network = policy.network().clone();
         let num_params = network.num_params();
         Self {
             chunks: ParallelChunks::new(num_params, TRAINING_CHUNK, move || {
-                network.workspace(TRAINING_CHUNK)
+                network.new_workspace(TRAINING_CHUNK)
             }),
             gradient: vec![0.0; num_params],
             ranks,
@@ -247,10 +248,14 @@ impl Backend for CpuBackend {
             samples,
             &mut self.gradient,
             |range, workspace, gradient| {
-                minibatch.run_chunk(network, params, range, workspace, gradient).to_array()
+                minibatch
+                    .accumulate_chunk_gradients(network, params, range, workspace, gradient)
+                    .sums_to_array()
             },
         );
-        chunk_losses.into_iter().for_each(|chunk| losses.add(&LossSums::from_array(chunk)));
+        chunk_losses
+            .into_iter()
+            .for_each(|chunk| losses.add_sums(&LossSums::sums_from_array(chunk)));
         let sum = losses.policy_loss + losses.value_loss + losses.approx_kl + losses.symmetry_loss;
         check_finite("the loss of a minibatch", sum)?;
         Ok(Some((losses, &mut self.gradient)))

@@ -86,8 +86,8 @@ impl AugmentedSamples {
     ) {
         self.store_targets(network.spec(), indices, w);
         for (slot, &i) in indices.iter().enumerate() {
-            let (image, vector) = self.observations.sample(network.spec(), i);
-            network.load_sample(slot, image, vector, w);
+            let (image, vector) = self.observations.image_and_vector(network.spec(), i);
+            network.load_observation(slot, image, vector, w);
         }
         network.forward(params, indices.len(), w);
     }
@@ -176,12 +176,12 @@ mod tests {
     fn observed(
         network: &ActorCritic<f64>,
     ) -> (Vec<f64>, ActorCriticWorkspace<f64>, AugmentedSamples) {
-        let (buffer, mut workspace) = (buffer(), network.workspace(B));
+        let (buffer, mut workspace) = (buffer(), network.new_workspace(B));
         let mut params = network.init_params(&mut rng());
         params[network.num_params() - 3..].copy_from_slice(&[-0.3, 0.2, -0.6]);
         for i in 0..B {
-            let (image, vector) = buffer.observations().sample(&spec(), i);
-            network.load_sample(i, image, vector, &mut workspace);
+            let (image, vector) = buffer.observations().image_and_vector(&spec(), i);
+            network.load_observation(i, image, vector, &mut workspace);
         }
         network.forward(&params, B, &mut workspace);
         let augmented = ALL.augment(&buffer, &mut rng());
@@ -272,7 +272,10 @@ mod tests {
         for (i, &g) in augmented.elements.iter().enumerate() {
             let mut expected = buffer.observations().clone();
             expected.transform(&spec, i, g);
-            assert_eq!(augmented.observations.sample(&spec, i), expected.sample(&spec, i));
+            assert_eq!(
+                augmented.observations.image_and_vector(&spec, i),
+                expected.image_and_vector(&spec, i)
+            );
         }
     }
 }

@@ -123,10 +123,10 @@ fn rollout(
     observations.vectors = uniform(rng, B * 3);
     let mut decisions = Decisions::new(&spec());
     decisions.actions = uniform(rng, B * 3);
-    let mut workspace = network.workspace(B);
+    let mut workspace = network.new_workspace(B);
     for i in 0..B {
-        let (image, vector) = observations.sample(&spec(), i);
-        network.load_sample(i, image, vector, &mut workspace);
+        let (image, vector) = observations.image_and_vector(&spec(), i);
+        network.load_observation(i, image, vector, &mut workspace);
     }
     network.forward(params, B, &mut workspace);
     for i in 0..B {
@@ -162,9 +162,16 @@ fn loss(
         augmented: None,
     };
     let mut gradient = vec![0.0; params.len()];
-    let mut workspace = network.workspace(3);
-    let mut sums = minibatch.run_chunk(network, params, 0..3, &mut workspace, &mut gradient);
-    sums.add(&minibatch.run_chunk(network, params, 3..B, &mut workspace, &mut gradient));
+    let mut workspace = network.new_workspace(3);
+    let mut sums =
+        minibatch.accumulate_chunk_gradients(network, params, 0..3, &mut workspace, &mut gradient);
+    sums.add_sums(&minibatch.accumulate_chunk_gradients(
+        network,
+        params,
+        3..B,
+        &mut workspace,
+        &mut gradient,
+    ));
     (sums, gradient)
 }
 
@@ -218,12 +225,18 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
             augmented: Some(&augmented),
         };
         let (mut sum, mut gradient) = (0.0, vec![0.0; params.len()]);
-        let mut workspace = network.workspace(B);
+        let mut workspace = network.new_workspace(B);
         let mut from = 0;
         for &end in ends {
             let chunk = from..end;
             from = end;
-            let sums = minibatch.run_chunk(&network, &params, chunk, &mut workspace, &mut gradient);
+            let sums = minibatch.accumulate_chunk_gradients(
+                &network,
+                &params,
+                chunk,
+                &mut workspace,
+                &mut gradient,
+            );
             sum += sums.symmetry_loss;
         }
         (sum, gradient)

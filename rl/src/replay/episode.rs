@@ -32,12 +32,12 @@ impl Sizes {
     }
 
     /// Returns the number of bytes of an image's moving channels.
-    pub fn moving_len(&self) -> usize {
+    pub fn moving_channels_len(&self) -> usize {
         self.pixels * self.moving
     }
 
     /// Returns the number of bytes of an image's still channels.
-    pub fn still_len(&self) -> usize {
+    pub fn still_channels_len(&self) -> usize {
         self.pixels * self.still
     }
 
@@ -87,7 +87,7 @@ impl Episode {
     }
 
     fn observe(&mut self, sizes: &Sizes, image: &[u8], vector: &[f32]) {
-        self.moving.reserve(sizes.moving_len());
+        self.moving.reserve(sizes.moving_channels_len());
         for (moving, _) in sizes.split(image) {
             self.moving.extend_from_slice(moving);
         }
@@ -110,12 +110,12 @@ impl Episode {
         self.observe(sizes, next_image, next_vector);
         self.num_held += 1;
         if outcome.is_ended() {
-            self.shrink();
+            self.shrink_to_fit();
         }
     }
 
     /// Frees memory that was allocated for further steps of the episode.
-    pub fn shrink(&mut self) {
+    pub fn shrink_to_fit(&mut self) {
         self.moving.shrink_to_fit();
         self.vectors.shrink_to_fit();
         self.actions.shrink_to_fit();
@@ -129,18 +129,18 @@ impl Episode {
 
     /// Drops the oldest held step of the episode, whose memory is freed later together with that of
     /// many others.
-    pub fn drop_oldest(&mut self, sizes: &Sizes) {
+    pub fn drop_oldest_step(&mut self, sizes: &Sizes) {
         self.num_held -= 1;
         let dropped = self.num_steps() - self.num_held;
         // removal moves the rest of the arrays, so it waits until it frees more than it moves
         if dropped > self.num_held + 2 * HISTORY {
             let count = dropped - HISTORY;
-            self.moving.drain(..count * sizes.moving_len());
+            self.moving.drain(..count * sizes.moving_channels_len());
             self.vectors.drain(..count * sizes.vector);
             self.actions.drain(..count * sizes.action);
             self.rewards.drain(..count);
             self.removed += count;
-            self.shrink();
+            self.shrink_to_fit();
         }
     }
 
@@ -151,8 +151,8 @@ impl Episode {
     }
 
     /// Returns `true` if `image` and `vector` are the last observation of the episode.
-    pub fn ends_with(&self, sizes: &Sizes, image: &[u8], vector: &[f32]) -> bool {
-        let last = &self.moving[self.num_steps() * sizes.moving_len()..];
+    pub fn ends_with_observation(&self, sizes: &Sizes, image: &[u8], vector: &[f32]) -> bool {
+        let last = &self.moving[self.num_steps() * sizes.moving_channels_len()..];
         let mut own = last.chunks(sizes.moving.max(1));
         let mut moving = || sizes.split(image).all(|(moving, _)| own.next() == Some(moving));
         self.vectors[self.num_steps() * sizes.vector..] == *vector
@@ -162,7 +162,7 @@ impl Episode {
 
     /// Writes image `t` of the episode, in 0..=T, as the environment returned it.
     pub fn write_image(&self, sizes: &Sizes, t: usize, out: &mut [u8]) {
-        let moving = &self.moving[t * sizes.moving_len()..][..sizes.moving_len()];
+        let moving = &self.moving[t * sizes.moving_channels_len()..][..sizes.moving_channels_len()];
         let channels = sizes.moving + sizes.still;
         // channel by channel: a copy for every pixel would be a call for a few bytes each
         for (first, own, from) in

@@ -12,7 +12,7 @@ use crate::replay::{ReplayBuffer, ReplaySettings, StepId};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReplayState<'a> {
     /// Number of steps ever recorded, dropped ones included.
-    pub num_recorded: u64,
+    pub total_recorded_steps: u64,
     /// Number of recorded steps older than the newest experience
     /// ([`ReplayBuffer::start_newest_experience`]).
     pub num_before_newest: u64,
@@ -50,10 +50,10 @@ pub struct StoredEpisode<'a> {
 
 impl ReplayBuffer {
     /// Returns the complete state of the replay buffer; arrays are borrowed, not copied.
-    pub fn save(&self) -> ReplayState<'_> {
+    pub fn checkpoint_state(&self) -> ReplayState<'_> {
         let index = |number: u32| number - self.first_episode;
         ReplayState {
-            num_recorded: self.num_recorded,
+            total_recorded_steps: self.total_recorded_steps,
             num_before_newest: self.num_before_newest,
             running_episodes: self.running_episodes.iter().map(|n| n.map(index)).collect(),
             step_order: self.step_order.iter().map(|at| [index(at.episode), at.step]).collect(),
@@ -61,7 +61,7 @@ impl ReplayBuffer {
         }
     }
 
-    /// Restores a replay buffer from a state that [`ReplayBuffer::save`] returned.
+    /// Restores a replay buffer from a state that [`ReplayBuffer::checkpoint_state`] returned.
     ///
     /// # Errors
     /// Errors of [`ReplayBuffer::new`], [`RlError::ShapeMismatch`] for arrays of another
@@ -75,7 +75,7 @@ impl ReplayBuffer {
         state.check(&replay)?;
         replay.spec.num_envs = state.running_episodes.len();
         replay.running_episodes.clone_from(&state.running_episodes);
-        replay.num_recorded = state.num_recorded;
+        replay.total_recorded_steps = state.total_recorded_steps;
         replay.num_before_newest = state.num_before_newest;
         replay.stored_episodes = state.stored_episodes.iter().map(Episode::restored).collect();
         replay.step_order = VecDeque::with_capacity(state.step_order.len());
@@ -128,14 +128,14 @@ impl fmt::Debug for StoredEpisode<'_> {
 impl ReplayState<'_> {
     fn check(&self, replay: &ReplayBuffer) -> Result<(), RlError> {
         self.stored_episodes.iter().try_for_each(|episode| episode.check(&replay.sizes))?;
-        let held = self.num_recorded.min(replay.settings.capacity as u64);
+        let held = self.total_recorded_steps.min(replay.settings.capacity as u64);
         let expected = "as many as were recorded, up to the capacity";
         let len = self.step_order.len() as u64;
-        let complete = len == held && self.num_recorded <= u64::from(u32::MAX);
+        let complete = len == held && self.total_recorded_steps <= u64::from(u32::MAX);
         require_saved("replay.order", len as f64, expected, complete)?;
         let marked = self.num_before_newest;
         let expected_marked = "a number of steps that were recorded";
-        let recorded = marked <= self.num_recorded;
+        let recorded = marked <= self.total_recorded_steps;
         require_saved("replay.marked", marked as f64, expected_marked, recorded)?;
         self.check_order()?;
         let expected_running = "at least one environment";
@@ -189,8 +189,8 @@ impl StoredEpisode<'_> {
         let most = (u32::MAX - self.removed) as usize;
         require_saved("replay.episode", steps as f64, "fewer than 2^32 steps", steps < most)?;
         let frames = if self.is_empty() { 0 } else { steps + 1 };
-        let still = frames.min(1) * sizes.still_len();
-        let moving = frames * sizes.moving_len();
+        let still = frames.min(1) * sizes.still_channels_len();
+        let moving = frames * sizes.moving_channels_len();
         check_len("still", "[H, W, S]", self.still.len(), still)?;
         check_len("moving", "[T + 1, H, W, C - S]", self.moving.len(), moving)?;
         let vectors = frames * sizes.vector;

@@ -7,7 +7,7 @@ use symmetry::{Irrep, irrep_major_permutation};
 
 use crate::env::EnvSpec;
 use crate::error::{RlError, require};
-use crate::sac::settings::ContextSettings;
+use crate::sac::settings::RecurrentContextSettings;
 
 /// Layer that computes the input of an actor or critic: the observation's fields h, followed by the
 /// state of a GRU over the last steps of the episode if there is a context. The GRU's input for a
@@ -85,7 +85,7 @@ pub(crate) struct ContextWorkspace<T> {
 impl ContextReader {
     pub fn new(
         fields: FieldType,
-        settings: Option<ContextSettings>,
+        settings: Option<RecurrentContextSettings>,
         spec: &EnvSpec,
     ) -> Result<Self, RlError> {
         let context = settings.map(|settings| Context::new(fields, settings, spec));
@@ -99,7 +99,7 @@ impl ContextReader {
     }
 
     /// Returns L, the maximum number of steps that the GRU reads; 0 without a context.
-    pub fn length(&self) -> usize {
+    pub fn max_steps(&self) -> usize {
         self.context.as_ref().map_or(0, |context| context.length)
     }
 
@@ -114,7 +114,7 @@ impl ContextReader {
         }
     }
 
-    pub fn workspace<T: Scalar>(&self, capacity: usize) -> ContextWorkspace<T> {
+    pub fn new_workspace<T: Scalar>(&self, capacity: usize) -> ContextWorkspace<T> {
         let zeros = |width: usize| vec![T::ZERO; capacity * width];
         let context = self.context.as_ref();
         let width = self.out_type().dim();
@@ -128,7 +128,7 @@ impl ContextReader {
     }
 
     /// Resizes `gru_inputs` to the GRU inputs of `count` steps, all zeros.
-    pub fn clear<T: Scalar>(&self, count: usize, gru_inputs: &mut GruInputs<T>) {
+    pub fn clear_gru_inputs<T: Scalar>(&self, count: usize, gru_inputs: &mut GruInputs<T>) {
         let width = self.context.as_ref().map_or(0, Context::gru_input_len);
         gru_inputs.0.clear();
         gru_inputs.0.resize(count * width, T::ZERO);
@@ -136,7 +136,7 @@ impl ContextReader {
 
     /// Writes the GRU input of a step from its observation's fields, and its action and reward in
     /// the environment's order.
-    pub fn write<T: Scalar>(
+    pub fn write_gru_input<T: Scalar>(
         &self,
         index: usize,
         fields: &[T],
@@ -207,7 +207,11 @@ impl ContextReader {
 }
 
 impl Context {
-    fn new(fields: FieldType, settings: ContextSettings, spec: &EnvSpec) -> Result<Self, RlError> {
+    fn new(
+        fields: FieldType,
+        settings: RecurrentContextSettings,
+        spec: &EnvSpec,
+    ) -> Result<Self, RlError> {
         let (group, size) = (fields.group(), settings.size);
         let allowed = size > 0 && size.is_multiple_of(group.order());
         let expected = "a multiple of the order of the network's group, at least that";

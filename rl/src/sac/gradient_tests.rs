@@ -12,7 +12,7 @@ use crate::policy::{Actor, ActorMemory};
 use crate::replay::ReplayBuffer;
 use crate::sac::network::SacNetwork;
 use crate::sac::policy::SacPolicy;
-use crate::sac::settings::ContextSettings;
+use crate::sac::settings::RecurrentContextSettings;
 
 const ALPHA: f64 = 0.2;
 const CLONING: f64 = 0.3;
@@ -33,7 +33,7 @@ impl<T: Scalar> Case<T> {
     fn new(network: SacNetwork<T>, steps: &[(usize, usize)], gamma: f64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let params = network.init_params(&mut rng);
-        let target_params = network.init_params(&mut rng)[network.critic_params()].to_vec();
+        let target_params = network.init_params(&mut rng)[network.critic_param_range()].to_vec();
         let mut noise = || (0..steps.len() * A).map(|_| rng.random_range(-1.5..1.5)).collect();
         let minibatch = SampledMinibatch {
             indices: Vec::new(),
@@ -71,12 +71,16 @@ impl<T: Scalar> Case<T> {
     /// Returns sums and gradient, in chunks of one workspace, which holds the last chunk's outputs.
     fn run(&self, chunk: usize, replay: &ReplayBuffer) -> (SacSums, Vec<T>, SacWorkspace<T>) {
         let mut gradient = vec![T::ZERO; self.params.len()];
-        let mut w = self.network.workspace(chunk);
+        let mut w = self.network.new_workspace(chunk);
         let mut sums = SacSums::default();
         let steps = self.minibatch.steps.len();
         for start in (0..steps).step_by(chunk) {
             let range = start..steps.min(start + chunk);
-            sums.add(&self.losses(replay).run_chunk(range, &mut w, &mut gradient));
+            sums.add_sums(&self.losses(replay).accumulate_chunk_gradients(
+                range,
+                &mut w,
+                &mut gradient,
+            ));
         }
         (sums, gradient, w)
     }
@@ -91,8 +95,11 @@ fn check_gradient(network: SacNetwork<f64>) {
     let ranges = case.network.param_ranges();
     let actors = ranges.actor_reader.start..ranges.actor.end;
     let (_, gradient, _) = case.run(3, &replay);
-    let from =
-        if case.network.context().is_some() { case.network.trunk.param_range().end } else { 0 };
+    let from = if case.network.context_settings().is_some() {
+        case.network.trunk.param_range().end
+    } else {
+        0
+    };
     let mut params = case.params.clone();
     let scale = gradient.iter().fold(1.0, |m: f64, g| m.max(g.abs()));
     // a wrong formula is wrong nearly everywhere
@@ -170,17 +177,17 @@ fn only_a_termination_ends_what_is_to_come() {
     // the last steps of the two episodes, and the first of the next one
     let steps = [(6, 0), (7, 0), (8, 0)];
     let case = Case::new(network(Group::D2, strided(), false), &steps, 0.9);
-    let mut w = case.network.workspace(3);
+    let mut w = case.network.new_workspace(3);
     let losses = case.losses(&replay);
-    losses.load_observations(&(0..3), &mut w);
-    losses.run_next(&(0..3), &mut w);
+    losses.encode_observations(&(0..3), &mut w);
+    losses.run_next_observations(&(0..3), &mut w);
     losses.write_td_targets(&(0..3), &mut w);
     let beyond = |slot: usize| w.td_targets[slot] - f64::from(replay.get(6 + slot).reward());
     assert_eq!(replay.get(6).outcome(), StepOutcome::Truncated);
     assert_eq!(replay.get(7).outcome(), StepOutcome::Terminated);
     assert_eq!(beyond(1), 0.0);
     for slot in [0, 2] {
-        let worth = w.min_qf(slot).1 - ALPHA * w.log_pi[slot];
+        let worth = w.min_q_value(slot).1 - ALPHA * w.log_pi[slot];
         assert!((beyond(slot) - 0.9 * worth).abs() < 1e-12 && worth != 0.0);
     }
 }
@@ -192,7 +199,7 @@ fn seen(replay: &ReplayBuffer, step: usize) -> Observations {
     for (image, held) in seen.images.chunks_mut(spec.image_len()).zip(both) {
         held.write_image(image);
     }
-    seen.vectors = both.map(|held| held.vector()).concat();
+    seen.vectors = both.map(|held| held.observation_vector()).concat();
     seen
 }
 
@@ -201,7 +208,7 @@ fn seen(replay: &ReplayBuffer, step: usize) -> Observations {
 #[test]
 fn an_actor_decides_from_the_context_that_it_is_trained_with() {
     let replay = replay();
-    let context = Some(ContextSettings { size: 4, length: 3 });
+    let context = Some(RecurrentContextSettings { size: 4, length: 3 });
     let settings = settings(Group::D2, strided());
     let mut policy = SacPolicy::new(&settings, context, &spec(), 4).unwrap();
     let (mut memory, mut means) = (policy.new_memory(2), vec![0.0; 2 * A]);
@@ -255,8 +262,8 @@ fn each_observation_is_encoded_once() {
         let steps = [(index, 0), (index, 1), (index, 2)];
         let case = Case::new(network(Group::D2, strided(), context), &steps, 0.9);
         let case = case.moved(D2::FlipX);
-        let mut w = case.network.workspace(3);
-        case.losses(&replay).load_observations(&(0..3), &mut w);
+        let mut w = case.network.new_workspace(3);
+        case.losses(&replay).encode_observations(&(0..3), &mut w);
         w.observation_keys.len()
     };
     assert_eq!([encoded(false, 0), encoded(false, 2)], [4, 4]);

@@ -37,22 +37,22 @@ pub(super) struct Losses<'a, T> {
 impl<T: Scalar> Losses<'_, T> {
     /// Runs the network forward and backward on the steps at positions `range` of the minibatch.
     /// Adds their share of the gradient to `gradient` and returns the sums of their loss terms.
-    pub fn run_chunk(
+    pub fn accumulate_chunk_gradients(
         &self,
         range: Range<usize>,
         w: &mut SacWorkspace<T>,
         gradient: &mut [T],
     ) -> SacSums {
         let (trunk, n) = (&self.network.trunk, range.len());
-        self.load_observations(&range, w);
-        self.run_next(&range, w);
+        self.encode_observations(&range, w);
+        self.run_next_observations(&range, w);
         self.write_td_targets(&range, w);
         // the next passes overwrite the critics' buffers: only `td_targets` remains of the above
         self.run_replay_actions(&range, w);
         let mut sums = self.critic_loss(n, w);
         self.critics_backward(n, w, gradient);
         self.run_policy_actions(&range, w);
-        sums.add(&self.actor_loss(n, w));
+        sums.add_sums(&self.actor_loss(n, w));
         sums.cloning_loss = self.actor_backward(&range, w, gradient);
         let (own, params) = (&mut gradient[trunk.param_range()], &self.params[trunk.param_range()]);
         trunk.backward(params, n, &mut w.current, own);
@@ -60,7 +60,7 @@ impl<T: Scalar> Losses<'_, T> {
     }
 
     /// Runs the actor at the next observations, and the target critics on its actions.
-    pub fn run_next(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
+    pub fn run_next_observations(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (reader, ranges) = (&network.reader, network.target_param_ranges());
         let fields = &w.next_fields[..n * network.trunk.out_type().dim()];
@@ -82,7 +82,7 @@ impl<T: Scalar> Losses<'_, T> {
     fn run_replay_actions(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (ranges, width) = (network.param_ranges().critics, network.action_order.len());
-        let fields = network.trunk.fields(n, &w.current);
+        let fields = network.trunk.feature_fields(n, &w.current);
         let (own, reader) = (&self.params[ranges.reader.clone()], &network.reader);
         reader.forward(own, fields, &w.gru_inputs, &w.context_steps[0], &mut w.critic_reader);
         for (slot, position) in range.clone().enumerate() {
@@ -99,7 +99,7 @@ impl<T: Scalar> Losses<'_, T> {
     fn run_policy_actions(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         let (ranges, reader) = (network.param_ranges(), &network.reader);
-        let fields = network.trunk.fields(n, &w.current);
+        let fields = network.trunk.feature_fields(n, &w.current);
         let own = &self.params[ranges.actor_reader];
         reader.forward(own, fields, &w.gru_inputs, &w.context_steps[0], &mut w.actor_reader);
         self.run_actor(range, &self.minibatch.noise[0], w);
@@ -118,7 +118,7 @@ impl<T: Scalar> Losses<'_, T> {
         let (own, dparams) = (&self.params[ranges.reader.clone()], &mut gradient[ranges.reader]);
         let reader = &network.reader;
         let d_fields = reader.backward(own, &w.gru_inputs, n, dparams, &mut w.critic_reader);
-        w.current.d_fields()[..d_fields.len()].copy_from_slice(d_fields);
+        w.current.d_feature_fields()[..d_fields.len()].copy_from_slice(d_fields);
     }
 
     /// Adds the gradients of the actor's loss and of behavioural cloning with respect to the
@@ -217,7 +217,7 @@ impl<T: Scalar> Losses<'_, T> {
         let network = self.network;
         let width = network.action_order.len();
         let mut cloning = 0.0;
-        let d_log_pi = self.alpha * self.scale();
+        let d_log_pi = self.alpha * self.step_weight();
         for (slot, position) in range.clone().enumerate() {
             let own = slot * width..(slot + 1) * width;
             let both = 2 * own.start..2 * own.end;
@@ -234,7 +234,7 @@ impl<T: Scalar> Losses<'_, T> {
                 cloning += error * error;
                 // d (tanh(m) - a)^2 / dm
                 let slope = 2.0 * error * (1.0 - mean * mean);
-                *d += self.cloning_weight * self.scale() * slope;
+                *d += self.cloning_weight * self.step_weight() * slope;
             }
         }
         let rows = w.actor.dy.chunks_exact_mut(2 * width);
@@ -261,33 +261,40 @@ impl<'a, T: Scalar> Losses<'a, T> {
     }
 
     /// Returns the weight of one step in a mean over the minibatch.
-    pub fn scale(&self) -> f64 {
+    pub fn step_weight(&self) -> f64 {
         1.0 / self.minibatch.steps.len() as f64
     }
 
     /// Computes the trunk's fields of all observations that the steps at positions `range` need,
     /// each once, and passes the steps before them to the recurrent contexts.
-    pub fn load_observations(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
+    pub fn encode_observations(&self, range: &Range<usize>, w: &mut SacWorkspace<T>) {
         let (network, n) = (self.network, range.len());
         w.observation_keys.clear();
         w.observation_positions.clear();
         for (slot, position) in range.clone().enumerate() {
             let (step, g) = self.sampled_step(position);
             step.write_image(&mut w.image);
-            load_transformed(network, slot, g, step.vector(), &mut w.image, &mut w.current);
+            load_transformed(
+                network,
+                slot,
+                g,
+                step.observation_vector(),
+                &mut w.image,
+                &mut w.current,
+            );
             w.observation_keys.push((step.index(), g));
         }
         for position in range.clone() {
             let (step, g) = self.sampled_step(position);
-            if let Some(slot) = w.locate((step.next_index(), g), n) {
+            if let Some(slot) = w.assign_observation_slot((step.next_index(), g), n) {
                 step.write_next_image(&mut w.image);
-                let vector = step.next_vector();
+                let vector = step.next_observation_vector();
                 load_transformed(network, slot, g, vector, &mut w.image, &mut w.others);
             }
             for earlier in earlier_steps(network, step) {
-                if let Some(slot) = w.locate((earlier.index(), g), n) {
+                if let Some(slot) = w.assign_observation_slot((earlier.index(), g), n) {
                     earlier.write_image(&mut w.image);
-                    let vector = earlier.vector();
+                    let vector = earlier.observation_vector();
                     load_transformed(network, slot, g, vector, &mut w.image, &mut w.others);
                 }
             }
@@ -306,10 +313,10 @@ impl<'a, T: Scalar> Losses<'a, T> {
         let reader = &network.reader;
         let width = network.trunk.out_type().dim();
         let [now, next] = &mut w.context_steps;
-        now.clear(reader.length(), n);
-        next.clear(reader.length(), n);
-        reader.clear(w.observation_keys.len(), &mut w.gru_inputs);
-        let (current, others) = (w.current.fields(), w.others.fields());
+        now.clear(reader.max_steps(), n);
+        next.clear(reader.max_steps(), n);
+        reader.clear_gru_inputs(w.observation_keys.len(), &mut w.gru_inputs);
+        let (current, others) = (w.current.feature_fields(), w.others.feature_fields());
         let fields_of = |source: usize| match source.checked_sub(n) {
             Some(slot) => &others[slot * width..(slot + 1) * width],
             None => &current[source * width..(source + 1) * width],
@@ -320,11 +327,11 @@ impl<'a, T: Scalar> Losses<'a, T> {
             let (step, g) = self.sampled_step(position);
             let copied = w.next_fields[own].iter_mut();
             copied.zip(fields_of(sources.next().unwrap_or_default())).for_each(|(to, &x)| *to = x);
-            if reader.length() == 0 {
+            if reader.max_steps() == 0 {
                 continue;
             }
             let (action, reward) = (self.action(step, g), step.reward());
-            reader.write(slot, fields_of(slot), &action, reward, &mut w.gru_inputs);
+            reader.write_gru_input(slot, fields_of(slot), &action, reward, &mut w.gru_inputs);
             next.prepend(slot, slot);
             for earlier in earlier_steps(network, step) {
                 let source = sources.next().unwrap_or_default();
@@ -332,7 +339,7 @@ impl<'a, T: Scalar> Losses<'a, T> {
                 if source >= n {
                     let (earlier_action, earlier_reward) =
                         (self.action(earlier, g), earlier.reward());
-                    reader.write(
+                    reader.write_gru_input(
                         source,
                         fields_of(source),
                         &earlier_action,
@@ -352,7 +359,7 @@ fn earlier_steps<'r, T: Scalar>(
     network: &SacNetwork<T>,
     step: ReplayStep<'r>,
 ) -> impl Iterator<Item = ReplayStep<'r>> + use<'r, T> {
-    (1..=network.reader.length()).map_while(move |count| step.step_before(count))
+    (1..=network.reader.max_steps()).map_while(move |count| step.step_before(count))
 }
 
 /// Loads an observation, transformed by the group element `g`, into a slot of `pass`; `image` holds
@@ -371,5 +378,5 @@ fn load_transformed<T: Scalar>(
         *image = transform_image(g, image, spec);
     }
     let vector = transform_vector(g, vector, &spec.vector_irreps);
-    network.trunk.load_sample(slot, image, &vector, pass);
+    network.trunk.load_observation(slot, image, &vector, pass);
 }

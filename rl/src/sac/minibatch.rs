@@ -109,20 +109,20 @@ pub(crate) struct SacWorkspace<T> {
 
 impl<T: Scalar> SacNetwork<T> {
     /// Allocates a workspace for up to `capacity` steps (K).
-    pub(crate) fn workspace(&self, capacity: usize) -> SacWorkspace<T> {
+    pub(crate) fn new_workspace(&self, capacity: usize) -> SacWorkspace<T> {
         let width = self.action_order.len();
         let zeros = |len: usize| vec![0.0; capacity * len];
         let reals = |len: usize| vec![T::ZERO; capacity * len];
         SacWorkspace {
-            current: self.trunk.workspace(capacity),
-            others: self.trunk.workspace(capacity * (1 + self.reader.length())),
+            current: self.trunk.new_workspace(capacity),
+            others: self.trunk.new_workspace(capacity * (1 + self.reader.max_steps())),
             observation_keys: Vec::new(),
             observation_positions: Vec::new(),
             next_fields: reals(self.trunk.out_type().dim()),
             gru_inputs: GruInputs::default(),
             context_steps: <[ContextSteps; 2]>::default(),
-            actor_reader: self.reader.workspace(capacity),
-            critic_reader: self.reader.workspace(capacity),
+            actor_reader: self.reader.new_workspace(capacity),
+            critic_reader: self.reader.new_workspace(capacity),
             actor: LayerBuffers::new(&self.actor, capacity),
             critics: [(); 2].map(|()| LayerBuffers::new(&self.critic, capacity)),
             output: zeros(2 * width),
@@ -141,7 +141,7 @@ impl<T: Scalar> SacNetwork<T> {
 
 impl<T: Scalar> SacWorkspace<T> {
     /// Returns the index and value of the critic with the smaller Q-value for the action in `slot`.
-    pub fn min_qf(&self, slot: usize) -> (usize, f64) {
+    pub fn min_q_value(&self, slot: usize) -> (usize, f64) {
         let [qf1, qf2] = [0, 1].map(|qf: usize| self.critics[qf].y[slot].to_f64());
         if qf2 < qf1 { (1, qf2) } else { (0, qf1) }
     }
@@ -149,7 +149,7 @@ impl<T: Scalar> SacWorkspace<T> {
     /// Records the position of an observation in `observation_keys`; returns its slot in `others`
     /// if the observation is new and must be loaded there. `n` is the number of current
     /// observations.
-    pub fn locate(&mut self, observed: ObservationKey, n: usize) -> Option<usize> {
+    pub fn assign_observation_slot(&mut self, observed: ObservationKey, n: usize) -> Option<usize> {
         let known = self.observation_keys.iter().position(|&other| other == observed);
         let source = known.unwrap_or(self.observation_keys.len());
         self.observation_positions.push(source);

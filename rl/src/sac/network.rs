@@ -11,7 +11,7 @@ use crate::env::EnvSpec;
 use crate::error::{RlError, require};
 use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::sac::context::ContextReader;
-use crate::sac::settings::ContextSettings;
+use crate::sac::settings::RecurrentContextSettings;
 use crate::trunk::{HasTrunk, ParamAllocator, Trunk, head};
 
 /// Network of soft actor-critic: actor and twin critics on shared equivariant features.
@@ -25,7 +25,7 @@ use crate::trunk::{HasTrunk, ParamAllocator, Trunk, head};
 /// h -> GroupMaxPool -> features [F], invariant
 /// ```
 ///
-/// The contexts exist only with [`ContextSettings`]. Every part is equivariant under
+/// The contexts exist only with [`RecurrentContextSettings`]. Every part is equivariant under
 /// [`NetworkSettings::group`]: the mean is of the action's type, log_std and Q are invariant
 /// (D. Wang et al., "SO(2)-equivariant reinforcement learning", ICLR 2022, section 5.2).
 ///
@@ -34,7 +34,7 @@ use crate::trunk::{HasTrunk, ParamAllocator, Trunk, head};
 /// 3.1), which would cost as much as all the rest.
 ///
 /// The network owns no weights. Parameters are one flat slice: the shared part's, the actor's, then
-/// the critics' ([`SacNetwork::critic_params`]).
+/// the critics' ([`SacNetwork::critic_param_range`]).
 pub struct SacNetwork<T> {
     pub(super) trunk: Trunk<T>,
     /// Layer that computes the input of actor and critics from an observation and the steps before
@@ -50,7 +50,7 @@ pub struct SacNetwork<T> {
     /// Indices of the components of (mean, log_std) in the environment's order, sorted by irrep
     /// (irrep-major order).
     pub(super) output_order: Vec<usize>,
-    context: Option<ContextSettings>,
+    context: Option<RecurrentContextSettings>,
 }
 
 /// Ranges of the parameters of actor, critics and their context readers in the network's flat
@@ -81,7 +81,7 @@ impl<T: Scalar> SacNetwork<T> {
     /// and for a log_std outside the distribution's range.
     pub fn new(
         settings: &NetworkSettings,
-        context: Option<ContextSettings>,
+        context: Option<RecurrentContextSettings>,
         spec: &EnvSpec,
     ) -> Result<Self, RlError> {
         let trunk = Trunk::new(settings, spec)?;
@@ -114,12 +114,12 @@ impl<T: Scalar> SacNetwork<T> {
     /// Returns the number of parameters of the network, which is the length of its flat parameter
     /// slice.
     pub fn num_params(&self) -> usize {
-        self.critic_params().end
+        self.critic_param_range().end
     }
 
     /// Returns the range of the critics' parameters, of which the target critics are a lagging
     /// copy.
-    pub fn critic_params(&self) -> Range<usize> {
+    pub fn critic_param_range(&self) -> Range<usize> {
         let critics = self.param_ranges().critics;
         critics.reader.start..critics.twins[1].end
     }
@@ -130,7 +130,7 @@ impl<T: Scalar> SacNetwork<T> {
     }
 
     /// Returns the settings of the recurrent context; `None` for a network without one.
-    pub fn context(&self) -> Option<ContextSettings> {
+    pub fn context_settings(&self) -> Option<RecurrentContextSettings> {
         self.context
     }
 
@@ -174,14 +174,14 @@ impl<T: Scalar> SacNetwork<T> {
     /// Returns the maximum number of steps that the actor remembers and the length of each step's
     /// fields h; zeros without a context.
     pub(super) fn memory_sizes(&self) -> [usize; 2] {
-        match self.reader.length() {
+        match self.reader.max_steps() {
             0 => [0; 2],
             length => [length, self.trunk.out_type().dim()],
         }
     }
 
     pub(super) fn param_ranges(&self) -> SacParamRanges {
-        let mut layout = ParamAllocator::starting_after(&self.trunk);
+        let mut layout = ParamAllocator::starting_after_trunk(&self.trunk);
         SacParamRanges {
             actor_reader: layout.allocate(self.reader.num_params()),
             actor: layout.allocate(self.actor.num_params()),

@@ -14,15 +14,15 @@ use crate::distributions::{
 use crate::env::{EnvSpec, Observations};
 use crate::error::{RlError, check_len};
 use crate::export::{
-    ChannelBasis, Distribution, ExportPolicy, ExportedPolicy, PolicyOutput, export_layers,
-    export_trunk,
+    ChannelBasis, ExportPolicy, ExportedActionDistribution, ExportedPolicy, PolicyOutput,
+    export_layers, export_trunk,
 };
 use crate::network_policy::{Chunk, NetworkPolicy, check_saved_params};
 use crate::network_settings::NetworkSettings;
 use crate::policy::{Actor, ActorMemory};
 use crate::sac::context::{ContextSteps, ContextWorkspace, GruInputs};
 use crate::sac::network::SacNetwork;
-use crate::sac::settings::ContextSettings;
+use crate::sac::settings::RecurrentContextSettings;
 use crate::trunk::{HasTrunkWorkspace, LayerBuffers, TrunkWorkspace};
 
 /// A [`SacNetwork`] with its parameters: a policy with tanh-Gaussian actions in (-1, 1), exactly
@@ -48,7 +48,7 @@ impl SacPolicy {
     /// Errors of [`SacNetwork::new`].
     pub fn new(
         settings: &NetworkSettings,
-        context: Option<ContextSettings>,
+        context: Option<RecurrentContextSettings>,
         spec: &EnvSpec,
         seed: u64,
     ) -> Result<Self, RlError> {
@@ -65,7 +65,7 @@ impl SacPolicy {
     /// parameters differs and [`RlError::NotFinite`] when one is infinite or not a number.
     pub fn with_params(
         settings: &NetworkSettings,
-        context: Option<ContextSettings>,
+        context: Option<RecurrentContextSettings>,
         spec: &EnvSpec,
         params: Vec<f32>,
     ) -> Result<Self, RlError> {
@@ -81,7 +81,7 @@ impl SacPolicy {
     fn run(
         &mut self,
         observations: &Observations,
-        memory: &mut History,
+        memory: &mut SacActorMemory,
         what: &'static str,
         got: usize,
     ) -> Result<usize, RlError> {
@@ -109,22 +109,22 @@ impl SacPolicy {
 impl SacForwardBuffers {
     pub fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
         Self {
-            trunk: network.trunk.workspace(capacity),
+            trunk: network.trunk.new_workspace(capacity),
             gru_inputs: GruInputs::default(),
             context_steps: ContextSteps::default(),
-            reader: network.reader.workspace(capacity),
+            reader: network.reader.new_workspace(capacity),
             actor: LayerBuffers::new(&network.actor, capacity),
         }
     }
 
     /// Runs the actor on the loaded observations of a range of environments and their memory.
-    pub(super) fn decide(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
+    pub(super) fn decide(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &SacActorMemory) {
         let Chunk { network, range, .. } = chunk;
         let (ranges, n) = (network.param_ranges(), range.len());
         let of = |part| &chunk.params[part];
         network.trunk.forward(of(network.trunk.param_range()), n, &mut self.trunk);
         self.load_memory(chunk, memory);
-        let fields = network.trunk.fields(n, &self.trunk);
+        let fields = network.trunk.feature_fields(n, &self.trunk);
         let own = of(ranges.actor_reader);
         let (inputs, steps) = (&self.gru_inputs, &self.context_steps);
         network.reader.forward(own, fields, inputs, steps, &mut self.reader);
@@ -133,17 +133,17 @@ impl SacForwardBuffers {
     }
 
     /// Passes the remembered steps of a range of environments to the GRU of the context.
-    fn load_memory(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &History) {
+    fn load_memory(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &SacActorMemory) {
         let (reader, range) = (&chunk.network.reader, chunk.range.clone());
         let episodes = || memory.envs.iter().skip(range.start).take(range.len());
         let count = episodes().map(|episode| episode.past_steps.len()).sum();
-        reader.clear(count, &mut self.gru_inputs);
-        self.context_steps.clear(reader.length(), range.len());
+        reader.clear_gru_inputs(count, &mut self.gru_inputs);
+        self.context_steps.clear(reader.max_steps(), range.len());
         let mut index = 0;
         for (slot, episode) in episodes().enumerate() {
             for step in episode.past_steps.iter().rev() {
                 let (action, reward) = (&step.action[..], step.reward);
-                reader.write(index, &step.fields, action, reward, &mut self.gru_inputs);
+                reader.write_gru_input(index, &step.fields, action, reward, &mut self.gru_inputs);
                 self.context_steps.prepend(slot, index);
                 index += 1;
             }
@@ -154,7 +154,7 @@ impl SacForwardBuffers {
     /// longer, fields.
     fn write(&self, network: &SacNetwork<f32>, row: usize, rows: &mut [f64]) {
         let width = network.output_order.len();
-        let fields = self.trunk.fields();
+        let fields = self.trunk.feature_fields();
         let samples = fields.chunks_exact(network.trunk.out_type().dim());
         let outputs = self.actor.y.chunks_exact(width);
         for ((to, output), sample) in rows.chunks_exact_mut(row).zip(outputs).zip(samples) {
@@ -173,16 +173,16 @@ impl HasTrunkWorkspace<f32> for SacForwardBuffers {
 }
 
 impl Actor for SacPolicy {
-    type Memory = History;
+    type Memory = SacActorMemory;
 
-    fn new_memory(&self, envs: usize) -> History {
-        History::new(self.network().memory_sizes(), envs)
+    fn new_memory(&self, envs: usize) -> SacActorMemory {
+        SacActorMemory::new(self.network().memory_sizes(), envs)
     }
 
     fn act(
         &mut self,
         observations: &Observations,
-        memory: &mut History,
+        memory: &mut SacActorMemory,
         rng: &mut ChaCha8Rng,
         out: &mut [f32],
     ) -> Result<(), RlError> {
@@ -203,7 +203,7 @@ impl Actor for SacPolicy {
     fn mean_actions(
         &mut self,
         observations: &Observations,
-        memory: &mut History,
+        memory: &mut SacActorMemory,
         out: &mut [f32],
     ) -> Result<(), RlError> {
         let row = self.run(observations, memory, "mean actions", out.len())?;
@@ -218,7 +218,7 @@ impl Actor for SacPolicy {
 impl ExportPolicy for SacPolicy {
     fn export(&self) -> Result<ExportedPolicy, RlError> {
         let (network, params) = (self.network(), self.params());
-        if network.context().is_some() {
+        if network.context_settings().is_some() {
             let part = "a context, which remembers an episode,";
             return Err(RlError::NotExportable { part });
         }
@@ -232,7 +232,7 @@ impl ExportPolicy for SacPolicy {
             actor: export_layers(group, &network.actor, actor, bases)?,
             image: trunk.image,
             vector: trunk.vector,
-            distribution: Distribution::TanhGaussian {
+            distribution: ExportedActionDistribution::TanhGaussian {
                 log_std: TANH_LOG_STD_BOUNDS.map(|bound| bound as f32),
             },
             critic: None,
@@ -259,9 +259,9 @@ impl ExportPolicy for SacPolicy {
 /// without a context.
 ///
 /// Checkpoints do not contain it: a learner restored from a file starts new episodes, with
-/// [`RolloutState::reset`](crate::RolloutState::reset).
+/// [`RolloutState::from_env_reset`](crate::RolloutState::from_env_reset).
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct History {
+pub struct SacActorMemory {
     /// Maximum number of steps that are remembered of each episode.
     length: usize,
     /// Number of components of the fields h of one observation; 0 without a context.
@@ -286,7 +286,7 @@ pub(super) struct PastStep {
     pub reward: f32,
 }
 
-impl History {
+impl SacActorMemory {
     /// Creates a memory of up to `length` steps, with `fields` components each, for each of `envs`
     /// environments.
     pub(super) fn new([length, fields]: [usize; 2], envs: usize) -> Self {
@@ -303,7 +303,7 @@ impl History {
     }
 }
 
-impl ActorMemory for History {
+impl ActorMemory for SacActorMemory {
     fn forget_episode(&mut self, env: usize) {
         if let Some(episode) = self.envs.get_mut(env) {
             *episode = EpisodeMemory::default();
@@ -334,13 +334,13 @@ impl MeasureUnitActivity for SacPolicy {
     fn unit_activity(
         &self,
         observations: &Observations,
-        memory: &History,
+        memory: &SacActorMemory,
     ) -> Result<UnitActivity, RlError> {
         let (network, params) = (self.network(), self.params());
         let samples = observations.checked_num_samples(network.spec())?;
         memory.check(network.memory_sizes(), samples)?;
         let mut w = SacForwardBuffers::new(network, samples);
-        network.trunk.load_all(observations, 0..samples, &mut w.trunk);
+        network.trunk.load_observations(observations, 0..samples, &mut w.trunk);
         let chunk = Chunk { network: &**network, params, range: 0..samples };
         w.decide(&chunk, memory);
         let own = &params[network.trunk.param_range()];
@@ -356,8 +356,8 @@ impl MeasureUnitActivity for SacPolicy {
 fn critic_activation_sums(chunk: &Chunk<SacNetwork<f32>>, w: &SacForwardBuffers) -> Vec<Vec<f64>> {
     let (network, params, n) = (chunk.network, chunk.params, chunk.range.len());
     let (ranges, width) = (network.param_ranges().critics, network.action_order.len());
-    let mut reader = network.reader.workspace(n);
-    let fields = network.trunk.fields(n, &w.trunk);
+    let mut reader = network.reader.new_workspace(n);
+    let fields = network.trunk.feature_fields(n, &w.trunk);
     let own = &params[ranges.reader];
     network.reader.forward(own, fields, &w.gru_inputs, &w.context_steps, &mut reader);
     let mut output = vec![0.0; n * 2 * width];
@@ -381,14 +381,14 @@ mod tests {
         activate_units, check_killed_units, observations, settings, spec, strided,
     };
     use crate::policy::{Actor, ActorMemory};
-    use crate::sac::settings::ContextSettings;
+    use crate::sac::settings::RecurrentContextSettings;
 
     const SAMPLES: usize = 12;
 
     #[test]
     fn units_of_actors_with_a_context_and_of_their_critics_count() {
         let observations = observations(SAMPLES);
-        let short_context = ContextSettings { size: 4, length: 3 };
+        let short_context = RecurrentContextSettings { size: 4, length: 3 };
         for (group, context) in [(Group::D2, None), (Group::C1, Some(short_context))] {
             let settings = settings(group, strided());
             let policy = SacPolicy::new(&settings, context, &spec(), 1).unwrap();

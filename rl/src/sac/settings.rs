@@ -57,7 +57,7 @@ pub struct SacSettings {
     /// gradient step (Polyak averaging). If null, the policy's are the trained ones.
     pub average_rate: Option<f32>,
     /// Temperature alpha, the weight of the entropy in the actor's objective: fixed or learned.
-    pub temperature: Temperature,
+    pub temperature: EntropyTemperature,
     /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
     /// the last
     /// [`ReplayBuffer::start_newest_experience`](crate::ReplayBuffer::start_newest_experience); the
@@ -75,7 +75,7 @@ pub struct SacSettings {
 /// Temperature alpha, the weight of the entropy in the actor's objective: fixed or learned.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum Temperature {
+pub enum EntropyTemperature {
     /// Constant temperature alpha, at least 0.
     Fixed(f32),
     /// Learned temperature alpha, adjusted so that the entropy of actions is `target` nats for each
@@ -109,7 +109,7 @@ impl SacSettings {
             // SAC's (arXiv 1801.01290, table 1)
             tau: 0.005,
             average_rate: None,
-            temperature: Temperature::Fixed(0.005),
+            temperature: EntropyTemperature::Fixed(0.005),
             // CLEAR's even split of new and replayed experience (Rolnick et al., NeurIPS 2019,
             // section 4)
             newest_share: 0.5,
@@ -155,7 +155,7 @@ impl SacSettings {
     }
 }
 
-impl Temperature {
+impl EntropyTemperature {
     /// Returns the initial temperature alpha if it is learned, otherwise 1, whose logarithm is 0.
     pub(super) fn initial(self) -> f32 {
         match self {
@@ -186,14 +186,14 @@ impl Default for SacSettings {
 /// steps of the episode. The default is that of 3RL in COVERS (Liu et al., CoRL 2023, appendix).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct ContextSettings {
+pub struct RecurrentContextSettings {
     /// Number of channels of the GRU's state, a multiple of the order of the network's group.
     pub size: usize,
     /// Maximum number of steps that the GRU reads, in 1..=64.
     pub length: usize,
 }
 
-impl Default for ContextSettings {
+impl Default for RecurrentContextSettings {
     fn default() -> Self {
         Self { size: 30, length: 5 }
     }

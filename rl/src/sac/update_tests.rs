@@ -11,7 +11,7 @@ use crate::env::{EnvSpec, Observations, Transition};
 use crate::fixtures;
 use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::replay::ReplaySettings;
-use crate::sac::settings::ContextSettings;
+use crate::sac::settings::RecurrentContextSettings;
 
 const GOLDEN: &[u8] = include_bytes!("../../tests/golden/sac.safetensors");
 const BATCH: usize = 6;
@@ -55,7 +55,7 @@ fn settings() -> SacSettings {
         learning_rate: 1e-2,
         max_gradient: 0.05,
         tau: 0.1,
-        temperature: Temperature::Learned { initial: 0.2, target: -1.0 },
+        temperature: EntropyTemperature::Learned { initial: 0.2, target: -1.0 },
         cloning_weight: 0.3,
         ..SacSettings::default()
     }
@@ -97,7 +97,7 @@ fn assert_close(what: &str, got: &[f32], expected: &[f64]) {
     }
 }
 
-fn check(case: &str, context: Option<ContextSettings>) {
+fn check(case: &str, context: Option<RecurrentContextSettings>) {
     let of = |part: &str| format!("{case}.{part}");
     let params = rounded(&of("params"));
     let mut policy = SacPolicy::with_params(&network(), context, &spec(), params).unwrap();
@@ -134,7 +134,7 @@ fn an_update_is_that_of_pytorch() {
 
 #[test]
 fn an_update_with_a_context_is_that_of_pytorch() {
-    check("context", Some(ContextSettings { size: 4, length: 3 }));
+    check("context", Some(RecurrentContextSettings { size: 4, length: 3 }));
 }
 
 /// Adam's first step moves every parameter that has a gradient by its learning rate.
@@ -177,7 +177,7 @@ fn a_policy_with_an_average_rate_is_the_moving_average_of_what_is_trained() {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
         let mut last: Option<Sac> = None;
         for &total in totals {
-            let updates_per_step = total as f32 / replay.num_recorded() as f32;
+            let updates_per_step = total as f32 / replay.total_recorded_steps() as f32;
             let settings =
                 SacSettings { burn_in: 0, updates_per_step, average_rate, ..drawn_settings(2) };
             let mut sac = Sac::new(settings, &policy).unwrap();

@@ -3,8 +3,9 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ContextSettings, EncoderSettings, History, NetworkSettings, ReplayBuffer, ReplaySettings,
-    RlError, RolloutState, RolloutStats, Sac, SacPolicy, SacSettings, VectorEnv, collect,
+    EncoderSettings, NetworkSettings, RecurrentContextSettings, ReplayBuffer, ReplaySettings,
+    RlError, RolloutState, RolloutStats, Sac, SacActorMemory, SacPolicy, SacSettings, VectorEnv,
+    collect_experience,
 };
 
 use crate::common::steps::joint;
@@ -31,14 +32,14 @@ pub struct Run {
     pub policy: SacPolicy,
     pub sac: Sac,
     pub replay: ReplayBuffer,
-    pub state: RolloutState<History>,
+    pub state: RolloutState<SacActorMemory>,
     pub rng: ChaCha8Rng,
 }
 
 impl Run {
     pub fn new(
         network: &NetworkSettings,
-        context: Option<ContextSettings>,
+        context: Option<RecurrentContextSettings>,
         settings: SacSettings,
         replay: ReplaySettings,
     ) -> Self {
@@ -47,7 +48,7 @@ impl Run {
         Self {
             sac: Sac::new(settings, &policy).unwrap(),
             replay: ReplayBuffer::new(replay, env.spec()).unwrap(),
-            state: RolloutState::reset(&mut env, &policy).unwrap(),
+            state: RolloutState::from_env_reset(&mut env, &policy).unwrap(),
             rng: ChaCha8Rng::seed_from_u64(3),
             env,
             policy,
@@ -55,6 +56,12 @@ impl Run {
     }
 
     pub fn collect(&mut self) -> Result<RolloutStats, RlError> {
-        collect(&mut self.env, &mut self.policy, &mut self.replay, &mut self.state, &mut self.rng)
+        collect_experience(
+            &mut self.env,
+            &mut self.policy,
+            &mut self.replay,
+            &mut self.state,
+            &mut self.rng,
+        )
     }
 }

@@ -7,7 +7,7 @@ use rl::{
     Actor, ActorCriticPolicy, ActorMemory, BoxedEnvError, CriticSettings, Decisions,
     EncoderSettings, EnvSpec, FeatureExtractor, NetworkSettings, Observations, OnPolicyActor,
     RlError, RolloutBuffer, RolloutState, RolloutStats, StepOutcome, Transition, VectorEnv,
-    collect,
+    collect_experience,
 };
 use symmetry::{D2, Group, Irrep};
 
@@ -67,7 +67,7 @@ impl<E: VectorEnv, P: OnPolicyActor> OnPolicyRun<E, P> {
     pub fn new(mut env: E, policy: P, steps: usize) -> Self {
         Self {
             buffer: RolloutBuffer::new(env.spec(), steps).unwrap(),
-            state: RolloutState::reset(&mut env, &policy).unwrap(),
+            state: RolloutState::from_env_reset(&mut env, &policy).unwrap(),
             rng: ChaCha8Rng::seed_from_u64(3),
             env,
             policy,
@@ -75,7 +75,13 @@ impl<E: VectorEnv, P: OnPolicyActor> OnPolicyRun<E, P> {
     }
 
     pub fn try_collect(&mut self) -> Result<RolloutStats, RlError> {
-        collect(&mut self.env, &mut self.policy, &mut self.buffer, &mut self.state, &mut self.rng)
+        collect_experience(
+            &mut self.env,
+            &mut self.policy,
+            &mut self.buffer,
+            &mut self.state,
+            &mut self.rng,
+        )
     }
 
     pub fn collect(&mut self) -> RolloutStats {

@@ -1,6 +1,6 @@
 //! Decisions of a policy.
 
-use equivariant::gpu::{Device, GpuError};
+use equivariant::gpu::{GpuDevice, GpuError};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -241,7 +241,7 @@ fn what_does_not_fit_is_refused() {
 
 #[test]
 fn a_lost_device_is_an_error() {
-    let own = Device::open(None).unwrap();
+    let own = GpuDevice::open(None).unwrap();
     let mut there = GpuPolicy::new(policy(&networks()[0]), &own, SAMPLES).unwrap();
     let mut values = vec![0.0; OBSERVATIONS];
     there.values(&observations(), &mut values).unwrap();

@@ -4,7 +4,7 @@
 
 use std::sync::OnceLock;
 
-use equivariant::gpu::Device;
+use equivariant::gpu::GpuDevice;
 
 #[path = "../common/mod.rs"]
 #[allow(dead_code, reason = "other tests use the rest")]
@@ -15,7 +15,7 @@ mod update;
 /// Of the largest value of the CPU's.
 const TOLERANCE: f32 = 1e-4;
 
-fn device() -> &'static Device {
-    static DEVICE: OnceLock<Device> = OnceLock::new();
-    DEVICE.get_or_init(|| Device::open(None).unwrap())
+fn device() -> &'static GpuDevice {
+    static DEVICE: OnceLock<GpuDevice> = OnceLock::new();
+    DEVICE.get_or_init(|| GpuDevice::open(None).unwrap())
 }

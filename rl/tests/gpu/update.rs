@@ -1,6 +1,6 @@
 //! One update of proximal policy optimisation.
 
-use equivariant::gpu::{Device, GpuError};
+use equivariant::gpu::{GpuDevice, GpuError};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rl::{
@@ -63,7 +63,7 @@ fn on_both(settings: &PpoSettings, network: &NetworkSettings) -> [After; 2] {
     on_cpu_and(device(), settings, network)
 }
 
-fn on_cpu_and(device: &Device, settings: &PpoSettings, network: &NetworkSettings) -> [After; 2] {
+fn on_cpu_and(device: &GpuDevice, settings: &PpoSettings, network: &NetworkSettings) -> [After; 2] {
     let policy = rollout(network).0;
     let here = Ppo::new(settings.clone(), &policy).unwrap();
     let there = Ppo::on_device(settings.clone(), &policy, device).unwrap();
@@ -105,7 +105,7 @@ fn ten_steps_are_those_of_the_cpu() {
 
 #[test]
 fn every_encoder_trains_as_on_the_cpu_also_without_operations_on_subgroups() {
-    let plain = device().clone().without_subgroups();
+    let plain = device().clone().without_subgroup_operations();
     for (device, encoder) in [
         (&plain, network().encoder),
         (device(), EncoderSettings::Pooled { fields: vec![], inner: [3, 4] }),
@@ -176,7 +176,7 @@ fn a_loss_that_is_not_finite_leaves_the_parameters_before_it() {
 #[test]
 fn a_lost_device_is_an_error_and_the_cpu_goes_on() {
     let (mut policy, buffer, mut rng) = rollout(&network());
-    let own = Device::open(None).unwrap();
+    let own = GpuDevice::open(None).unwrap();
     let mut there = Ppo::on_device(settings(), &policy, &own).unwrap();
     there.update(&mut policy, &buffer, &mut rng).unwrap();
     let before = policy.params().to_vec();

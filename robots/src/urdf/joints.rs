@@ -8,7 +8,7 @@ use urdf_rs::{JointType, Mimic};
 use super::links::pose;
 use super::tree::Tree;
 use super::{Report, UrdfSettings};
-use crate::description::{Joint, JointMotion, MotionKind, PositionSource};
+use crate::description::{Joint, JointMotion, JointMotionKind, JointPositionSource};
 use crate::error::{DescriptionError, MAX_NUMBER};
 
 /// Converts the joints of a URDF, in the tree's order, and looks up the joints that others follow.
@@ -35,7 +35,7 @@ pub(super) fn joints(
                 let reason = "its `lower` and `upper` are equal (0 where the file states none)";
                 lock(&mut joint, position, reason, lines[index], report);
             } else {
-                own.drive = PositionSource::Free { dof: num_dofs };
+                own.drive = JointPositionSource::Free { dof: num_dofs };
                 num_dofs += 1;
             }
         }
@@ -48,8 +48,8 @@ pub(super) fn joints(
         let line = lines[follower];
         match leader(&stated, &index, follower) {
             Ok((leader, multiplier, offset)) => match joints[leader].motion {
-                Some(JointMotion { drive: PositionSource::Free { dof }, .. }) => {
-                    let drive = PositionSource::Follows { dof, multiplier, offset };
+                Some(JointMotion { drive: JointPositionSource::Free { dof }, .. }) => {
+                    let drive = JointPositionSource::Follows { dof, multiplier, offset };
                     let motion = joints[follower].motion.as_mut();
                     motion.into_iter().for_each(|motion| motion.drive = drive);
                 }
@@ -113,9 +113,9 @@ fn motion(
     report: &mut Report,
 ) -> Option<JointMotion> {
     let (kind, limited) = match joint.joint_type {
-        JointType::Revolute => (MotionKind::Hinge, true),
-        JointType::Continuous => (MotionKind::Hinge, false),
-        JointType::Prismatic => (MotionKind::Slide, true),
+        JointType::Revolute => (JointMotionKind::Hinge, true),
+        JointType::Continuous => (JointMotionKind::Hinge, false),
+        JointType::Prismatic => (JointMotionKind::Slide, true),
         // the cleaned file holds no other kinds
         _ => return None,
     };
@@ -141,7 +141,7 @@ fn motion(
         max_effort: maximum("effort", limit.effort, settings.default_effort),
         damping: dynamics.damping,
         friction: dynamics.friction,
-        drive: PositionSource::Free { dof: 0 },
+        drive: JointPositionSource::Free { dof: 0 },
     })
 }
 

@@ -1,6 +1,6 @@
 //! Ranges of joints that others follow, reduced so that the followers stay within their own.
 
-use crate::description::{Joint, JointMotion, PositionSource, RangeRestriction};
+use crate::description::{Joint, JointMotion, JointPositionSource, JointRangeRestriction};
 use crate::error::MAX_NUMBER;
 
 /// Rounding of a file's numbers (radians, metres): a follower may leave its range by this much, and
@@ -15,18 +15,18 @@ const ENDLESS: [f64; 2] = [-MAX_NUMBER, MAX_NUMBER];
 pub(super) fn restrict(
     joints: &mut [Joint],
     mut note: impl FnMut(usize, String),
-) -> Vec<RangeRestriction> {
+) -> Vec<JointRangeRestriction> {
     let is_free = |joint: &Joint| joint.motion.is_some_and(|motion| motion.is_free());
     let free: Vec<usize> = (0..joints.len()).filter(|&joint| is_free(&joints[joint])).collect();
     let range_of = |joint: &Joint| joint.motion.and_then(|motion| motion.range);
     let stated: Vec<_> = free.iter().map(|&joint| range_of(&joints[joint])).collect();
-    let mut restrictions: Vec<RangeRestriction> = Vec::new();
+    let mut restrictions: Vec<JointRangeRestriction> = Vec::new();
     for index in 0..joints.len() {
         let follower = &joints[index];
         let Some(motion) = follower.motion else {
             continue;
         };
-        let (PositionSource::Follows { dof, multiplier, offset }, Some(own)) =
+        let (JointPositionSource::Follows { dof, multiplier, offset }, Some(own)) =
             (motion.drive, motion.range)
         else {
             continue;
@@ -43,7 +43,7 @@ pub(super) fn restrict(
         if range == whole {
             continue;
         }
-        restrictions.push(RangeRestriction {
+        restrictions.push(JointRangeRestriction {
             joint: leader.name.clone(),
             follower: follower.name.clone(),
             file_range: stated[dof],

@@ -22,14 +22,14 @@ pub struct CurveQuantity {
 }
 
 /// Mean return of a rollout's episodes on the paper's scale, at most 500.
-pub const REWARD: CurveQuantity = CurveQuantity {
+pub const REWARD_CURVE: CurveQuantity = CurveQuantity {
     title: "reward of 500",
     largest: 500.0,
     rollout: |row| row.reward,
     score: |row| row.reward,
 };
 /// Share of a rollout's episodes that succeeded.
-pub const SUCCESS: CurveQuantity = CurveQuantity {
+pub const SUCCESS_CURVE: CurveQuantity = CurveQuantity {
     title: "success",
     largest: 1.0,
     rollout: |row| row.success,

@@ -22,10 +22,10 @@ const WITH_RATIOS: u16 = 14;
 /// Draws a row for each policy that the latest rollout was compared with: the distance, the
 /// threshold, and a bar of their ratio. If there is room, the ratios of all rollouts follow below.
 /// A rule that decides by more than the distance has no threshold: the distances stand alone.
-pub fn draw_distances(run: &RunData, frame: &mut Frame, area: Rect) {
+pub fn draw_policy_distances(run: &RunData, frame: &mut Frame, area: Rect) {
     let newest = run.rollouts.last();
     let distances = newest.map_or(&[][..], |row| &row.distances[..]);
-    let thresholds = newest.map_or_else(Vec::new, |row| run.thresholds(row));
+    let thresholds = newest.map_or_else(Vec::new, |row| run.policy_distance_thresholds(row));
     let with_thresholds = thresholds.iter().any(Option::is_some);
     let columns = if with_thresholds { 4 } else { 2 };
     let title = match (run.rollouts.len(), distances) {

@@ -13,8 +13,8 @@ use experiments::sheet::Picture;
 use experiments::text::format_number;
 
 use super::panels::{
-    draw_groups, draw_picture, draw_rollout_strips, fit_picture, group_colour, groups_table_width,
-    policy_colour,
+    draw_groups_table, draw_picture, draw_rollout_strips, fit_picture, group_colour,
+    groups_table_width, policy_colour,
 };
 use super::{StreamProgress, curves, distances};
 
@@ -157,13 +157,13 @@ fn medium(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     if area.width >= TWO_CURVES {
         both_curves(shown.run, frame, top);
     } else {
-        curves::draw_curve(&curves::REWARD, shown.run, frame, top);
+        curves::draw_curve(&curves::REWARD_CURVE, shown.run, frame, top);
     }
     framed_strips(shown.run, frame, middle);
     if area.width >= groups_table_width(shown.run) + DISTANCES {
         both_tables(shown.run, frame, bottom);
     } else {
-        draw_groups(shown.run, frame, bottom);
+        draw_groups_table(shown.run, frame, bottom);
     }
 }
 
@@ -172,7 +172,7 @@ fn small(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     let rows = [Constraint::Length(2), Constraint::Fill(1)];
     let [top, bottom] = Layout::vertical(rows).areas(area);
     draw_rollout_strips(shown.run, top, frame.buffer_mut());
-    curves::draw_curve(&curves::REWARD, shown.run, frame, bottom);
+    curves::draw_curve(&curves::REWARD_CURVE, shown.run, frame, bottom);
 }
 
 fn halves(area: Rect) -> [Rect; 2] {
@@ -180,7 +180,7 @@ fn halves(area: Rect) -> [Rect; 2] {
 }
 
 fn both_curves(run: &RunData, frame: &mut Frame, area: Rect) {
-    for (figure, half) in [&curves::REWARD, &curves::SUCCESS].iter().zip(halves(area)) {
+    for (figure, half) in [&curves::REWARD_CURVE, &curves::SUCCESS_CURVE].iter().zip(halves(area)) {
         curves::draw_curve(figure, run, frame, half);
     }
 }
@@ -188,8 +188,8 @@ fn both_curves(run: &RunData, frame: &mut Frame, area: Rect) {
 fn both_tables(run: &RunData, frame: &mut Frame, area: Rect) {
     let columns = [Constraint::Length(groups_table_width(run)), Constraint::Fill(1)];
     let [left, right] = Layout::horizontal(columns).areas(area);
-    draw_groups(run, frame, left);
-    distances::draw_distances(run, frame, right);
+    draw_groups_table(run, frame, left);
+    distances::draw_policy_distances(run, frame, right);
 }
 
 fn framed_strips(run: &RunData, frame: &mut Frame, area: Rect) {

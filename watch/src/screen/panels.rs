@@ -65,7 +65,7 @@ fn names_width(run: &RunData) -> u16 {
 
 /// Draws a table with a row for each group: its number of rollouts, policy, reward and success of
 /// the latest of them, and the mean success of its variants in the latest evaluation.
-pub fn draw_groups(run: &RunData, frame: &mut Frame, area: Rect) {
+pub fn draw_groups_table(run: &RunData, frame: &mut Frame, area: Rect) {
     let plans = run.experiment.schedule.groups.iter();
     let rows = plans.map(|plan| group_row(run, &plan.group));
     let widths = std::iter::once(names_width(run)).chain(FIGURES).map(Constraint::Length);
@@ -163,7 +163,7 @@ pub fn draw_distance_ratios(run: &RunData, frame: &mut Frame, area: Rect) {
 /// Returns the decisions at each rollout, and its distance to one policy over the threshold.
 fn ratios(run: &RunData, policy: usize) -> Vec<(f64, f64)> {
     let rows = run.rollouts.iter().filter_map(|row| {
-        let threshold = run.thresholds(row).get(policy).copied()??;
+        let threshold = run.policy_distance_thresholds(row).get(policy).copied()??;
         let ratio = row.distances.get(policy).copied()?? / threshold;
         Some((row.decisions as f64, ratio.min(LARGEST_RATIO))).filter(|_| ratio.is_finite())
     });

@@ -79,7 +79,7 @@ pub fn train_with_screen(run: &mut Run) -> Result<(), RunError> {
     let shown = shown.unwrap_or_else(|panic| resume_unwind(panic));
     trained?;
     if shown.is_err() {
-        run.save()?;
+        run.save_checkpoint()?;
     }
     shown
 }

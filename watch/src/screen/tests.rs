@@ -21,7 +21,7 @@ const NARROW: (u16, u16) = (40, 12);
 /// assigned to the policy of the first group.
 fn run() -> RunData {
     // the paper's settings, which have a threshold
-    let mut run = RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Paper));
+    let mut run = RunData::empty("covers-seed0", Budget::Smoke.preset_experiment(Method::Paper));
     let stream = run.experiment.schedule.total_decisions();
     let groups = [0, 1].map(|number: usize| run.experiment.schedule.groups[number].group.clone());
     for (turn, (group, policy)) in
@@ -186,7 +186,7 @@ fn the_help_explains_the_screen() {
 #[test]
 fn distances_without_a_threshold_stand_alone() {
     let mut run = run();
-    run.experiment = Budget::Smoke.experiment(Method::Covers);
+    run.experiment = Budget::Smoke.preset_experiment(Method::Covers);
     let text = lines(&drawn(&run, WIDE)).join("\n");
     assert!(text.contains("W1 of rollout 5") && !text.contains("threshold"), "{text}");
     let policy = text.lines().find(|line| line.contains("│policy 0  ")).unwrap();
@@ -249,7 +249,7 @@ fn a_picture_has_its_own_colours() {
 
 #[test]
 fn a_run_without_rows_and_screens_of_any_size_are_drawn() {
-    let empty = RunData::empty("covers-seed0", Budget::Smoke.experiment(Method::Covers));
+    let empty = RunData::empty("covers-seed0", Budget::Smoke.preset_experiment(Method::Covers));
     let text = lines(&drawn(&empty, WIDE)).join("\n");
     for expected in ["begins", "0 %, - left, - decisions/s", "no rollout yet"] {
         assert!(text.contains(expected), "{expected}: {text}");

@@ -6,7 +6,7 @@ const ACTIONS: [f32; N * ACTION_DIM] = [0.5; N * ACTION_DIM];
 
 /// Executes the commands and returns the error messages of the failures.
 fn advance(rig: &mut Rig, commands: [EnvCommand; N]) -> Vec<String> {
-    let failures = rig.env.execute_commands(&ACTIONS, &commands, rig.batch.step_mut());
+    let failures = rig.env.execute_commands(&ACTIONS, &commands, rig.batch.step_results_mut());
     let failures = failures.unwrap().iter();
     failures.map(|failure| failure.error.to_string()).collect()
 }
@@ -18,7 +18,7 @@ fn resets_by_command_give_the_episodes_of_automatic_resets() {
     advance(&mut later, [EnvCommand::Reset; N]);
     for _ in 0..2 {
         for decision in 1..=DECISIONS {
-            now.env.step(&ACTIONS, now.batch.step_mut()).unwrap();
+            now.env.step(&ACTIONS, now.batch.step_results_mut()).unwrap();
             advance(&mut later, [EnvCommand::StepNoAutoReset; N]);
             assert_eq!(later.batch.rewards, now.batch.rewards);
             assert_eq!(later.batch.truncated, now.batch.truncated);
@@ -62,7 +62,7 @@ fn every_environment_executes_its_own_command() {
 fn one_that_waits_for_a_reset_fails_alone() {
     let mut rig = Rig::new(2);
     let commands = [EnvCommand::StepNoAutoReset, EnvCommand::Step, EnvCommand::Step];
-    let early = rig.env.execute_commands(&ACTIONS, &commands, rig.batch.step_mut());
+    let early = rig.env.execute_commands(&ACTIONS, &commands, rig.batch.step_results_mut());
     assert!(matches!(early.unwrap_err(), EnvError::NotReset));
     advance(&mut rig, [EnvCommand::Reset; N]);
     for _ in 0..DECISIONS {
@@ -71,7 +71,7 @@ fn one_that_waits_for_a_reset_fails_alone() {
     let failures = advance(&mut rig, commands);
     assert_eq!(failures, ["no episode is running: call `reset` first"]);
     assert_eq!(rig.batch.truncated, [true, false, false]);
-    let short = rig.env.execute_commands(&ACTIONS, &commands[..2], rig.batch.step_mut());
+    let short = rig.env.execute_commands(&ACTIONS, &commands[..2], rig.batch.step_results_mut());
     let message = short.unwrap_err().to_string();
     assert_eq!(message, "`commands` has 2 elements, expected 3");
 }
@@ -87,7 +87,7 @@ fn experts_close_every_drawer() {
     let mut succeeded = [false; N];
     for _ in 0..settings.control.decisions_per_episode() {
         env.expert_actions(&mut actions).unwrap();
-        env.step(&actions, batch.step_mut()).unwrap();
+        env.step(&actions, batch.step_results_mut()).unwrap();
         for (ever, now) in succeeded.iter_mut().zip(&batch.success) {
             *ever |= now;
         }

@@ -9,7 +9,7 @@ use crate::steerable::dense::OrdinaryConv;
 
 /// Folds of a convolution's patches (signed sums over orbits of taps), in the order in which GPU
 /// kernels read them.
-pub(super) struct Folds<'a> {
+pub(super) struct OrbitFolds<'a> {
     dense: &'a OrdinaryConv<'a>,
     in_type: FieldType,
     order: usize,
@@ -35,12 +35,12 @@ struct Orbit {
     first: usize,
 }
 
-impl<'a> Folds<'a> {
+impl<'a> OrbitFolds<'a> {
     /// Creates the folds of a linear map; `direct` is `true` if a patch is a single pixel.
-    pub fn new(dense: &'a OrdinaryConv<'a>, direct: bool) -> Folds<'a> {
+    pub fn new(dense: &'a OrdinaryConv<'a>, direct: bool) -> OrbitFolds<'a> {
         let in_type = dense.in_shape.fields;
         let order = in_type.group().order();
-        let mut folds = Folds {
+        let mut folds = OrbitFolds {
             dense,
             in_type,
             order,

@@ -3,15 +3,15 @@
 use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch};
 use crate::gpu::kernels::pointwise::kernel_per_field;
-use crate::gpu::plan::{ComputePlan, Tensor};
+use crate::gpu::plan::{ComputePlan, GpuTensor};
 
 /// Adds the kernels that copy two feature maps into their direct sum, and the gradients back.
-pub(super) fn concat(plan: &mut ComputePlan, inputs: &[Tensor; 2], y: &Tensor) {
+pub(super) fn concat(plan: &mut ComputePlan, inputs: &[GpuTensor; 2], y: &GpuTensor) {
     let pixels = y.shape.num_pixels();
     let [first, second] =
         inputs.each_ref().map(|input| ChannelLayout::for_type(input.shape.fields));
     let sum = ChannelLayout::for_type(y.shape.fields);
-    let places = [first.first_of_sum(&sum), second.last_of_sum(&sum)];
+    let places = [first.as_first_summand(&sum), second.as_second_summand(&sum)];
     let mut steps = [Vec::new(), Vec::new()];
     for ((input, place), own) in inputs.iter().zip(places).zip([first, second]) {
         steps[0].push(copy(&own, input.values, &place, y.values, pixels));
@@ -37,12 +37,12 @@ fn copy(
 }
 
 /// Adds the kernel that sums the gradients of a feature map from both layers that read it.
-pub(super) fn fork(plan: &mut ComputePlan, x: &Tensor, readers: &[Tensor; 2]) {
+pub(super) fn fork(plan: &mut ComputePlan, x: &GpuTensor, readers: &[GpuTensor; 2]) {
     let [first, second] = readers.each_ref().map(|reader| reader.gradient);
     let (Some(first), Some(second), Some(dx)) = (first, second, x.gradient) else {
         return;
     };
-    let channels = ChannelLayout::single_channel_fields(x.shape.fields.dim());
+    let channels = ChannelLayout::for_single_channel_fields(x.shape.fields.dim());
     let kernel = kernel_per_field("add", &channels, x.shape.num_pixels());
     let kernel = channels.add_input_map(channels.add_input_map(kernel, "a", first), "b", second);
     let kernel = channels.add_output_map(kernel, "y", dx);

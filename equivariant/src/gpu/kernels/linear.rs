@@ -2,12 +2,12 @@
 
 use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernel_dispatch::{BufferSlot, DynamicDim, KernelDispatch};
-use crate::gpu::kernels::folds::Folds;
+use crate::gpu::kernels::folds::OrbitFolds;
 use crate::gpu::kernels::partial::sum_partial_gradients;
 use crate::gpu::kernels::pointwise::kernel_per_field;
-use crate::gpu::kernels::product::Product;
+use crate::gpu::kernels::product::MatrixProduct;
 use crate::gpu::kernels::window::{sum_over_taps, windows};
-use crate::gpu::plan::{ComputePlan, SharedBuffer, Tensor};
+use crate::gpu::plan::{ComputePlan, GpuTensor, SharedBuffer};
 use crate::steerable::dense::OrdinaryConv;
 use crate::window::SlidingWindow;
 
@@ -21,10 +21,10 @@ const PIXEL: SlidingWindow = SlidingWindow::new(1, 1, 0);
 
 /// Convolution or linear layer on a GPU with its buffers.
 struct Linear<'a> {
-    folds: Folds<'a>,
+    folds: OrbitFolds<'a>,
     window: SlidingWindow,
-    x: Tensor,
-    y: Tensor,
+    x: GpuTensor,
+    y: GpuTensor,
     order: usize,
     input: ChannelLayout,
     output: ChannelLayout,
@@ -41,8 +41,8 @@ struct Linear<'a> {
 pub(super) fn add(
     plan: &mut ComputePlan,
     dense: &OrdinaryConv,
-    x: &Tensor,
-    y: &Tensor,
+    x: &GpuTensor,
+    y: &GpuTensor,
     with_relu: bool,
 ) {
     let linear = Linear::new(plan, dense, x, y, with_relu);
@@ -62,12 +62,12 @@ impl<'a> Linear<'a> {
     fn new(
         plan: &mut ComputePlan,
         dense: &'a OrdinaryConv<'a>,
-        x: &Tensor,
-        y: &Tensor,
+        x: &GpuTensor,
+        y: &GpuTensor,
         with_relu: bool,
     ) -> Linear<'a> {
         let direct = dense.window == PIXEL;
-        let folds = Folds::new(dense, direct);
+        let folds = OrbitFolds::new(dense, direct);
         let [input, output] = [x, y].map(|map| ChannelLayout::for_type(map.shape.fields));
         let (order, pixels) = (input.components_per_field(), y.shape.num_pixels());
         // the bias is one more entry
@@ -120,8 +120,15 @@ impl<'a> Linear<'a> {
         }
     }
 
-    fn product(&self, rows: DynamicDim, cols: usize, depth: DynamicDim) -> Product {
-        Product { order: self.order, rows, cols, depth, num_slices: 1, left_is_column_major: false }
+    fn product(&self, rows: DynamicDim, cols: usize, depth: DynamicDim) -> MatrixProduct {
+        MatrixProduct {
+            order: self.order,
+            rows,
+            cols,
+            depth,
+            num_slices: 1,
+            left_is_column_major: false,
+        }
     }
 
     /// Adds the WGSL function `input_at(row, entry)`, which reads the folded patch of an output
@@ -150,7 +157,7 @@ impl<'a> Linear<'a> {
     fn forward(&self, plan: &ComputePlan) -> KernelDispatch {
         let (rows, cols) = (DynamicDim::PerSample(self.out_pixels()), self.output.num_fields());
         let product = self.product(rows, cols, DynamicDim::Fixed(self.folds.fields_per_patch));
-        let kernel = self.add_patch_reader(product.kernel("forward"));
+        let kernel = self.add_patch_reader(product.kernel_dispatch("forward"));
         let kernel = self.output.add_output_map(self.add_weights(kernel, plan), "y", self.y.values);
         let kernel = kernel.add_wgsl(
             "fn left_at(r: u32, d: u32) -> Field { return input_at(r, d); }
@@ -206,7 +213,7 @@ impl<'a> Linear<'a> {
         // alone would occupy a fraction of a GPU.
         product.num_slices = slices;
         let len = (self.folds.fields_per_patch + 1) * cols * self.order;
-        let kernel = self.add_patch_reader(product.kernel("weight gradient"));
+        let kernel = self.add_patch_reader(product.kernel_dispatch("weight gradient"));
         let kernel = self.add_gradient_reader(kernel, dy).add_wgsl(
             // the bias is a weight whose input is 1
             "fn left_at(r: u32, d: u32) -> Field {
@@ -242,7 +249,7 @@ impl<'a> Linear<'a> {
     ) -> Vec<KernelDispatch> {
         let (rows, cols) = (DynamicDim::PerSample(self.out_pixels()), self.output.num_fields());
         let product = self.product(rows, self.folds.fields_per_patch, DynamicDim::Fixed(cols));
-        let kernel = self.add_weights(product.kernel("input gradient"), plan);
+        let kernel = self.add_weights(product.kernel_dispatch("input gradient"), plan);
         let kernel =
             self.add_gradient_reader(kernel, dy).add_u32_constants([("DEPTH", cols)]).add_wgsl(
                 "fn left_at(r: u32, d: u32) -> Field { return d_output(r, d); }

@@ -12,7 +12,7 @@ const COLS_EACH: usize = 2;
 /// Product of two matrices of fields on a GPU, whose operands `product.wgsl` reads through
 /// functions.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Product {
+pub(super) struct MatrixProduct {
     pub order: usize,
     pub rows: DynamicDim,
     pub cols: usize,
@@ -23,10 +23,10 @@ pub(super) struct Product {
     pub left_is_column_major: bool,
 }
 
-impl Product {
+impl MatrixProduct {
     /// Returns the GPU kernel of the product, without its buffers and the functions that access
     /// them.
-    pub fn kernel(self, label: &'static str) -> KernelDispatch {
+    pub fn kernel_dispatch(self, label: &'static str) -> KernelDispatch {
         let tile = self.tile();
         let work = WorkgroupFormula::per_tile_of_rows(
             self.rows,

@@ -14,12 +14,12 @@
 
 use std::path::Path;
 
-use cluster::Decision;
+use cluster::AssignedPolicy;
 use evidence::Trajectory;
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Experience, ExportPolicy, ExportedPolicy, MeasureUnitActivity, Observations, PolicyOutput,
-    RlError, RolloutState, UnitActivity, VectorEnv, collect,
+    ExperienceBuffer, ExportPolicy, ExportedPolicy, MeasureUnitActivity, Observations,
+    PolicyOutput, RlError, RolloutState, UnitActivity, VectorEnv, collect_experience,
 };
 use web_time::Instant;
 
@@ -30,7 +30,7 @@ use crate::learners::learner::{
 };
 
 use super::episodes::{FirstFrames, ObservedEpisodes, first_frames, trajectories};
-use super::settings::{NewPolicyInit, PolicyCollectionSettings, RolloutOf, Training};
+use super::settings::{CollectionRollout, NewPolicyInit, PolicyCollectionSettings, PolicyTrainer};
 use super::{CandidateClouds, PolicyCollection, PolicyEntry};
 
 /// Number of decisions between two measurements of the activity of a network's units, in an
@@ -54,7 +54,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
             // Extension: a single rollout may be too little to decide, and trains no policy then.
             let request = AssignmentRequest::Assign { allow_undecided: iteration.may_discard() };
             let mut decision = self.assign(request, &observed, &mut iteration.seconds)?;
-            if decision.policy == Decision::Undecided {
+            if decision.policy == AssignedPolicy::Undecided {
                 self.discard(&mut iteration);
                 continue;
             }
@@ -75,7 +75,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         let memory_update = self.update_grouping(actor, &decision, &mut iteration.seconds)?;
 
         // Lines 15 and 16: update the current policy with D, which the next rollout overwrites:
-        // `Ppo::update` (rl/src/ppo.rs) through `PpoTraining`, or soft actor-critic.
+        // `Ppo::update` (rl/src/ppo.rs) through `PpoTrainer`, or soft actor-critic.
         // Extension: policies that turn out to serve one group are merged.
         let update = self.update(&mut iteration.seconds)?;
         iteration.policy = self.current;
@@ -116,7 +116,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         let index = self.check_policy(index)?;
         let mut activity = UnitActivity::default();
         let policy = &mut self.policies[index].policy;
-        let stats = rl::evaluate_with_callback(env, policy, rounds, |policy, state| {
+        let stats = rl::evaluate_policy_with_callback(env, policy, rounds, |policy, state| {
             let steps = state.episodes.first().map_or(0, |episode| episode.length);
             if steps.is_multiple_of(ACTIVITY_INTERVAL) {
                 activity.add(&policy.unit_activity(&state.observations, &state.memory)?);
@@ -187,7 +187,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
 
     /// Returns the first frames of a rollout's episodes, and the whole episodes if the grouping
     /// needs them.
-    pub(super) fn observed_episodes_in(&self, rollout: &RolloutOf<S>) -> ObservedEpisodes {
+    pub(super) fn observed_episodes_in(&self, rollout: &CollectionRollout<S>) -> ObservedEpisodes {
         ObservedEpisodes {
             frames: first_frames(rollout, self.settings.common().first_frames),
             trajectories: self.trajectories_in(rollout),
@@ -195,7 +195,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     }
 
     /// Returns the whole episodes of a rollout if the grouping needs them, else none.
-    pub(super) fn trajectories_in(&self, rollout: &RolloutOf<S>) -> Vec<Trajectory> {
+    pub(super) fn trajectories_in(&self, rollout: &CollectionRollout<S>) -> Vec<Trajectory> {
         if self.grouping.requirements().whole_episodes { trajectories(rollout) } else { Vec::new() }
     }
 
@@ -221,7 +221,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     ) -> Result<GroupingDecision, LearnerError> {
         // the paper starts with an empty `B`, for which no distance exists
         if !self.has_trained() {
-            return Ok(GroupingDecision::of(Decision::Existing(0)));
+            return Ok(GroupingDecision::for_policy(AssignedPolicy::Existing(0)));
         }
         let clock = Instant::now();
         let mut candidates =
@@ -234,7 +234,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
 
     /// Returns `true` if a rollout was assigned to policy 0, the first one of all.
     fn has_trained(&self) -> bool {
-        self.policies[0].buffer.seen() > 0
+        self.policies[0].buffer.num_offered() > 0
     }
 
     /// Makes the assigned policy the one that acts, creates it if it is new, and adds `frames` to
@@ -246,8 +246,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     ) -> Result<bool, LearnerError> {
         let policies = self.policies.len();
         self.current = match decision.policy {
-            Decision::Existing(index) => self.check_policy(index)?,
-            Decision::New | Decision::Undecided => {
+            AssignedPolicy::Existing(index) => self.check_policy(index)?,
+            AssignedPolicy::New | AssignedPolicy::Undecided => {
                 let parent = self.parent(decision)?;
                 self.create_policy(parent)?
             }
@@ -298,8 +298,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         let mut observed = ObservedEpisodes::default();
         while observed.frames.len() < episodes.unwrap_or(self.grouping.requirements().episodes) {
             let policy = &mut self.policies[self.current].policy;
-            let mut state = RolloutState::reset(env, policy)?;
-            collect(env, policy, &mut rollout, &mut state, rng)?;
+            let mut state = RolloutState::from_env_reset(env, policy)?;
+            collect_experience(env, policy, &mut rollout, &mut state, rng)?;
             let seen = self.observed_episodes_in(&rollout);
             // no episode is long enough: without this error the loop would never end
             if seen.frames.is_empty() {

@@ -18,7 +18,7 @@ use crate::learners::tensor_file::{Tensor, TensorFile, encode_tensor_file};
 use crate::overrides::check_same_settings;
 
 use super::episodes::FirstFrames;
-use super::settings::{PolicyCollectionSettings, Training};
+use super::settings::{PolicyCollectionSettings, PolicyTrainer};
 use super::{Generators, PolicyCollection, PolicyEntry};
 
 /// Name of the checkpoint array that holds the caller's note.
@@ -27,7 +27,7 @@ const NOTE: &str = "note";
 
 fn note_tensor(note: &str) -> Tensor {
     let bytes = note.as_bytes().to_vec();
-    Tensor::bytes(NOTE.to_owned(), vec![bytes.len()], bytes)
+    Tensor::from_bytes(NOTE.to_owned(), vec![bytes.len()], bytes)
 }
 
 /// Reads the note, a text that the caller stored with the learner, from the checkpoint at `path`.
@@ -37,7 +37,7 @@ fn note_tensor(note: &str) -> Tensor {
 pub fn read_checkpoint_note(path: &Path) -> Result<String, LearnerError> {
     let bytes = std::fs::read(path).map_err(|error| LearnerError::cannot_read(path, error))?;
     let (_, file) = TensorFile::open::<IgnoredAny>(path, &bytes)?;
-    file.text(NOTE)
+    file.read_text(NOTE)
 }
 
 /// Part of a checkpoint that is stored as JSON: everything that is not an array.
@@ -107,7 +107,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// environments; a grouping that needs labels, or one that does not take the saved state of
     /// another.
     pub fn load(path: &Path, spec: &EnvSpec) -> Result<(Self, String), LearnerError> {
-        let grouping = |settings: &S| settings.common().grouping.build();
+        let grouping = |settings: &S| settings.common().grouping.build_grouping();
         Checkpoint::read(path)?.open(None, spec, true, grouping)
     }
 
@@ -184,11 +184,13 @@ impl<'a> Checkpoint<'a> {
             .steps_per_env(spec, grouping.requirements().episodes)
             .map_err(|error| error.with_path(self.path))?;
         let state = grouping.restore(&header.grouping, header.members.len());
-        state.map_err(|problem| file.damaged(format!("the state of the grouping: {problem}")))?;
+        state.map_err(|problem| {
+            file.damaged_error(format!("the state of the grouping: {problem}"))
+        })?;
         if !training {
             header.members.iter_mut().for_each(|m| m.counters = None);
         }
-        let note = file.text(NOTE)?;
+        let note = file.read_text(NOTE)?;
         let arrays = Arrays { file, spec, settings: &*header.settings };
         let policies = arrays.policies(&header).map_err(|error| error.with_path(self.path))?;
         let mut collection =
@@ -207,7 +209,7 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
             CheckpointExtent::Everything => {
                 let counters = self.training.algorithm_state().counters.into_iter();
                 let counters = counters.map(|(name, count)| (name.to_owned(), count)).collect();
-                EntryHeader { counters: Some(counters), seen: self.buffer.seen() }
+                EntryHeader { counters: Some(counters), seen: self.buffer.num_offered() }
             }
             CheckpointExtent::Policies { .. } => {
                 EntryHeader { counters: None, seen: self.kept(extent).len() as u64 }
@@ -228,8 +230,9 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
 
     fn tensors(&self, index: usize, spec: &EnvSpec, extent: CheckpointExtent) -> Vec<Tensor> {
         let name = |what: &str| format!("policy.{index}.{what}");
-        let flat =
-            |what: &str, values: &[f32]| Tensor::floats(name(what), vec![values.len()], values);
+        let flat = |what: &str, values: &[f32]| {
+            Tensor::from_floats(name(what), vec![values.len()], values)
+        };
         let mut tensors = vec![flat("params", S::params(&self.policy))];
         if extent == CheckpointExtent::Everything {
             let state = self.training.algorithm_state().tensors.into_iter();
@@ -242,10 +245,10 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
         let observations = episodes.iter().map(FirstFrames::observations);
         let images = observations.clone().flat_map(|o| o.images.iter().copied());
         let images = images.collect();
-        tensors.push(Tensor::bytes(name("images"), shape(&spec.image_shape), images));
+        tensors.push(Tensor::from_bytes(name("images"), shape(&spec.image_shape), images));
         let vectors: Vec<f32> = observations.flat_map(|o| o.vectors.clone()).collect();
         let vector = shape(&[spec.vector_irreps.len()]);
-        tensors.push(Tensor::floats(name("vectors"), vector, &vectors));
+        tensors.push(Tensor::from_floats(name("vectors"), vector, &vectors));
         tensors
     }
 }
@@ -266,12 +269,12 @@ impl<S: PolicyCollectionSettings> Arrays<'_, S> {
             return Ok(policies);
         }
         let problem = format!("policy {} of {}", header.current, policies.len());
-        Err(self.file.damaged(problem))
+        Err(self.file.damaged_error(problem))
     }
 
     fn policy(&self, index: usize, header: &EntryHeader) -> Result<PolicyEntry<S>, LearnerError> {
         let name = |what: &str| format!("policy.{index}.{what}");
-        let (_, params) = self.file.floats(&name("params"))?;
+        let (_, params) = self.file.read_floats(&name("params"))?;
         let policy = self.settings.policy_with_params(self.spec, params)?;
         let mut training = self.settings.new_training(self.spec, &policy)?;
         if let Some(counters) = &header.counters {
@@ -287,17 +290,19 @@ impl<S: PolicyCollectionSettings> Arrays<'_, S> {
         &self,
         name: &impl Fn(&str) -> String,
         counters: &BTreeMap<String, u64>,
-        training: &mut S::Training,
+        training: &mut S::Trainer,
     ) -> Result<(), LearnerError> {
         let fresh = training.algorithm_state().tensors.into_iter();
-        let arrays = fresh.map(|(own, _)| Ok((own.to_owned(), self.file.floats(&name(own))?.1)));
+        let arrays =
+            fresh.map(|(own, _)| Ok((own.to_owned(), self.file.read_floats(&name(own))?.1)));
         let arrays: Vec<(String, Vec<f32>)> = arrays.collect::<Result<_, LearnerError>>()?;
         let state = AlgorithmState {
             tensors: arrays.iter().map(|(array, a)| (array.as_str(), a.as_slice())).collect(),
             counters: counters.iter().map(|(counter, n)| (counter.as_str(), *n)).collect(),
         };
         let restored = training.restore_algorithm(&state);
-        restored.map_err(|error| self.file.damaged(format!("`{}`: {error}", name("update"))))?;
+        restored
+            .map_err(|error| self.file.damaged_error(format!("`{}`: {error}", name("update"))))?;
         training.restore_extra_tensors(&self.file, &name(""))
     }
 
@@ -308,7 +313,7 @@ impl<S: PolicyCollectionSettings> Arrays<'_, S> {
         vector_name: &str,
     ) -> Result<Vec<FirstFrames>, LearnerError> {
         let (spec, k) = (self.spec, self.settings.common().first_frames);
-        let (shape, pixels) = self.file.bytes(image_name)?;
+        let (shape, pixels) = self.file.read_bytes(image_name)?;
         let count = shape.first().copied().unwrap_or(0);
         // a buffer without episodes is written with zero frames
         let frames = if count == 0 { 0 } else { k };
@@ -317,7 +322,7 @@ impl<S: PolicyCollectionSettings> Arrays<'_, S> {
             &shape,
             &[&[count, frames], spec.image_shape.as_slice()].concat(),
         )?;
-        let (vector_shape, numbers) = self.file.floats(vector_name)?;
+        let (vector_shape, numbers) = self.file.read_floats(vector_name)?;
         self.check_shape(vector_name, &vector_shape, &[count, frames, spec.vector_irreps.len()])?;
         let (image, vector) = (k * spec.image_len(), k * spec.vector_irreps.len());
         let episode = |i: usize| {
@@ -338,7 +343,7 @@ impl<S: PolicyCollectionSettings> Arrays<'_, S> {
             return Ok(());
         }
         let problem = format!("`{name}` is {got:?}, expected {expected:?}");
-        Err(self.file.damaged(problem))
+        Err(self.file.damaged_error(problem))
     }
 }
 

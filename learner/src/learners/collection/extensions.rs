@@ -1,20 +1,22 @@
 //! Steps of the learner that the paper's Algorithm 1 does not have: undecided rollouts, trials of
 //! policies before they train, rollouts of two groups, and merges of policies.
 
-use cluster::Decision;
-use evidence::{Trajectory, Trial};
-use rl::{Experience as _, VectorEnv};
+use cluster::AssignedPolicy;
+use evidence::{PolicyTrial, Trajectory};
+use rl::{ExperienceBuffer as _, VectorEnv};
 use web_time::Instant;
 
 use crate::error::LearnerError;
 use crate::groupings::{
-    AssignedEpisodes, AssignmentRequest, Episodes, GroupingDecision, GroupingUpdate,
+    AssignedEpisodes, AssignmentRequest, GroupingDecision, GroupingUpdate, RolloutEpisodes,
 };
 use crate::learners::learner::{IterationReport, IterationSeconds};
 
 use super::PolicyCollection;
 use super::episodes::{ObservedEpisodes, Rollout};
-use super::settings::{PolicyCollectionSettings, RolloutHandover, RolloutOf, Training};
+use super::settings::{
+    CollectionRollout, PolicyCollectionSettings, PolicyTrainer, RolloutHandover,
+};
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Discards a rollout that the grouping left undecided.
@@ -52,7 +54,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                 self.rollout.keep_latest(0);
             }
             let mut passes = true;
-            if decision.trial == Trial::Episodes
+            if decision.trial == PolicyTrial::Episodes
                 && !iteration.policy_created
                 && let Some(probe) = self.probe(env, iteration)?
             {
@@ -62,19 +64,19 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             if passes {
                 let actor = self.current;
                 self.roll_out(env, iteration)?;
-                let is_final = decision.trial == Trial::None
+                let is_final = decision.trial == PolicyTrial::None
                     || (iteration.policy_created && !iteration.may_discard());
                 if is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)? {
                     return Ok(Some(actor));
                 }
-                if decision.trial == Trial::Waived {
+                if decision.trial == PolicyTrial::Waived {
                     // earlier collections are of another group
                     self.rollout.keep_latest(1);
                     self.adapt_rollout()?;
                     return Ok(Some(actor));
                 }
             }
-            if decision.policy == Decision::Undecided {
+            if decision.policy == AssignedPolicy::Undecided {
                 return Ok(None);
             }
         }
@@ -92,7 +94,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// policy.
     fn adapt_rollout(&mut self) -> Result<(), LearnerError> {
         let policy = &mut self.policies[self.current].policy;
-        Ok(S::Training::adapt_rollout(policy, &mut self.rollout)?)
+        Ok(S::Trainer::adapt_rollout(policy, &mut self.rollout)?)
     }
 
     /// Asks the grouping to confirm the current policy, which `decision` named, from episodes that
@@ -107,14 +109,14 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         let allow_undecided = iteration.may_discard();
         let request = AssignmentRequest::Confirm { proposal: decision, allow_undecided };
         let judged = self.assign(request, &observed, &mut iteration.seconds)?;
-        let passes = judged.policy == Decision::Existing(self.current);
+        let passes = judged.policy == AssignedPolicy::Existing(self.current);
         if passes {
             decision.accepted = judged.accepted;
             return Ok(true);
         }
-        if judged.policy != Decision::Undecided {
+        if judged.policy != AssignedPolicy::Undecided {
             // a policy that exists needs no frames of two groups
-            let is_mixed = judged.changepoint.is_some() && judged.policy != Decision::New;
+            let is_mixed = judged.changepoint.is_some() && judged.policy != AssignedPolicy::New;
             let frames = if is_mixed { Vec::new() } else { observed.frames };
             iteration.policy_created = self.make_current(&judged, frames)?;
         }
@@ -129,7 +131,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         &mut self,
         env: &mut dyn VectorEnv,
         iteration: &mut IterationReport,
-    ) -> Result<Option<RolloutOf<S>>, LearnerError> {
+    ) -> Result<Option<CollectionRollout<S>>, LearnerError> {
         let episodes = self.grouping.requirements().episodes.div_ceil(self.spec.num_envs);
         let steps = env
             .horizon()
@@ -157,7 +159,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         let assigned = AssignedEpisodes::Rollout {
             policy: self.current,
             accepted: &decision.accepted,
-            episodes: Episodes { spec: &self.spec, collector, trajectories: &trajectories },
+            episodes: RolloutEpisodes { spec: &self.spec, collector, trajectories: &trajectories },
         };
         let rng = &mut self.generators.assignment;
         let update = self.grouping.update(assigned, rng)?;
@@ -185,12 +187,12 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                 break;
             };
             acted.push((next, self.trajectories_in(&probe)));
-            let probes = acted.iter().map(|(collector, trajectories)| Episodes {
+            let probes = acted.iter().map(|(collector, trajectories)| RolloutEpisodes {
                 spec: &self.spec,
                 collector: *collector,
                 trajectories,
             });
-            let probes: Vec<Episodes<'_>> = probes.collect();
+            let probes: Vec<RolloutEpisodes<'_>> = probes.collect();
             let rng = &mut self.generators.assignment;
             let assigned = AssignedEpisodes::Probes { policy, probes: &probes };
             update = self.grouping.update(assigned, rng)?;

@@ -2,7 +2,7 @@
 
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    AlgorithmState, EnvSpec, Experience, ExportPolicy, FeatureExtractor, MeasureUnitActivity,
+    AlgorithmState, EnvSpec, ExperienceBuffer, ExportPolicy, FeatureExtractor, MeasureUnitActivity,
     RlError,
 };
 use serde::de::DeserializeOwned;
@@ -19,7 +19,7 @@ pub trait PolicyCollectionSettings:
     Clone + PartialEq + Serialize + DeserializeOwned + Send + 'static
 {
     /// Algorithm that trains a policy, with its state.
-    type Training: Training;
+    type Trainer: PolicyTrainer;
 
     /// Returns the settings that do not depend on the training algorithm.
     fn common(&self) -> CommonSettings;
@@ -28,7 +28,7 @@ pub trait PolicyCollectionSettings:
     ///
     /// # Errors
     /// Images that the network cannot take, or a setting out of range.
-    fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<PolicyOf<Self>, RlError>;
+    fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<CollectionPolicy<Self>, RlError>;
 
     /// Creates a policy for the environments of `spec` with the parameters `params`.
     ///
@@ -39,16 +39,17 @@ pub trait PolicyCollectionSettings:
         &self,
         spec: &EnvSpec,
         params: Vec<f32>,
-    ) -> Result<PolicyOf<Self>, RlError>;
+    ) -> Result<CollectionPolicy<Self>, RlError>;
 
     /// Returns all parameters of a policy as a flat slice.
-    fn params(policy: &PolicyOf<Self>) -> &[f32];
+    fn params(policy: &CollectionPolicy<Self>) -> &[f32];
 
     /// Creates storage for rollouts of `steps` steps in every environment.
     ///
     /// # Errors
     /// Sizes of zero, or more memory than there is.
-    fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<RolloutOf<Self>, RlError>;
+    fn new_rollout(&self, spec: &EnvSpec, steps: usize)
+    -> Result<CollectionRollout<Self>, RlError>;
 
     /// Creates the initial state of the training of `policy`.
     ///
@@ -57,21 +58,22 @@ pub trait PolicyCollectionSettings:
     fn new_training(
         &self,
         spec: &EnvSpec,
-        policy: &PolicyOf<Self>,
-    ) -> Result<Self::Training, RlError>;
+        policy: &CollectionPolicy<Self>,
+    ) -> Result<Self::Trainer, RlError>;
 }
 
 /// Type of the policies that a collection of policies with settings `S` holds.
-pub type PolicyOf<S> = <<S as PolicyCollectionSettings>::Training as Training>::Policy;
+pub type CollectionPolicy<S> = <<S as PolicyCollectionSettings>::Trainer as PolicyTrainer>::Policy;
 /// Type of the storage of a rollout in a collection of policies with settings `S`.
-pub type RolloutOf<S> = <<S as PolicyCollectionSettings>::Training as Training>::Rollout;
+pub type CollectionRollout<S> =
+    <<S as PolicyCollectionSettings>::Trainer as PolicyTrainer>::Rollout;
 
-/// Training of one policy of a collection: an algorithm with its state.
-pub trait Training: Sized + Send + 'static {
+/// Trainer of one policy of a collection: an algorithm with its state.
+pub trait PolicyTrainer: Sized + Send + 'static {
     /// Type of the policy that is trained.
     type Policy: MeasureUnitActivity + FeatureExtractor + ExportPolicy + Clone + Send;
     /// Type of the storage of a rollout until it is assigned to a policy.
-    type Rollout: Experience<Self::Policy> + Rollout + Send;
+    type Rollout: ExperienceBuffer<Self::Policy> + Rollout + Send;
 
     /// Prepares `rollout` before the policy of this training collects it. The default does nothing.
     fn prepare_rollout(&self, _rollout: &mut Self::Rollout) {}
@@ -98,19 +100,19 @@ pub trait Training: Sized + Send + 'static {
     /// Returns the state of the training algorithm, as named arrays and counters.
     fn algorithm_state(&self) -> AlgorithmState<'_>;
 
-    /// Restores the state of the algorithm that [`Training::algorithm_state`] returned.
+    /// Restores the state of the algorithm that [`PolicyTrainer::algorithm_state`] returned.
     ///
     /// # Errors
     /// A state of another algorithm or network.
     fn restore_algorithm(&mut self, state: &AlgorithmState<'_>) -> Result<(), RlError>;
 
-    /// Returns the arrays besides [`Training::algorithm_state`] that a checkpoint needs, under
+    /// Returns the arrays besides [`PolicyTrainer::algorithm_state`] that a checkpoint needs, under
     /// names that begin with `prefix`.
     fn extra_tensors(&self, _prefix: &str) -> Vec<Tensor> {
         Vec::new()
     }
 
-    /// Restores the arrays that [`Training::extra_tensors`] returned.
+    /// Restores the arrays that [`PolicyTrainer::extra_tensors`] returned.
     ///
     /// # Errors
     /// Arrays that are missing or do not fit.

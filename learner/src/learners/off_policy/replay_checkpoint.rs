@@ -17,16 +17,16 @@ const MAX_CONTEXT_FRAMES: usize = 100_000;
 const FIELDS: usize = 4;
 
 /// Returns the contents of a replay buffer as arrays whose names begin with `prefix`.
-pub fn replay_tensors(replay: &ReplayBuffer, prefix: &str) -> Vec<Tensor> {
-    let state = replay.save();
+pub fn replay_buffer_tensors(replay: &ReplayBuffer, prefix: &str) -> Vec<Tensor> {
+    let state = replay.checkpoint_state();
     let name = |what: &str| format!("{prefix}replay.{what}");
     let integers = |what, width, values: &[u64]| {
         let shape = vec![values.len() / width, width];
-        Tensor::integers(name(what), shape, values)
+        Tensor::from_integers(name(what), shape, values)
     };
     let floats = |what, of: for<'a> fn(&StoredEpisode<'a>) -> &'a [f32]| {
         let all: Vec<f32> = state.stored_episodes.iter().flat_map(of).copied().collect();
-        Tensor::floats(name(what), vec![all.len()], &all)
+        Tensor::from_floats(name(what), vec![all.len()], &all)
     };
     let running = state.running_episodes.iter();
     let running: Vec<u64> = running.map(|n| n.map_or(NO_EPISODE, u64::from)).collect();
@@ -35,11 +35,11 @@ pub fn replay_tensors(replay: &ReplayBuffer, prefix: &str) -> Vec<Tensor> {
     let episodes: Vec<u64> = state.stored_episodes.iter().flat_map(numbers).collect();
     let pictures = pack(replay, &state);
     vec![
-        integers("counts", 2, &[state.num_recorded, state.num_before_newest]),
+        integers("counts", 2, &[state.total_recorded_steps, state.num_before_newest]),
         integers("running", 1, &running),
         integers("order", 2, &order),
         integers("episodes", FIELDS, &episodes),
-        Tensor::bytes(name("pictures"), vec![pictures.len()], pictures),
+        Tensor::from_bytes(name("pictures"), vec![pictures.len()], pictures),
         floats("vectors", |episode| episode.vectors),
         floats("actions", |episode| episode.actions),
         floats("rewards", |episode| episode.rewards),
@@ -94,26 +94,26 @@ fn pack(replay: &ReplayBuffer, state: &ReplayState<'_>) -> Vec<u8> {
     packed
 }
 
-/// Reads a replay buffer with the settings of `fresh` from the arrays that [`replay_tensors`]
-/// returned.
+/// Reads a replay buffer with the settings of `fresh` from the arrays that
+/// [`replay_buffer_tensors`] returned.
 ///
 /// # Errors
 /// [`LearnerError::Read`] for arrays that are missing or do not fit.
-pub fn read_replay(
+pub fn read_replay_buffer(
     file: &TensorFile<'_>,
     prefix: &str,
     fresh: &ReplayBuffer,
 ) -> Result<ReplayBuffer, LearnerError> {
     let name = |what: &str| format!("{prefix}replay.{what}");
-    let damaged = |what: &str| file.damaged(format!("`{}` does not fit", name(what)));
-    let counts = file.integers(&name("counts"))?;
+    let damaged = |what: &str| file.damaged_error(format!("`{}` does not fit", name(what)));
+    let counts = file.read_integers(&name("counts"))?;
     let &[recorded, marked] = &counts[..] else {
         return Err(damaged("counts"));
     };
     let small = |what: &str, value: u64| u32::try_from(value).map_err(|_| damaged(what));
-    let running = file.integers(&name("running"))?.into_iter();
+    let running = file.read_integers(&name("running"))?.into_iter();
     let running = running.map(|n| (n != NO_EPISODE).then(|| small("running", n)).transpose());
-    let order = file.integers(&name("order"))?;
+    let order = file.read_integers(&name("order"))?;
     let (order, _) = order.as_chunks::<2>();
     let order =
         order.iter().map(|&[episode, step]| Ok([small("order", episode)?, small("order", step)?]));
@@ -122,14 +122,14 @@ pub fn read_replay(
     let most_frames = 2 * fresh.settings().capacity + MAX_CONTEXT_FRAMES;
     let episodes = Episodes::read(file, &name, &sizes, most_frames)?;
     let state = ReplayState {
-        num_recorded: recorded,
+        total_recorded_steps: recorded,
         num_before_newest: marked,
         running_episodes: running.collect::<Result<_, LearnerError>>()?,
         step_order: order.collect::<Result<_, LearnerError>>()?,
         stored_episodes: episodes.states().ok_or_else(|| damaged("episodes"))?,
     };
     let restored = ReplayBuffer::restore(fresh.settings().clone(), fresh.spec(), &state);
-    restored.map_err(|error| file.damaged(format!("`{}`: {error}", name("episodes"))))
+    restored.map_err(|error| file.damaged_error(format!("`{}`: {error}", name("episodes"))))
 }
 
 /// Arrays of all stored episodes of a replay buffer, one episode after the other.
@@ -200,10 +200,10 @@ impl<'a> Episodes<'a> {
         sizes: &'a Sizes,
         most_frames: usize,
     ) -> Result<Self, LearnerError> {
-        let damaged = |what: &str| file.damaged(format!("`{}` does not fit", name(what)));
-        let floats = |what: &str| Ok::<_, LearnerError>(file.floats(&name(what))?.1);
+        let damaged = |what: &str| file.damaged_error(format!("`{}` does not fit", name(what)));
+        let floats = |what: &str| Ok::<_, LearnerError>(file.read_floats(&name(what))?.1);
         let rewards = floats("rewards")?;
-        let rows = rows(&file.integers(&name("episodes"))?, rewards.len());
+        let rows = rows(&file.read_integers(&name("episodes"))?, rewards.len());
         let rows = rows.ok_or_else(|| damaged("episodes"))?;
         let vectors = floats("vectors")?;
         // checked before pictures are unpacked, since a few damaged bytes could claim all memory
@@ -211,7 +211,7 @@ impl<'a> Episodes<'a> {
         if frames > most_frames || vectors.len() != frames.saturating_mul(sizes.vector) {
             return Err(damaged("vectors"));
         }
-        let (_, packed) = file.bytes(&name("pictures"))?;
+        let (_, packed) = file.read_bytes(&name("pictures"))?;
         let pictures = unpack(&rows, sizes, &packed);
         Ok(Self {
             pictures: pictures.ok_or_else(|| damaged("pictures"))?,

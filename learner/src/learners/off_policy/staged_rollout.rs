@@ -1,8 +1,10 @@
 //! Rollout that is stored until it is assigned to a policy and its replay buffer.
 
-use rl::{Actor, EnvSpec, Experience, Observations, ReplayBuffer, RlError, SacPolicy, Transition};
+use rl::{
+    Actor, EnvSpec, ExperienceBuffer, Observations, ReplayBuffer, RlError, SacPolicy, Transition,
+};
 
-use crate::learners::collection::{Rollout, StepView};
+use crate::learners::collection::{Rollout, RolloutStep};
 
 /// Rollouts that wait until they are assigned to a policy and its replay buffer
 /// ([`StagedRollout::commit_to`]). Each begins with a reset of the environments.
@@ -38,7 +40,7 @@ impl StagedRollout {
         for steps in self.rollouts.drain(..) {
             // each rollout began with a reset, which ends the running episodes of the replay
             replay.cut_episodes();
-            Experience::<SacPolicy>::begin(replay, &self.spec)?;
+            ExperienceBuffer::<SacPolicy>::begin(replay, &self.spec)?;
             for step in steps {
                 replay.push(&step.observations, &step.actions, &step.transition)?;
             }
@@ -52,7 +54,7 @@ impl StagedRollout {
     }
 }
 
-impl<A: Actor> Experience<A> for StagedRollout {
+impl<A: Actor> ExperienceBuffer<A> for StagedRollout {
     fn steps_per_env(&self) -> usize {
         self.steps
     }
@@ -92,10 +94,10 @@ impl Rollout for StagedRollout {
         self.last().len()
     }
 
-    fn step(&self, step: usize, env: usize) -> StepView<'_> {
+    fn step(&self, step: usize, env: usize) -> RolloutStep<'_> {
         let (step, len) = (&self.last()[step], self.spec.action_irreps.len());
-        let (image, vector) = step.observations.sample(&self.spec, env);
-        StepView {
+        let (image, vector) = step.observations.image_and_vector(&self.spec, env);
+        RolloutStep {
             image,
             vector,
             action: &step.actions[env * len..(env + 1) * len],
