@@ -25,10 +25,11 @@ fn main() -> ExitCode {
 }
 
 fn learn(options: &ContinualStreamOptions) -> Result<CommandOutcome, CoversError> {
-    let experiment = options.budget.preset_experiment(Method::Covers);
+    let experiment = options.budget.preset_experiment(Method::default());
     let experiment = options.run_options.settings.apply_to_experiment(experiment)?;
     experiment.check(&TaskRegistry::with_all())?;
-    let name = run_name(&format!("covers-{}", options.budget.name()), &experiment);
+    let name =
+        run_name(&format!("{}-{}", Method::default().name(), options.budget.name()), &experiment);
     let folder = options.run_options.run_folder.create_run_folder(&name)?;
     let mut run = Run::start(experiment, folder)?;
     let stop = StopSignal::from_os_signals()?;

@@ -223,7 +223,7 @@ fn print<R: Serialize>(
     } else {
         rows.iter().map(line).collect::<Vec<_>>().join("\n")
     };
-    writeln!(out, "{text}").map_err(RunError::write_error_at("standard output".as_ref()))?;
+    writeln!(out, "{text}").map_err(RunError::to_write_error_at("standard output".as_ref()))?;
     Ok(rows.iter().all(passes))
 }
 

@@ -120,7 +120,7 @@ impl RunFolderOptions {
         let Some(path) = &self.folder else {
             return RunFolder::create(&self.runs, name);
         };
-        std::fs::create_dir_all(path).map_err(RunError::write_error_at(path))?;
+        std::fs::create_dir_all(path).map_err(RunError::to_write_error_at(path))?;
         let folder = RunFolder::from_path(path);
         Ok(if self.overwrite { folder.allow_overwriting() } else { folder })
     }
@@ -157,7 +157,7 @@ pub struct ContinualStreamOptions {
 )]
 pub struct TrainOptions {
     /// Method to train.
-    #[arg(long, value_enum, default_value = "covers", conflicts_with = "config")]
+    #[arg(long, value_enum, default_value_t, conflicts_with = "config")]
     pub preset: Method,
     /// Length of the run.
     #[arg(long, value_enum, default_value = "full", conflicts_with = "config")]

@@ -106,7 +106,8 @@ impl DoctorOptions {
         } else {
             findings.iter().map(MachineCheckResult::line).collect::<Vec<_>>().join("\n")
         };
-        writeln!(out, "{text}").map_err(RunError::write_error_at(Path::new("standard output")))?;
+        writeln!(out, "{text}")
+            .map_err(RunError::to_write_error_at(Path::new("standard output")))?;
         Ok(findings.iter().all(|found| found.health != MachineHealth::Bad))
     }
 }
@@ -172,16 +173,17 @@ fn the_memory(threads: usize) -> MachineCheckResult {
     let needs = |method: Method| {
         memory::run_memory_bytes(&Budget::Full.preset_experiment(method).with_threads(threads))
     };
-    let (covers, most) =
-        (needs(Method::Covers), Method::ALL.map(needs).into_iter().max().unwrap_or(0));
-    let [free_text, covers_text, most_text] = [free, covers, most].map(memory::format_gibibytes);
+    let default = Method::default();
+    let (needed, most) = (needs(default), Method::ALL.map(needs).into_iter().max().unwrap_or(0));
+    let [free_text, needed_text, most_text] = [free, needed, most].map(memory::format_gibibytes);
     let found = format!(
-        "{free_text} free; a full run on {threads} threads takes {covers_text} for covers, up to \
-         {most_text} for methods with replays"
+        "{free_text} free; a full run on {threads} threads takes {needed_text} for {}, up to \
+         {most_text} for other methods",
+        default.name()
     );
     MachineCheckResult::good("memory", found)
         .unless(free >= most, MachineHealth::Fair, "enough for COVERS, but not for every method")
-        .unless(free >= covers, MachineHealth::Bad, "close other programs, or use fewer threads")
+        .unless(free >= needed, MachineHealth::Bad, "close other programs, or use fewer threads")
 }
 
 fn the_disk(runs: &Path) -> MachineCheckResult {
@@ -251,7 +253,7 @@ fn the_pictures() -> MachineCheckResult {
 
 /// Returns the camera settings of a full run of COVERS.
 fn camera() -> Camera {
-    Budget::Full.preset_experiment(Method::Covers).envs.camera
+    Budget::Full.preset_experiment(Method::default()).envs.camera
 }
 
 /// Returns the measured median time to render an observation of Drawer Close.
@@ -274,11 +276,11 @@ fn time_pictures() -> Result<Duration, EnvError> {
 }
 
 fn the_learning(threads: usize) -> MachineCheckResult {
-    let experiment = Budget::Full.preset_experiment(Method::Covers);
+    let experiment = Budget::Full.preset_experiment(Method::default());
     match time_learning(experiment.with_threads(threads)) {
         Ok(rate) => {
             let minutes = |budget: Budget| {
-                let stream = budget.preset_experiment(Method::Covers).schedule;
+                let stream = budget.preset_experiment(Method::default()).schedule;
                 stream.total_decisions() as f64 / rate / 60.0
             };
             let (short, full) = (minutes(Budget::Short), minutes(Budget::Full));
@@ -319,7 +321,7 @@ struct Scratch(PathBuf);
 impl Scratch {
     fn new() -> Result<Self, RunError> {
         let path = std::env::temp_dir().join(format!("covers-doctor-{}", std::process::id()));
-        fs::create_dir_all(&path).map_err(RunError::write_error_at(&path))?;
+        fs::create_dir_all(&path).map_err(RunError::to_write_error_at(&path))?;
         Ok(Self(path))
     }
 }
@@ -354,7 +356,7 @@ mod tests {
         for part in [the_simulator(), the_pictures()] {
             assert_eq!(part.health, MachineHealth::Good, "{part:?}");
         }
-        let mut experiment = Budget::Smoke.preset_experiment(Method::Covers);
+        let mut experiment = Budget::Smoke.preset_experiment(Method::default());
         assert!(time_learning(experiment.clone()).unwrap() > 0.0);
         experiment.envs.num_envs = 0;
         assert!(time_learning(experiment).is_err());

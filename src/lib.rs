@@ -44,8 +44,8 @@ pub mod sweep_command;
 
 pub use error::CoversError;
 pub use experiments::{
-    CheckpointPlan, EvaluationPlan, EvaluationReport, Experiment, LatestFrame, Provenance,
-    RolloutReport, Run, RunData, RunError, RunEvent, RunFolder, RunStats, RunSummary, StopSignal,
+    AssignmentStats, CheckpointPlan, EvaluationPlan, EvaluationReport, Experiment, LatestFrame,
+    Provenance, RolloutReport, Run, RunData, RunError, RunEvent, RunFolder, RunSummary, StopSignal,
     SwitchableVecEnv, evaluation, presets, schedule,
 };
 pub use learner::disk::{Disk, LocalDisk};

@@ -10,7 +10,7 @@ use experiments::evaluation::mean;
 use experiments::presets::Method;
 use experiments::text::format_number;
 use experiments::{RunData, RunError, RunFolder};
-use report::Table;
+use report::ReportTable;
 
 /// Options of `covers list`.
 #[derive(Clone, Debug, Args)]
@@ -28,14 +28,14 @@ impl ListOptions {
     /// A folder that cannot be read, or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
         let header = ["run", "method", "state", "policies", "success", "MB"];
-        let mut table = Table::new("", &header);
+        let mut table = ReportTable::new("", &header);
         let mut folders = vec![self.folder.clone()];
         while let Some(folder) = folders.pop() {
             if RunFolder::from_path(&folder).holds_run() {
                 table.rows.push(row(&folder));
                 continue;
             }
-            let entries = fs::read_dir(&folder).map_err(RunError::read_error_at(&folder))?;
+            let entries = fs::read_dir(&folder).map_err(RunError::to_read_error_at(&folder))?;
             // a link may lead back to a folder above
             let inside =
                 entries.flatten().filter(|entry| entry.file_type().is_ok_and(|t| t.is_dir()));

@@ -23,8 +23,8 @@ use watch::WatchOptions;
 const AFTER_HELP: &str = "\
 Examples:
   covers train --budget short
-  covers watch runs/covers-short-seed0
-  covers report runs/covers-short-seed0 --out report
+  covers watch runs/covers-sac-short-seed0
+  covers report runs/covers-sac-short-seed0 --out report
 
 Exit codes:
   0    success: the command finished, and all checks passed

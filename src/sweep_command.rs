@@ -155,10 +155,10 @@ impl SweepOptions {
         }
         // members of the array may start in another folder
         let absolute =
-            |path: &Path| std::path::absolute(path).map_err(RunError::read_error_at(path));
+            |path: &Path| std::path::absolute(path).map_err(RunError::to_read_error_at(path));
         let (plan, runs) = (absolute(array.plan)?, absolute(array.runs)?);
         let program =
-            std::env::current_exe().map_err(RunError::read_error_at(Path::new("covers")))?;
+            std::env::current_exe().map_err(RunError::to_read_error_at(Path::new("covers")))?;
         let array = ArrayJob { plan: &plan, runs: &runs, ..array };
         Ok(if self.hyperqueue {
             array.hyperqueue_program(&program)

@@ -389,18 +389,18 @@ fn options_are_checked_and_named() {
 
 #[test]
 fn changes_reach_the_experiment() {
-    let line = "continual_stream --embodiment hand --group C1 --set covers.ppo.gamma=0.97";
+    let line = "continual_stream --embodiment hand --group C1 --set off_policy.sac.gamma=0.97";
     let options = ContinualStreamOptions::parse_from(line.split(' '));
     let experiment = options
         .run_options
         .settings
-        .apply_to_experiment(options.budget.preset_experiment(Method::Covers))
+        .apply_to_experiment(options.budget.preset_experiment(Method::default()))
         .unwrap();
     assert_eq!(experiment.envs.embodiment, Embodiment::FLOATING_HAND);
-    let LearnerSettings::Covers(settings) = experiment.learner else {
+    let LearnerSettings::OffPolicy(settings) = experiment.learner else {
         panic!("{:?}", experiment.learner);
     };
-    assert_eq!((settings.network.group, settings.ppo.gamma), (Group::C1, 0.97));
+    assert_eq!((settings.network.group, settings.sac.gamma), (Group::C1, 0.97));
 }
 
 #[test]

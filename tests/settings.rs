@@ -37,10 +37,10 @@ const HEAD: &str = "# Settings
 
 Paths and values of `--set PATH=VALUE`, which are also the names in a file of `--config`
 ([commands](commands.md#settings)). Values are those of the preset `covers`, and below `off_policy`
-those of `clear`. A dash marks a part that the preset does not have. Such a part is set as a whole,
-as JSON: `--set 'covers.grouping={\"threshold\":{\"threshold\":1}}'`. `envs.randomisation`
-needs a preset that has it, such as `covers-randomised`. The elements of a list have the numbers 0,
-1 and so on.
+those of `covers-sac`, the default preset. A dash marks a part that the preset does not have. Such a
+part is set as a whole, as JSON: `--set 'covers.grouping={\"threshold\":{\"threshold\":1}}'`.
+`envs.randomisation` needs a preset that has it, such as `covers-randomised`. The elements of a list
+have the numbers 0, 1 and so on.
 
 This page is made from the code: `COVERS_WRITE=1 cargo test --test suite settings` writes it.
 ";
@@ -245,7 +245,7 @@ fn the_page_lists_every_setting() {
         types.read(&fs::read_to_string(root.join(source)).unwrap());
     }
     // as text an f32 has the digits of its source
-    let presets = [Method::Covers, Method::Clear].map(|method| {
+    let presets = [Method::Covers, Method::CoversSac].map(|method| {
         let text = serde_json::to_string(&Budget::Full.preset_experiment(method)).unwrap();
         serde_json::from_str(&text).unwrap()
     });

@@ -14,9 +14,9 @@ pub struct TwoPolicyComparison {
     pub policies: [FrameFeatures; 2],
 }
 
-/// Returns the margin, in energy distance, by which a rollout is nearer to the first of two
-/// policies than to the second: positive if the first is nearer. Each comparison holds the same
-/// policies in another feature space; margins are summed over the spaces.
+/// Returns how much nearer a rollout is to the first of two policies than to the second, in energy
+/// distance summed over all `comparisons`; negative if the second policy is nearer. Each comparison
+/// holds the same policies in another feature space; margins are summed over the spaces.
 ///
 /// In each space, it is the difference of the energy distances `2 E|X - Y| - E|X - X'| - E|Y - Y'|`
 /// (Szekely and Rizzo, "Energy statistics: a class of statistics based on distances", Journal of

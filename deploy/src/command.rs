@@ -296,9 +296,9 @@ impl DeployOptions {
         std::fs::create_dir_all(folder).map_err(written)?;
         let bytes = if self.gif {
             let title = format!("{}, trial {}", trial.variant, trial.index);
-            encode_gif(&strip.to_film(&title)).map_err(RunError::write_error_at(&path))?
+            encode_gif(&strip.to_film(&title)).map_err(RunError::to_write_error_at(&path))?
         } else {
-            strip.to_picture().to_png().map_err(RunError::write_error_at(&path))?
+            strip.to_picture().to_png().map_err(RunError::to_write_error_at(&path))?
         };
         Ok(write_atomically(&LocalDisk, &path, &bytes)?)
     }

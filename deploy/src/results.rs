@@ -27,7 +27,7 @@ impl ResultsFolder {
         folder: &Path,
         faults: impl Iterator<Item = SimulatedFault>,
     ) -> Result<Self, DeployError> {
-        std::fs::create_dir_all(folder).map_err(RunError::write_error_at(folder))?;
+        std::fs::create_dir_all(folder).map_err(RunError::to_write_error_at(folder))?;
         // check all files before any trial runs, which takes minutes
         let results = Self { folder: folder.to_owned() };
         let swept = faults.flat_map(|fault| ["csv", "svg"].map(|ending| results.of(fault, ending)));

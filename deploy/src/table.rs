@@ -7,7 +7,7 @@ use serde::Serialize;
 use symmetry::D2;
 
 use itertools::Itertools;
-use report::Table;
+use report::ReportTable;
 
 /// Success rate of the paper's policies on a real Kinova Gen3 in 20 trials of each task group (Liu
 /// et al., CoRL 2023, section 5).
@@ -64,10 +64,10 @@ pub(super) fn deployment_markdown(scores: &[TrialScore]) -> String {
     table(scores).markdown()
 }
 
-fn table(scores: &[TrialScore]) -> Table {
+fn table(scores: &[TrialScore]) -> ReportTable {
     let header =
         ["group", "trials", "success", "95 % interval", "at end", "paper, real arm", "policies"];
-    let mut table = Table::new("Success in trials on a robot.", &header);
+    let mut table = ReportTable::new("Success in trials on a robot.", &header);
     let groups: Vec<_> = scores.iter().map(|score| score.group).unique().collect();
     for &group in &groups {
         let of = scores.iter().filter(|score| score.group == group);

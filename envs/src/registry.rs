@@ -56,7 +56,8 @@ impl TaskGroup {
         Self::WINDOW_CLOSE,
     ];
 
-    /// Ten task groups in which the gripper holds no object: the standard ones first.
+    /// Ten of the task groups in which the gripper never has to hold an object: first the four
+    /// [`TaskGroup::STANDARD_GROUPS`].
     pub const TEN_GROUPS: [Self; 10] = [
         Self::GOAL_REACH,
         Self::BUTTON_PRESS,

@@ -88,7 +88,7 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
     }
 
     /// Adds the gradients of all chunks of the samples `0..num_samples` to `gradient`
-    /// `[num_params]`.
+    /// `[num_params]`, and returns the results of `f` for the chunks, in order.
     ///
     /// `f(samples, workspace, chunk_gradient)` adds the gradient of its samples to
     /// `chunk_gradient`, which starts at zero. Returns what `f` returned, in chunk order.

@@ -23,7 +23,8 @@ pub struct Scratch<T> {
     pub(crate) origin: ScratchOrigin,
 }
 
-/// Forward pass that filled a scratch memory; zeros if no pass saved values.
+/// Identity of the forward pass that filled a scratch memory, by which `backward` recognises its
+/// own; the default if no pass saved values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ScratchOrigin {
     /// Number of samples of the forward pass that filled the scratch memory.

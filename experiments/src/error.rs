@@ -204,13 +204,13 @@ impl RunError {
     }
 
     /// Returns a function that converts a cause to a [`RunError::Read`] for the file at `path`.
-    pub fn read_error_at<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
+    pub fn to_read_error_at<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
         move |source| Self::cannot_read(path, source)
     }
 
     /// Returns a function that converts a cause to a [`RunError::Write`] for the file at `path`, as
     /// [`RunError::cannot_write`] does.
-    pub fn write_error_at<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
+    pub fn to_write_error_at<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
         move |source| Self::cannot_write(path, source)
     }
 

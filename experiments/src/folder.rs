@@ -57,7 +57,7 @@ pub(crate) fn crc32_hex(table: &[u8]) -> String {
 /// Names, lengths and modification times of the files of a run, to be compared with a later
 /// snapshot: no clock of another machine decides anything.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FolderSnapshot(Vec<FileState>);
+pub struct FolderStamps(Vec<FileState>);
 
 /// State of one file, without length and time if it was removed since it was listed.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -87,7 +87,7 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::Write`].
     pub fn create(parent: &Path, name: &str) -> Result<Self, RunError> {
-        create_dir_all(parent).map_err(RunError::write_error_at(parent))?;
+        create_dir_all(parent).map_err(RunError::to_write_error_at(parent))?;
         let mut attempt = 1;
         loop {
             let suffix = if attempt == 1 { String::new() } else { format!("-{attempt}") };
@@ -149,7 +149,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// [`RunError::Read`].
-    pub fn snapshot(&self) -> Result<FolderSnapshot, RunError> {
+    pub fn snapshot(&self) -> Result<FolderStamps, RunError> {
         let mut files = Vec::new();
         for folder in [self.path.clone(), self.checkpoint_folder()] {
             let read = |error| RunError::cannot_read(&folder, error);
@@ -166,7 +166,7 @@ impl RunFolder {
             }
         }
         files.sort_unstable();
-        Ok(FolderSnapshot(files))
+        Ok(FolderStamps(files))
     }
 
     /// Removes the lock on the run's folder of a stopped or unreachable process. Should the process
@@ -198,8 +198,9 @@ impl RunFolder {
     /// Removes the files of the run in the folder, so that another can start; other files stay.
     pub(crate) fn remove_run_files(&self) -> Result<(), RunError> {
         let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
-        let sync =
-            |folder: &Path| self.disk.sync_folder(folder).map_err(RunError::write_error_at(folder));
+        let sync = |folder: &Path| {
+            self.disk.sync_folder(folder).map_err(RunError::to_write_error_at(folder))
+        };
         // The summary first: a run that has ended is not resumed without a checkpoint. Then all
         // checkpoints, synced before anything else goes: after a power cut, none of them may be
         // taken for a checkpoint of the next run.
@@ -261,9 +262,9 @@ impl RunFolder {
             tables: BTreeMap<String, String>,
         }
         let path = self.file_path(SUMMARY_FILE);
-        let summary = std::fs::read(&path).map_err(RunError::read_error_at(&path))?;
+        let summary = std::fs::read(&path).map_err(RunError::to_read_error_at(&path))?;
         let summary: Checksums =
-            serde_json::from_slice(&summary).map_err(RunError::read_error_at(&path))?;
+            serde_json::from_slice(&summary).map_err(RunError::to_read_error_at(&path))?;
         for name in TABLES {
             let Some(expected) = summary.tables.get(name) else { continue };
             let table_path = self.file_path(name);
@@ -301,7 +302,7 @@ impl RunFolder {
     pub fn write_experiment(&self, experiment: &Experiment) -> Result<(), RunError> {
         let path = self.file_path(EXPERIMENT);
         let text = serde_json::to_string_pretty(experiment)
-            .map_err(RunError::write_error_at(&path))?
+            .map_err(RunError::to_write_error_at(&path))?
             + "\n";
         self.replace_file(EXPERIMENT, text.as_bytes())
     }
@@ -365,7 +366,7 @@ impl RunFolder {
         let folder = Self::from_path(path);
         let checkpoint = checkpoints::checkpoint_path(&folder.checkpoint_folder(), 0);
         let bytes = learner.to_checkpoint_bytes(&checkpoint, extent, "")?;
-        create_dir(path).map_err(RunError::write_error_at(path))?;
+        create_dir(path).map_err(RunError::to_write_error_at(path))?;
         folder.prepare_for_run()?;
         folder.write_experiment(experiment)?;
         write_atomically(folder.disk(), &checkpoint, &bytes)?;
@@ -397,13 +398,13 @@ impl RunFolder {
         // a line torn by a full disk or a power cut must not swallow the next one
         let torn = contents.last().is_some_and(|&last| last != b'\n');
         let line = format!("{}{line}\n", if torn { "\n" } else { "" });
-        self.disk.append(&path, line.as_bytes()).map_err(RunError::write_error_at(&path))
+        self.disk.append(&path, line.as_bytes()).map_err(RunError::to_write_error_at(&path))
     }
 
     /// Appends the provenance of a process that works on the run to `provenance.jsonl`.
     pub(crate) fn record_provenance(&self, provenance: &Provenance) -> Result<(), RunError> {
         let line =
-            serde_json::to_string(provenance).map_err(RunError::write_error_at(&self.path))?;
+            serde_json::to_string(provenance).map_err(RunError::to_write_error_at(&self.path))?;
         self.append_line(Provenance::PROVENANCE_FILE, &line)
     }
 
@@ -453,7 +454,7 @@ impl RunFolder {
 
     /// Writes an image as the PNG file called `name` in the run's folder.
     pub(crate) fn write_png(&self, name: &str, picture: &Picture) -> Result<(), RunError> {
-        let bytes = picture.to_png().map_err(RunError::write_error_at(&self.file_path(name)))?;
+        let bytes = picture.to_png().map_err(RunError::to_write_error_at(&self.file_path(name)))?;
         self.replace_file(name, &bytes)
     }
 }

@@ -11,7 +11,7 @@ use learner::read_checkpoint_note;
 
 use crate::checkpoints::rollouts_in_name;
 use crate::rows::TableSnapshots;
-use crate::run_stats::RunStats;
+use crate::run_stats::AssignmentStats;
 
 /// Upper bound on the decisions of a run in a valid checkpoint. Learners discard some rollouts, so
 /// a run may take more decisions than its stream has, but never a thousand times as many.
@@ -22,7 +22,7 @@ const TOO_MANY: usize = 1000 * MAX_STREAM_DECISIONS;
 #[serde(deny_unknown_fields)]
 pub(crate) struct RunState {
     #[serde(rename = "ledger")]
-    pub stats: RunStats,
+    pub stats: AssignmentStats,
     /// Episodes in each environment of an evaluation that is due before the next rollout; 0 for
     /// none.
     #[serde(rename = "due")]
@@ -42,7 +42,7 @@ pub(crate) struct SavedRun {
 
 impl RunState {
     /// Serialises the run's state and its settings `experiment` as JSON, the note of a checkpoint.
-    pub fn into_checkpoint_note(
+    pub fn into_checkpoint_json(
         self,
         experiment: &Experiment,
     ) -> Result<String, serde_json::Error> {
@@ -70,7 +70,7 @@ impl SavedRun {
     /// [`RunError::Read`], also for counts and rows that no run has, and for a checkpoint whose
     /// name states another number of rollouts.
     pub fn parse(path: &Path, note: &str) -> Result<Self, RunError> {
-        let saved: Self = serde_json::from_str(note).map_err(RunError::read_error_at(path))?;
+        let saved: Self = serde_json::from_str(note).map_err(RunError::to_read_error_at(path))?;
         let wrong = |what: &str| RunError::damaged_file(path, format!("the run's note: {what}"));
         saved.check().map_err(wrong)?;
         let rollouts = saved.state.stats.rollouts;
@@ -94,7 +94,8 @@ impl SavedRun {
     pub fn recount_rollouts(&mut self, path: &Path) -> Result<(), RunError> {
         let RunState { stats, tables, .. } = &mut self.state;
         let wrong = |error| RunError::damaged_file(path, format!("the rows of the run: {error}"));
-        stats.rollout_counts = tables.rollout_counts().map_err(wrong)?;
+        stats.count_rollouts_by_group_and_policy =
+            tables.count_rollouts_by_group_and_policy().map_err(wrong)?;
         Ok(())
     }
 
@@ -129,17 +130,17 @@ mod tests {
 
     fn note(change: impl FnOnce(&mut RunState)) -> Result<SavedRun, RunError> {
         let mut state = RunState {
-            stats: RunStats {
+            stats: AssignmentStats {
                 rollouts: 2,
                 decisions: 160,
                 correct_assignments: 2,
-                ..RunStats::default()
+                ..AssignmentStats::default()
             },
             due_episodes_per_env: 0,
             tables: tables("rollout,group\n0,a\n1,\"b\nc\"\n"),
         };
         change(&mut state);
-        let text = state.into_checkpoint_note(&Budget::Smoke.preset_experiment(Method::Covers));
+        let text = state.into_checkpoint_json(&Budget::Smoke.preset_experiment(Method::Covers));
         SavedRun::parse(Path::new("file"), &text.unwrap())
     }
 

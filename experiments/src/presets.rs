@@ -19,10 +19,10 @@ const PAPER_PICTURES: usize = 128;
 const OVERSAMPLING: usize = 3;
 
 /// Method by which a run trains, such as COVERS or CLEAR, defined by its settings alone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// COVERS: D2-equivariant policies; distances assign rollouts to them.
+    /// COVERS with PPO, as in the paper: D2-equivariant policies; distances assign rollouts to them.
     Covers,
     /// COVERS with ground truth: group labels assign rollouts to D2-equivariant policies.
     CoversGt,
@@ -50,6 +50,7 @@ pub enum Method {
     /// COVERS.
     EquiSac,
     /// COVERS with soft actor-critic: learns from fewer decisions than `covers`.
+    #[default]
     CoversSac,
     /// COVERS as published: the paper's network, image size, assignment rule and hyper-parameters;
     /// slow.
@@ -276,7 +277,7 @@ impl Budget {
         let learns_fast = method == Method::CoversSac;
         let visits: Vec<_> = match self {
             Self::Smoke => standard([2, 2, 2, 2]),
-            Self::Short if learns_fast => standard([2, 5, 2, 7]),
+            Self::Short if learns_fast => standard([3, 5, 4, 8]),
             Self::Full if learns_fast => standard([4, 6, 3, 8]),
             Self::ZeroShot if learns_fast => standard([3, 6, 3, 8]),
             Self::Short => standard([4, 12, 6, 28]),

@@ -96,7 +96,7 @@ pub struct RunSummary {
     #[serde(rename = "straddled")]
     pub switch_rollouts: usize,
     /// Share of rollouts assigned to the policy of their group, in `[0, 1]`
-    /// ([`RunStats::correct_assignments`](crate::RunStats::correct_assignments)); `None` if all
+    /// ([`AssignmentStats::correct_assignments`](crate::AssignmentStats::correct_assignments)); `None` if all
     /// rollouts span a task switch.
     pub assignment_accuracy: Option<f64>,
     /// Assignment accuracy over rollouts of groups that were visited before; `None` without any.
@@ -115,8 +115,8 @@ pub struct RunSummary {
 impl RunSummary {
     /// Writes the summary to the folder of a run, which marks the run as finished.
     pub(crate) fn write(&self, folder: &RunFolder) -> Result<(), RunError> {
-        let text =
-            serde_json::to_string_pretty(self).map_err(RunError::write_error_at(folder.path()))?;
+        let text = serde_json::to_string_pretty(self)
+            .map_err(RunError::to_write_error_at(folder.path()))?;
         folder.replace_file(SUMMARY_FILE, text.as_bytes())
     }
 }

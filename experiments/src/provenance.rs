@@ -84,7 +84,7 @@ impl Provenance {
     /// [`RunError::Read`].
     pub fn read(folder: &Path) -> Result<Vec<Self>, RunError> {
         let path = folder.join(Self::PROVENANCE_FILE);
-        let text = std::fs::read_to_string(&path).map_err(RunError::read_error_at(&path))?;
+        let text = std::fs::read_to_string(&path).map_err(RunError::to_read_error_at(&path))?;
         let lines = text.lines();
         Ok(lines.flat_map(serde_json::from_str).collect())
     }

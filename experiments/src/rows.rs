@@ -32,7 +32,7 @@ struct AssignmentColumns {
 
 impl TableSnapshots {
     /// Counts the rollouts of each group by policy, without those that span a task switch.
-    pub fn rollout_counts(&self) -> Result<RolloutCountsByGroup, csv::Error> {
+    pub fn count_rollouts_by_group_and_policy(&self) -> Result<RolloutCountsByGroup, csv::Error> {
         let mut served = RolloutCountsByGroup::default();
         for row in Reader::from_reader(self.metrics.as_bytes()).deserialize() {
             let AssignmentColumns { group, spans_switch, policy } = row?;
@@ -71,12 +71,12 @@ mod tests {
                 .to_owned(),
             ..TableSnapshots::default()
         };
-        let served = rows.rollout_counts().unwrap();
+        let served = rows.count_rollouts_by_group_and_policy().unwrap();
         assert_eq!(served["a"], [(1, 2)].into());
         assert_eq!(served["b"], [(0, 1)].into());
-        assert!(TableSnapshots::default().rollout_counts().unwrap().is_empty());
+        assert!(TableSnapshots::default().count_rollouts_by_group_and_policy().unwrap().is_empty());
         let metrics = "rollout,group\n0,a\n".to_owned();
         let nameless = TableSnapshots { metrics, ..TableSnapshots::default() };
-        assert!(nameless.rollout_counts().is_err());
+        assert!(nameless.count_rollouts_by_group_and_policy().is_err());
     }
 }

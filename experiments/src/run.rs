@@ -25,7 +25,7 @@ use crate::note::RunState;
 use crate::printable::printable_message;
 use crate::progress::{EvaluationReport, RolloutReport, RunEvent, RunSummary};
 use crate::provenance::Provenance;
-use crate::run_stats::RunStats;
+use crate::run_stats::AssignmentStats;
 use crate::scoring::{StoppableEvaluation, recognition_repeats};
 use crate::start_resume::{self, LockedRun, PreparedRun};
 use crate::stop::StopSignal;
@@ -44,7 +44,7 @@ pub struct Run {
     stream: ClockedStream,
     evaluator: Evaluator,
     learner: Box<dyn Learner>,
-    stats: RunStats,
+    stats: AssignmentStats,
     /// Episodes in each environment of the evaluation that is due before the next rollout; 0 for
     /// none.
     due: usize,
@@ -200,7 +200,7 @@ impl Run {
     }
 
     /// Returns the run's statistics so far: rollouts, decisions, and assignments to policies.
-    pub fn stats(&self) -> &RunStats {
+    pub fn stats(&self) -> &AssignmentStats {
         &self.stats
     }
 
@@ -375,8 +375,8 @@ impl Run {
             tables: self.tables.snapshot(),
         };
         let note = state
-            .into_checkpoint_note(&self.experiment)
-            .map_err(RunError::write_error_at(&path))?;
+            .into_checkpoint_json(&self.experiment)
+            .map_err(RunError::to_write_error_at(&path))?;
         let bytes = self.learner.to_checkpoint_bytes(&path, CheckpointExtent::Everything, &note)?;
         let checksum = crc32fast::hash(&bytes).into();
         check_equal_on_ranks(&self.folder, "have checkpoints with checksums", checksum)?;

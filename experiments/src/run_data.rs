@@ -17,7 +17,7 @@ use crate::provenance::Provenance;
 use crate::scoring::recognition_repeats;
 use itertools::Itertools;
 
-use crate::run_stats::RunStats;
+use crate::run_stats::AssignmentStats;
 use crate::schema::{DormantUnitsRow, RecognitionRow, RolloutRow, ScoreRow, TimingRow};
 
 /// Number of characters of an abbreviated commit hash.
@@ -293,7 +293,8 @@ fn check_own_policies(
     scores: &[ScoreRow],
 ) -> Result<(), RunError> {
     for evaluation in scores.chunk_by(|one, other| one.rollouts == other.rollouts) {
-        let own = RunStats::of_rollouts(&rollouts[..evaluation[0].rollouts]).own_policies();
+        let own =
+            AssignmentStats::from_rollouts(&rollouts[..evaluation[0].rollouts]).own_policies();
         let is_sound = |row: &ScoreRow| {
             row.own_policy.is_none() || row.own_policy == own.get(&row.group).copied()
         };
@@ -399,14 +400,14 @@ fn unfit(folder: &Path, problem: &str) -> RunError {
 
 /// Returns the last part of a path, also for `.`.
 fn name_of(path: &Path) -> Result<String, RunError> {
-    let whole = path.canonicalize().map_err(RunError::read_error_at(path))?;
+    let whole = path.canonicalize().map_err(RunError::to_read_error_at(path))?;
     let name = whole.file_name().unwrap_or(whole.as_os_str());
     Ok(escape_unprintable(&name.to_string_lossy()))
 }
 
 /// Reads all rows of a complete table (CSV) of a run.
 fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
-    let text = std::fs::read(path).map_err(RunError::read_error_at(path))?;
+    let text = std::fs::read(path).map_err(RunError::to_read_error_at(path))?;
     // without a line end the last cell may be cut, and pass for another number
     if text.last().is_some_and(|&last| last != b'\n') {
         let problem = "the last row has no line end, as every row of a whole table has: the file \
@@ -441,7 +442,7 @@ fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Option<Vec<R>>, Run
 fn whole_rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
     let text = match std::fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
-        read => read.map_err(RunError::read_error_at(path))?,
+        read => read.map_err(RunError::to_read_error_at(path))?,
     };
     let end = text.iter().rposition(|&byte| byte == b'\n');
     let whole = &text[..end.map_or(0, |end| end + 1)];

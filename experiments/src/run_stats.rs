@@ -16,7 +16,7 @@ pub type RolloutCountsByGroup = BTreeMap<String, BTreeMap<usize, usize>>;
 /// Statistics of a run from the ground-truth groups, which the learner does not see.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct RunStats {
+pub struct AssignmentStats {
     /// Group that each policy was created for: the group of its first rollout without a task
     /// switch; `None` before such a rollout.
     #[serde(rename = "opened_for")]
@@ -30,7 +30,7 @@ pub struct RunStats {
     /// task switch. Checkpoints leave them out, since the rows of `metrics.csv` in the checkpoint
     /// hold them.
     #[serde(skip)]
-    pub rollout_counts: RolloutCountsByGroup,
+    pub count_rollouts_by_group_and_policy: RolloutCountsByGroup,
     /// Number of rollouts trained on, including those that span a task switch.
     pub rollouts: usize,
     /// Number of decisions taken in training.
@@ -61,9 +61,9 @@ pub struct RunStats {
     pub seconds: f64,
 }
 
-impl RunStats {
+impl AssignmentStats {
     /// Computes the statistics of a run from the rows of its rollouts so far.
-    pub fn of_rollouts(rollouts: &[RolloutRow]) -> Self {
+    pub fn from_rollouts(rollouts: &[RolloutRow]) -> Self {
         let mut stats = Self::default();
         let mut left: Vec<&str> = Vec::new();
         for (index, row) in rollouts.iter().enumerate() {
@@ -100,7 +100,7 @@ impl RunStats {
     pub(crate) fn record_rollout(&mut self, group: &str, returns: bool, policy: usize) {
         self.open(policy);
         self.created_for_group[policy].get_or_insert_with(|| group.to_owned());
-        add_rollout_count(&mut self.rollout_counts, group, policy);
+        add_rollout_count(&mut self.count_rollouts_by_group_and_policy, group, policy);
         let own = surviving_policy(&self.merged_into, policy);
         let right = usize::from(self.policy_of(group) == Some(own));
         self.rollouts += 1;
@@ -130,7 +130,7 @@ impl RunStats {
                 acted.into_iter().max_by_key(|&(policy, rollouts)| (rollouts, Reverse(policy)))?;
             Some((group.clone(), most.0))
         };
-        self.rollout_counts.iter().filter_map(own).collect()
+        self.count_rollouts_by_group_and_policy.iter().filter_map(own).collect()
     }
 
     /// Returns the policy that acts for a group; `None` without one, or if it also acts for an
@@ -202,15 +202,15 @@ mod tests {
     const B: &str = "button-press";
     const D: &str = "drawer-close";
 
-    fn stats(rollouts: &[(&str, bool, usize)]) -> RunStats {
-        let mut stats = RunStats::default();
+    fn stats(rollouts: &[(&str, bool, usize)]) -> AssignmentStats {
+        let mut stats = AssignmentStats::default();
         for &(group, returns, policy) in rollouts {
             stats.record_rollout(group, returns, policy);
         }
         stats
     }
 
-    fn accuracies(stats: &RunStats) -> [Option<f64>; 2] {
+    fn accuracies(stats: &AssignmentStats) -> [Option<f64>; 2] {
         [stats.assignment_accuracy(), stats.revisit_accuracy()]
     }
 
@@ -231,7 +231,7 @@ mod tests {
         stats.record_rollout(D, false, 1);
         assert_eq!(stats.assignment_accuracy(), Some(1.0));
         assert_eq!(stats.created_for_group[1].as_deref(), Some(D));
-        assert_eq!(RunStats::default().assignment_accuracy(), None);
+        assert_eq!(AssignmentStats::default().assignment_accuracy(), None);
     }
 
     /// A merge changes the number of merged policies, but not the groups that policies were created
@@ -275,7 +275,7 @@ mod tests {
 
     #[test]
     fn a_groups_own_policy_served_it_most() {
-        let own = |stats: &RunStats| {
+        let own = |stats: &AssignmentStats| {
             let own = stats.own_policies();
             [B, D].map(|group| own.get(group).copied())
         };
@@ -286,7 +286,7 @@ mod tests {
         assert_eq!(own(&stats), [Some(1), Some(0)]);
         stats.record_merges(&[Some(2), None, None]);
         assert_eq!(own(&stats), [Some(1), Some(2)]);
-        assert_eq!(own(&RunStats::default()), [None, None]);
+        assert_eq!(own(&AssignmentStats::default()), [None, None]);
     }
 
     #[test]

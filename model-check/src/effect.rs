@@ -18,8 +18,8 @@ const CONTROL: f64 = 0.1;
 /// Number of differences that are simulated, the largest ones: seconds for models of 50 bodies.
 const MAX_SIMULATED: usize = 40;
 
-/// Simulates and sets the effect of each difference; returns by how much two copies of the same
-/// side diverge, `None` if that simulation fails.
+/// Simulates the largest differences between the model's sides, each on its own, and sets their
+/// effects on the motion; returns the effect of no difference at all, `None` if that run fails.
 ///
 /// The model's right side is replaced by the mirror image of its left one, but for one difference.
 pub(crate) fn simulate(

@@ -15,8 +15,8 @@ use crate::model::{JointType, Model};
 use crate::raw;
 
 impl Model {
-    /// Returns a copy of the model in which `roots` and all bodies below them are mirrored, each in
-    /// the plane x = 0 of its parent: the left door for a right one.
+    /// Returns a copy of the model in which each of `roots`, with all bodies below it, is mirrored
+    /// in the plane x = 0 of its parent: a right door becomes a left one.
     ///
     /// Joints keep their coordinates: a positive one opens either door. A mocap body and the body
     /// of a free joint stand where the state puts them, mirrored in the plane x = 0 of their own

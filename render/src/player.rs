@@ -166,7 +166,7 @@ pub fn film_task_groups(
         let episodes = pool.install(|| player.play(&settings, &bar))?;
         let columns = names.each_ref().map(String::as_str);
         let film = compose_grid(&columns, &player.rows(&settings, &episodes));
-        let gif = encode_gif(&film).map_err(RunError::write_error_at(folder.path()))?;
+        let gif = encode_gif(&film).map_err(RunError::to_write_error_at(folder.path()))?;
         Ok((group.name().to_owned(), gif))
     });
     films.collect()

@@ -5,7 +5,7 @@ use super::comparison::MethodComparison;
 use super::format::{bracketed_interval, empty_cell, method_cell};
 use super::method::MethodRuns;
 use super::statistics::{MethodScores, median, quantile};
-use super::table::Table;
+use super::table::ReportTable;
 use experiments::RunData;
 use experiments::evaluation::mean;
 
@@ -70,7 +70,7 @@ fn spent(run: &RunData, group: &str, rollouts: usize) -> usize {
 
 /// Returns the table of sample efficiency, with the methods in each group ranked by the area under
 /// their learning curve, the largest first; `None` if no run was scored during training.
-pub fn sample_efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+pub fn sample_efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Option<ReportTable> {
     let caption = format!(
         "How fast methods learn: the area under mean-action success over the decisions spent in a \
          group, decisions until it is at least 0.9 in an evaluation, and until it is so in all that \
@@ -94,7 +94,7 @@ pub fn sample_efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Opt
         "90th percentile of these",
         "seeds that stayed",
     ];
-    let mut table = Table::new(&caption, &header);
+    let mut table = ReportTable::new(&caption, &header);
     for group in groups {
         let mut rows: Vec<(f64, Vec<String>)> = Vec::new();
         let first = scores(&methods[0], group);

@@ -3,13 +3,13 @@
 use super::method::MethodRuns;
 use super::metrics::UndefinedReason;
 use super::statistics::BootstrapInterval;
-use super::table::Table;
+use super::table::ReportTable;
 use experiments::RunData;
 use experiments::evaluation::mean;
 
 /// Returns a table cell with a method's name, with a footnote if its settings are not those of the
 /// preset of this name, and one for each run that is not finished.
-pub(super) fn method_cell(table: &mut Table, method: &MethodRuns) -> String {
+pub(super) fn method_cell(table: &mut ReportTable, method: &MethodRuns) -> String {
     let unfinished = method.runs.iter().filter_map(unfinished_remark);
     let remarks = method.preset_match.warning.clone().into_iter().chain(unfinished);
     with_footnotes(table, &method.name, remarks)
@@ -17,7 +17,7 @@ pub(super) fn method_cell(table: &mut Table, method: &MethodRuns) -> String {
 
 /// Adds footnotes to a table, and returns `name` followed by their marks.
 pub(super) fn with_footnotes(
-    table: &mut Table,
+    table: &mut ReportTable,
     name: &str,
     remarks: impl Iterator<Item = String>,
 ) -> String {
@@ -40,7 +40,10 @@ pub(super) fn unfinished_remark(run: &RunData) -> Option<String> {
 
 /// Returns a table cell with the mean over the seeds that have a metric; a dash and a footnote with
 /// the reason if none has it.
-pub(super) fn mean_cell(table: &mut Table, metrics: &[Result<f64, UndefinedReason>]) -> String {
+pub(super) fn mean_cell(
+    table: &mut ReportTable,
+    metrics: &[Result<f64, UndefinedReason>],
+) -> String {
     let known: Vec<f64> = metrics.iter().filter_map(|metric| metric.ok()).collect();
     match (known.is_empty(), metrics.first()) {
         (true, Some(Err(reason))) => format!("- {}", table.add_footnote(reason)),

@@ -38,4 +38,4 @@ pub use metrics::{GroupMetrics, RunMetrics, UndefinedReason};
 pub use preset_match::PresetMatch;
 pub use report::Report;
 pub use statistics::{BootstrapInterval, MethodScores, interquartile_mean};
-pub use table::Table;
+pub use table::ReportTable;

@@ -18,7 +18,7 @@ use super::method::MethodRuns;
 use super::metrics::{RunMetrics, UndefinedReason};
 use super::statistics::{MethodScores, interquartile_mean};
 use super::svg::escape_xml;
-use super::table::{Table, code_html};
+use super::table::{ReportTable, code_html};
 use super::{curves, learning_curves};
 
 /// Style sheet of the page, with a light and a dark theme, and for paper.
@@ -27,7 +27,11 @@ const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
 /// Returns the HTML page of a report on these methods, scored on these groups, with these tables.
-pub fn html_page(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
+pub fn html_page(
+    methods: &[MethodRuns],
+    groups: &[String],
+    tables: &[(&str, ReportTable)],
+) -> String {
     let runs: Vec<&RunData> = methods.iter().flat_map(|method| &method.runs).collect();
     let stream = ["seeds", "visits", "variants", "recognition"];
     let all = [
@@ -159,7 +163,7 @@ fn commands(runs: &[&RunData]) -> String {
     format!("<pre tabindex=\"0\">{}</pre>\n", escape_xml(&commands.join("\n")))
 }
 
-fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)]) -> String {
+fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, ReportTable)]) -> String {
     let drawings = groups
         .iter()
         .filter_map(|group| learning_curves::group_learning_curves_svg(methods, group));
@@ -179,7 +183,7 @@ fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, Table)])
     )
 }
 
-fn tables_named(tables: &[(&str, Table)], names: &[&str]) -> String {
+fn tables_named(tables: &[(&str, ReportTable)], names: &[&str]) -> String {
     let named = names.iter().flat_map(|name| {
         let found = tables.iter().find(|(own, _)| own == name);
         found.map(|(_, table)| table.html())

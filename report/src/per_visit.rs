@@ -2,7 +2,7 @@
 
 use super::format::{empty_cell, method_cell};
 use super::method::MethodRuns;
-use super::table::Table;
+use super::table::ReportTable;
 use super::visits;
 use experiments::RunData;
 use experiments::evaluation::mean;
@@ -10,7 +10,7 @@ use experiments::evaluation::mean;
 /// Returns the table of success in each group after each visit to it, means over runs. It has a row
 /// for each method and a column for each group. `None` if no run was scored after a visit before
 /// the end of its stream.
-pub fn success_per_visit_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+pub fn success_per_visit_table(methods: &[MethodRuns], groups: &[String]) -> Option<ReportTable> {
     let mut runs = methods.iter().flat_map(|method| &method.runs);
     // scores after the stream alone are in the table of results already
     if !runs.any(|run| groups.iter().any(|group| scored_within(run, group))) {
@@ -21,7 +21,7 @@ pub fn success_per_visit_table(methods: &[MethodRuns], groups: &[String]) -> Opt
     let caption = "Success in a group after each of its visits, when the turn was over in which it \
         ended, means over seeds and variants; after the last visit of the stream, in the evaluation \
         after the stream. Where not every run was scored then, there is none.";
-    let mut table = Table::new(caption, &header);
+    let mut table = ReportTable::new(caption, &header);
     for method in methods {
         let mut row = vec![method_cell(&mut table, method)];
         row.extend(groups.iter().map(|group| {

@@ -6,14 +6,14 @@ use super::format::{mean_cell, method_cell};
 use super::matching::{own_policy_of_group, policy_after_merges};
 use super::method::MethodRuns;
 use super::metrics::UndefinedReason;
-use super::table::Table;
+use super::table::ReportTable;
 use experiments::RunData;
 
 const UNASKED: UndefinedReason = "the run did not ask (`evaluation.looks` makes it)";
 
 /// Returns the table of recognition tests: the share of right answers for each number of episodes
 /// shown; `None` if no run has answers.
-pub fn recognition_table(methods: &[MethodRuns], groups: &[String]) -> Option<Table> {
+pub fn recognition_table(methods: &[MethodRuns], groups: &[String]) -> Option<ReportTable> {
     let mut runs = methods.iter().flat_map(|method| &method.runs);
     if runs.all(|run| run.recognitions.is_empty()) {
         return None;
@@ -24,7 +24,7 @@ pub fn recognition_table(methods: &[MethodRuns], groups: &[String]) -> Option<Ta
     let caption = "Recognition after the stream: share of looks at some first frames of a group from \
         which the policy that belongs to it was named, and share from which none was; means over \
         variants and seeds. A group that no policy belongs to has no right answers.";
-    let mut table = Table::new(caption, &header);
+    let mut table = ReportTable::new(caption, &header);
     for method in methods {
         for episodes in RECOGNITION_EPISODE_COUNTS {
             let mut row = vec![method_cell(&mut table, method), episodes.to_string()];

@@ -8,7 +8,7 @@ use experiments::{RunData, RunError};
 use super::error::ReportError;
 use super::method::MethodRuns;
 use super::page::html_page;
-use super::table::Table;
+use super::table::ReportTable;
 use super::{charts, curves, learning_curves, tables};
 
 /// Report on some runs: tables that compare their methods, and curves.
@@ -16,7 +16,7 @@ use super::{charts, curves, learning_curves, tables};
 pub struct Report {
     methods: Vec<MethodRuns>,
     /// Tables, each with the name of its files.
-    tables: Vec<(&'static str, Table)>,
+    tables: Vec<(&'static str, ReportTable)>,
 }
 
 impl Report {
@@ -47,10 +47,10 @@ impl Report {
     /// # Errors
     /// [`RunError::Write`] for a file that cannot be written or removed.
     pub fn write(&self, folder: &Path) -> Result<(), RunError> {
-        std::fs::create_dir_all(folder).map_err(RunError::write_error_at(folder))?;
+        std::fs::create_dir_all(folder).map_err(RunError::to_write_error_at(folder))?;
         let write = |name: &str, text: String| {
             let path = folder.join(name);
-            std::fs::write(&path, text).map_err(RunError::write_error_at(&path))
+            std::fs::write(&path, text).map_err(RunError::to_write_error_at(&path))
         };
         write("report.html", self.html())?;
         write("report.md", self.markdown())?;
@@ -96,6 +96,6 @@ impl Report {
 fn remove(path: &Path) -> Result<(), RunError> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
-        removed => removed.map_err(RunError::write_error_at(path)),
+        removed => removed.map_err(RunError::to_write_error_at(path)),
     }
 }

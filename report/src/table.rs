@@ -9,7 +9,7 @@ const COLUMNS: usize = 100;
 
 /// Table of a report, with a caption and footnotes.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Table {
+pub struct ReportTable {
     /// Text above the table that says what it shows.
     pub caption: String,
     /// Names of the columns.
@@ -20,7 +20,7 @@ pub struct Table {
     pub footnotes: Vec<String>,
 }
 
-impl Table {
+impl ReportTable {
     /// Creates a table without rows.
     pub fn new(caption: &str, header: &[&str]) -> Self {
         Self {
@@ -202,8 +202,8 @@ fn latex(text: &str) -> String {
 mod tests {
     use super::*;
 
-    fn table() -> Table {
-        let mut table = Table::new("Two figures.", &["method", "success"]);
+    fn table() -> ReportTable {
+        let mut table = ReportTable::new("Two figures.", &["method", "success"]);
         let mark = table.add_footnote("one policy");
         assert_eq!(table.add_footnote("one policy"), mark);
         table.rows.push(vec!["a_b, \"c\"".to_owned(), format!("5 % {mark}")]);

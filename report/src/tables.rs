@@ -11,7 +11,7 @@ use super::format::{
 use super::method::MethodRuns;
 use super::metrics::{GroupMetrics, RunMetrics, UndefinedReason};
 use super::statistics::interquartile_mean;
-use super::table::Table;
+use super::table::ReportTable;
 use super::{efficiency, paper, per_visit, recognition};
 use experiments::RunData;
 
@@ -23,7 +23,7 @@ pub const OPTIONAL_TABLE_NAMES: [&str; 4] = ["comparisons", "visits", "efficienc
 
 /// Returns all tables of a report on these methods, each with a name, for the groups that every run
 /// was scored on. The first method is compared with the others.
-pub fn report_tables(methods: &[MethodRuns]) -> Vec<(&'static str, Table)> {
+pub fn report_tables(methods: &[MethodRuns]) -> Vec<(&'static str, ReportTable)> {
     let groups = common_groups(methods);
     let mut tables =
         vec![("results", results(methods, &groups)), ("seeds", over_seeds(methods, &groups))];
@@ -59,14 +59,14 @@ pub fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
 
 /// Returns the table of success and reward in the paper's form, with the paper's numbers below
 /// those of the same method.
-fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
+fn results(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     let mut header = vec!["method"];
     header.extend(groups.iter().map(String::as_str));
     header.extend(["average", "average with own policies", "mismatched variants"]);
     let caption = "Success and reward (of 500) after the stream: means over seeds and variants, with \
         95 % intervals of success for two seeds or more. A variant is played by the policy that the method recognises; it \
         is mismatched where that is not the group's own, which served the group in most rollouts.";
-    let mut table = Table::new(caption, &header);
+    let mut table = ReportTable::new(caption, &header);
     // two methods may stand for one of the paper's
     let mut printed = HashSet::new();
     for method in methods {
@@ -101,7 +101,7 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> Table {
 
 /// Returns the cells of success and reward with the groups' own policies, and of the number of
 /// variants that another policy played. A score that any run lacks becomes a footnote.
-fn own_policies(table: &mut Table, method: &MethodRuns, groups: &[String]) -> [String; 2] {
+fn own_policies(table: &mut ReportTable, method: &MethodRuns, groups: &[String]) -> [String; 2] {
     let metrics = method.metrics.iter().flat_map(|metrics| &metrics.groups);
     let of_groups: Vec<&GroupMetrics> =
         metrics.filter(|group| groups.contains(&group.group)).collect();
@@ -147,13 +147,13 @@ const OVER_SEEDS: [&str; 14] = [
 ];
 
 /// Returns the table of statistics over seeds: success, forgetting, transfer and assignment.
-fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
+fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     let caption = format!(
         "Over seeds: mean and interquartile mean of success with stratified bootstrap intervals of \
          95 %; forgetting, transfer and accuracy are means over groups and seeds. Dormant units put \
          out at most {DORMANCY_THRESHOLD} of their layer's mean."
     );
-    let mut table = Table::new(&caption, &OVER_SEEDS);
+    let mut table = ReportTable::new(&caption, &OVER_SEEDS);
     for method in methods {
         let row = over_seeds_row(&mut table, method, groups);
         table.rows.push(row);
@@ -161,7 +161,7 @@ fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> Table {
     table
 }
 
-fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> Vec<String> {
+fn over_seeds_row(table: &mut ReportTable, method: &MethodRuns, groups: &[String]) -> Vec<String> {
     let title = method_cell(table, method);
     let success = method.scores(groups, |group| group.success);
     let at_end = method.scores(groups, |group| group.success_at_end);
@@ -193,7 +193,7 @@ fn over_seeds_row(table: &mut Table, method: &MethodRuns, groups: &[String]) -> 
 }
 
 /// Returns the table that compares the first method with each of the others.
-fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
+fn comparisons(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     let success = |method: &MethodRuns| method.scores(groups, |group| group.success);
     let first = &methods[0];
     let header = [
@@ -203,7 +203,7 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
         "by the interval",
         "in the paper (1)",
     ];
-    let mut table = Table::new("", &header);
+    let mut table = ReportTable::new("", &header);
     // the header holds the mark (1), so this must be the first note
     table.add_footnote(NOT_ONE_TO_ONE);
     table.caption =
@@ -234,13 +234,13 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> Table {
 
 /// Returns the table of success in each variant. Variants that were not seen in training are in
 /// brackets.
-fn variants(methods: &[MethodRuns], groups: &[String]) -> Table {
+fn variants(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     let elements = ["identity", "flip x", "flip y", "half turn"];
     let mut header = vec!["method", "group"];
     header.extend(elements);
     let caption = "Success in each variant, means over seeds; variants that were not seen in \
         training are in brackets.";
-    let mut table = Table::new(caption, &header);
+    let mut table = ReportTable::new(caption, &header);
     for method in methods {
         let name = method_cell(&mut table, method);
         for group in groups {
@@ -268,9 +268,10 @@ fn variant(runs: &[RunData], group: &str, element: &str) -> String {
 }
 
 /// Returns the table of single runs, with one row for each.
-fn runs(methods: &[MethodRuns]) -> Table {
+fn runs(methods: &[MethodRuns]) -> ReportTable {
     let header = ["run", "success", "reward", "policies", "decisions", "seconds", "commit"];
-    let mut table = Table::new("Success and reward after the stream, and what they took.", &header);
+    let mut table =
+        ReportTable::new("Success and reward after the stream, and what they took.", &header);
     for method in methods {
         for (run, metrics) in method.runs.iter().zip(&method.metrics) {
             let average = |metric: fn(&GroupMetrics) -> f64| {

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use equivariant::LayerSignature;
 use equivariant::gpu::{
     BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuDevice, GpuError, GpuTensor,
-    KernelDispatch, PassSelection, WorkgroupFormula,
+    KernelDispatch, PassSelection, WorkgroupCount,
 };
 use rand_chacha::ChaCha8Rng;
 
@@ -143,7 +143,7 @@ fn gather_kernel(
     let [pixels, components] = [image, vector].map(|x| x.map_or(0, |x| x.shape.len()));
     let [x_image, x_vector] =
         [image, vector].map(|x| x.map_or_else(|| plan.add_buffer(0, 0), |x| x.values));
-    KernelDispatch::new("gather", 1, WorkgroupFormula::threads_per_sample(pixels + components))
+    KernelDispatch::new("gather", 1, WorkgroupCount::threads_per_sample(pixels + components))
         .add_u32_constants([("IMAGE", pixels), ("VECTOR", components)])
         .add_wgsl(SAMPLE_STRUCT_WGSL)
         .add_input_buffer("samples", "Sample", observation_buffers.samples)

@@ -303,8 +303,8 @@ impl RobotDescription {
         Ok(self)
     }
 
-    /// Returns this robot with `link` fixed to the link `parent`, at `origin` in its frame. The
-    /// joint has the name of the link.
+    /// Returns this robot with the new link `link`, fixed to its link `parent` at the pose `origin`
+    /// in the parent's frame. The joint has the name of the link.
     ///
     /// # Errors
     /// [`DescriptionError::UnknownLink`], [`DescriptionError::Duplicate`].

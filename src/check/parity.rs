@@ -89,7 +89,7 @@ impl RecordingComparison {
 /// # Errors
 /// [`RunError::Read`] with the file and the problem; errors of MuJoCo.
 pub fn compare_with_recordings(folder: &Path) -> Result<Vec<RecordingComparison>, RunError> {
-    let paths = npz_files(folder).map_err(RunError::read_error_at(folder))?;
+    let paths = npz_files(folder).map_err(RunError::to_read_error_at(folder))?;
     if paths.is_empty() {
         let problem = "no recording in it: expected files named ENGINE_TASK_POLICY.npz";
         return Err(RunError::cannot_read(folder, problem));

@@ -64,7 +64,7 @@ impl ExportOptions {
         let weights = safetensors_weights(&policy, &path("policy.safetensors"))?;
         let golden =
             reference_outputs(&policy, &observations, &answers, &path("golden.safetensors"))?;
-        create_dir_all(&self.out).map_err(RunError::write_error_at(&self.out))?;
+        create_dir_all(&self.out).map_err(RunError::to_write_error_at(&self.out))?;
         let files = [
             ("policy.onnx", onnx_model(&policy, &about.to_string())),
             ("policy.safetensors", weights),

@@ -79,5 +79,5 @@ fn serialize(arrays: Vec<Array>, path: &Path) -> Result<Vec<u8>, RunError> {
     let views = views.collect::<Result<Vec<_>, _>>();
     views
         .and_then(|views| safetensors::serialize(views, None))
-        .map_err(RunError::write_error_at(path))
+        .map_err(RunError::to_write_error_at(path))
 }

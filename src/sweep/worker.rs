@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use envs::TaskRegistry;
 use experiments::cli::print_escaped;
 use experiments::printable::printable_message;
-use experiments::{Experiment, FolderSnapshot, Run, RunError, RunEvent, RunFolder, StopSignal};
+use experiments::{Experiment, FolderStamps, Run, RunError, RunEvent, RunFolder, StopSignal};
 use learner::DeviceChoice;
 use learner::overrides::check_same_settings;
 
@@ -67,7 +67,7 @@ pub fn run_sweep_worker(
     out: &mut impl Write,
 ) -> Result<SweepOutcome, RunError> {
     let runs = settings.runs;
-    std::fs::create_dir_all(runs).map_err(RunError::write_error_at(runs))?;
+    std::fs::create_dir_all(runs).map_err(RunError::to_write_error_at(runs))?;
     let (failed, lost, seen) = Default::default();
     let mut worker = Worker { settings, stop, out, failed, lost, seen };
     let stopped = worker.work(jobs);
@@ -82,7 +82,7 @@ struct Worker<'a, W> {
     /// Names of the jobs that other workers took over from this one.
     lost: Vec<String>,
     /// Files of the runs of other workers by job, and since when they have not changed.
-    seen: BTreeMap<String, (FolderSnapshot, Instant)>,
+    seen: BTreeMap<String, (FolderStamps, Instant)>,
 }
 
 impl<W: Write> Worker<'_, W> {
@@ -261,7 +261,7 @@ fn claim(
 ) -> Result<Run, RunError> {
     let SweepWorkerSettings { threads, device, .. } = settings;
     let path = folder.path();
-    std::fs::create_dir_all(path).map_err(RunError::write_error_at(path))?;
+    std::fs::create_dir_all(path).map_err(RunError::to_write_error_at(path))?;
     let resume = || {
         let tasks = TaskRegistry::with_standard();
         Run::resume_with_tasks(folder.clone(), Some(threads), device, tasks)

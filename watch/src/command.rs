@@ -90,6 +90,6 @@ impl WatchOptions {
 
 fn summary(folder: &RunFolder) -> Result<Value, RunError> {
     let path = folder.file_path(SUMMARY_FILE);
-    let text = fs::read(&path).map_err(RunError::read_error_at(&path))?;
-    serde_json::from_slice(&text).map_err(RunError::read_error_at(&path))
+    let text = fs::read(&path).map_err(RunError::to_read_error_at(&path))?;
+    serde_json::from_slice(&text).map_err(RunError::to_read_error_at(&path))
 }

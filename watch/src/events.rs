@@ -15,7 +15,7 @@ use super::progress::StreamProgress;
 /// for an evaluation, which comes after the rollout.
 type Moment = (usize, u8);
 
-/// Event of a run, read from its tables.
+/// Event of a run that `covers watch` prints: a rollout, an evaluation, or the end of the run.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub(super) enum RunEvent<'a> {

@@ -24,7 +24,7 @@ pub(super) struct RunSnapshot {
 }
 
 impl RunSnapshot {
-    /// Reads the folder of a run.
+    /// Takes a snapshot of a run: reads the settings and tables in its folder.
     ///
     /// # Errors
     /// As [`RunData::read_partial`].

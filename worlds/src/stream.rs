@@ -82,7 +82,7 @@ pub struct TaskStream {
 }
 
 impl TaskStream {
-    /// Creates a stream of `visits` in `num_envs` environments.
+    /// Creates the environments of `world` that show the task groups of `visits` one after another.
     ///
     /// # Errors
     /// No visit, no environment, or a group that the world does not have.

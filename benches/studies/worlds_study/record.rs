@@ -102,7 +102,7 @@ impl StudyResults {
         Ok(Self { file: shared, known })
     }
 
-    /// Returns the record of a job's world; `None` if the file did not hold it when it was opened.
+    /// Returns the results that the file already held for this job when it was opened, if any.
     pub fn find(&self, job: &Job) -> Option<&AssignmentCounts> {
         let own = AssignmentCounts::new(job);
         let is_own = |r: &&AssignmentCounts| {

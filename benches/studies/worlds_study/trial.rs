@@ -240,7 +240,8 @@ const EXPLORATION: f32 = 0.3;
 /// Number of the latest iterations that determine a policy's skill.
 const MEMORY: usize = 8;
 
-/// Settings of a learner whose policies are scripted stand-ins.
+/// Settings of a learner whose policies are scripted experts instead of networks, with a skill that
+/// grows with the number of training iterations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StandInSettings {
     seed: u64,

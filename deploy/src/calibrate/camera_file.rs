@@ -28,14 +28,14 @@ const LENS: &[&str] = &["distortioncoefficients", "distcoeffs", "distcoeff", "di
 pub(super) fn read_camera_intrinsics(
     path: &Path,
 ) -> Result<(Intrinsics, LensDistortion), RunError> {
-    let metadata = std::fs::metadata(path).map_err(RunError::read_error_at(path))?;
+    let metadata = std::fs::metadata(path).map_err(RunError::to_read_error_at(path))?;
     let size = metadata.len();
     // a pipe or a device might never end
     if !metadata.is_file() || size > MAX_BYTES {
         let problem = format!("it has {size} bytes, expected a plain file of at most 4 MiB");
         return Err(RunError::damaged_file(path, problem));
     }
-    let text = std::fs::read_to_string(path).map_err(RunError::read_error_at(path))?;
+    let text = std::fs::read_to_string(path).map_err(RunError::to_read_error_at(path))?;
     parse(&text).map_err(|problem| RunError::damaged_file(path, problem))
 }
 

@@ -187,7 +187,7 @@ impl CalibrateOptions {
                 return Err(RunError::damaged_file(path, problem));
             }
             let checked = CameraCalibration { intrinsics, distortion, ..*known };
-            checked.check().map_err(RunError::read_error_at(path))?;
+            checked.check().map_err(RunError::to_read_error_at(path))?;
             Ok((intrinsics, distortion))
         });
         // millimetres on the command line, metres inside

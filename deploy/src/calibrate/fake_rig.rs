@@ -13,7 +13,7 @@ use crate::rig::{Rig, TaskVerdict, Trial, TrialSetUp};
 use crate::{SimulatedRig, SimulatedRigSettings};
 
 /// Rig with an arm without dynamics over a grey table.
-pub struct FakeRig {
+pub struct KinematicRig {
     pub state: RobotState,
     pub time: Duration,
     /// Angular velocity of the hand without commands (rad/s).
@@ -22,7 +22,7 @@ pub struct FakeRig {
     pub ahead: Duration,
 }
 
-impl FakeRig {
+impl KinematicRig {
     pub fn new(arm: &Arm) -> Self {
         let joints = arm.settings().ready_joint_positions.clone();
         Self {
@@ -46,7 +46,7 @@ impl FakeRig {
     }
 }
 
-impl Robot for FakeRig {
+impl Robot for KinematicRig {
     fn state(&mut self) -> Result<RobotState, ControlError> {
         Ok(self.state.clone())
     }
@@ -69,7 +69,7 @@ impl Robot for FakeRig {
     }
 }
 
-impl Rig for FakeRig {
+impl Rig for KinematicRig {
     fn set_up(&mut self, _: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
         Ok(TrialSetUp {
             background: vec![100; 3 * 640 * 480],

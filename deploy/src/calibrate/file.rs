@@ -42,7 +42,7 @@ impl CameraCalibrationFile {
     /// [`RunError::Read`] with the file and the reason.
     pub fn read(path: &Path) -> Result<CameraCalibration, RunError> {
         let file: Self = read_json(path)?;
-        file.calibration().map_err(RunError::read_error_at(path))
+        file.calibration().map_err(RunError::to_read_error_at(path))
     }
 
     /// Reads a camera's calibration from JSON text.
@@ -63,7 +63,7 @@ impl CameraCalibrationFile {
     /// [`RunError::Write`].
     pub fn write(calibration: &CameraCalibration, path: &Path) -> Result<(), DeployError> {
         let text = serde_json::to_string_pretty(&Self::from(calibration))
-            .map_err(RunError::write_error_at(path))?
+            .map_err(RunError::to_write_error_at(path))?
             + "\n";
         Ok(write_atomically(&LocalDisk, path, text.as_bytes())?)
     }

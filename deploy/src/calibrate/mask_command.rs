@@ -93,7 +93,7 @@ impl CheckMaskOptions {
 
 /// Creates the folder for the mask's pictures if needed, and checks that it can be written to.
 fn prepare(folder: &Path) -> Result<(), DeployError> {
-    std::fs::create_dir_all(folder).map_err(RunError::write_error_at(folder))?;
+    std::fs::create_dir_all(folder).map_err(RunError::to_write_error_at(folder))?;
     Ok(check_path_writable(&LocalDisk, &picture(folder, 1))?)
 }
 
@@ -104,7 +104,7 @@ fn picture(folder: &Path, pose: usize) -> PathBuf {
 fn write(check: &MaskCheck, folder: &Path) -> Result<(), DeployError> {
     for (row, drawn) in check.comparisons.iter().zip(&check.overlays) {
         let path = picture(folder, row.pose_number);
-        let png = drawn.to_png().map_err(RunError::write_error_at(&path))?;
+        let png = drawn.to_png().map_err(RunError::to_write_error_at(&path))?;
         write_atomically(&LocalDisk, &path, &png)?;
     }
     Ok(())

@@ -7,7 +7,7 @@ use clap::{Args, Parser};
 use envs::embodiments::{Arm, KinovaGen3};
 
 use super::command::CalibrateOptions;
-use super::fake_rig::FakeRig;
+use super::fake_rig::KinematicRig;
 use super::file::CameraCalibrationFile;
 use super::mask::{MaskCheck, MaskComparison};
 use super::mask_command::{CheckMaskOptions, mask_check_json};
@@ -38,8 +38,8 @@ fn options(arguments: &[&str]) -> CalibrateOptions {
 }
 
 /// Returns the error of a calibration with a spoilt rig.
-fn spoilt(spoil: fn(&mut FakeRig)) -> DeployError {
-    let mut rig = FakeRig::new(&arm());
+fn spoilt(spoil: fn(&mut KinematicRig)) -> DeployError {
+    let mut rig = KinematicRig::new(&arm());
     spoil(&mut rig);
     let there = [rig.state.tip];
     let trial = Trial::on_empty_table(0);
@@ -66,9 +66,10 @@ fn a_hand_that_turns_does_not_stand() {
 #[test]
 fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let still = |rig: &FakeRig| rig.time.is_zero() && rig.state == FakeRig::new(&arm()).state;
+    let still =
+        |rig: &KinematicRig| rig.time.is_zero() && rig.state == KinematicRig::new(&arm()).state;
     for out in ["no/such/folder/c.json", "src"] {
-        let mut rig = FakeRig::new(&arm());
+        let mut rig = KinematicRig::new(&arm());
         let out = root.join(out);
         let failed = options(&["--out", out.to_str().unwrap()]).run_on_rig(
             &mut rig,
@@ -80,7 +81,7 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
         assert!(still(&rig));
     }
     let mask = mask_options(&["--pictures", concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml/m")]);
-    let mut rig = FakeRig::new(&arm());
+    let mut rig = KinematicRig::new(&arm());
     let error = mask.run_on_rig(&mut rig, &arm(), &mut Vec::new()).err().unwrap();
     assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
     assert!(still(&rig));
@@ -94,7 +95,7 @@ fn mask_options(arguments: &[&str]) -> CheckMaskOptions {
 
 #[test]
 fn a_rig_of_your_own_takes_no_simulated_fault() {
-    let (mut rig, arm, mut out) = (FakeRig::new(&arm()), arm(), Vec::new());
+    let (mut rig, arm, mut out) = (KinematicRig::new(&arm()), arm(), Vec::new());
     let fault = ["--fault", "position-error=30"];
     let calibration = options(&[&["--out", "no/such/c.json"], &fault[..]].concat());
     let refused = [
@@ -126,7 +127,7 @@ fn what_does_not_fit_the_rig_is_named_before_the_arm_moves() {
     let folder = std::env::temp_dir().join(format!("covers-cameras-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let [json, yaml] = ["far.json", "camera.yaml"].map(|name| folder.join(name));
-    let mut rig = FakeRig::new(&arm());
+    let mut rig = KinematicRig::new(&arm());
     let mut too_far = rig.calibration();
     too_far.extrinsics.translation.z = 99.9;
     CameraCalibrationFile::write(&too_far, &json).unwrap();

@@ -12,7 +12,7 @@ use robots::{ArmCommand, ControlError, Pose, Robot, RobotState};
 
 use super::calibration_poses;
 use super::command::{CalibrateOptions, NumberTriple, distance_mm_and_angle_deg};
-use super::fake_rig::FakeRig;
+use super::fake_rig::KinematicRig;
 use super::file::CameraCalibrationFile;
 use super::mask::MaskCheck;
 use super::measure::{CameraCalibrationSettings, calibrate_camera};
@@ -204,7 +204,7 @@ fn masks_do_not_lag_behind_late_pictures() {
 #[test]
 fn balls_that_are_not_seen_and_poses_out_of_reach_are_told() {
     let arm = envs::embodiments::KinovaGen3.arm().unwrap();
-    let mut rig = FakeRig::new(&arm);
+    let mut rig = KinematicRig::new(&arm);
     let tip = rig.state.tip;
     let high = Pose { position: HAND_TARGET_START + 0.1 * DVec3::Z, ..tip };
     let trial = Trial::on_empty_table(0);

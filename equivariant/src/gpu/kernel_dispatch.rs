@@ -7,7 +7,7 @@ pub struct BufferSlot(pub(crate) usize);
 /// Number of workgroups of a GPU kernel for a batch of N samples: `times` * ceil((`each` * N +
 /// `fixed`) / `tile`).
 #[derive(Clone, Copy, Debug)]
-pub struct WorkgroupFormula {
+pub struct WorkgroupCount {
     each: usize,
     fixed: usize,
     tile: usize,
@@ -17,41 +17,37 @@ pub struct WorkgroupFormula {
 /// Number of threads of a GPU workgroup, equal to `THREADS` in `common.wgsl`.
 pub(crate) const WORKGROUP_THREADS: usize = 64;
 
-impl WorkgroupFormula {
+impl WorkgroupCount {
     /// Returns the number of workgroups of a kernel with `each` threads for every sample.
-    pub fn threads_per_sample(each: usize) -> WorkgroupFormula {
-        WorkgroupFormula { each, fixed: 0, tile: WORKGROUP_THREADS, times: 1 }
+    pub fn threads_per_sample(each: usize) -> WorkgroupCount {
+        WorkgroupCount { each, fixed: 0, tile: WORKGROUP_THREADS, times: 1 }
     }
 
     /// Returns the number of workgroups of a kernel with `fixed` threads, independent of the number
     /// of samples.
-    pub fn fixed_threads(fixed: usize) -> WorkgroupFormula {
-        WorkgroupFormula { each: 0, fixed, tile: WORKGROUP_THREADS, times: 1 }
+    pub fn fixed_threads(fixed: usize) -> WorkgroupCount {
+        WorkgroupCount { each: 0, fixed, tile: WORKGROUP_THREADS, times: 1 }
     }
 
     /// Returns the number of workgroups of a kernel with `each` workgroups for every sample.
-    pub fn workgroups_per_sample(each: usize) -> WorkgroupFormula {
-        WorkgroupFormula { each, fixed: 0, tile: 1, times: 1 }
+    pub fn workgroups_per_sample(each: usize) -> WorkgroupCount {
+        WorkgroupCount { each, fixed: 0, tile: 1, times: 1 }
     }
 
     /// Returns the number of workgroups of a kernel with `fixed` workgroups, independent of the
     /// number of samples.
-    pub fn fixed_workgroups(fixed: usize) -> WorkgroupFormula {
-        WorkgroupFormula { each: 0, fixed, tile: 1, times: 1 }
+    pub fn fixed_workgroups(fixed: usize) -> WorkgroupCount {
+        WorkgroupCount { each: 0, fixed, tile: 1, times: 1 }
     }
 
     /// Returns the number of workgroups of a matrix product with `times` workgroups for each tile
     /// of `tile` rows.
-    pub(crate) fn per_tile_of_rows(
-        rows: DynamicDim,
-        tile: usize,
-        times: usize,
-    ) -> WorkgroupFormula {
+    pub(crate) fn per_tile_of_rows(rows: DynamicDim, tile: usize, times: usize) -> WorkgroupCount {
         let (each, fixed) = match rows {
             DynamicDim::PerSample(each) => (each, 0),
             DynamicDim::Fixed(fixed) => (0, fixed),
         };
-        WorkgroupFormula { each, fixed, tile, times }
+        WorkgroupCount { each, fixed, tile, times }
     }
 
     /// Returns the number of workgroups for a batch of `samples` samples.
@@ -89,7 +85,7 @@ pub struct KernelDispatch {
     /// Buffers of the kernel in the order of their bindings, each with `true` if the kernel writes
     /// it.
     pub(crate) buffers: Vec<(BufferSlot, bool)>,
-    pub(crate) workgroups: WorkgroupFormula,
+    pub(crate) workgroups: WorkgroupCount,
 }
 
 impl KernelDispatch {
@@ -99,7 +95,7 @@ impl KernelDispatch {
     /// thread's `Place`, and with `wgsl/group_1.wgsl`, `group_2.wgsl` or `group_4.wgsl`, which has
     /// the arithmetic of a field. A kernel's `main` takes a `Place` (`wgsl/place.wgsl`), whose
     /// `thread` is the index of the thread in its workgroup.
-    pub fn new(label: &'static str, order: usize, work: WorkgroupFormula) -> KernelDispatch {
+    pub fn new(label: &'static str, order: usize, work: WorkgroupCount) -> KernelDispatch {
         let group = match order {
             1 => include_str!("wgsl/group_1.wgsl"),
             2 => include_str!("wgsl/group_2.wgsl"),
@@ -196,7 +192,7 @@ mod tests {
 
     #[test]
     fn only_kernels_that_sum_values_have_operations_on_subgroups() {
-        let kernel = || KernelDispatch::new("some", 4, WorkgroupFormula::fixed_workgroups(1));
+        let kernel = || KernelDispatch::new("some", 4, WorkgroupCount::fixed_workgroups(1));
         let has =
             |made: KernelDispatch, subgroups| made.wgsl_source(subgroups).contains("subgroup");
         assert!(

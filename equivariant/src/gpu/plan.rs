@@ -237,7 +237,8 @@ impl ComputePlan {
         slot
     }
 
-    /// Iterates over the kernels of the backward pass and then over the kernels after it, in order.
+    /// Iterates over the kernels of the backward pass, then over those of the steps that follow it,
+    /// such as the optimiser's, in the order in which they run.
     pub(crate) fn backward_kernels(&self) -> impl Iterator<Item = &KernelDispatch> {
         self.backward.iter().rev().flatten().chain(&self.final_kernels)
     }

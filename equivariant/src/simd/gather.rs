@@ -45,8 +45,9 @@ impl PatchGeometry {
         }
     }
 
-    /// Adds the gradients of folds to a block of the blocked image, for the windows that start at
-    /// `windows`: the transpose of [`gather`](PatchGeometry::gather).
+    /// Adds the gradients of folds, the signed sums over an orbit of taps, to the pixels of a block
+    /// of channels in the windows that start at `windows`: the transpose of
+    /// [`PatchGeometry::gather`].
     #[inline(always)]
     pub fn scatter<T: Real, L: Lanes<T>, const R: usize, const N: usize>(
         &self,

@@ -1,7 +1,7 @@
 //! Networks that branch and join, and kernels of other crates.
 
 use equivariant::gpu::{
-    BatchUniforms, CompiledPlan, ComputePlan, KernelDispatch, PassSelection, WorkgroupFormula,
+    BatchUniforms, CompiledPlan, ComputePlan, KernelDispatch, PassSelection, WorkgroupCount,
 };
 use equivariant::{Group, LayerSignature, Linear, Shape};
 
@@ -72,7 +72,7 @@ fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
 fn a_kernel_of_somebody_else_sees_the_batch() {
     let mut plan = ComputePlan::new();
     let y = plan.add_input(Shape::vector(Group::C1.trivial_type(1)));
-    let kernel = KernelDispatch::new("mine", 1, WorkgroupFormula::threads_per_sample(1))
+    let kernel = KernelDispatch::new("mine", 1, WorkgroupCount::threads_per_sample(1))
         .add_output_buffer("y", "f32", y.values);
     let kernel = kernel.add_wgsl(
         "@compute @workgroup_size(THREADS)

@@ -9,7 +9,7 @@ use symmetry::D2;
 use itertools::Itertools;
 
 /// Own policy of each group, by the group's name: the policy that served it in most of its training
-/// rollouts. [`RunStats`](crate::RunStats) counts them; learners never see the group's name.
+/// rollouts. [`AssignmentStats`](crate::AssignmentStats) counts them; learners never see the group's name.
 pub type OwnPolicyByGroup = BTreeMap<String, usize>;
 
 /// Results of the learner in one task variant, over the episodes of an evaluation.

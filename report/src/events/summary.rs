@@ -13,7 +13,8 @@ pub(super) struct EventTime {
     pub learning_seconds: f64,
 }
 
-/// Record of a TensorBoard event file.
+/// Message `Event` of a TensorBoard event file: the contents of one record, without length and
+/// checksums.
 #[derive(Clone, PartialEq, Message)]
 pub(super) struct Event {
     #[prost(double, tag = "1")]

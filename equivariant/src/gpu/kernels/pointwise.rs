@@ -1,7 +1,7 @@
 //! GPU kernels of layers that treat every field of every pixel separately.
 
 use crate::gpu::channels::ChannelLayout;
-use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupFormula};
+use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupCount};
 use crate::gpu::plan::{ComputePlan, GpuTensor};
 use crate::steerable::hadamard::permuted_field_order_and_count;
 
@@ -14,7 +14,7 @@ pub(super) fn kernel_per_field(
     KernelDispatch::new(
         label,
         channels.components_per_field(),
-        WorkgroupFormula::threads_per_sample(pixels * channels.num_fields()),
+        WorkgroupCount::threads_per_sample(pixels * channels.num_fields()),
     )
     .add_u32_constants([("PIXELS", pixels), ("FIELDS", channels.num_fields())])
     .add_wgsl(include_str!("../wgsl/each_field.wgsl"))

@@ -1,8 +1,6 @@
 //! Products of matrices of fields on a GPU.
 
-use crate::gpu::kernel_dispatch::{
-    DynamicDim, KernelDispatch, WORKGROUP_THREADS, WorkgroupFormula,
-};
+use crate::gpu::kernel_dispatch::{DynamicDim, KernelDispatch, WORKGROUP_THREADS, WorkgroupCount};
 
 /// Number of terms of a matrix product's sums that a workgroup loads at once.
 const TILE_DEPTH: usize = 8;
@@ -28,7 +26,7 @@ impl MatrixProduct {
     /// them.
     pub fn kernel_dispatch(self, label: &'static str) -> KernelDispatch {
         let tile = self.tile();
-        let work = WorkgroupFormula::per_tile_of_rows(
+        let work = WorkgroupCount::per_tile_of_rows(
             self.rows,
             tile.rows(),
             tile.col_tiles * self.num_slices,
@@ -54,7 +52,7 @@ impl MatrixProduct {
     /// number of rows.
     pub fn workgroups_per_slice(self) -> usize {
         let tile = self.tile();
-        WorkgroupFormula::per_tile_of_rows(self.rows, tile.rows(), tile.col_tiles).num_workgroups(0)
+        WorkgroupCount::per_tile_of_rows(self.rows, tile.rows(), tile.col_tiles).num_workgroups(0)
     }
 
     fn tile(self) -> Tile {
