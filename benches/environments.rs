@@ -102,12 +102,12 @@ fn vector(
 fn measure(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     one_table(c, task)?;
     vector(c, task, ("vec_env_step", None))?;
-    let nominal = Some(DomainRandomisation::NOMINAL_RANDOMISATION);
+    let nominal = Some(DomainRandomisation::NOMINAL);
     vector(c, task, ("vec_env_step_randomised", nominal))
 }
 
 fn environments(c: &mut Criterion) {
-    for task in TaskGroup::STANDARD_GROUPS {
+    for task in TaskGroup::STANDARD {
         if let Err(error) = measure(c, task) {
             panic!("{error}");
         }

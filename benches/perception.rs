@@ -17,7 +17,7 @@ fn perception() -> Perception {
     let settings = PerceptionSettings {
         calibration: CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: LensDistortion::NO_DISTORTION,
+            distortion: LensDistortion::NONE,
             extrinsics: Extrinsics::overhead(1.5),
         },
         policy_camera: PinholeCamera::overhead(SIZE, 1.5, 0.44),

@@ -141,7 +141,7 @@ fn experiment(length: Length, group: TaskGroup) -> Experiment {
     };
     let experiment = budget.preset_experiment(Method::Covers);
     let rollout = experiment.learner.rollout_steps();
-    let others = TaskGroup::STANDARD_GROUPS.map(|other| (other, others * rollout));
+    let others = TaskGroup::STANDARD.map(|other| (other, others * rollout));
     let visits = [others.as_slice(), &[(group, own * rollout)]].concat();
     Experiment { schedule: TaskSchedule::shuffled(cycles, &visits), ..experiment }
 }

@@ -89,8 +89,7 @@ impl CheckCommand {
                 Ok(print(&rows, json, out, parity_line, RecordingComparison::passes)?)
             }
             Self::Experts { embodiment, ref tasks, seeds, json } => {
-                let embodiments =
-                    embodiment.map_or(Embodiment::STANDARD_EMBODIMENTS.to_vec(), |one| vec![one]);
+                let embodiments = embodiment.map_or(Embodiment::STANDARD.to_vec(), |one| vec![one]);
                 let rows = measure_experts(&embodiments, &groups(tasks)?, seeds)?;
                 Ok(print(&rows, json, out, expert_line, ExpertResult::passes)?)
             }

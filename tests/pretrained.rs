@@ -27,7 +27,7 @@ fn know_their_groups_and_solve_them(name: &str, beside: ExtraView) {
     let (envs, tasks) = (experiment.envs, TaskRegistry::with_standard());
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, 5, labels).unwrap();
     let mut findings = EvaluationResults::default();
-    for (group, element) in TaskGroup::STANDARD_GROUPS.into_iter().zip(D2::ALL) {
+    for (group, element) in TaskGroup::STANDARD.into_iter().zip(D2::ALL) {
         let variant = TaskVariant { group, element };
         evaluator.score_variant(&mut *learner, variant, &own, 1, &mut findings).unwrap();
     }

@@ -13,7 +13,7 @@ use symmetry::D2;
 fn sixteen_pictures_differ_and_variants_of_a_group_are_exact_mirror_images() {
     let settings = VecEnvSettings::default();
     let size = settings.camera.size;
-    let groups = variant_pictures(&settings, &TaskGroup::STANDARD_GROUPS).unwrap();
+    let groups = variant_pictures(&settings, &TaskGroup::STANDARD).unwrap();
     let different: HashSet<_> = groups.iter().flatten().collect();
     assert_eq!(different.len(), 16);
     for variants in &groups {
@@ -30,11 +30,11 @@ fn sixteen_pictures_differ_and_variants_of_a_group_are_exact_mirror_images() {
 fn the_contact_sheet_shows_every_picture_in_its_place() {
     let settings = VecEnvSettings::default();
     let (size, enlarge, gap) = (settings.camera.size, 4, 6);
-    let sheet = contact_sheet(&settings, &TaskGroup::STANDARD_GROUPS).unwrap();
+    let sheet = contact_sheet(&settings, &TaskGroup::STANDARD).unwrap();
     assert_eq!(sheet.rgb.len(), sheet.width * sheet.height * RGB_CHANNELS);
     let cell = size * enlarge + gap;
     for (row, variants) in
-        variant_pictures(&settings, &TaskGroup::STANDARD_GROUPS).unwrap().iter().enumerate()
+        variant_pictures(&settings, &TaskGroup::STANDARD).unwrap().iter().enumerate()
     {
         for (column, picture) in variants.iter().enumerate() {
             for (i, pixel) in picture.chunks(RGB_CHANNELS).enumerate() {
@@ -79,7 +79,7 @@ fn deviations(map: impl Fn(D2) -> D2) -> Vec<f32> {
         action
     };
     let mut deviations = Vec::new();
-    for variants in variant_pictures(&settings, &TaskGroup::STANDARD_GROUPS).unwrap() {
+    for variants in variant_pictures(&settings, &TaskGroup::STANDARD).unwrap() {
         let reference = act(&variants[0], D2::Identity);
         let scale = reference.iter().fold(0.0_f32, |scale, value| scale.max(value.abs()));
         for (element, picture) in D2::ALL.into_iter().zip(&variants) {

@@ -157,8 +157,8 @@ impl Subject {
 
     fn switch(self, threads: usize) -> Result<f64, Failure> {
         let mut driven = Driven::new(self, MANY, threads)?;
-        driven.env.prepare_task_groups(&TaskGroup::STANDARD_GROUPS)?;
-        let mut groups = TaskGroup::STANDARD_GROUPS.into_iter().cycle();
+        driven.env.prepare_task_groups(&TaskGroup::STANDARD)?;
+        let mut groups = TaskGroup::STANDARD.into_iter().cycle();
         let switches = rate(|| {
             let group = groups.next().unwrap_or(self.group);
             Ok(driven.env.set_task_group(group, &D2::ALL)?)
@@ -168,7 +168,7 @@ impl Subject {
 
     fn memory(self, threads: usize) -> Result<f64, Failure> {
         let mut driven = Driven::new(self, MANY, threads)?;
-        driven.env.prepare_task_groups(&TaskGroup::STANDARD_GROUPS)?;
+        driven.env.prepare_task_groups(&TaskGroup::STANDARD)?;
         for _ in 0..50 {
             driven.step()?;
         }

@@ -129,7 +129,7 @@ mod tests {
     fn known() -> CameraCalibration {
         CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: LensDistortion::NO_DISTORTION,
+            distortion: LensDistortion::NONE,
             extrinsics: Extrinsics::overhead(1.5),
         }
     }

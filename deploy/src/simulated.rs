@@ -143,7 +143,7 @@ impl SimulatedRig {
     pub fn true_calibration(&self) -> CameraCalibration {
         CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: LensDistortion::NO_DISTORTION,
+            distortion: LensDistortion::NONE,
             extrinsics: Extrinsics::overhead(self.policy.height),
         }
     }

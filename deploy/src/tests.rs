@@ -115,7 +115,7 @@ impl Rig for DryRig {
     fn calibration(&self) -> CameraCalibration {
         CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: LensDistortion::NO_DISTORTION,
+            distortion: LensDistortion::NONE,
             extrinsics: Extrinsics::overhead(1.5),
         }
     }

@@ -37,10 +37,9 @@ impl Embodiment {
 
     /// Embodiments for training, in the order in which reports list them. Every task must pass its
     /// conformance rules with them.
-    pub const STANDARD_EMBODIMENTS: [Self; 2] = [Self::SAWYER, Self::FLOATING_HAND];
+    pub const STANDARD: [Self; 2] = [Self::SAWYER, Self::FLOATING_HAND];
     /// Embodiments that this crate provides.
-    pub const BUILT_IN_EMBODIMENTS: [Self; 3] =
-        [Self::SAWYER, Self::FLOATING_HAND, Self::KINOVA_GEN3];
+    pub const BUILT_IN: [Self; 3] = [Self::SAWYER, Self::FLOATING_HAND, Self::KINOVA_GEN3];
 
     /// Returns the handle of the embodiment that `spec` defines.
     ///
@@ -113,7 +112,7 @@ impl Embodiment {
     pub fn register(self) -> Result<(), EnvError> {
         self.check_name()?;
         let mut registered = REGISTERED.write().unwrap_or_else(PoisonError::into_inner);
-        let mut known = Self::BUILT_IN_EMBODIMENTS.iter().chain(registered.iter());
+        let mut known = Self::BUILT_IN.iter().chain(registered.iter());
         match known.find(|known| **known == self) {
             // the very same definition again, for instance from a second thread
             Some(known) if known.instance_id() == self.instance_id() => {}
@@ -130,7 +129,7 @@ impl Embodiment {
     /// registered ones.
     pub fn all_known() -> Vec<Self> {
         let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner);
-        [&Self::BUILT_IN_EMBODIMENTS, &registered[..]].concat()
+        [&Self::BUILT_IN, &registered[..]].concat()
     }
 
     /// Returns `true` if the four variants of a task group move as exact mirror images of each
@@ -217,7 +216,7 @@ mod tests {
 
     #[test]
     fn names_parse_back_and_unknown_ones_list_the_choices() {
-        for embodiment in Embodiment::BUILT_IN_EMBODIMENTS {
+        for embodiment in Embodiment::BUILT_IN {
             assert_eq!(embodiment.name().parse::<Embodiment>().unwrap(), embodiment);
         }
         let message = "spot".parse::<Embodiment>().unwrap_err().to_string();

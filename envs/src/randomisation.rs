@@ -45,7 +45,7 @@ pub struct DomainRandomisation {
 
 impl DomainRandomisation {
     /// Amounts for pictures without any randomisation: all zero.
-    pub const NO_RANDOMISATION: Self = Self {
+    pub const OFF: Self = Self {
         max_position_error_mm: 0.0,
         max_angle_error_deg: 0.0,
         exposure_sd: 0.0,
@@ -60,7 +60,7 @@ impl DomainRandomisation {
     /// Amounts near those that `covers deploy` assumes: its mean error of the camera pose, its
     /// drift of exposure and white balance before correction, and the noise of a middle grey before
     /// a median reduces it.
-    pub const NOMINAL_RANDOMISATION: Self = Self {
+    pub const NOMINAL: Self = Self {
         max_position_error_mm: 10.0,
         max_angle_error_deg: 1.0,
         exposure_sd: 10.0,
@@ -114,7 +114,7 @@ impl DomainRandomisation {
 
 impl Default for DomainRandomisation {
     fn default() -> Self {
-        Self::NOMINAL_RANDOMISATION
+        Self::NOMINAL
     }
 }
 
@@ -128,8 +128,8 @@ mod tests {
     #[test]
     fn amounts_out_of_range_are_refused_by_name() {
         let camera = Camera::default();
-        DomainRandomisation::NO_RANDOMISATION.check(&camera).unwrap();
-        DomainRandomisation::NOMINAL_RANDOMISATION.check(&camera).unwrap();
+        DomainRandomisation::OFF.check(&camera).unwrap();
+        DomainRandomisation::NOMINAL.check(&camera).unwrap();
         type Change = fn(&mut DomainRandomisation);
         let changes: [(Change, &str); 9] = [
             (|of| of.max_position_error_mm = 101.0, "`max_position_error_mm` is 101"),
@@ -143,7 +143,7 @@ mod tests {
             (|of| of.patch_color_sd = 256.0, "`patch_color_sd` is 256"),
         ];
         for (change, says) in changes {
-            let mut amounts = DomainRandomisation::NOMINAL_RANDOMISATION;
+            let mut amounts = DomainRandomisation::NOMINAL;
             change(&mut amounts);
             let message = amounts.check(&camera).unwrap_err().to_string();
             assert!(message.contains(says), "{message}");
@@ -152,24 +152,21 @@ mod tests {
 
     #[test]
     fn a_wide_camera_may_turn_by_less() {
-        let turned = DomainRandomisation {
-            max_angle_error_deg: 10.0,
-            ..DomainRandomisation::NOMINAL_RANDOMISATION
-        };
+        let turned =
+            DomainRandomisation { max_angle_error_deg: 10.0, ..DomainRandomisation::NOMINAL };
         turned.check(&Camera::default()).unwrap();
         let wide = Camera { height: 0.6, half_extent: 2.0, ..Camera::default() };
         let message = turned.check(&wide).unwrap_err().to_string();
         assert!(message.contains("below the horizon"), "{message}");
-        DomainRandomisation::NOMINAL_RANDOMISATION.check(&wide).unwrap();
+        DomainRandomisation::NOMINAL.check(&wide).unwrap();
     }
 
     #[test]
     fn what_is_missing_in_a_file_is_nominal_and_what_is_unknown_is_refused() {
         let read = serde_json::from_str::<DomainRandomisation>;
-        assert_eq!(read("{}").unwrap(), DomainRandomisation::NOMINAL_RANDOMISATION);
+        assert_eq!(read("{}").unwrap(), DomainRandomisation::NOMINAL);
         let little = read(r#"{"noise_sd": 0.5}"#).unwrap();
-        let expected =
-            DomainRandomisation { noise_sd: 0.5, ..DomainRandomisation::NOMINAL_RANDOMISATION };
+        let expected = DomainRandomisation { noise_sd: 0.5, ..DomainRandomisation::NOMINAL };
         assert_eq!(little, expected);
         let message = read(r#"{"nois": 1}"#).unwrap_err().to_string();
         assert!(message.contains("nois"), "{message}");

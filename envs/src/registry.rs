@@ -40,7 +40,7 @@ impl TaskGroup {
     pub const PEG_INSERT_SIDE: Self = Self::from_task(&PegInsertSide);
 
     /// All four task groups of the COVERS paper, in the order in which reports list them.
-    pub const STANDARD_GROUPS: [Self; 4] =
+    pub const STANDARD: [Self; 4] =
         [Self::GOAL_REACH, Self::BUTTON_PRESS, Self::DRAWER_CLOSE, Self::PLATE_SLIDE];
     /// Task groups of Meta-World's MT10, in its order.
     pub const MT10: [Self; 10] = [
@@ -57,8 +57,8 @@ impl TaskGroup {
     ];
 
     /// Ten of the task groups in which the gripper never has to hold an object: first the four
-    /// [`TaskGroup::STANDARD_GROUPS`].
-    pub const TEN_GROUPS: [Self; 10] = [
+    /// [`TaskGroup::STANDARD`].
+    pub const TEN: [Self; 10] = [
         Self::GOAL_REACH,
         Self::BUTTON_PRESS,
         Self::DRAWER_CLOSE,
@@ -91,8 +91,8 @@ impl TaskGroup {
 
     /// Sets of task groups by name: `standard`, `ten`, `mt10` and `all`.
     pub const TASK_SETS: [(&str, &[Self]); 4] = [
-        ("standard", &Self::STANDARD_GROUPS),
-        ("ten", &Self::TEN_GROUPS),
+        ("standard", &Self::STANDARD),
+        ("ten", &Self::TEN),
         ("mt10", &Self::MT10),
         ("all", &Self::ALL),
     ];
@@ -131,9 +131,9 @@ pub struct TaskRegistry {
 }
 
 impl TaskRegistry {
-    /// Creates a registry of [`TaskGroup::STANDARD_GROUPS`].
+    /// Creates a registry of [`TaskGroup::STANDARD`].
     pub fn with_standard() -> Self {
-        Self { groups: TaskGroup::STANDARD_GROUPS.to_vec() }
+        Self { groups: TaskGroup::STANDARD.to_vec() }
     }
 
     /// Creates a registry of [`TaskGroup::MT10`].
@@ -280,7 +280,7 @@ mod tests {
 
     #[test]
     fn there_are_sixteen_variants_of_the_standard_groups() {
-        let all = TaskGroup::STANDARD_GROUPS.into_iter().flat_map(TaskGroup::variants);
+        let all = TaskGroup::STANDARD.into_iter().flat_map(TaskGroup::variants);
         let distinct: std::collections::HashSet<_> = all.collect();
         assert_eq!(distinct.len(), 16);
     }

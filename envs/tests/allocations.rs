@@ -38,7 +38,7 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
     };
     // randomised pictures start from perfect ones, so this covers both
     steps_allocate_nothing(VecEnvSettings {
-        randomisation: Some(DomainRandomisation::NOMINAL_RANDOMISATION),
+        randomisation: Some(DomainRandomisation::NOMINAL),
         ..settings
     });
     steps_allocate_nothing(VecEnvSettings {

@@ -68,7 +68,7 @@ fn closed_fingers_are_paid_for_every_millimetre_and_stop_short_of_success() {
 
 #[test]
 fn an_open_claw_is_paid_for_every_millimetre_until_it_succeeds() {
-    for embodiment in Embodiment::STANDARD_EMBODIMENTS {
+    for embodiment in Embodiment::STANDARD {
         for seed in 0..5 {
             let presses = presses(embodiment, -0.2, seed);
             let success = presses.iter().position(|press| press.success);

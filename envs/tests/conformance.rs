@@ -240,7 +240,7 @@ fn a_flaw_of_the_metaworld_layout_alone_is_found() {
 /// Returns the rows of every variant with `embodiment`.
 fn variants(embodiment: Embodiment) -> Vec<(Arc<Scene>, D2)> {
     let scene = |group| Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap());
-    let scenes = TaskGroup::STANDARD_GROUPS.map(scene);
+    let scenes = TaskGroup::STANDARD.map(scene);
     let of = |shared: &Arc<Scene>| D2::ALL.map(|element| (Arc::clone(shared), element));
     scenes.iter().flat_map(of).collect()
 }

@@ -146,7 +146,7 @@ fn differing(a: &[u8], b: &[u8]) -> impl Iterator<Item = usize> {
 /// it at once.
 #[test]
 fn painting_the_arm_out_equals_not_drawing_it() {
-    for group in TaskGroup::STANDARD_GROUPS {
+    for group in TaskGroup::STANDARD {
         let mut studio = Studio::new(group);
         for element in D2::ALL {
             let tally = studio.episode(element, ColorCorrection::MeanAndDeviation);

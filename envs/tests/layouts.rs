@@ -92,7 +92,7 @@ fn a_vector_environment_runs_a_task_of_somebody_elses() {
     let group = TaskGroup::from_task(Box::leak(Box::new(PushBlock::default())));
     let mut batch = StepBuffers::new(&settings);
     let mut env = VecEnv::new(settings, TaskGroup::GOAL_REACH, &D2::ALL).unwrap();
-    env.prepare_task_groups(&TaskGroup::STANDARD_GROUPS).unwrap();
+    env.prepare_task_groups(&TaskGroup::STANDARD).unwrap();
     env.set_task_group(group, &[D2::FlipY]).unwrap();
     assert!(env.reset(batch.observations_mut()).unwrap().is_empty());
     let green = |pixel: &[u8]| pixel[1] > 60 && pixel[0] < 60;

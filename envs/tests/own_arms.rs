@@ -77,7 +77,7 @@ fn experts_solve_every_variant_with_arms_of_three_kinds() {
         let arm = asset(name);
         assert_eq!(arm.arm().unwrap().chain().joints().len(), joints);
         assert_eq!(arm.arm().unwrap().closing_seconds().is_some(), joints == 7);
-        for group in TaskGroup::STANDARD_GROUPS {
+        for group in TaskGroup::STANDARD {
             assert_solves(arm, group);
         }
     }

@@ -73,7 +73,7 @@ fn assert_few_and_off_by_an_edge(differing: &[usize], size: usize) {
 
 #[test]
 fn variants_are_mirror_images_bit_for_bit() {
-    for group in TaskGroup::STANDARD_GROUPS {
+    for group in TaskGroup::STANDARD {
         for (embodiment, seeds) in [(Embodiment::SAWYER, 4..5), (Embodiment::FLOATING_HAND, 0..25)]
         {
             for size in [48, 64] {
@@ -101,7 +101,7 @@ fn close_ups_of_variants_are_mirror_images_bit_for_bit() {
     let camera =
         Camera { oversampling: 3, extra_views: ExtraView::FirstAndCloseUp, ..Camera::default() };
     let channels = camera.extra_views.num_channels();
-    for group in TaskGroup::STANDARD_GROUPS {
+    for group in TaskGroup::STANDARD {
         let mut studio = Studio::seen_by(group, Embodiment::FLOATING_HAND, camera);
         for (seed, [x, y, z]) in [[1.0, 0.7, -1.0], [-0.3, 1.0, -1.0]].into_iter().enumerate() {
             let placement =
@@ -136,7 +136,7 @@ fn close_ups_of_variants_are_mirror_images_bit_for_bit() {
 fn placements_of_the_arm_that_are_not_mirrored_exactly_are_few_and_off_by_an_edge() {
     let size = 48;
     let mut differing = Vec::new();
-    for group in TaskGroup::STANDARD_GROUPS {
+    for group in TaskGroup::STANDARD {
         let mut studio = Studio::new(group, Embodiment::SAWYER, size);
         for seed in 0..25 {
             let pictures = studio.pictures(seed);
@@ -159,9 +159,9 @@ fn without_mark() -> Camera {
 fn a_picture_drawn_in_a_mirror_is_the_picture_but_for_an_edge() {
     let camera = without_mark();
     let mut differing = Vec::new();
-    for group in TaskGroup::STANDARD_GROUPS {
-        let [mut direct, mut mirrored] = Embodiment::STANDARD_EMBODIMENTS
-            .map(|embodiment| Studio::seen_by(group, embodiment, camera));
+    for group in TaskGroup::STANDARD {
+        let [mut direct, mut mirrored] =
+            Embodiment::STANDARD.map(|embodiment| Studio::seen_by(group, embodiment, camera));
         for seed in 0..25 {
             let pictures = direct.pictures(seed);
             let pairs = pictures.iter().zip(mirrored.pictures(seed));
@@ -175,7 +175,7 @@ fn a_picture_drawn_in_a_mirror_is_the_picture_but_for_an_edge() {
 #[test]
 fn another_arm_does_not_show() {
     let camera = without_mark();
-    for group in TaskGroup::STANDARD_GROUPS {
+    for group in TaskGroup::STANDARD {
         let arms = [Embodiment::SAWYER, Embodiment::KINOVA_GEN3];
         let [one, other] = arms.map(|arm| Studio::seen_by(group, arm, camera).pictures(1002));
         assert_eq!(one, other, "{group}");
@@ -186,9 +186,9 @@ fn another_arm_does_not_show() {
 #[test]
 fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
     let size = 64;
-    let cases = Embodiment::BUILT_IN_EMBODIMENTS
+    let cases = Embodiment::BUILT_IN
         .into_iter()
-        .flat_map(|embodiment| TaskGroup::STANDARD_GROUPS.map(|group| (group, embodiment)));
+        .flat_map(|embodiment| TaskGroup::STANDARD.map(|group| (group, embodiment)));
     for (group, embodiment) in cases {
         let Studio { mut table, mut renderer, .. } = Studio::new(group, embodiment, size);
         let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; size * size * RGB_CHANNELS]);
@@ -218,7 +218,7 @@ fn a_point_projects_to_its_pixel() {
         mark: envs::GripperMark { radius: 0.0, ..envs::GripperMark::default() },
         ..Camera::default()
     };
-    for embodiment in Embodiment::STANDARD_EMBODIMENTS {
+    for embodiment in Embodiment::STANDARD {
         let mut studio = Studio::seen_by(TaskGroup::BUTTON_PRESS, embodiment, camera);
         let placement =
             studio.group.identity_task().sample_placement(&mut ChaCha8Rng::seed_from_u64(1));
@@ -260,8 +260,7 @@ fn the_canonical_drawer_is_up_and_to_the_right() {
 fn every_variant_with_objects_looks_different() {
     // Goal Reach hides its goal: its four first pictures are the same bare table with the gripper
     // over the centre.
-    let groups =
-        TaskGroup::STANDARD_GROUPS.into_iter().filter(|&group| group != TaskGroup::GOAL_REACH);
+    let groups = TaskGroup::STANDARD.into_iter().filter(|&group| group != TaskGroup::GOAL_REACH);
     let pictures: HashSet<Vec<u8>> =
         groups.flat_map(|group| Studio::new(group, Embodiment::SAWYER, 48).pictures(4)).collect();
     assert_eq!(pictures.len(), 12);

@@ -17,7 +17,7 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Scene {
 #[test]
 fn everything_in_every_scene_has_a_name() {
     for layout in Layout::ALL {
-        for embodiment in Embodiment::BUILT_IN_EMBODIMENTS {
+        for embodiment in Embodiment::BUILT_IN {
             for group in TaskGroup::ALL {
                 let scene =
                     Scene::new_in_layout(layout, group, embodiment, Camera::default()).unwrap();
@@ -34,7 +34,7 @@ fn everything_in_every_scene_has_a_name() {
 /// mm, and it leans 0.24 mm back.
 #[test]
 fn hands_rest_below_their_target() {
-    for embodiment in Embodiment::STANDARD_EMBODIMENTS {
+    for embodiment in Embodiment::STANDARD {
         let scene = scene(TaskGroup::GOAL_REACH, embodiment);
         let mut data = Data::new(Arc::clone(&scene.model));
         data.restore_state(scene.start_state()).unwrap();
@@ -112,7 +112,7 @@ fn the_hand_cannot_reach_the_walls() {
 /// embodiment. The limit of its joint alone would allow 5 cm.
 #[test]
 fn a_shut_drawer_stands_against_the_wall() {
-    for embodiment in Embodiment::STANDARD_EMBODIMENTS {
+    for embodiment in Embodiment::STANDARD {
         let scene = Arc::new(scene(TaskGroup::DRAWER_CLOSE, embodiment));
         let slide = scene.model.joint_qpos_address(scene.model.joint("slide").unwrap());
         let mut table = TableTop::new(Arc::clone(&scene), ActionSettings::default()).unwrap();

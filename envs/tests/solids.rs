@@ -25,7 +25,7 @@ fn named<'a>(table: &'a TableTop, name: &str) -> VisibleGeom<'a> {
 
 #[test]
 fn every_scene_has_solids_of_its_table_and_its_arm() {
-    for group in TaskGroup::STANDARD_GROUPS {
+    for group in TaskGroup::STANDARD {
         for embodiment in [Embodiment::SAWYER, Embodiment::FLOATING_HAND, Embodiment::KINOVA_GEN3] {
             let table = started(group, embodiment, D2::Identity);
             let names: BTreeSet<_> =

@@ -12,7 +12,7 @@ use symmetry::D2;
 
 static SCENES: LazyLock<Vec<Arc<Scene>>> = LazyLock::new(|| {
     let scene = |group| Scene::new(group, Embodiment::SAWYER, Camera::default()).unwrap();
-    TaskGroup::STANDARD_GROUPS.map(|group| Arc::new(scene(group))).to_vec()
+    TaskGroup::STANDARD.map(|group| Arc::new(scene(group))).to_vec()
 });
 
 fn table(group: TaskGroup) -> TableTop {
@@ -26,7 +26,7 @@ fn observe(table: &TableTop) -> [f32; VECTOR_OBSERVATION_DIM] {
 
 #[test]
 fn the_goal_is_told_in_goal_reach_and_nowhere_else() {
-    let variants = TaskGroup::STANDARD_GROUPS.map(TaskGroup::variants);
+    let variants = TaskGroup::STANDARD.map(TaskGroup::variants);
     for variant in variants.concat() {
         let mut table = table(variant.group);
         table.reset(variant.element, &mut ChaCha8Rng::seed_from_u64(2)).unwrap();
@@ -121,7 +121,7 @@ fn success_at_the_end_is_that_of_the_last_control_step() {
 /// A NaN goal would end up in the observation and the reward.
 #[test]
 fn placements_that_are_not_numbers_are_refused_and_change_nothing() {
-    for group in TaskGroup::STANDARD_GROUPS {
+    for group in TaskGroup::STANDARD {
         let mut table = table(group);
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let sound = table.scene().sample_placement(&mut rng);

@@ -350,7 +350,7 @@ fn preparing_groups_changes_nothing_that_is_seen() {
         prepared.reset(b.observations_mut()).unwrap();
         plain.step(&action(0), a.step_results_mut()).unwrap();
         // in the middle of episodes
-        prepared.prepare_task_groups(&TaskGroup::STANDARD_GROUPS).unwrap();
+        prepared.prepare_task_groups(&TaskGroup::STANDARD).unwrap();
         prepared.step(&action(0), b.step_results_mut()).unwrap();
         assert_eq!((&a.images, &a.vectors), (&b.images, &b.vectors), "{group}");
     }
@@ -360,7 +360,7 @@ fn preparing_groups_changes_nothing_that_is_seen() {
 fn randomised(extra_views: ExtraView) -> VecEnvSettings {
     VecEnvSettings {
         camera: Camera { extra_views, ..Camera::default() },
-        randomisation: Some(DomainRandomisation::NOMINAL_RANDOMISATION),
+        randomisation: Some(DomainRandomisation::NOMINAL),
         ..settings(1)
     }
 }

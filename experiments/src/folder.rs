@@ -405,7 +405,7 @@ impl RunFolder {
     pub(crate) fn record_provenance(&self, provenance: &Provenance) -> Result<(), RunError> {
         let line =
             serde_json::to_string(provenance).map_err(RunError::to_write_error_at(&self.path))?;
-        self.append_line(Provenance::PROVENANCE_FILE, &line)
+        self.append_line(Provenance::FILE_NAME, &line)
     }
 
     /// Syncs the named files of the run's folder to the disk; files that do not exist are skipped.

@@ -157,9 +157,7 @@ impl Method {
         let mut envs = VecEnvSettings { num_envs: NUM_ENVS, ..VecEnvSettings::default() };
         match self {
             Self::Paper => envs.camera.size = PAPER_PICTURES,
-            Self::CoversRandomised => {
-                envs.randomisation = Some(DomainRandomisation::NOMINAL_RANDOMISATION)
-            }
+            Self::CoversRandomised => envs.randomisation = Some(DomainRandomisation::NOMINAL),
             _ => {}
         }
         if self.shows_close_ups(budget) {
@@ -271,7 +269,7 @@ impl Budget {
         let unit = if self == Self::Smoke { rollout } else { 1000 };
         // of Goal Reach, Button Press, Drawer Close and Plate Slide, in units
         let standard = |visits: [usize; 4]| {
-            TaskGroup::STANDARD_GROUPS.into_iter().zip(visits.map(|visit| visit * unit)).collect()
+            TaskGroup::STANDARD.into_iter().zip(visits.map(|visit| visit * unit)).collect()
         };
         let long = |groups: &[TaskGroup]| groups.iter().map(|&group| long_visit(group)).collect();
         let learns_fast = method == Method::CoversSac;
@@ -284,7 +282,7 @@ impl Budget {
             Self::Full => standard([4, 12, 6, 31]),
             Self::TableProtocol => standard([6, 18, 9, 35]),
             Self::ZeroShot => standard([8, 27, 12, 40]),
-            Self::Ten => long(&TaskGroup::TEN_GROUPS),
+            Self::Ten => long(&TaskGroup::TEN),
             Self::Mt10 => long(&TaskGroup::MT10),
             Self::All => long(&TaskGroup::ALL),
         };

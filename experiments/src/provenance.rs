@@ -51,7 +51,7 @@ pub struct Provenance {
 
 impl Provenance {
     /// Name of the file with the provenance records in a run's folder.
-    pub const PROVENANCE_FILE: &str = "provenance.jsonl";
+    pub const FILE_NAME: &str = "provenance.jsonl";
 
     /// Returns the provenance of this process, which continues a run after `rollouts` rollouts.
     pub(crate) fn of_this_process(
@@ -83,7 +83,7 @@ impl Provenance {
     /// # Errors
     /// [`RunError::Read`].
     pub fn read(folder: &Path) -> Result<Vec<Self>, RunError> {
-        let path = folder.join(Self::PROVENANCE_FILE);
+        let path = folder.join(Self::FILE_NAME);
         let text = std::fs::read_to_string(&path).map_err(RunError::to_read_error_at(&path))?;
         let lines = text.lines();
         Ok(lines.flat_map(serde_json::from_str).collect())

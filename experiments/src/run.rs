@@ -391,7 +391,7 @@ impl Run {
         // tables and logs are synced first, so that a checkpoint is never ahead of them on the disk
         self.tables.sync()?;
         self.folder.replace_file(SAVED_TIMINGS_FILE, self.tables.timings_csv())?;
-        self.folder.sync_files(&[Provenance::PROVENANCE_FILE, LOG])?;
+        self.folder.sync_files(&[Provenance::FILE_NAME, LOG])?;
         let (disk, keep) = (self.folder.disk(), self.experiment.checkpoints.keep);
         let (folder, rollouts) = (self.folder.checkpoint_folder(), self.stats.rollouts);
         checkpoints::write_checkpoint(disk, &folder, rollouts, bytes, keep)

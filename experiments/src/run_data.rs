@@ -108,7 +108,7 @@ impl RunData {
             return Err(unfit(path, problem));
         }
         // runs of older versions have no provenance
-        let has_provenance = path.join(Provenance::PROVENANCE_FILE).exists();
+        let has_provenance = path.join(Provenance::FILE_NAME).exists();
         let provenance = if has_provenance { Provenance::read(path)? } else { Vec::new() };
         Ok(Self {
             name: name_of(path)?,

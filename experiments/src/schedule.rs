@@ -302,7 +302,7 @@ mod tests {
     use std::collections::HashSet;
 
     fn shuffled(cycles: usize, decisions: [usize; 4]) -> TaskSchedule {
-        let visits: Vec<_> = TaskGroup::STANDARD_GROUPS.into_iter().zip(decisions).collect();
+        let visits: Vec<_> = TaskGroup::STANDARD.into_iter().zip(decisions).collect();
         TaskSchedule::shuffled(cycles, &visits)
     }
 
@@ -333,7 +333,7 @@ mod tests {
         let schedule = TaskSchedule { order: VisitOrder::Fixed, ..shuffled(2, [1; 4]) };
         let groups = visits(&schedule, 0).into_iter().map(|visit| visit.group);
         let groups: Vec<String> = groups.collect();
-        let names = TaskGroup::STANDARD_GROUPS.map(|group| group.name().to_owned());
+        let names = TaskGroup::STANDARD.map(|group| group.name().to_owned());
         assert_eq!(groups, [names.clone(), names].concat());
     }
 
@@ -397,7 +397,7 @@ mod tests {
         let mut schedule = shuffled(1, [1; 4]);
         let tasks = TaskRegistry::with_standard();
         let groups = schedule.resolve_groups(&tasks).unwrap();
-        assert_eq!(groups, TaskGroup::STANDARD_GROUPS);
+        assert_eq!(groups, TaskGroup::STANDARD);
         schedule.groups[1].group = "peg-insert".to_owned();
         let message = schedule.resolve_groups(&tasks).unwrap_err().to_string();
         assert!(message.contains("peg-insert") && message.contains("drawer-close"));

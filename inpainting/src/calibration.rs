@@ -124,7 +124,7 @@ pub(crate) mod tests {
     pub fn overhead() -> CameraCalibration {
         CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: LensDistortion::NO_DISTORTION,
+            distortion: LensDistortion::NONE,
             extrinsics: Extrinsics::overhead(1.5),
         }
     }
@@ -197,7 +197,7 @@ pub(crate) mod tests {
     #[test]
     fn a_lens_that_is_no_lens_is_refused() {
         let check = |radial: [f64; 6]| {
-            let distortion = LensDistortion { radial, ..LensDistortion::NO_DISTORTION };
+            let distortion = LensDistortion { radial, ..LensDistortion::NONE };
             CameraCalibration { distortion, ..overhead() }.check()
         };
         for (k1, says) in [(f64::NAN, "NaN"), (3.0, "3.0"), (-3.0, "-3.0")] {

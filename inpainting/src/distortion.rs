@@ -25,7 +25,7 @@ pub struct LensDistortion {
 
 impl LensDistortion {
     /// Distortion of a pinhole camera: none.
-    pub const NO_DISTORTION: Self = Self { radial: [0.0; 6], tangential: [0.0; 2] };
+    pub const NONE: Self = Self { radial: [0.0; 6], tangential: [0.0; 2] };
 
     /// Returns the distortion with the radial coefficients k1 and k2 and the tangential ones p1 and
     /// p2.
@@ -184,7 +184,7 @@ mod tests {
         let v = -0.3 * radial + 0.001 * (0.25 + 2.0 * 0.09) - 2.0 * 0.0005 * 0.4 * -0.3;
         let [x, y] = short.distort([0.4, -0.3]);
         assert!((x - u).abs() < 1e-15 && (y - v).abs() < 1e-15);
-        assert_eq!(LensDistortion::NO_DISTORTION.distort([0.4, -0.3]), [0.4, -0.3]);
+        assert_eq!(LensDistortion::NONE.distort([0.4, -0.3]), [0.4, -0.3]);
         let padded = [&all[..], &[0.0; 6]].concat();
         assert_eq!(LensDistortion::from_opencv(&padded), LensDistortion::from_opencv(&all));
         for bad in [&all[..3], &all[..6], &[&all[..], &[0.0, 0.1, 0.0, 0.0]].concat()] {

@@ -34,7 +34,7 @@ pub struct CameraImperfections {
 impl CameraImperfections {
     /// Imperfections of a perfect camera: the calibration is exact, and pictures have no delay.
     pub const NO_IMPERFECTIONS: Self = Self {
-        distortion: LensDistortion::NO_DISTORTION,
+        distortion: LensDistortion::NONE,
         position_error: 0.0,
         angle_error: 0.0,
         exposure_drift_sd: 0.0,

@@ -13,6 +13,8 @@ use crate::mirror::{Mirror, MirrorPlane, principal, quat_values};
 use crate::pairs::MirrorPairs;
 use crate::snapshot::{ModelObjectKind, PosedModel};
 
+use DifferenceMeasure::{Exact, Metres, Radians, Scale, Share};
+
 /// Length (metres) that counts as much as a relative difference of 1.
 const LENGTH_SCALE: f64 = 0.1;
 /// Values that count as zero where shares are compared.
@@ -67,7 +69,7 @@ impl MirrorDifference {
     /// Returns the size of the difference in a unit in which lengths, angles and shares are
     /// comparable.
     pub(crate) fn scaled_amount(&self) -> f64 {
-        self.amount / if self.measure == DifferenceMeasure::Metres { LENGTH_SCALE } else { 1.0 }
+        self.amount / if self.measure == Metres { LENGTH_SCALE } else { 1.0 }
     }
 }
 
@@ -178,13 +180,7 @@ impl Comparison {
         if best < 2 {
             let edit = Some((Num::BodyPos, pair[1]));
             let values = [image, positions[1]].map(|position| position.to_array());
-            found.extend(comparer.compare(
-                subject,
-                "position",
-                DifferenceMeasure::Metres,
-                &values,
-                edit,
-            ));
+            found.extend(comparer.compare(subject, "position", Metres, &values, edit));
         }
         if best == 1 {
             let expected = DQuat::from_mat3(&(above.turn * one * mirror.turn.transpose()));
@@ -219,7 +215,7 @@ impl Comparison {
                     expected: Vec::new(),
                     found: Vec::new(),
                     amount: 1.0,
-                    measure: DifferenceMeasure::Exact,
+                    measure: Exact,
                     effect: None,
                     edits: Vec::new(),
                 });
@@ -247,21 +243,11 @@ impl Comparison {
             [mirrored_range(one, sign).to_vec(), other.to_vec()]
         };
         for (property, array, measure, values) in [
-            ("gear", Num::ActuatorGear, DifferenceMeasure::Share, [gear, other_gear]),
-            ("gain", Num::ActuatorGainprm, DifferenceMeasure::Share, row(Num::ActuatorGainprm, 10)),
-            ("bias", Num::ActuatorBiasprm, DifferenceMeasure::Share, [bias, other_bias]),
-            (
-                "control range",
-                Num::ActuatorCtrlrange,
-                DifferenceMeasure::Scale,
-                mirrored(Num::ActuatorCtrlrange),
-            ),
-            (
-                "force range",
-                Num::ActuatorForcerange,
-                DifferenceMeasure::Scale,
-                mirrored(Num::ActuatorForcerange),
-            ),
+            ("gear", Num::ActuatorGear, Share, [gear, other_gear]),
+            ("gain", Num::ActuatorGainprm, Share, row(Num::ActuatorGainprm, 10)),
+            ("bias", Num::ActuatorBiasprm, Share, [bias, other_bias]),
+            ("control range", Num::ActuatorCtrlrange, Scale, mirrored(Num::ActuatorCtrlrange)),
+            ("force range", Num::ActuatorForcerange, Scale, mirrored(Num::ActuatorForcerange)),
         ] {
             let edit = Some((array, pair[1]));
             self.differences.extend(comparer.compare(subject, property, measure, &values, edit));
@@ -276,8 +262,7 @@ impl Comparison {
             if keys[0] != keys[1] || pair[0] <= pair[1] {
                 let subject = Subject { kind, pair };
                 let values = values.map(|value| [value]);
-                let difference =
-                    comparer.compare(subject, property, DifferenceMeasure::Radians, &values, None);
+                let difference = comparer.compare(subject, property, Radians, &values, None);
                 found.extend(difference.map(|mut difference| {
                     let [left, right] =
                         keys.map(|key| snapshot.object_label(ModelObjectKind::Keyframe, key));
@@ -372,7 +357,7 @@ impl Comparer<'_> {
         });
         let image = mirror.tensor(one);
         let values = [image, other].map(tensor_values);
-        let difference = self.compare(subject, "inertia", DifferenceMeasure::Scale, &values, None);
+        let difference = self.compare(subject, "inertia", Scale, &values, None);
         found.extend(difference.map(|difference| {
             let expected = if pair[0] == pair[1] { (image + other) * 0.5 } else { image };
             let (moments, axes) = principal(expected);
@@ -407,7 +392,7 @@ impl Comparer<'_> {
         let subject = Subject { kind: ModelObjectKind::Joint, pair };
         let fits = |tried| {
             let limits = self.limits(pair, tried);
-            self.compare(subject, "range", DifferenceMeasure::Scale, &limits, None).is_none()
+            self.compare(subject, "range", Scale, &limits, None).is_none()
         };
         let limited = pair.map(|joint| self.snapshot.integer(Int::JntLimited, joint) != 0);
         let is_wrong = pair[0] != pair[1] && limited == [true; 2] && !fits(sign) && fits(-sign);
@@ -435,20 +420,14 @@ impl Comparer<'_> {
             ("stiffness", Num::JntStiffness, pair),
         ] {
             let (values, edit) = (rows.map(|row| [snapshot.number(array, row)]), (array, rows[1]));
-            found.extend(self.compare(
-                subject,
-                property,
-                DifferenceMeasure::Share,
-                &values,
-                Some(edit),
-            ));
+            found.extend(self.compare(subject, property, Share, &values, Some(edit)));
         }
         let sign = self.joint_sign(pair, mirror);
         let axis = snapshot.vector(Num::JntAxis, pair[1]);
         let (property, measure, image) = if sign == self.axis_sign(pair, mirror) {
-            ("axis", DifferenceMeasure::Radians, self.axis_image(pair[0], mirror) * sign)
+            ("axis", Radians, self.axis_image(pair[0], mirror) * sign)
         } else {
-            ("sign", DifferenceMeasure::Exact, -axis)
+            ("sign", Exact, -axis)
         };
         let axes = [image, axis].map(|axis| axis.to_array());
         let edit = |array| Some((array, pair[1]));
@@ -460,35 +439,23 @@ impl Comparer<'_> {
             let anchor = anchor + (other - anchor).project_onto(axis);
             let anchors = [anchor, other].map(|point| point.to_array());
             let edit = edit(Num::JntPos);
-            found.extend(self.compare(
-                subject,
-                "anchor",
-                DifferenceMeasure::Metres,
-                &anchors,
-                edit,
-            ));
+            found.extend(self.compare(subject, "anchor", Metres, &anchors, edit));
         }
         found.extend(self.integers(subject, "limited", Int::JntLimited));
         if snapshot.integer(Int::JntLimited, pair[1]) != 0 {
             let limits = self.limits(pair, sign);
             let edit = edit(Num::JntRange);
-            found.extend(self.compare(subject, "range", DifferenceMeasure::Scale, &limits, edit));
+            found.extend(self.compare(subject, "range", Scale, &limits, edit));
         }
         let at = address(Int::JntQposadr);
         let rest = at.map(|at| snapshot.number(Num::Qpos0, at));
         let spring = at.map(|at| snapshot.number(Num::QposSpring, at));
         let rests = [[sign * rest[0]], [rest[1]]];
-        found.extend(self.compare(subject, "reference", DifferenceMeasure::Radians, &rests, None));
+        found.extend(self.compare(subject, "reference", Radians, &rests, None));
         let springs = [[sign * (spring[0] - rest[0]) + rest[1]], [spring[1]]];
         let spring_edit = Some((Num::QposSpring, at[1]));
         let name = "spring reference";
-        found.extend(self.compare(
-            subject,
-            name,
-            DifferenceMeasure::Radians,
-            &springs,
-            spring_edit,
-        ));
+        found.extend(self.compare(subject, name, Radians, &springs, spring_edit));
     }
 
     /// Compares geoms, whose shapes are symmetric about the axes of their frames; of meshes and
@@ -514,20 +481,14 @@ impl Comparer<'_> {
             radii
         });
         let rotations = pair.map(|geom| snapshot.rotation(Num::GeomQuat, geom));
-        let size = self.compare(subject, "size", DifferenceMeasure::Share, &sorted, None);
+        let size = self.compare(subject, "size", Share, &sorted, None);
         if let Some(size) = size {
             let edits = vec![row_edit(Num::GeomSize, pair[1], &sizes[0])];
             found.push(MirrorDifference { edits, ..size });
         } else {
             let [one, other] = [0, 1].map(|side| tensor(radii[side], rotations[side]));
             let values = [mirror.tensor(one), other].map(tensor_values);
-            found.extend(self.compare(
-                subject,
-                "orientation",
-                DifferenceMeasure::Scale,
-                &values,
-                None,
-            ));
+            found.extend(self.compare(subject, "orientation", Scale, &values, None));
         }
         match shape {
             raw::mjGEOM_PLANE => {
@@ -535,13 +496,7 @@ impl Comparer<'_> {
                 // a plane is the same anywhere in itself
                 let height = (mirror.point(points[0]) - points[1]).dot(rotations[1] * DVec3::Z);
                 let values = [[height], [0.0]];
-                found.extend(self.compare(
-                    subject,
-                    "position",
-                    DifferenceMeasure::Metres,
-                    &values,
-                    None,
-                ));
+                found.extend(self.compare(subject, "position", Metres, &values, None));
             }
             _ => found.extend(self.point(subject, "position", Num::GeomPos, mirror)),
         }
@@ -591,7 +546,7 @@ impl Comparer<'_> {
 
     fn integers(&self, subject: Subject, property: &str, array: Int) -> Option<MirrorDifference> {
         let values = subject.pair.map(|row| [f64::from(self.snapshot.integer(array, row))]);
-        self.compare(subject, property, DifferenceMeasure::Exact, &values, None)
+        self.compare(subject, property, Exact, &values, None)
     }
 
     /// Compares rows that mirroring does not change.
@@ -603,13 +558,7 @@ impl Comparer<'_> {
         width: usize,
     ) -> Option<MirrorDifference> {
         let values = subject.pair.map(|row| self.snapshot.row(array, row, width));
-        self.compare(
-            subject,
-            property,
-            DifferenceMeasure::Share,
-            &values,
-            Some((array, subject.pair[1])),
-        )
+        self.compare(subject, property, Share, &values, Some((array, subject.pair[1])))
     }
 
     fn point(
@@ -621,13 +570,7 @@ impl Comparer<'_> {
     ) -> Option<MirrorDifference> {
         let [one, other] = subject.pair.map(|row| self.snapshot.vector(array, row));
         let values = [mirror.point(one), other].map(|point| point.to_array());
-        self.compare(
-            subject,
-            property,
-            DifferenceMeasure::Metres,
-            &values,
-            Some((array, subject.pair[1])),
-        )
+        self.compare(subject, property, Metres, &values, Some((array, subject.pair[1])))
     }
 
     fn rotation(
@@ -640,7 +583,7 @@ impl Comparer<'_> {
         // a quaternion and its negative are one rotation
         let image = if image.dot(found) < 0.0 { -image } else { image };
         let values = [image, found].map(quat_values);
-        self.compare(subject, "orientation", DifferenceMeasure::Radians, &values, edit)
+        self.compare(subject, "orientation", Radians, &values, edit)
     }
 
     /// Returns the difference between the mirror image of left values and right ones if it is above
@@ -655,21 +598,17 @@ impl Comparer<'_> {
     ) -> Option<MirrorDifference> {
         let (image, found) = (image.as_ref(), found.as_ref());
         let (amount, limit) = match measure {
-            DifferenceMeasure::Exact => (f64::from(u8::from(image != found)), 0.5),
-            DifferenceMeasure::Metres => (distance(image, found), self.tolerance * LENGTH_SCALE),
+            Exact => (f64::from(u8::from(image != found)), 0.5),
+            Metres => (distance(image, found), self.tolerance * LENGTH_SCALE),
             // the elements of a quaternion are those of half the angle
-            DifferenceMeasure::Radians if image.len() == 4 => {
-                (2.0 * distance(image, found), self.tolerance)
-            }
-            DifferenceMeasure::Radians => (distance(image, found), self.tolerance),
-            DifferenceMeasure::Share | DifferenceMeasure::Scale => {
-                (share(measure, image, found), self.tolerance)
-            }
+            Radians if image.len() == 4 => (2.0 * distance(image, found), self.tolerance),
+            Radians => (distance(image, found), self.tolerance),
+            Share | Scale => (share(measure, image, found), self.tolerance),
         };
         let [left, right] =
             subject.pair.map(|index| self.snapshot.object_label(subject.kind, index));
         let is_in_plane = subject.pair[0] == subject.pair[1];
-        let expected: Vec<f64> = if is_in_plane && measure != DifferenceMeasure::Exact {
+        let expected: Vec<f64> = if is_in_plane && measure != Exact {
             image.iter().zip(found).map(|(a, b)| 0.5 * (a + b)).collect()
         } else {
             image.to_vec()
@@ -720,7 +659,7 @@ fn share(measure: DifferenceMeasure, one: &[f64], other: &[f64]) -> f64 {
     let largest =
         elements.clone().fold(ROUNDING, |most: f64, (a, b)| most.max(a.abs()).max(b.abs()));
     let shares = elements.map(|(a, b)| match measure {
-        DifferenceMeasure::Share => (a - b).abs() / a.abs().max(b.abs()).max(ROUNDING),
+        Share => (a - b).abs() / a.abs().max(b.abs()).max(ROUNDING),
         _ => (a - b).abs() / largest,
     });
     shares.fold(0.0, f64::max)

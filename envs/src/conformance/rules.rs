@@ -83,7 +83,7 @@ pub fn check_conformance(group: TaskGroup) -> Result<(), ConformanceError> {
         if layout == Layout::MetaWorld && group.identity_task().meta_world_spec().is_none() {
             continue;
         }
-        for embodiment in Embodiment::STANDARD_EMBODIMENTS {
+        for embodiment in Embodiment::STANDARD {
             let scene = Scene::new_in_layout(layout, group, embodiment, Camera::default())
                 .map_err(|source| ConformanceError::CheckFailed {
                     case: format!("{group}, {embodiment}, {layout}"),

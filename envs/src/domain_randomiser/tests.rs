@@ -4,7 +4,7 @@ use symmetry::D2;
 
 use super::*;
 
-const OFF: DomainRandomisation = DomainRandomisation::NO_RANDOMISATION;
+const OFF: DomainRandomisation = DomainRandomisation::OFF;
 const SIZE: usize = 48;
 
 /// Returns a picture without any symmetry, `[SIZE, SIZE, 3]`.
@@ -90,11 +90,8 @@ fn a_camera_that_is_moved_by_a_pixel_shows_the_picture_moved_by_one() {
 
 #[test]
 fn the_camera_of_an_episode_stays_and_that_of_the_next_is_another() {
-    let amounts = DomainRandomisation {
-        noise_sd: 0.0,
-        max_patches: 0,
-        ..DomainRandomisation::NOMINAL_RANDOMISATION
-    };
+    let amounts =
+        DomainRandomisation { noise_sd: 0.0, max_patches: 0, ..DomainRandomisation::NOMINAL };
     let (mut randomiser, mut state) = (randomiser(amounts), CameraErrors::new(1000, 0));
     let mut before = picture();
     for _ in 0..5 {

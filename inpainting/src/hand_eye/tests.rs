@@ -20,7 +20,7 @@ fn camera(position: DVec3, turn: DVec3, distortion: LensDistortion) -> CameraCal
 
 fn plain() -> CameraCalibration {
     let position = DVec3::new(0.03, -0.05, 1.5);
-    camera(position, DVec3::new(0.04, -0.02, 0.1), LensDistortion::NO_DISTORTION)
+    camera(position, DVec3::new(0.04, -0.02, 0.1), LensDistortion::NONE)
 }
 
 const OFFSET: DVec3 = DVec3::new(0.1, 0.02, -0.15);
@@ -264,7 +264,7 @@ fn too_few_poses_misfits_and_cameras_that_look_away_are_refused() {
         outlier_message.contains("pose 5") && outlier_message.contains("at most 4.1"),
         "{outlier_message}"
     );
-    let away = camera(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, LensDistortion::NO_DISTORTION);
+    let away = camera(DVec3::new(0.0, 0.0, -3.0), DVec3::ZERO, LensDistortion::NONE);
     let away_message = refusal(&away, known, &exact);
     assert!(away_message.contains("pose 0"), "{away_message}");
 }

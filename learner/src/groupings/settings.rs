@@ -46,7 +46,7 @@ impl Default for GroupingSettings {
 
 impl GroupingSettings {
     /// Grouping by the paper's rule with its threshold, `d_epsilon = 1.0`.
-    pub const PAPER_GROUPING: Self = Self::Threshold { threshold: 1.0 };
+    pub const PAPER: Self = Self::Threshold { threshold: 1.0 };
 
     /// Creates the grouping for a learner outside a run.
     ///
@@ -83,7 +83,7 @@ mod tests {
     fn settings_survive_a_file_and_unknown_names_are_refused() {
         let all = [
             GroupingSettings::default(),
-            GroupingSettings::PAPER_GROUPING,
+            GroupingSettings::PAPER,
             GroupingSettings::Single,
             GroupingSettings::Oracle,
         ];

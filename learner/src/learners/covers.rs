@@ -88,7 +88,7 @@ impl CoversSettings {
         Self {
             network: NetworkSettings::so2_128(),
             ppo: PpoSettings::paper(),
-            grouping: GroupingSettings::PAPER_GROUPING,
+            grouping: GroupingSettings::PAPER,
             first_frames: 4,
             rollout_steps: 1000,
             buffer_episodes: None,
