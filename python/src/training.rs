@@ -1,0 +1,235 @@
+//! Training runs, and the policies that they leave.
+
+use std::fs::create_dir_all;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use envs::TaskRegistry;
+use experiments::evaluation::average_scores_by_group;
+use experiments::presets::{Budget, Method};
+use experiments::{
+    Experiment, Run, RunError, RunEvent, RunFolder, SwitchableVecEnv, memory,
+    scale_observation_vectors,
+};
+use learner::overrides::{SettingOverride, apply_overrides};
+use learner::{Learner, LearnerError, TaskLabel};
+use numpy::{PyReadonlyArray2, PyReadonlyArray4, PyReadwriteArray2};
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use rl::{EnvSpec, Observations, RlError};
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value, json};
+
+use crate::{environment_keywords, slice, value_error};
+
+/// Run in progress, as `covers train` runs it.
+#[pyclass(frozen, module = "covers_envs._core")]
+pub struct TrainingRun(Mutex<Run>);
+
+#[pymethods]
+impl TrainingRun {
+    /// Starts a run of a method's preset with changed settings, `path=value` each.
+    #[staticmethod]
+    fn start(
+        py: Python<'_>,
+        folder: PathBuf,
+        method: &str,
+        budget: &str,
+        seed: u64,
+        threads: usize,
+        settings: Vec<String>,
+    ) -> PyResult<Self> {
+        let method: Method = parse_name("method", method)?;
+        let budget: Budget = parse_name("budget", budget)?;
+        let overrides = settings
+            .iter()
+            .map(|text| text.parse::<SettingOverride>().map_err(value_error))
+            .collect::<PyResult<Vec<_>>>()?;
+        let preset = budget.preset_experiment(method).with_seed(seed).with_threads(threads);
+        let started = py.detach(|| {
+            let experiment = apply_overrides(&overrides, preset)?;
+            // before the folder is created, so that a refused run leaves nothing
+            experiment.check(&TaskRegistry::with_all())?;
+            memory::check_run_memory(&experiment)?;
+            create_dir_all(&folder).map_err(RunError::write_error_mapper(&folder))?;
+            Run::start(experiment, RunFolder::from_path(&folder))
+        });
+        Ok(Self(Mutex::new(started.map_err(error)?)))
+    }
+
+    /// Resumes the run in `folder` from its newest intact checkpoint.
+    #[staticmethod]
+    fn resume(py: Python<'_>, folder: PathBuf, threads: usize) -> PyResult<Self> {
+        let resumed = py.detach(|| Run::resume(&folder, Some(threads)));
+        Ok(Self(Mutex::new(resumed.map_err(error)?)))
+    }
+
+    /// Trains on one more rollout or runs the evaluation that is due; returns its figures as a JSON
+    /// object, None at the end. An interrupt leaves a checkpoint.
+    fn advance(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        let figures = py.detach(|| {
+            let mut run = self.lock();
+            let event = run.advance()?;
+            Ok(event.map(|event| describe_event(&event, &run).to_string()))
+        });
+        let figures = figures.map_err(error)?;
+        if let Err(interrupt) = py.check_signals() {
+            self.save(py)?;
+            return Err(interrupt);
+        }
+        Ok(figures)
+    }
+
+    /// Writes a checkpoint, unless the newest one is up to date.
+    fn save(&self, py: Python<'_>) -> PyResult<()> {
+        py.detach(|| self.lock().save_checkpoint()).map_err(error)
+    }
+
+    /// Returns the summary of the finished run, which is written to its folder, as a JSON object.
+    fn summary(&self, py: Python<'_>) -> PyResult<String> {
+        let summary = py.detach(|| self.lock().summary()).map_err(error)?;
+        Ok(json!(summary).to_string())
+    }
+}
+
+impl TrainingRun {
+    fn lock(&self) -> MutexGuard<'_, Run> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Returns the figures of an event of `run`, as `covers_envs.train` documents them.
+fn describe_event(event: &RunEvent, run: &Run) -> Value {
+    let total = run.experiment().schedule.total_decisions();
+    match event {
+        RunEvent::Rollout(rollout) => json!({
+            "event": "rollout",
+            "decisions": rollout.decisions,
+            "total_decisions": total,
+            "group": rollout.group.name(),
+            "policy": rollout.iteration.policy,
+            "policy_created": rollout.iteration.policy_created,
+            "success": rollout.success_rate(),
+            "return": rollout.scaled_mean_return(),
+            "seconds": rollout.seconds,
+        }),
+        RunEvent::Evaluation(evaluation) => {
+            let scores = average_scores_by_group(&evaluation.results.scores);
+            let by_group =
+                scores.into_iter().map(|score| (score.group.to_string(), json!(score.success)));
+            json!({
+                "event": "evaluation",
+                "decisions": evaluation.decisions,
+                "total_decisions": total,
+                "success": by_group.collect::<Map<_, _>>(),
+            })
+        }
+    }
+}
+
+/// Policies of a run, from its newest intact checkpoint.
+#[pyclass(frozen, module = "covers_envs._core")]
+pub struct Policies {
+    learner: Mutex<Box<dyn Learner>>,
+    spec: EnvSpec,
+    settings: Value,
+    policy_by_group: Value,
+}
+
+#[pymethods]
+impl Policies {
+    #[new]
+    fn new(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
+        let (experiment, learner, own) = py.detach(|| read_policies(&folder)).map_err(error)?;
+        Ok(Self {
+            learner: Mutex::new(learner),
+            spec: SwitchableVecEnv::env_spec(&experiment.envs),
+            settings: environment_keywords(&experiment.envs),
+            policy_by_group: own,
+        })
+    }
+
+    /// Returns the number of policies.
+    fn count(&self) -> usize {
+        self.lock().policy_count()
+    }
+
+    /// Returns the settings of the run's environments, as `Core.settings` does.
+    fn settings(&self) -> String {
+        self.settings.to_string()
+    }
+
+    /// Returns the policy that was trained on each group, as a JSON object.
+    fn policy_by_group(&self) -> String {
+        self.policy_by_group.to_string()
+    }
+
+    /// Writes a policy's mean actions `[N, 4]` for observations: `images` `[N, size, size, C]` and
+    /// `vectors` `[N, 10]`.
+    fn actions(
+        &self,
+        py: Python<'_>,
+        policy: usize,
+        images: PyReadonlyArray4<'_, u8>,
+        vectors: PyReadonlyArray2<'_, f32>,
+        mut actions: PyReadwriteArray2<'_, f32>,
+    ) -> PyResult<()> {
+        let [height, width, channels] = self.spec.image_shape;
+        let shape = images.as_array().shape().to_vec();
+        if shape[1..] != [height, width, channels] {
+            return Err(value_error(format!(
+                "images have the shape {shape:?}, the policy expects [N, {height}, {width}, \
+                 {channels}]"
+            )));
+        }
+        let mut observations = Observations {
+            images: images.as_slice().map_err(value_error)?.to_vec(),
+            vectors: vectors.as_slice().map_err(value_error)?.to_vec(),
+        };
+        scale_observation_vectors(&mut observations.vectors);
+        let output = py.detach(|| self.lock().policy_output(policy, &observations));
+        let output = output.map_err(|problem| error(problem.into()))?;
+        slice(&mut actions)?.copy_from_slice(&output.actions);
+        Ok(())
+    }
+}
+
+impl Policies {
+    fn lock(&self) -> MutexGuard<'_, Box<dyn Learner>> {
+        self.learner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Returns the settings and the learner of the run in `folder`, and the policies by group.
+fn read_policies(folder: &Path) -> Result<(Experiment, Box<dyn Learner>, Value), RunError> {
+    let folder = RunFolder::from_path(folder);
+    let experiment = folder.read_experiment()?;
+    let spec = SwitchableVecEnv::env_spec(&experiment.envs);
+    let (learner, own) =
+        folder.load_learner_with_own_policies(&experiment.learner, &spec, &TaskLabel::default())?;
+    Ok((experiment, learner, json!(own)))
+}
+
+/// Returns the method or budget called `name`; the error lists all names.
+fn parse_name<T: DeserializeOwned>(setting: &str, name: &str) -> PyResult<T> {
+    let refused = |error| value_error(format!("setting `{setting}`: {error}"));
+    serde_json::from_value(json!(name)).map_err(refused)
+}
+
+/// Converts an error: a mistake in the settings becomes a `ValueError`, other failures a
+/// `RuntimeError`.
+fn error(error: RunError) -> PyErr {
+    let message = error.to_string();
+    match error {
+        RunError::InvalidSetting { .. }
+        | RunError::Learner(
+            LearnerError::InvalidSetting { .. }
+            | LearnerError::UnknownSetting { .. }
+            | LearnerError::WrongSetting { .. }
+            | LearnerError::Rl(RlError::InvalidSetting { .. } | RlError::NotExportable { .. }),
+        )
+        | RunError::Rl(RlError::InvalidSetting { .. }) => value_error(message),
+        RunError::Env(source) => crate::error(source),
+        _ => PyRuntimeError::new_err(message),
+    }
+}
