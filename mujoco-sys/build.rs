@@ -2,6 +2,7 @@
 
 use std::env;
 use std::fs;
+use std::os::unix::fs::symlink;
 use std::panic;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -10,14 +11,14 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Declarations for documentation that is built where MuJoCo is not installed, as on docs.rs.
 const PREPARED: &str = include_str!("docs_rs.in");
 
-/// The MuJoCo release that this workspace is written for, as `mj_version()` reports it.
-const SUPPORTED_VERSION: u32 = 222;
+/// Release of Debian 12, with which published figures are made, as `mj_version()` reports it.
+const REFERENCE_VERSION: u32 = 222;
 
 /// Advice on a missing header or compiler library.
 const REMEDY: &str = "Install MuJoCo 2.2.2 and libclang. On Debian 12:\n\n    \
      apt-get install libmujoco-dev libclang-dev\n\n\
-     Elsewhere, unpack the archive of that release, point MUJOCO_DIR at its folder (which holds \
-     include/ and lib/) and LIBCLANG_PATH at the folder of libclang.";
+     Elsewhere, or for MuJoCo 3, unpack the archive of a release, or its Python wheel, point \
+     MUJOCO_DIR at the folder that holds include/, and LIBCLANG_PATH at the folder of libclang.";
 
 fn main() -> ExitCode {
     println!("cargo::rerun-if-changed=build.rs");
@@ -34,8 +35,8 @@ fn main() -> ExitCode {
 }
 
 fn generate() -> Result<(), String> {
-    let folder = env::var_os("OUT_DIR").ok_or("cargo set no OUT_DIR")?;
-    let file = PathBuf::from(folder).join("bindings.rs");
+    let folder = PathBuf::from(env::var_os("OUT_DIR").ok_or("cargo set no OUT_DIR")?);
+    let file = folder.join("bindings.rs");
     let unwritable = |error| format!("cannot write {}: {error}", file.display());
     if env::var_os("DOCS_RS").is_some() {
         println!("cargo::rustc-env=MUJOCO_HEADER_FOLDER=");
@@ -43,32 +44,64 @@ fn generate() -> Result<(), String> {
     }
     require_libclang()?;
     let installation = env::var_os("MUJOCO_DIR").map(PathBuf::from);
-    if let Some(archive) = &installation {
-        println!("cargo::rustc-link-search=native={}", library_folder(archive)?.display());
-    }
     let headers = Headers::default();
     let bindings = declarations(&headers, installation.as_deref())?;
-    require_version(&bindings.to_string())?;
+    let declared = bindings.to_string();
+    let version = header_version(&declared)?;
+    println!("cargo::metadata=MAJOR={}", if version == REFERENCE_VERSION { 2 } else { 3 });
+    // recent releases count actuators, their controls and their outputs on their own
+    println!("cargo::metadata=ACTUATOR_COUNTS={}", declared.contains("pub nactuator:"));
+    if let Some(installation) = &installation {
+        link_library(installation, version, &folder)?;
+    }
     // what bindgen cannot read, the macro tables of mjxmacro.h, is found in the same folder
     println!("cargo::rustc-env=MUJOCO_HEADER_FOLDER={}", headers.folder()?);
     bindings.write_to_file(&file).map_err(unwritable)
 }
 
-/// Returns the folder of the library in an unpacked archive of MuJoCo, whose own file name ends with
-/// the release.
-fn library_folder(installation: &Path) -> Result<PathBuf, String> {
-    let library = installation.join("lib/libmujoco.so");
-    let file = library.canonicalize().map_err(|error| {
-        format!(
-            "MUJOCO_DIR is {}, where lib/libmujoco.so is missing: {error}",
-            installation.display()
-        )
-    })?;
-    let name = file.file_name().unwrap_or_default().to_string_lossy();
-    if name != "libmujoco.so" && !name.ends_with(".2.2.2") {
-        return Err(format!("{} is not of MuJoCo 2.2.2: got {name}", library.display()));
+/// Links the library of an installation whose headers are of the release `version`: an unpacked
+/// archive, or the folder `mujoco` of a Python wheel, which has no link `libmujoco.so`. That is
+/// made in `out`.
+fn link_library(installation: &Path, version: u32, out: &Path) -> Result<(), String> {
+    let folders = [installation.join("lib"), installation.to_path_buf()];
+    let files = folders.iter().filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten();
+    let is_library = |path: &PathBuf| {
+        path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("libmujoco.so"))
+    };
+    // the longest name tells the release
+    let library = files
+        .map(|file| file.path())
+        .filter(is_library)
+        .max_by_key(|path| path.as_os_str().len())
+        .ok_or_else(|| {
+            format!(
+                "MUJOCO_DIR is {0}, but {0} and {0}/lib hold no libmujoco.so",
+                installation.display()
+            )
+        })?;
+    let library = library
+        .canonicalize()
+        .map_err(|error| format!("{} cannot be read: {error}", library.display()))?;
+    let name = library.file_name().unwrap_or_default().to_string_lossy();
+    let expected = format!("libmujoco.so.{}", release_name(version));
+    if name != "libmujoco.so" && name != expected {
+        return Err(format!(
+            "{} does not belong to its headers: expected {expected}",
+            library.display()
+        ));
     }
-    Ok(installation.join("lib"))
+    let link = out.join("libmujoco.so");
+    let _ = fs::remove_file(&link);
+    symlink(&library, &link)
+        .map_err(|error| format!("cannot write {}: {error}", link.display()))?;
+    println!("cargo::rustc-link-search=native={}", out.display());
+    Ok(())
+}
+
+/// Returns a release as text: 222 is `2.2.2`, and 3017000 is `3.17.0`.
+fn release_name(version: u32) -> String {
+    let base = if version < 100_000 { 10 } else { 1000 };
+    format!("{}.{}.{}", version / (base * base), version / base % base, version % base)
 }
 
 /// bindgen panics when it cannot load libclang; asking for its version first, with the panic
@@ -127,15 +160,19 @@ fn declarations(
         })
 }
 
-fn require_version(declarations: &str) -> Result<(), String> {
-    let expected = format!("mjVERSION_HEADER: u32 = {SUPPORTED_VERSION};");
-    if declarations.contains(&expected) {
-        return Ok(());
+/// Returns the release of the headers, if it is one that the workspace supports.
+fn header_version(declarations: &str) -> Result<u32, String> {
+    let (_, after) = declarations
+        .split_once("mjVERSION_HEADER: u32 = ")
+        .ok_or("mujoco/mujoco.h has no mjVERSION_HEADER")?;
+    let digits: String = after.chars().take_while(char::is_ascii_digit).collect();
+    let version =
+        digits.parse().map_err(|error| format!("mjVERSION_HEADER is {digits}: {error}"))?;
+    if version == REFERENCE_VERSION || release_name(version).starts_with("3.") {
+        return Ok(version);
     }
-    let found = declarations.lines().find(|line| line.contains("mjVERSION_HEADER"));
     Err(format!(
-        "mujoco/mujoco.h is not of MuJoCo 2.2.2: expected mjVERSION_HEADER {SUPPORTED_VERSION}, \
-         got `{}`.",
-        found.unwrap_or("no mjVERSION_HEADER")
+        "mujoco/mujoco.h is of MuJoCo {}, expected 2.2.2 or a release 3.",
+        release_name(version)
     ))
 }

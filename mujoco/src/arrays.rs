@@ -8,6 +8,7 @@ use crate::data::Data;
 use crate::fields::data::QFRC_APPLIED;
 use crate::model::Model;
 use crate::raw;
+use crate::releases::ArrayStart;
 
 /// Expands to the length of a row: a number, or a size of the model.
 macro_rules! width {
@@ -41,7 +42,7 @@ macro_rules! arrays {
             fn location(self, model: &raw::mjModel) -> ($start, usize, usize) {
                 match self {
                     $(Self::$variant => {
-                        ($start::$kind(model.$field), model.$count as usize, width!(model, $width))
+                        ($start::$kind(model.$field.elements()), model.$count as usize, width!(model, $width))
                     })+
                 }
             }
@@ -273,6 +274,9 @@ mod tests {
     fn every_array_has_the_type_and_the_lengths_of_the_header() {
         let header = Path::new(raw::HEADER_FOLDER).join("mjxmacro.h");
         let mut header = fs::read_to_string(header).unwrap().replace(' ', "");
+        header = header.replace("XMJV(", "X(").replace("mjtBool", "mjtByte");
+        // equal in every model that is accepted
+        header = header.replace(",nactuator,", ",nu,").replace(",nout,", ",nu,");
         for (name, size) in [
             ("mjNREF", raw::mjNREF),
             ("mjNIMP", raw::mjNIMP),

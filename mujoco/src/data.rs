@@ -12,7 +12,7 @@ use crate::fields::data::{
 };
 use crate::ids::{BodyId, GeomId, Id, MocapId, SiteId};
 use crate::model::Model;
-use crate::raw;
+use crate::{raw, releases};
 
 /// One MuJoCo simulation of a [`Model`]: the state and the quantities derived from it.
 ///
@@ -188,8 +188,8 @@ impl Data {
         self.rows(&MOCAP_QUAT)[mocap.index()]
     }
 
-    /// Sets the orientation of a mocap body, a quaternion (w, x, y, z) of any norm but 0; MuJoCo
-    /// normalises it.
+    /// Sets the orientation of a mocap body, a quaternion (w, x, y, z) of any norm but 0, which is
+    /// normalised.
     ///
     /// # Errors
     /// [`SimError::NotFinite`], [`SimError::ZeroQuaternion`].
@@ -199,11 +199,15 @@ impl Data {
         quat: [f64; 4],
     ) -> Result<(), SimError> {
         check_finite(SimQuantity::MocapPose, &quat)?;
-        // MuJoCo normalises, and would silently turn a zero quaternion into the identity
+        // MuJoCo would silently turn a zero quaternion into the identity
         if quat.iter().map(|q| q * q).sum::<f64>() < 1e-12 {
             return Err(SimError::ZeroQuaternion { value: quat });
         }
-        self.rows_mut(&MOCAP_QUAT)[mocap.index()] = quat;
+        let mut normalised = quat;
+        // SAFETY: MuJoCo reads and writes the four elements. Release 2 would do the same in the
+        // next step.
+        unsafe { raw::mju_normalize4(normalised.as_mut_ptr()) };
+        self.rows_mut(&MOCAP_QUAT)[mocap.index()] = normalised;
         Ok(())
     }
 
@@ -327,19 +331,11 @@ impl Data {
     }
 
     fn overflow(&self, time: f64) -> Option<SimError> {
-        let model = self.model.as_raw();
-        let kinds = [
-            (raw::mjWARN_CONTACTFULL, "contacts", model.nconmax, "nconmax"),
-            (raw::mjWARN_CNSTRFULL, "constraints", model.njmax, "njmax"),
-        ];
-        kinds.into_iter().find_map(|(warning, what, limit, setting)| {
+        let kinds = [(raw::mjWARN_CONTACTFULL, "contacts"), (raw::mjWARN_CNSTRFULL, "constraints")];
+        let limits = releases::buffer_limits(self.model.as_raw());
+        kinds.into_iter().zip(limits).find_map(|((warning, what), (limit, setting))| {
             let raised = self.as_raw().warning[warning as usize].number > 0;
-            raised.then_some(SimError::BufferOverflow {
-                what,
-                limit: limit as usize,
-                setting,
-                time,
-            })
+            raised.then_some(SimError::BufferOverflow { what, limit, setting, time })
         })
     }
 

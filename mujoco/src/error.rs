@@ -27,7 +27,8 @@ pub enum ModelError {
     /// Version mismatch between the library at run time and the header at build time.
     #[error(
         "MuJoCo's header is of version {header} but the linked library is of version {library}; \
-         rebuild against the library that is installed (Debian package libmujoco-dev 2.2.2)"
+         rebuild against the library that is installed, or let LD_LIBRARY_PATH name the folder of \
+         the library of MUJOCO_DIR"
     )]
     VersionMismatch {
         /// `mjVERSION_HEADER` at build time, e.g. 222.
@@ -42,6 +43,15 @@ pub enum ModelError {
         file: String,
         /// MuJoCo's message, with file and line where available.
         message: String,
+    },
+    /// Model with actuators of several controls or outputs, which recent releases have.
+    #[error(
+        "`{file}` has actuators with more than one control or output, which are not supported: \
+         give each actuator one joint, tendon or site direction"
+    )]
+    VectorActuators {
+        /// Name of the model's main file.
+        file: String,
     },
     /// File name in memory that this crate does not accept.
     #[error("file name `{name}` cannot be used: {reason}")]
@@ -128,7 +138,7 @@ pub enum SimError {
     BufferOverflow {
         /// Dropped objects: `contacts` or `constraints`.
         what: &'static str,
-        /// Number of contacts or constraints that fit.
+        /// Number of contacts or constraints that fit; in releases 3, the memory (bytes) for both.
         limit: usize,
         /// Attribute of `<size>` in the model's XML to raise.
         setting: &'static str,
@@ -269,7 +279,7 @@ pub enum RenderError {
         limit: usize,
     },
     /// Backdrop (picture of the static geoms) that was never drawn, or whose drawing failed.
-    #[error("nothing was drawn into this backdrop; call `draw_backdrop` first")]
+    #[error("nothing was drawn into this backdrop; call `render_backdrop` first")]
     NoBackdrop,
     /// Backdrop (picture of the static geoms) that another renderer drew.
     #[error("the backdrop was drawn by {drawn_by}, not by {used_by}; draw it with the latter")]

@@ -3,7 +3,6 @@
 //! The constants below are the only place where a pointer meets its length. Code that reads through
 //! them cannot choose another element type, width or length.
 
-use std::ffi::c_int;
 use std::slice;
 
 use crate::raw;
@@ -11,7 +10,7 @@ use crate::raw;
 /// Array `[count, N]` of elements `T` in the C struct `S`, where the model determines `count`.
 pub(crate) struct ArrayField<S, T, const N: usize> {
     start: fn(&S) -> *mut T,
-    count: fn(&raw::mjModel) -> c_int,
+    count: fn(&raw::mjModel) -> usize,
 }
 
 impl<S, T, const N: usize> ArrayField<S, T, N> {
@@ -20,12 +19,12 @@ impl<S, T, const N: usize> ArrayField<S, T, N> {
     /// # Safety
     /// In every `S` that MuJoCo makes for a model, `start` must be the address of an array of
     /// `count * N` initialised elements that lives as long as the `S`, or `count` must be 0.
-    const unsafe fn new(start: fn(&S) -> *mut T, count: fn(&raw::mjModel) -> c_int) -> Self {
+    const unsafe fn new(start: fn(&S) -> *mut T, count: fn(&raw::mjModel) -> usize) -> Self {
         Self { start, count }
     }
 
     fn len(&self, model: &raw::mjModel) -> usize {
-        (self.count)(model) as usize
+        (self.count)(model)
     }
 
     /// Returns the rows of this array in `owner`, which belongs to `model`.
@@ -83,12 +82,13 @@ macro_rules! fields {
     ) => {
         use super::ArrayField;
         use crate::raw;
+        use crate::releases::ArrayStart;
 
         $(
             pub(crate) const $name: ArrayField<raw::$owner, $kind, $width> = {
                 // SAFETY: `mjxmacro.h`, which MuJoCo allocates by, gives the array these lengths,
                 // and MuJoCo fills it before it hands the struct out.
-                unsafe { ArrayField::new(|owner| owner.$field, |model| model.$count) }
+                unsafe { ArrayField::new(|owner| owner.$field.elements(), |model| model.$count as usize) }
             };
         )*
 
@@ -175,16 +175,23 @@ mod tests {
     use super::{data, model};
 
     /// Element type, count and width of a field, in the header's words.
+    ///
+    /// Releases 3 split the table of the model by kinds of objects, and call some macros `XMJV`.
     fn declared<'a>(header: &'a str, table: &str, field: &str) -> Option<[&'a str; 3]> {
-        let (_, table) = header.split_once(&format!("#define {table} "))?;
-        let entries = table.lines().skip(1);
-        let entries = entries.take_while(|line| line.trim_start().starts_with("X("));
-        let mut entries = entries.filter_map(|line| {
-            let (_, inside) = line.split_once("X(")?;
-            let words: Vec<_> = inside.split([',', ')']).map(str::trim).collect();
-            (words[1] == field).then_some([words[0], words[2], words[3]])
+        let title = format!("#define {table}");
+        let mut entries = header.match_indices(&title).flat_map(|(start, _)| {
+            let entries = header[start..].lines().skip(1);
+            entries.take_while(|line| !line.trim().is_empty())
         });
-        entries.next()
+        entries.find_map(|line| {
+            let (name, inside) = line.split_once('(')?;
+            let words: Vec<_> = inside.split([',', ')']).map(str::trim).collect();
+            let is_entry = ["X", "XMJV"].contains(&name.trim()) && words.get(1) == Some(&field);
+            let kind = if words[0] == "mjtBool" { "mjtByte" } else { words[0] };
+            // equal in every model that is accepted
+            let count = if ["nactuator", "nout"].contains(&words[2]) { "nu" } else { words[2] };
+            is_entry.then_some([kind, count, words[3]])
+        })
     }
 
     fn c_type(rust: &str) -> &str {

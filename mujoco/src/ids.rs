@@ -16,19 +16,19 @@ pub struct Id<K> {
 }
 
 /// Index of a body in its model.
-pub type BodyId = Id<BodyMarker>;
+pub type BodyId = Id<BodyIdMarker>;
 /// Index of a joint in its model.
-pub type JointId = Id<JointMarker>;
+pub type JointId = Id<JointIdMarker>;
 /// Index of a geom in its model.
-pub type GeomId = Id<GeomMarker>;
+pub type GeomId = Id<GeomIdMarker>;
 /// Index of a site in its model.
-pub type SiteId = Id<SiteMarker>;
+pub type SiteId = Id<SiteIdMarker>;
 /// Index of a camera in its model.
-pub type CameraId = Id<CameraMarker>;
+pub type CameraId = Id<CameraIdMarker>;
 /// Index of an actuator, and of its control, in its model.
-pub type ActuatorId = Id<ActuatorMarker>;
+pub type ActuatorId = Id<ActuatorIdMarker>;
 /// Index of a mocap body among the mocap bodies of its model.
-pub type MocapId = Id<MocapMarker>;
+pub type MocapId = Id<MocapIdMarker>;
 
 impl<K> Id<K> {
     pub(crate) fn new(index: usize) -> Self {
@@ -63,7 +63,7 @@ mod sealed {
 
     pub trait Lookup {
         const OBJECT: raw::mjtObj;
-        fn count(model: &raw::mjModel) -> i32;
+        fn count(model: &raw::mjModel) -> usize;
     }
 }
 
@@ -71,25 +71,25 @@ pub(crate) use sealed::Lookup;
 
 /// Marker type of the ids of bodies.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum BodyMarker {}
+pub enum BodyIdMarker {}
 /// Marker type of the ids of joints.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum JointMarker {}
+pub enum JointIdMarker {}
 /// Marker type of the ids of geoms.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum GeomMarker {}
+pub enum GeomIdMarker {}
 /// Marker type of the ids of sites.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum SiteMarker {}
+pub enum SiteIdMarker {}
 /// Marker type of the ids of cameras.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum CameraMarker {}
+pub enum CameraIdMarker {}
 /// Marker type of the ids of actuators.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum ActuatorMarker {}
+pub enum ActuatorIdMarker {}
 /// Marker type of the ids of mocap bodies.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum MocapMarker {}
+pub enum MocapIdMarker {}
 
 macro_rules! named_kind {
     ($kind:ty, $noun:literal, $object:ident, $count:ident) => {
@@ -99,23 +99,23 @@ macro_rules! named_kind {
         }
         impl sealed::Lookup for $kind {
             const OBJECT: raw::mjtObj = raw::$object;
-            fn count(model: &raw::mjModel) -> i32 {
-                model.$count
+            fn count(model: &raw::mjModel) -> usize {
+                model.$count as usize
             }
         }
         impl NamedObjectKind for $kind {}
     };
 }
 
-named_kind!(BodyMarker, "body", mjOBJ_BODY, nbody);
-named_kind!(JointMarker, "joint", mjOBJ_JOINT, njnt);
-named_kind!(GeomMarker, "geom", mjOBJ_GEOM, ngeom);
-named_kind!(SiteMarker, "site", mjOBJ_SITE, nsite);
-named_kind!(CameraMarker, "camera", mjOBJ_CAMERA, ncam);
-named_kind!(ActuatorMarker, "actuator", mjOBJ_ACTUATOR, nu);
+named_kind!(BodyIdMarker, "body", mjOBJ_BODY, nbody);
+named_kind!(JointIdMarker, "joint", mjOBJ_JOINT, njnt);
+named_kind!(GeomIdMarker, "geom", mjOBJ_GEOM, ngeom);
+named_kind!(SiteIdMarker, "site", mjOBJ_SITE, nsite);
+named_kind!(CameraIdMarker, "camera", mjOBJ_CAMERA, ncam);
+named_kind!(ActuatorIdMarker, "actuator", mjOBJ_ACTUATOR, nu);
 
-impl sealed::Sealed for MocapMarker {}
-impl ObjectKind for MocapMarker {
+impl sealed::Sealed for MocapIdMarker {}
+impl ObjectKind for MocapIdMarker {
     const MJCF_NAME: &'static str = "mocap";
 }
 

@@ -8,16 +8,17 @@ use std::process;
 use std::sync::OnceLock;
 
 use crate::error::ModelError;
-use crate::raw;
+use crate::{raw, releases};
 
 /// Returns the version of the MuJoCo library in this process, for instance `2.2.2`.
 pub fn library_version() -> String {
     // SAFETY: `mj_version` takes nothing and reads a constant.
     let version = unsafe { raw::mj_version() };
-    format!("{}.{}.{}", version / 100, version / 10 % 10, version % 10)
+    releases::format_version(version)
 }
 
-/// Installs MuJoCo's error handlers and compares library and header versions, once per process.
+/// Disables the threads of Mesa's software renderer, installs MuJoCo's error handlers and compares
+/// library and header versions, once per process.
 pub(crate) fn initialise() -> Result<(), ModelError> {
     static READY: OnceLock<Result<(), ModelError>> = OnceLock::new();
     READY

@@ -1,4 +1,4 @@
-//! Safe wrapper of MuJoCo 2.2.2: simulation of models, and off-screen rendering.
+//! Safe wrapper of MuJoCo 2.2.2 or 3: simulation of models, and off-screen rendering.
 //!
 //! Three main types, one file each:
 //! - [`Model`]: compiled MJCF model, immutable, shared through `Arc` by any number of threads;
@@ -60,6 +60,7 @@ mod load;
 mod model;
 mod poses;
 mod references;
+mod releases;
 mod renderer;
 mod state;
 mod vfs;
@@ -72,7 +73,7 @@ pub use gl::opengl_description;
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, RendererId, SiteId};
 pub use init::library_version;
 pub use model::{GeomShape, JointType, Model};
-pub use renderer::{Backdrop, CameraView, RenderMirror, RenderOptions, Renderer};
+pub use renderer::{CameraAndMirror, RenderMirror, RenderOptions, Renderer, StaticBackdrop};
 pub use state::State;
 
 #[cfg(doctest)]

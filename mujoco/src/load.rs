@@ -10,7 +10,8 @@ use crate::raw;
 use crate::references::reject_outside_references;
 use crate::vfs::{NONEXISTENT_FOLDER, VirtualFileSystem, path_in_memory};
 
-/// Checks that `main` and all files that the XML names are in `files`; returns the path of `main`.
+/// Checks that `main` is in `files` and that no path inside the XML leads to a file on the disk;
+/// returns the path of `main` in memory.
 pub(crate) fn check_file_references(
     main: &str,
     files: &[(&str, &[u8])],

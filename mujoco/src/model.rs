@@ -12,11 +12,11 @@ use crate::fields::model::{
     JNT_DOFADR, JNT_LIMITED, JNT_QPOSADR, JNT_RANGE, JNT_TYPE,
 };
 use crate::ids::{
-    ActuatorId, ActuatorMarker, BodyId, BodyMarker, CameraMarker, GeomId, GeomMarker, Id, JointId,
-    JointMarker, Lookup, MocapId, NamedObjectKind, SiteMarker,
+    ActuatorId, ActuatorIdMarker, BodyId, BodyIdMarker, CameraIdMarker, GeomId, GeomIdMarker, Id,
+    JointId, JointIdMarker, Lookup, MocapId, NamedObjectKind, SiteIdMarker,
 };
 use crate::load::{check_file_references, load};
-use crate::raw;
+use crate::{raw, releases};
 
 /// Declares methods that return sizes of the C struct `mjModel`.
 macro_rules! sizes {
@@ -58,8 +58,9 @@ pub struct Model {
     family: Arc<()>,
 }
 
-// SAFETY: nothing writes to the mjModel after `load`, `reflected` or `translated`: no method of
-// this crate does, and MuJoCo takes it as `const mjModel*` in every function that this crate calls.
+// SAFETY: nothing writes to the mjModel after `load`, `with_mirrored_bodies` or `translated`: no
+// method of this crate does, and MuJoCo takes it as `const mjModel*` in every function that this
+// crate calls.
 unsafe impl Send for Model {}
 // SAFETY: as above; concurrent reads of memory that nobody writes.
 unsafe impl Sync for Model {}
@@ -86,7 +87,11 @@ impl Model {
     /// absolute one, or one in an absolute folder, of a file that is not given.
     pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
         let (raw, warning) = load(main, files)?;
-        Ok(Self { raw, warning, family: Arc::new(()) })
+        let model = Self { raw, warning, family: Arc::new(()) };
+        if !releases::actuators_are_scalar(model.as_raw()) {
+            return Err(ModelError::VectorActuators { file: main.into() });
+        }
+        Ok(model)
     }
 
     /// Wraps `raw`, a copy of this model with other values, as a model of its own.
@@ -143,17 +148,17 @@ impl Model {
 
     finders! {
         /// Returns the id of the body called `name`.
-        body: BodyMarker,
+        body: BodyIdMarker,
         /// Returns the id of the joint called `name`.
-        joint: JointMarker,
+        joint: JointIdMarker,
         /// Returns the id of the geom called `name`.
-        geom: GeomMarker,
+        geom: GeomIdMarker,
         /// Returns the id of the site called `name`.
-        site: SiteMarker,
+        site: SiteIdMarker,
         /// Returns the id of the camera called `name`.
-        camera: CameraMarker,
+        camera: CameraIdMarker,
         /// Returns the id of the actuator called `name`.
-        actuator: ActuatorMarker,
+        actuator: ActuatorIdMarker,
     }
 
     /// Returns the id of the mocap body called `name`.
@@ -185,12 +190,12 @@ impl Model {
     /// `geom 3`.
     pub fn unnamed_objects(&self) -> Vec<String> {
         let kinds = [
-            self.unnamed_of::<BodyMarker>(),
-            self.unnamed_of::<JointMarker>(),
-            self.unnamed_of::<GeomMarker>(),
-            self.unnamed_of::<SiteMarker>(),
-            self.unnamed_of::<CameraMarker>(),
-            self.unnamed_of::<ActuatorMarker>(),
+            self.unnamed_of::<BodyIdMarker>(),
+            self.unnamed_of::<JointIdMarker>(),
+            self.unnamed_of::<GeomIdMarker>(),
+            self.unnamed_of::<SiteIdMarker>(),
+            self.unnamed_of::<CameraIdMarker>(),
+            self.unnamed_of::<ActuatorIdMarker>(),
         ];
         kinds.concat()
     }
@@ -310,12 +315,12 @@ impl Model {
     }
 
     fn names<K: NamedObjectKind>(&self) -> impl Iterator<Item = &str> {
-        let count = <K as Lookup>::count(self.as_raw()) as usize;
+        let count = <K as Lookup>::count(self.as_raw());
         (0..count).filter_map(|index| self.name_of(Id::<K>::new(index)))
     }
 
     fn unnamed_of<K: NamedObjectKind>(&self) -> Vec<String> {
-        (0..<K as Lookup>::count(self.as_raw()) as usize)
+        (0..<K as Lookup>::count(self.as_raw()))
             .filter(|&index| self.name_of(Id::<K>::new(index)).is_none())
             .map(|index| format!("{} {index}", K::MJCF_NAME))
             .collect()

@@ -26,7 +26,7 @@ impl Model {
     /// # Errors
     /// [`ModelError::FixedPoses`] for a model with keyframes; and if a ball joint, a mesh, a height
     /// field, a camera, a light, or a body of a weld or connect constraint is below a root.
-    pub fn reflected(&self, roots: &[BodyId]) -> Result<Self, ModelError> {
+    pub fn with_mirrored_bodies(&self, roots: &[BodyId]) -> Result<Self, ModelError> {
         let below = self.bodies_below(roots);
         self.check_reflectable(&below)?;
         let mut copy = self.copied();
@@ -119,7 +119,7 @@ impl Model {
 }
 
 fn reflect(model: &mut raw::mjModel, below: &[bool]) {
-    let all: Vec<i32> = (0..model.nbody).collect();
+    let all: Vec<i32> = (0..model.nbody as usize).map(|body| body as i32).collect();
     for (owners, positions, orientations) in [
         (all.clone(), &BODY_POS, &BODY_QUAT),
         (all, &BODY_IPOS, &BODY_IQUAT),

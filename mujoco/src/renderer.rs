@@ -9,14 +9,14 @@ use crate::gl::{GlContext, PreviousContext};
 use crate::ids::CameraId;
 use crate::ids::RendererId;
 use crate::model::Model;
-use crate::raw;
+use crate::{raw, releases};
 
 mod backdrop;
 mod mirror;
 mod setup;
 
-pub use backdrop::Backdrop;
-pub use mirror::{CameraView, RenderMirror};
+pub use backdrop::StaticBackdrop;
+pub use mirror::{CameraAndMirror, RenderMirror};
 
 use setup::{fixed_camera, make_drawing, make_scene, visible};
 
@@ -180,7 +180,7 @@ impl Renderer {
     pub fn render(
         &mut self,
         data: &mut Data,
-        view: impl Into<CameraView>,
+        view: impl Into<CameraAndMirror>,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
         let view = view.into();
@@ -191,7 +191,7 @@ impl Renderer {
     fn draw_all(
         &mut self,
         data: &mut Data,
-        view: CameraView,
+        view: CameraAndMirror,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
         self.update_scene(data, view, raw::mjCAT_ALL)?;
@@ -238,7 +238,7 @@ impl Renderer {
     fn update_scene(
         &mut self,
         data: &mut Data,
-        view: CameraView,
+        view: CameraAndMirror,
         categories: raw::mjtCatBit,
     ) -> Result<(), RenderError> {
         let mut camera = fixed_camera(view.camera);
@@ -256,11 +256,10 @@ impl Renderer {
                 &raw mut *self.scene,
             );
         }
-        let full = &mut data.raw_mut().warning[raw::mjWARN_VGEOMFULL as usize].number;
-        match std::mem::take(full) {
-            0 => self.reflect_scene(view.mirror),
-            _ => Err(RenderError::SceneFull { limit: self.scene.maxgeom as usize }),
+        if releases::take_scene_overflow(&mut self.scene, data.raw_mut()) {
+            return Err(RenderError::SceneFull { limit: self.scene.maxgeom as usize });
         }
+        self.reflect_scene(data.model(), view.mirror)
     }
 
     /// Draws MuJoCo's scene and reads the image back, bottom row first.

@@ -1,15 +1,17 @@
 //! MuJoCo's virtual file system: files held in memory while a model is parsed.
 
 use std::ffi::CString;
-use std::ptr;
 
 use crate::error::ModelError;
-use crate::raw;
+use crate::{raw, releases};
 
 /// Path of a folder that does not exist, under which MuJoCo gets all model files in memory. MuJoCo
 /// strips it from names that it looks for in memory, and no such file can exist on the disk,
 /// because `/dev/null` is not a folder.
 pub(crate) const NONEXISTENT_FOLDER: &str = "/dev/null/";
+
+/// Length of a name (bytes, with its NUL) that every release has room for.
+const MAX_NAME_LEN: usize = 1000;
 
 /// Owner of MuJoCo's `mjVFS`, a set of files in memory.
 pub(crate) struct VirtualFileSystem {
@@ -31,22 +33,11 @@ impl VirtualFileSystem {
         check_name(name)?;
         let c_name = c_string(name, name.into())?;
         let size = file_size(name, content)?;
-        // SAFETY: live mjVFS, NUL-terminated name shorter than mjMAXVFSNAME, positive size.
-        let status = unsafe { raw::mj_makeEmptyFileVFS(&raw mut *self.raw, c_name.as_ptr(), size) };
-        check_status(name, status)?;
-        let slot = self.raw.filedata[self.last()];
-        // SAFETY: MuJoCo has just allocated `size` bytes for the last file; `content` is no part of
-        // them.
-        unsafe { ptr::copy_nonoverlapping(content.as_ptr(), slot.cast::<u8>(), content.len()) };
-        Ok(())
+        check_status(name, releases::add_buffer(&mut self.raw, &c_name, content, size))
     }
 
     pub(crate) fn as_ptr(&self) -> *const raw::mjVFS {
         &raw const *self.raw
-    }
-
-    fn last(&self) -> usize {
-        self.raw.nfile as usize - 1
     }
 }
 
@@ -72,7 +63,7 @@ fn check_name(name: &str) -> Result<(), ModelError> {
     if name.is_empty() {
         return Err(refused(name, "it is empty"));
     }
-    if name.len() >= raw::mjMAXVFSNAME as usize {
+    if name.len() >= MAX_NAME_LEN {
         return Err(refused(name, "it has 1000 bytes or more"));
     }
     if name.contains(['/', '\\']) {
@@ -109,8 +100,8 @@ mod tests {
         let mut vfs = VirtualFileSystem::new();
         vfs.add_file("a.xml", b"one").unwrap();
         vfs.add_file("b.xml", b"three").unwrap();
-        assert_eq!(vfs.raw.nfile, 2);
-        assert_eq!(vfs.raw.filesize[..2], [3, 5]);
+        let repeated = vfs.add_file("a.xml", b"other").unwrap_err();
+        assert!(matches!(repeated, ModelError::InvalidFileName { .. }));
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use khronos_egl as egl;
 use mujoco::{
-    Backdrop, CameraId, Data, Model, OpenGlBackend, RenderError, RenderOptions, Renderer,
+    CameraId, Data, Model, OpenGlBackend, RenderError, RenderOptions, Renderer, StaticBackdrop,
 };
 
 const BACKENDS: [OpenGlBackend; 1] = [OpenGlBackend::EglSurfaceless];
@@ -53,16 +53,16 @@ fn top(data: &Data) -> CameraId {
 }
 
 /// Renderer with a backdrop that it has drawn.
-fn drawn(data: &mut Data, width: usize, height: usize) -> (Renderer, Backdrop) {
+fn drawn(data: &mut Data, width: usize, height: usize) -> (Renderer, StaticBackdrop) {
     let mut renderer = renderer(data.model(), width, height);
-    let mut backdrop = Backdrop::default();
+    let mut backdrop = StaticBackdrop::default();
     let camera = top(data);
-    renderer.draw_backdrop(data, camera, &mut backdrop).unwrap();
+    renderer.render_backdrop(data, camera, &mut backdrop).unwrap();
     (renderer, backdrop)
 }
 
 /// Draws over a backdrop into memory that holds another picture.
-fn over(renderer: &mut Renderer, data: &mut Data, backdrop: &mut Backdrop) -> Vec<u8> {
+fn over(renderer: &mut Renderer, data: &mut Data, backdrop: &mut StaticBackdrop) -> Vec<u8> {
     let mut image = vec![7; renderer.image_len()];
     renderer.render_over_backdrop(data, backdrop, &mut image).unwrap();
     image
@@ -159,7 +159,7 @@ fn a_backdrop_that_an_error_has_spoilt_is_none() {
     let (mut renderer, mut backdrop) = drawn(&mut data, 12, 8);
     let camera = top(&data);
     let spoilt = Spoilt::new();
-    assert!(is_opengl_error(renderer.draw_backdrop(&mut data, camera, &mut backdrop)));
+    assert!(is_opengl_error(renderer.render_backdrop(&mut data, camera, &mut backdrop)));
     drop(spoilt);
     let mut out = vec![0; renderer.image_len()];
     let refused = renderer.render_over_backdrop(&mut data, &mut backdrop, &mut out);
@@ -170,8 +170,8 @@ fn a_backdrop_that_an_error_has_spoilt_is_none() {
 fn check_motion(scene: &str, places: &[f64], options: RenderOptions) {
     let mut data = simulation_of(scene);
     let mut renderer = renderer_with(data.model(), 24, 16, options);
-    let (mut backdrop, camera) = (Backdrop::default(), top(&data));
-    renderer.draw_backdrop(&mut data, camera, &mut backdrop).unwrap();
+    let (mut backdrop, camera) = (StaticBackdrop::default(), top(&data));
+    renderer.render_backdrop(&mut data, camera, &mut backdrop).unwrap();
     let mut pictures = Vec::new();
     for &x in places {
         move_to(&mut data, x);

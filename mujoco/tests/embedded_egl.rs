@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use khronos_egl as egl;
 use mujoco::{
-    Backdrop, CameraView, Data, Model, OpenGlBackend, RenderError, RenderMirror, RenderOptions,
-    Renderer,
+    CameraAndMirror, Data, Model, OpenGlBackend, RenderError, RenderMirror, RenderOptions,
+    Renderer, StaticBackdrop,
 };
 
 const SCENE: &str = r#"<mujoco>
@@ -101,15 +101,15 @@ fn the_programs_context_is_current_again_after_every_call() {
         program.assert_current(target, "drawing");
         assert!(image.iter().any(|byte| *byte > 0));
 
-        let (mut backdrop, mut over) = (Backdrop::default(), vec![0; image.len()]);
-        renderer.draw_backdrop(&mut data, camera, &mut backdrop).unwrap();
+        let (mut backdrop, mut over) = (StaticBackdrop::default(), vec![0; image.len()]);
+        renderer.render_backdrop(&mut data, camera, &mut backdrop).unwrap();
         program.assert_current(target, "drawing a backdrop");
         renderer.render_over_backdrop(&mut data, &mut backdrop, &mut over).unwrap();
         program.assert_current(target, "drawing over a backdrop");
         assert_eq!(over, image);
 
         let mirror = RenderMirror { swaps_left_right: true, swaps_top_bottom: false };
-        let refused = renderer.render(&mut data, CameraView { camera, mirror }, &mut image);
+        let refused = renderer.render(&mut data, CameraAndMirror { camera, mirror }, &mut image);
         assert!(matches!(refused, Err(RenderError::NotMirrorSymmetric { .. })));
         program.assert_current(target, "an error");
 

@@ -6,7 +6,7 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use mujoco::{CameraView, Data, Model, RenderError, RenderMirror, RenderOptions, Renderer};
+use mujoco::{CameraAndMirror, Data, Model, RenderError, RenderMirror, RenderOptions, Renderer};
 
 /// Size of the images, in pixels. They are not square, or width and height could be exchanged.
 const WIDTH: usize = 80;
@@ -91,7 +91,7 @@ fn picture(
 ) -> Result<Vec<u8>, RenderError> {
     let camera = data.model().camera("top").unwrap();
     let mut image = vec![0; renderer.image_len()];
-    renderer.render(data, CameraView { camera, mirror }, &mut image).map(|()| image)
+    renderer.render(data, CameraAndMirror { camera, mirror }, &mut image).map(|()| image)
 }
 
 fn mirrored(image: &[u8], mirror: RenderMirror) -> Vec<u8> {

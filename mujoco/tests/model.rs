@@ -99,6 +99,11 @@ fn absolute_folders_do_no_harm_where_every_file_is_given() {
     let obj = b"# made by file='/elsewhere/ball.blend'
 v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
     let model = Model::from_files("main.xml", &[("main.xml", main), ("Ball.obj", obj)]);
+    if cfg!(all(mujoco3, not(actuator_counts))) {
+        let refused = model.unwrap_err().to_string();
+        assert!(refused.contains("ball.obj"), "early releases 3 look in the folder: {refused}");
+        return;
+    }
     assert_eq!(model.unwrap().as_raw().nmesh, 2);
     let error = Model::from_files("main.xml", &[("main.xml", main)]).unwrap_err();
     assert!(error.to_string().contains("BALL.obj"), "{error}");
@@ -204,7 +209,7 @@ const GATE: &str = r#"<mujoco>
 fn a_reflected_model_moves_as_the_mirror_image() {
     let model = Model::from_xml(GATE).unwrap();
     let roots = ["frame", "ball"].map(|name| model.body(name).unwrap());
-    let mirrored = model.reflected(&roots).unwrap();
+    let mirrored = model.with_mirrored_bodies(&roots).unwrap();
     assert_eq!(mirrored.name_of(roots[1]), Some("ball"));
     let mut tables = [model, mirrored].map(|model| Data::new(Arc::new(model)));
     for (data, side) in tables.iter_mut().zip([1.0, -1.0]) {
@@ -224,10 +229,13 @@ fn a_reflected_model_moves_as_the_mirror_image() {
     }
     let [here, there] = &tables;
     let ids = here.model();
-    assert_eq!(here.qpos()[..2], there.qpos()[..2]);
+    // release 2 rounds both sides alike
+    let tolerance = if cfg!(mujoco3) { 1e-12 } else { 0.0 };
+    let equal = |a: &[f64], b: &[f64]| a.iter().zip(b).all(|(a, b)| (a - b).abs() <= tolerance);
+    assert!(equal(&here.qpos()[..2], &there.qpos()[..2]));
     assert!(here.qpos()[0] > 0.1, "the gate turns");
     let twins = |a: [f64; 3], b: [f64; 3]| {
-        assert!((a[0] + b[0]).abs() < 1e-15 && a[1..] == b[1..], "{a:?} {b:?}");
+        assert!((a[0] + b[0]).abs() < 1e-15 + tolerance && equal(&a[1..], &b[1..]), "{a:?} {b:?}");
     };
     for name in ["wall", "leaf", "rod", "ball"] {
         let geom = ids.geom(name).unwrap();
@@ -236,8 +244,8 @@ fn a_reflected_model_moves_as_the_mirror_image() {
         for (axis, (a, b)) in axes.into_iter().zip(other).enumerate() {
             let side = if axis == 0 { -1.0 } else { 1.0 };
             let flipped = b.map(|value| side * value);
-            assert!((a[0] + flipped[0]).abs() < 1e-15, "{name} {axis}: {a:?} {b:?}");
-            assert_eq!(a[1..], flipped[1..], "{name} {axis}");
+            assert!((a[0] + flipped[0]).abs() < 1e-15 + tolerance, "{name} {axis}: {a:?} {b:?}");
+            assert!(equal(&a[1..], &flipped[1..]), "{name} {axis}");
         }
     }
     let handle = ids.site("handle").unwrap();
@@ -318,7 +326,7 @@ fn poses_that_a_copy_would_keep_are_refused() {
     let key = "<keyframe><key/></keyframe>";
     let reflected = |inside, outside| {
         let model = with_body(inside, outside);
-        model.reflected(&[model.body("body").unwrap()]).unwrap_err().to_string()
+        model.with_mirrored_bodies(&[model.body("body").unwrap()]).unwrap_err().to_string()
     };
     for (inside, outside, says) in [
         ("<body><joint type=\"ball\"/><geom size=\".1\"/></body>", "", "a ball joint"),
@@ -340,5 +348,5 @@ fn poses_that_a_copy_would_keep_are_refused() {
     }
     let fine = with_body("", &to_other);
     fine.translated([1.0; 3]).unwrap();
-    fine.reflected(&[]).unwrap();
+    fine.with_mirrored_bodies(&[]).unwrap();
 }

@@ -7,7 +7,7 @@ mod support;
 use std::sync::Arc;
 use std::thread;
 
-use mujoco::{Backdrop, Data, Model, OpenGlBackend, RenderError, RenderOptions, Renderer};
+use mujoco::{Data, Model, OpenGlBackend, RenderError, RenderOptions, Renderer, StaticBackdrop};
 
 /// Size of the images, in pixels. They are not square, or width and height could be exchanged.
 const WIDTH: usize = 12;
@@ -161,10 +161,11 @@ fn bad_arguments_are_refused() {
     let moved = Arc::new(data.model().translated([0.0, 0.0, 1.0]).unwrap());
     let refused = renderer.render(&mut Data::new(moved), camera, &mut image);
     assert_eq!(refused, Err(RenderError::OtherModel));
-    let twin = Arc::new(data.model().reflected(&[]).unwrap());
+    let twin = Arc::new(data.model().with_mirrored_bodies(&[]).unwrap());
     renderer.render(&mut Data::new(twin), camera, &mut image).unwrap();
 
-    let undrawn = renderer.render_over_backdrop(&mut data, &mut Backdrop::default(), &mut image);
+    let undrawn =
+        renderer.render_over_backdrop(&mut data, &mut StaticBackdrop::default(), &mut image);
     assert_eq!(undrawn, Err(RenderError::NoBackdrop));
 
     let model = data.model().clone();

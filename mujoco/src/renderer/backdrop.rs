@@ -1,6 +1,6 @@
 //! Drawing over a backdrop: static geoms are drawn once, and moving ones over their picture.
 
-use super::{CameraView, Renderer, check_opengl};
+use super::{CameraAndMirror, Renderer, check_opengl};
 use crate::data::Data;
 use crate::error::RenderError;
 use crate::ids::RendererId;
@@ -10,9 +10,9 @@ use crate::raw;
 ///
 /// A backdrop belongs to the renderer that drew it.
 #[derive(Clone, Debug, Default)]
-pub struct Backdrop {
+pub struct StaticBackdrop {
     /// Renderer and camera of the backdrop's picture; `None` if there is no complete picture.
-    source: Option<(RendererId, CameraView)>,
+    source: Option<(RendererId, CameraAndMirror)>,
     /// `true` if a geom of the backdrop is transparent. Geoms that move behind it cannot be drawn
     /// over the backdrop.
     transparent: bool,
@@ -46,11 +46,11 @@ impl Renderer {
     ///
     /// # Errors
     /// Errors of [`Renderer::render`].
-    pub fn draw_backdrop(
+    pub fn render_backdrop(
         &mut self,
         data: &mut Data,
-        view: impl Into<CameraView>,
-        backdrop: &mut Backdrop,
+        view: impl Into<CameraAndMirror>,
+        backdrop: &mut StaticBackdrop,
     ) -> Result<(), RenderError> {
         let view = view.into();
         backdrop.source = None;
@@ -84,7 +84,7 @@ impl Renderer {
     pub fn render_over_backdrop(
         &mut self,
         data: &mut Data,
-        backdrop: &mut Backdrop,
+        backdrop: &mut StaticBackdrop,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
         let view = self.view_of(backdrop)?;
@@ -104,7 +104,7 @@ impl Renderer {
     }
 
     /// Returns the camera and mirror of a backdrop that this renderer has drawn.
-    fn view_of(&self, backdrop: &Backdrop) -> Result<CameraView, RenderError> {
+    fn view_of(&self, backdrop: &StaticBackdrop) -> Result<CameraAndMirror, RenderError> {
         let (drawn_by, view) = backdrop.source.ok_or(RenderError::NoBackdrop)?;
         if drawn_by == self.id() {
             Ok(view)
@@ -114,7 +114,11 @@ impl Renderer {
     }
 
     /// Draws the moving geoms of the scene over `backdrop`, into its last picture.
-    fn draw_over(&mut self, backdrop: &mut Backdrop, view: CameraView) -> Result<(), RenderError> {
+    fn draw_over(
+        &mut self,
+        backdrop: &mut StaticBackdrop,
+        view: CameraAndMirror,
+    ) -> Result<(), RenderError> {
         // stays `false` after an error, so that the next call does not reuse the picture
         backdrop.complete = false;
         let mut depth = std::mem::take(&mut self.depth);
@@ -134,7 +138,7 @@ impl Renderer {
 
     /// Returns `true` if the last picture over `backdrop` shows the present scene: no geom, eye or
     /// light has moved since. Nothing else can change such a picture.
-    fn is_up_to_date(&self, backdrop: &Backdrop) -> bool {
+    fn is_up_to_date(&self, backdrop: &StaticBackdrop) -> bool {
         let (geoms, poses) = (self.geoms(), &backdrop.last_poses);
         let stays = |(geom, (pos, mat, size)): (&raw::mjvGeom, &Pose)| {
             same_bits(&geom.pos, pos) && same_bits(&geom.mat, mat) && same_bits(&geom.size, size)
@@ -147,14 +151,14 @@ impl Renderer {
 
     /// Returns `true` if moving geoms cannot be drawn over the picture of static ones, so that all
     /// must be rendered.
-    fn needs_full_render(&self, backdrop: &Backdrop) -> bool {
+    fn needs_full_render(&self, backdrop: &StaticBackdrop) -> bool {
         let transparent = || backdrop.transparent || self.is_transparent();
         let elsewhere = || self.viewpoint_changed(backdrop);
         self.shadows || self.scene.nskin > 0 || transparent() || elsewhere()
     }
 
     /// Returns `true` if the camera or a light has moved since the backdrop was drawn.
-    fn viewpoint_changed(&self, backdrop: &Backdrop) -> bool {
+    fn viewpoint_changed(&self, backdrop: &StaticBackdrop) -> bool {
         let mut before = backdrop.viewpoint.iter().map(|point| point.as_flattened());
         let mut now = self.viewpoint();
         let all = now.all(|now| before.next().is_some_and(|it| same_bits(it, now.as_flattened())));

@@ -3,7 +3,8 @@
 use super::Renderer;
 use crate::error::RenderError;
 use crate::ids::CameraId;
-use crate::raw;
+use crate::model::Model;
+use crate::{raw, releases};
 
 /// Reflection in which a scene is drawn; the finished picture is flipped back.
 ///
@@ -23,14 +24,14 @@ pub struct RenderMirror {
 ///
 /// A [`CameraId`] alone converts to a view without a mirror.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CameraView {
+pub struct CameraAndMirror {
     /// Camera through which the scene is drawn.
     pub camera: CameraId,
     /// Mirror in which the scene is drawn.
     pub mirror: RenderMirror,
 }
 
-impl From<CameraId> for CameraView {
+impl From<CameraId> for CameraAndMirror {
     fn from(camera: CameraId) -> Self {
         let mirror = RenderMirror::default();
         Self { camera, mirror }
@@ -69,11 +70,15 @@ fn reverse_rows(pixels: &mut [[u8; 3]], width: usize) {
 
 impl Renderer {
     /// Reflects MuJoCo's scene in the planes through the camera's axis that `mirror` names.
-    pub(super) fn reflect_scene(&mut self, mirror: RenderMirror) -> Result<(), RenderError> {
+    pub(super) fn reflect_scene(
+        &mut self,
+        model: &Model,
+        mirror: RenderMirror,
+    ) -> Result<(), RenderError> {
         if mirror == RenderMirror::default() {
             return Ok(());
         }
-        self.check_shapes(mirror)?;
+        self.check_shapes(model, mirror)?;
         let scene = &mut *self.scene;
         // SAFETY: a function of two plain values; the scene's hold the two eyes.
         let eye = unsafe {
@@ -101,9 +106,10 @@ impl Renderer {
 
     /// Rejects geoms of the scene that are not mirror-symmetric: no motion brings them to their
     /// mirror image.
-    fn check_shapes(&self, mirror: RenderMirror) -> Result<(), RenderError> {
+    fn check_shapes(&self, model: &Model, mirror: RenderMirror) -> Result<(), RenderError> {
         let asymmetric = |geom: &&raw::mjvGeom| {
-            !MIRROR_SYMMETRIC.contains(&geom.type_.cast_unsigned()) || geom.texid >= 0
+            !MIRROR_SYMMETRIC.contains(&geom.type_.cast_unsigned())
+                || releases::is_textured(geom, model.as_raw())
         };
         let skins = self.scene.nskin as usize;
         let geom = self.geoms().iter().find(asymmetric).filter(|_| mirror.reverses_orientation());

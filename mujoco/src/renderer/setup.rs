@@ -40,12 +40,12 @@ pub(super) fn make_drawing(
 pub(super) fn make_scene(model: &Model, options: &RenderOptions) -> Box<raw::mjvScene> {
     let sizes = model.as_raw();
     // one per geom and site, and one per piece of tendon
-    let max_geoms = sizes.ngeom + sizes.nsite + sizes.nskin + 2 * sizes.nwrap + 1;
+    let max_geoms = (sizes.ngeom + sizes.nsite + sizes.nskin + 2 * sizes.nwrap + 1) as usize;
     let mut scene = Box::new(MaybeUninit::uninit());
     // SAFETY: `mjv_defaultScene` fills the struct in; live model and positive size.
     let mut scene: Box<raw::mjvScene> = unsafe {
         raw::mjv_defaultScene(scene.as_mut_ptr());
-        raw::mjv_makeScene(model.as_raw(), scene.as_mut_ptr(), max_geoms);
+        raw::mjv_makeScene(model.as_raw(), scene.as_mut_ptr(), max_geoms as i32);
         scene.assume_init()
     };
     scene.flags.fill(0);
