@@ -6,7 +6,9 @@ use std::hint::black_box;
 use cluster::{AssignedPolicy, wasserstein1};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use envs::{ACTION_DIM, VECTOR_OBSERVATION_DIM};
-use evidence::{EpisodeSummary, EvidenceError, Recogniser, RecogniserSettings, RolloutContext};
+use evidence::{
+    EpisodeSummary, EvidenceError, Recogniser, RecogniserSettings, RolloutDecisionContext,
+};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -61,8 +63,11 @@ fn assign(rng: &mut ChaCha8Rng) -> Result<impl FnMut() -> Option<AssignedPolicy>
     let (rollout, mut rng) = (episodes(1, rng), rng.clone());
     // the policy that acted is rejected, and all others are compared
     Ok(move || {
-        let found =
-            recogniser.assign_rollout(&rollout, RolloutContext::collected_by_policy(0), &mut rng);
+        let found = recogniser.assign_rollout(
+            &rollout,
+            RolloutDecisionContext::collected_by_policy(0),
+            &mut rng,
+        );
         found.ok().map(|found| found.policy)
     })
 }

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use envs::{
-    ACTION_DIM, ActionSettings, Backdrop, Camera, DomainRandomisation, Embodiment, EnvError,
-    RGB_CHANNELS, Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, ControlSettings, DomainRandomisation, Embodiment, EnvError, RGB_CHANNELS,
+    Scene, SceneRenderer, StaticBackdrop, StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -37,12 +37,12 @@ fn decide(table: &mut TableTop, rng: &mut ChaCha8Rng) -> Result<(), EnvError> {
 
 fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     let scene = Arc::new(Scene::new(task, embodiment()?, camera())?);
-    let mut table = TableTop::new(Arc::clone(&scene), ActionSettings::default())?;
+    let mut table = TableTop::new(Arc::clone(&scene), ControlSettings::default())?;
     let mut renderer = SceneRenderer::new(scene)?;
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     let mut group = c.benchmark_group(task.name());
     table.reset(D2::Identity, &mut rng)?;
-    group.throughput(Throughput::Elements(ActionSettings::default().action_repeat as u64));
+    group.throughput(Throughput::Elements(ControlSettings::default().action_repeat as u64));
     group.bench_function("decision", |b| {
         b.iter(|| assert!(decide(&mut table, &mut rng).is_ok()));
     });
@@ -50,7 +50,7 @@ fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     group.bench_function("reset", |b| {
         b.iter(|| assert!(table.reset(D2::FlipX, &mut rng).is_ok()));
     });
-    let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; SIZE * SIZE * RGB_CHANNELS]);
+    let (mut backdrop, mut rgb) = (StaticBackdrop::default(), vec![0; SIZE * SIZE * RGB_CHANNELS]);
     group.bench_function("picture", |b| {
         b.iter(|| assert!(renderer.render(&mut table, &mut rgb).is_ok()));
     });
@@ -77,10 +77,10 @@ fn vector(
         embodiment: embodiment()?,
         camera: camera(),
         randomisation,
-        control: ActionSettings {
+        control: ControlSettings {
             action_repeat: 1,
             displacement: 0.01,
-            ..ActionSettings::default()
+            ..ControlSettings::default()
         },
         ..VecEnvSettings::default()
     };

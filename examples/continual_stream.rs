@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use covers::cli::{ContinualStreamOptions, run_name};
-use covers::commands::{CommandOutcome, print_summary_or_save};
+use covers::commands::{CommandOutcome, summarise_or_checkpoint};
 use covers::experiments::text::{ROLLOUT_LINE_HEADER, format_rollout_line};
 use covers::presets::Method;
 use covers::{CoversError, Run, RunEvent, StopSignal};
@@ -49,5 +49,5 @@ fn learn(options: &ContinualStreamOptions) -> Result<CommandOutcome, CoversError
             }
         }
     }
-    print_summary_or_save(&mut run, options.run_options.run_folder.json, &mut stdout())
+    summarise_or_checkpoint(&mut run, options.run_options.run_folder.json, &mut stdout())
 }

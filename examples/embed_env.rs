@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use envs::{
-    ActionSettings, Camera, Embodiment, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskRegistry,
+    Camera, ControlSettings, Embodiment, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskRegistry,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -45,7 +45,7 @@ fn film(
     element: D2,
     renderer: &mut SceneRenderer,
 ) -> Result<Vec<Vec<u8>>, Box<dyn Error>> {
-    let mut table = TableTop::new(Arc::clone(scene), ActionSettings::default())?;
+    let mut table = TableTop::new(Arc::clone(scene), ControlSettings::default())?;
     table.reset(element, &mut ChaCha8Rng::seed_from_u64(1))?;
     let (mut frames, mut reward, mut success) = (Vec::new(), 0.0, false);
     loop {

@@ -122,7 +122,7 @@ fn learn(options: &Options) -> Result<(), Box<dyn std::error::Error>> {
     let group = TaskGroup::from_task(&BlockPush);
     let experiment = experiment(options.budget, group).with_seed(options.seed);
     let experiment = apply_overrides(&options.set, experiment)?;
-    conformance::check_conformance(group)?;
+    conformance::check_task_conformance(group)?;
     println!("{group} conforms: its expert solves it, and its variants are mirror images");
     let mut tasks = TaskRegistry::with_standard();
     tasks.register(group)?;

@@ -122,7 +122,7 @@ fn measure_experts(
     Ok(of_variants(
         &scenes(&layouts, groups)?,
         |_| true,
-        |scene, element| measure_expert(scene, element, scene.layout.action_settings(), seeds),
+        |scene, element| measure_expert(scene, element, scene.layout.control_settings(), seeds),
     )?)
 }
 
@@ -222,7 +222,7 @@ fn print<R: Serialize>(
     } else {
         rows.iter().map(line).collect::<Vec<_>>().join("\n")
     };
-    writeln!(out, "{text}").map_err(RunError::to_write_error_at("standard output".as_ref()))?;
+    writeln!(out, "{text}").map_err(RunError::write_error_mapper("standard output".as_ref()))?;
     Ok(rows.iter().all(passes))
 }
 

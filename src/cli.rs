@@ -62,7 +62,7 @@ pub struct SettingsOptions {
     /// equal width (default: that of the preset).
     #[arg(long)]
     pub group: Option<Group>,
-    /// Set any field of the settings, such as `covers.ppo.gamma=0.97`; may be repeated, and the
+    /// Set any field of the settings, such as `off_policy.sac.gamma=0.97`; may be repeated, and the
     /// last value of a field wins.
     #[arg(
         long = "set",
@@ -74,7 +74,8 @@ pub struct SettingsOptions {
 }
 
 impl SettingsOptions {
-    /// Returns the settings of an experiment after the changes of these options.
+    /// Returns `experiment` with the seed, embodiment, symmetry group and overrides that these
+    /// options name, and in any case with their number of threads.
     ///
     /// # Errors
     /// [`learner::LearnerError::UnknownSetting`], [`learner::LearnerError::WrongSetting`].
@@ -112,7 +113,8 @@ pub struct RunFolderOptions {
 }
 
 impl RunFolderOptions {
-    /// Creates the folder of a run: `--folder`, or a new one with this name.
+    /// Creates the folder of a run: `--folder`, which may exist already, or a new one in `--runs`
+    /// with this name, or with a number added if that is taken.
     ///
     /// # Errors
     /// [`RunError::Write`].
@@ -120,7 +122,7 @@ impl RunFolderOptions {
         let Some(path) = &self.folder else {
             return RunFolder::create(&self.runs, name);
         };
-        std::fs::create_dir_all(path).map_err(RunError::to_write_error_at(path))?;
+        std::fs::create_dir_all(path).map_err(RunError::write_error_mapper(path))?;
         let folder = RunFolder::from_path(path);
         Ok(if self.overwrite { folder.allow_overwriting() } else { folder })
     }

@@ -42,7 +42,7 @@ pub enum LearnerCommand {
 
 /// Options of `covers resume`.
 #[derive(Clone, Debug, Args)]
-#[command(after_help = "Example: covers resume runs/covers-seed0")]
+#[command(after_help = "Example: covers resume runs/covers-sac-seed0")]
 pub struct ResumeOptions {
     /// Folder of the run.
     #[arg(value_name = "RUN")]
@@ -58,7 +58,7 @@ pub struct ResumeOptions {
 /// Options of `covers eval`.
 #[derive(Clone, Debug, Args)]
 #[command(
-    after_help = "Examples:\n  covers eval assets/pretrained\n  covers eval runs/covers-seed0 --embodiment hand --json"
+    after_help = "Examples:\n  covers eval assets/pretrained\n  covers eval runs/covers-sac-seed0 --embodiment hand --json"
 )]
 pub struct EvalOptions {
     /// Folder of a run, or a folder that `covers pack` created.
@@ -85,7 +85,7 @@ pub struct EvalOptions {
 
 /// Options of `covers pack`.
 #[derive(Clone, Debug, Args)]
-#[command(after_help = "Example: covers pack runs/covers-seed0 small")]
+#[command(after_help = "Example: covers pack runs/covers-sac-seed0 small")]
 pub struct PackOptions {
     /// Folder of the run.
     #[arg(value_name = "RUN")]
@@ -120,7 +120,7 @@ fn resume(
     out: &mut impl Write,
 ) -> Result<CommandOutcome, CoversError> {
     let threads = Some(options.threads_and_json.threads.count());
-    let folder = RunFolder::from_path(&options.run_folder).on_ranks(ranks);
+    let folder = RunFolder::from_path(&options.run_folder).with_process_ranks(ranks);
     let mut run =
         Run::resume_with_tasks(folder, threads, options.device, TaskRegistry::with_all())?;
     finish(&mut run, options.threads_and_json.json, out)
@@ -148,12 +148,12 @@ fn train(
     } else {
         RunFolder::from_path(&folder_options.runs)
     };
-    let mut run = Run::start(experiment, folder.on_ranks(ranks))?;
+    let mut run = Run::start(experiment, folder.with_process_ranks(ranks))?;
     #[cfg(feature = "tui")]
     if tui {
         watch::screen::train_with_screen(&mut run)?;
         run.set_stop_signal(StopSignal::from_os_signals()?);
-        return print_summary_or_save(&mut run, options.run_options.run_folder.json, out);
+        return summarise_or_checkpoint(&mut run, options.run_options.run_folder.json, out);
     }
     finish(&mut run, options.run_options.run_folder.json, out)
 }
@@ -178,7 +178,7 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutc
         }
     }
     bar.finish_and_clear();
-    print_summary_or_save(run, json, &mut first_out)
+    summarise_or_checkpoint(run, json, &mut first_out)
 }
 
 /// Prints an event, and its warning to standard error; not the last scores, which are part of the
@@ -215,12 +215,12 @@ fn warn(line: &str) {
     let _ = writeln!(stderr(), "{line}");
 }
 
-/// Prints the summary of a finished run. For a stopped run, writes a checkpoint and prints the
+/// Prints the summary of a finished run; of a stopped one, writes a checkpoint and prints the
 /// command that continues from it.
 ///
 /// # Errors
 /// Errors of the run, or an `out` that the summary cannot be written to.
-pub fn print_summary_or_save(
+pub fn summarise_or_checkpoint(
     run: &mut Run,
     json: bool,
     out: &mut impl Write,

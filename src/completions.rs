@@ -29,6 +29,6 @@ impl CompletionsOptions {
         let mut script = Vec::new();
         let name = program.get_name().to_owned();
         clap_complete::generate(self.shell, &mut program, name, &mut script);
-        out.write_all(&script).map_err(RunError::to_write_error_at(Path::new("standard output")))
+        out.write_all(&script).map_err(RunError::write_error_mapper(Path::new("standard output")))
     }
 }

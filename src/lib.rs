@@ -44,8 +44,8 @@ pub mod sweep_command;
 
 pub use error::CoversError;
 pub use experiments::{
-    AssignmentStats, CheckpointPlan, EvaluationPlan, EvaluationReport, Experiment, LatestFrame,
-    Provenance, RolloutReport, Run, RunData, RunError, RunEvent, RunFolder, RunSummary, StopSignal,
+    CheckpointPlan, EvaluationPlan, EvaluationReport, Experiment, LatestFrame, Provenance,
+    RolloutReport, Run, RunData, RunError, RunEvent, RunFolder, RunStats, RunSummary, StopSignal,
     SwitchableVecEnv, evaluation, presets, schedule,
 };
 pub use learner::disk::{Disk, LocalDisk};
@@ -53,10 +53,10 @@ pub use learner::overrides::{SettingOverride, apply_overrides};
 pub use learner::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, CommonSettings,
     CoversLearner, CoversSettings, DeviceChoice, EpisodeRequirements, EvidenceGrouping, Grouping,
-    GroupingDecision, GroupingSettings, GroupingUpdate, IterationReport, IterationSeconds, Learner,
-    LearnerError, LearnerSettings, LearningDevice, MetricValue, Metrics, NewPolicyInit,
+    GroupingDecision, GroupingSettings, GroupingUpdateResult, IterationReport, IterationSeconds,
+    Learner, LearnerError, LearnerSettings, LearningDevice, MetricValue, Metrics, NewPolicyInit,
     OffPolicyLearner, OffPolicySettings, PolicyCollection, PolicyCollectionSettings,
-    PolicyEvaluation, PolicyTrial, RecognisedPolicy, RolloutEpisodes, RolloutHandover,
+    PolicyEvaluation, RecognisedPolicy, RequiredTrial, RolloutEpisodes, RolloutHandover,
     SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
 };
 pub use {deploy, experiments, render, report, watch};

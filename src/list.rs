@@ -22,7 +22,8 @@ pub struct ListOptions {
 }
 
 impl ListOptions {
-    /// Prints a table of the folder's runs: method, state, number of policies, success and size.
+    /// Prints a table of the runs in the folder and all folders inside it: method, state, number of
+    /// policies, success and size.
     ///
     /// # Errors
     /// A folder that cannot be read, or an `out` that cannot be written to.
@@ -35,7 +36,7 @@ impl ListOptions {
                 table.rows.push(row(&folder));
                 continue;
             }
-            let entries = fs::read_dir(&folder).map_err(RunError::to_read_error_at(&folder))?;
+            let entries = fs::read_dir(&folder).map_err(RunError::read_error_mapper(&folder))?;
             // a link may lead back to a folder above
             let inside =
                 entries.flatten().filter(|entry| entry.file_type().is_ok_and(|t| t.is_dir()));

@@ -43,7 +43,7 @@ impl ManualOptions {
             None => {
                 let page = render(self.chosen(&program)?);
                 page.and_then(|page| out.write_all(&page))
-                    .map_err(RunError::to_write_error_at(Path::new("standard output")))
+                    .map_err(RunError::write_error_mapper(Path::new("standard output")))
             }
         }
     }
@@ -61,11 +61,11 @@ impl ManualOptions {
 
 /// Writes the pages of a command and its subcommands, and returns their number.
 fn write(command: &Command, folder: &Path) -> Result<usize, RunError> {
-    fs::create_dir_all(folder).map_err(RunError::to_write_error_at(folder))?;
+    fs::create_dir_all(folder).map_err(RunError::write_error_mapper(folder))?;
     let path = folder.join(format!("{}.1", title(command)));
     render(command)
         .and_then(|page| fs::write(&path, page))
-        .map_err(RunError::to_write_error_at(&path))?;
+        .map_err(RunError::write_error_mapper(&path))?;
     let below = command.get_subcommands().map(|own| write(own, folder));
     below.sum::<Result<usize, _>>().map(|below| 1 + below)
 }

@@ -7,7 +7,9 @@ use clap::{Args, Subcommand};
 use experiments::RunError;
 use experiments::cli::print_escaped;
 use learner::disk::{LocalDisk, write_atomically};
-use model_check::{MirrorCorrections, ModelSymmetrySettings, check_model_symmetry, read_model};
+use model_check::{
+    ModelSymmetrySettings, PlaneAndPairCorrections, check_model_symmetry, read_model,
+};
 use serde::Serialize;
 
 use crate::CoversError;
@@ -54,8 +56,8 @@ impl ModelCommand {
     pub fn run(&self, out: &mut impl Write) -> Result<bool, CoversError> {
         let Self::Check(options) = self;
         let corrections = match &options.pairs {
-            Some(path) => MirrorCorrections::read(path)?,
-            None => MirrorCorrections::default(),
+            Some(path) => PlaneAndPairCorrections::read(path)?,
+            None => PlaneAndPairCorrections::default(),
         };
         let settings = ModelSymmetrySettings {
             tolerance: options.tolerance,

@@ -42,7 +42,7 @@ impl PresetsOptions {
             // not through a `Value`, which would print 0.95 of an f32 as 0.949999988079071
             Some(preset) => {
                 let text = serde_json::to_string_pretty(&self.budget.preset_experiment(preset))
-                    .map_err(RunError::to_write_error_at(stdout))?;
+                    .map_err(RunError::write_error_mapper(stdout))?;
                 match serde_json::from_str(&text) {
                     Ok(settings) if self.explain => setting_list::explain_settings(&settings),
                     _ => text,
@@ -50,7 +50,7 @@ impl PresetsOptions {
             }
             None => format!("presets:\n{}\n\nbudgets:\n{}", lines::<Method>(), lines::<Budget>()),
         };
-        writeln!(out, "{text}").map_err(RunError::to_write_error_at(stdout))
+        writeln!(out, "{text}").map_err(RunError::write_error_mapper(stdout))
     }
 }
 

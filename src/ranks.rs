@@ -4,8 +4,9 @@ use rl::ProcessRanks;
 
 use crate::CoversError;
 
-/// Calls `work` with the MPI ranks that `mpirun` started, or with this process as the only rank. If
-/// `work` fails, prints the error and ends all processes, since the others would wait for this one.
+/// Calls `work` with the MPI ranks that `mpirun` started, or with this process as the only rank; an
+/// error on one of several ranks ends them all. If `work` fails, prints the error and ends all
+/// processes, since the others would wait for this one.
 ///
 /// # Errors
 /// Errors of `work` in a process that is alone.
@@ -26,8 +27,9 @@ pub(crate) fn on_ranks<T>(
 pub(crate) fn on_ranks<T>(
     work: impl FnOnce(ProcessRanks) -> Result<T, CoversError>,
 ) -> Result<T, CoversError> {
-    let size = std::env::var("OMPI_COMM_WORLD_SIZE").ok().and_then(|size| size.parse().ok());
-    match size {
+    // Open MPI's `mpirun`; MPICH's, and `srun` with PMI
+    let sizes = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE"].map(|name| std::env::var(name).ok());
+    match sizes.into_iter().flatten().filter_map(|size| size.parse().ok()).max() {
         Some(processes) if processes > 1 => Err(CoversError::NoMpi { processes }),
         _ => work(ProcessRanks::default()),
     }

@@ -114,7 +114,7 @@ mod tests {
         serde_json::from_str(&text).unwrap()
     }
 
-    /// Returns the problems of a value by a schema of the kind that [`schema`] writes.
+    /// Returns the problems of a value by a schema of the kind that [`settings_schema`] writes.
     fn problems(schema: &Value, value: &Value, path: &str) -> Vec<String> {
         let types = match &schema["type"] {
             Value::Null => Vec::new(),

@@ -6,4 +6,4 @@ mod worker;
 
 pub use arrays::{ArrayJob, KubernetesOptions};
 pub use plan::{SweepJob, SweepPlan};
-pub use worker::{SweepOutcome, SweepWorkerSettings, run_sweep_worker};
+pub use worker::{SweepWorkerOutcome, SweepWorkerSettings, run_sweep_worker};

@@ -9,7 +9,7 @@ use clap::{ArgGroup, Args};
 use crate::CoversError;
 use crate::cli::{CommandOutcome, device_parser};
 use crate::sweep::{
-    self, ArrayJob, KubernetesOptions, SweepJob, SweepOutcome, SweepPlan, SweepWorkerSettings,
+    self, ArrayJob, KubernetesOptions, SweepJob, SweepPlan, SweepWorkerOutcome, SweepWorkerSettings,
 };
 use experiments::cli::{print_escaped, thread_count_parser};
 use experiments::{RunError, StopSignal, memory};
@@ -43,7 +43,12 @@ pub struct SweepOptions {
     pub job: Option<usize>,
     /// Take over the run of another worker whose files have not changed for this many seconds;
     /// more than its longest rollout and evaluation of all variants (default: never).
-    #[arg(long, value_name = "SECONDS", conflicts_with = "cluster")]
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        value_parser = clap::value_parser!(u64).range(1..),
+        conflicts_with = "cluster"
+    )]
     pub take_over_after: Option<u64>,
     /// Print a script that submits the plan to Slurm as job arrays, and run nothing.
     #[arg(long, group = "cluster")]
@@ -90,7 +95,8 @@ fn time_limit(text: &str) -> Result<String, &'static str> {
 }
 
 impl SweepOptions {
-    /// Runs the jobs of the plan, or prints a script that submits them to a cluster.
+    /// Runs the jobs of the plan, or the one of `--job`, or prints a script, program or Kubernetes
+    /// job that runs them on a cluster.
     ///
     /// # Errors
     /// An invalid plan, [`CoversError::SweepJobsFailed`], or an `out` that cannot be written to.
@@ -117,7 +123,7 @@ impl SweepOptions {
         };
         let ended =
             sweep::run_sweep_worker(chosen, settings, &StopSignal::from_os_signals()?, out)?;
-        let SweepOutcome { stopped, failed_jobs: failed } = ended;
+        let SweepWorkerOutcome { stopped, failed_jobs: failed } = ended;
         match (stopped, failed.is_empty()) {
             (false, true) => Ok(CommandOutcome::Done),
             (false, false) => Err(CoversError::SweepJobsFailed { failed_jobs: failed }),
@@ -155,10 +161,10 @@ impl SweepOptions {
         }
         // members of the array may start in another folder
         let absolute =
-            |path: &Path| std::path::absolute(path).map_err(RunError::to_read_error_at(path));
+            |path: &Path| std::path::absolute(path).map_err(RunError::read_error_mapper(path));
         let (plan, runs) = (absolute(array.plan)?, absolute(array.runs)?);
         let program =
-            std::env::current_exe().map_err(RunError::to_read_error_at(Path::new("covers")))?;
+            std::env::current_exe().map_err(RunError::read_error_mapper(Path::new("covers")))?;
         let array = ArrayJob { plan: &plan, runs: &runs, ..array };
         Ok(if self.hyperqueue {
             array.hyperqueue_program(&program)

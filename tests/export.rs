@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use covers::presets::Method;
 use covers::{CoversError, Experiment, LearnerSettings};
-use envs::{ActionSettings, Camera, Embodiment, ExtraView};
+use envs::{Camera, ControlSettings, Embodiment, ExtraViews};
 use rl::{CriticSettings, EncoderSettings, NetworkSettings};
 use safetensors::tensor::{Dtype, SafeTensors};
 use symmetry::Group;
@@ -112,9 +112,13 @@ fn weights_have_the_names_that_pytorch_gives_them() {
 #[test]
 fn a_description_says_what_the_pictures_show() {
     for (beside, channels, shown) in [
-        (ExtraView::First, 6, "picture; red, green, blue of the episode's first"),
-        (ExtraView::CloseUp, 6, "picture; red, green, blue of the close-up"),
-        (ExtraView::FirstAndCloseUp, 9, "of the episode's first; red, green, blue of the close-up"),
+        (ExtraViews::First, 6, "picture; red, green, blue of the episode's first"),
+        (ExtraViews::CloseUp, 6, "picture; red, green, blue of the close-up"),
+        (
+            ExtraViews::FirstAndCloseUp,
+            9,
+            "of the episode's first; red, green, blue of the close-up",
+        ),
     ] {
         let mut experiment = narrow(Method::Covers, Group::D2);
         (experiment.envs.camera.oversampling, experiment.envs.camera.extra_views) = (2, beside);
@@ -136,7 +140,7 @@ fn a_description_says_what_the_pictures_show() {
 fn a_description_names_the_environments_of_the_training() {
     let mut experiment = narrow(Method::Covers, Group::D2);
     experiment.envs.embodiment = Embodiment::FLOATING_HAND;
-    experiment.envs.control = ActionSettings { action_repeat: 5, displacement: 0.03, horizon: 45 };
+    experiment.envs.control = ControlSettings { action_repeat: 5, displacement: 0.03, horizon: 45 };
     let scratch = Scratch::new("export-environment");
     let folder = scratch.0.join("new");
     export(&scratch.pack(&experiment), "0", &folder).unwrap();

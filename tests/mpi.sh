@@ -17,7 +17,7 @@ same() {
     cmp "$1/$file" "$2/$file"
   done
 }
-for method in covers equi-sac cnn; do
+for method in covers covers-sac cnn; do
   "$covers" train --preset "$method" "${settings[@]}" --folder "$method" > /dev/null
   for n in 1 2 3 4; do
     ranks "$n" "$covers" train --preset "$method" "${settings[@]}" --folder "$method-$n" > "$n.out"

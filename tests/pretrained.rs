@@ -4,11 +4,11 @@ use std::path::Path;
 
 use covers::evaluation::{EvaluationResults, Evaluator, OwnPolicyByGroup};
 use covers::{RunFolder, SwitchableVecEnv, TaskLabel};
-use envs::{ExtraView, TaskGroup, TaskRegistry, TaskVariant};
+use envs::{ExtraViews, TaskGroup, TaskRegistry, TaskVariant};
 use symmetry::D2;
 
 /// The policies in this folder of `assets`, whose pictures show `beside`.
-fn know_their_groups_and_solve_them(name: &str, beside: ExtraView) {
+fn know_their_groups_and_solve_them(name: &str, beside: ExtraViews) {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets");
     let folder = assets.join(name);
     let folder = RunFolder::from_path(&folder);
@@ -43,10 +43,10 @@ fn know_their_groups_and_solve_them(name: &str, beside: ExtraView) {
 
 #[test]
 fn policies_with_close_ups_know_their_groups_and_solve_them() {
-    know_their_groups_and_solve_them("pretrained", ExtraView::CloseUp);
+    know_their_groups_and_solve_them("pretrained", ExtraViews::CloseUp);
 }
 
 #[test]
 fn policies_for_robots_know_their_groups_and_solve_them() {
-    know_their_groups_and_solve_them("pretrained-robot", ExtraView::First);
+    know_their_groups_and_solve_them("pretrained-robot", ExtraViews::First);
 }

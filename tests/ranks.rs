@@ -46,7 +46,7 @@ fn advance(folder: &Path, size: usize, events: usize, prepare: impl Fn(RunFolder
     let shared = Arc::new((Barrier::new(size), Mutex::new(vec![Vec::new(); size])));
     let work = |rank| {
         let ranks = ProcessRanks::new(Arc::new(ThreadRank { rank, shared: Arc::clone(&shared) }));
-        let mut run = prepare(RunFolder::from_path(folder).on_ranks(ranks));
+        let mut run = prepare(RunFolder::from_path(folder).with_process_ranks(ranks));
         for _ in 0..events {
             run.advance().unwrap();
         }

@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use covers::experiments::sheet::{contact_sheet, variant_pictures};
 use envs::{
-    ACTION_IRREPS, ExtraView, RGB_CHANNELS, TaskGroup, VECTOR_OBSERVATION_IRREPS, VecEnvSettings,
+    ACTION_IRREPS, ExtraViews, RGB_CHANNELS, TaskGroup, VECTOR_OBSERVATION_IRREPS, VecEnvSettings,
 };
 use rl::{Actor, ActorCriticPolicy, EnvSpec, NetworkSettings, Observations};
 use symmetry::D2;
@@ -64,7 +64,7 @@ fn deviations(map: impl Fn(D2) -> D2) -> Vec<f32> {
     let size = settings.camera.size;
     let spec = EnvSpec {
         num_envs: 1,
-        image_shape: [size, size, ExtraView::First.num_channels()],
+        image_shape: [size, size, ExtraViews::First.num_channels()],
         vector_irreps: VECTOR_OBSERVATION_IRREPS.to_vec(),
         action_irreps: ACTION_IRREPS.to_vec(),
         choices: vec![],

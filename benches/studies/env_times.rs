@@ -15,8 +15,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use envs::{
-    ACTION_DIM, ActionSettings, Backdrop, Camera, Embodiment, HAND_TARGET_START, RGB_CHANNELS,
-    Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup, TaskRegistry, VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, ControlSettings, Embodiment, HAND_TARGET_START, RGB_CHANNELS, Scene,
+    SceneRenderer, StaticBackdrop, StepBuffers, TableTop, TaskGroup, TaskRegistry, VecEnv,
+    VecEnvSettings,
 };
 use glam::DVec3;
 use mujoco::Data;
@@ -33,8 +34,8 @@ const ENVS: usize = 16;
 const MANY: usize = 64;
 /// Control with an action, and an image, every control step of 12.5 ms. A full action moves the
 /// target 1 cm, as in Meta-World.
-const CONTROL: ActionSettings =
-    ActionSettings { action_repeat: 1, displacement: 0.01, horizon: 500 };
+const CONTROL: ControlSettings =
+    ControlSettings { action_repeat: 1, displacement: 0.01, horizon: 500 };
 
 #[derive(Clone, Copy)]
 struct Subject {
@@ -129,7 +130,7 @@ impl Subject {
     fn frame(self) -> Result<f64, Failure> {
         let (mut table, mut rng) = self.table()?;
         let mut renderer = SceneRenderer::new(Arc::clone(table.scene()))?;
-        let mut backdrop = Backdrop::default();
+        let mut backdrop = StaticBackdrop::default();
         let mut rgb = vec![0; self.camera.size * self.camera.size * RGB_CHANNELS];
         let (mut spent, mut frames, start) = (Duration::ZERO, 0_u32, Instant::now());
         let mut begins = true;

@@ -3,11 +3,11 @@
 
 use crate::check::check_range;
 use crate::error::Result;
-use crate::frames::CandidateFeatures;
-use crate::permutation::PermutationTest;
+use crate::frames::RolloutAndBufferFeatures;
+use crate::permutation::PermutationTestResult;
 use crate::wasserstein::wasserstein1;
 
-/// Policy that a rollout is assigned to.
+/// Policy that a rollout is assigned to: an existing one, a new one, or none yet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AssignedPolicy {
     /// Existing policy, given by its index among the candidates.
@@ -18,7 +18,7 @@ pub enum AssignedPolicy {
     Undecided,
 }
 
-/// Outcome of the comparison of a rollout with one candidate policy.
+/// Outcome of the comparison of a rollout with one candidate policy: accepted, doubted or rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PolicyVerdict {
     /// Candidate policy accepted: the rollout may belong to its task group.
@@ -30,7 +30,8 @@ pub enum PolicyVerdict {
     Rejected,
 }
 
-/// Evidence for and against the assignment of a rollout to one candidate policy.
+/// Evidence on the assignment of a rollout to one candidate policy: distance, permutation test and
+/// verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PolicyEvidence {
     /// 1-Wasserstein distance between the points of the rollout and of the policy's buffer, in the
@@ -38,7 +39,7 @@ pub struct PolicyEvidence {
     pub distance: f64,
     /// Permutation test of the candidate policy; `None` under the paper's rule, or if its buffer
     /// holds too few episodes. It is then accepted for lack of evidence against it.
-    pub test: Option<PermutationTest>,
+    pub test: Option<PermutationTestResult>,
     /// Outcome of the comparison of the rollout with the candidate policy.
     pub verdict: PolicyVerdict,
 }
@@ -59,16 +60,16 @@ impl PolicyEvidence {
 
 /// Decision on the policy of a rollout, with the evidence for each candidate policy.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Assignment {
+pub struct PolicyAssignment {
     /// Policy that the rollout is assigned to.
     pub decision: AssignedPolicy,
     /// Evidence for and against each candidate policy, in the order of the candidates.
     pub evidence: Vec<PolicyEvidence>,
 }
 
-impl Assignment {
-    /// Returns the index of the candidate policy that fits best, accepted or not; `None` without
-    /// candidates.
+impl PolicyAssignment {
+    /// Returns the index of the candidate policy that fits best, accepted or not: of the tested
+    /// ones that with the smallest score, without any the nearest; `None` without candidates.
     pub fn best_candidate(&self) -> Option<usize> {
         let ranked = self.evidence.iter().enumerate();
         let best = ranked.min_by(|(_, a), (_, b)| {
@@ -85,10 +86,13 @@ impl Assignment {
 ///
 /// # Errors
 /// Clouds that cannot be compared, or a threshold that is negative or not finite.
-pub fn assign_by_threshold(candidates: &[CandidateFeatures], threshold: f64) -> Result<Assignment> {
+pub fn assign_by_threshold(
+    candidates: &[RolloutAndBufferFeatures],
+    threshold: f64,
+) -> Result<PolicyAssignment> {
     let inside = (0.0..f64::INFINITY).contains(&threshold);
     check_range("threshold", threshold, inside, "a finite number, at least 0")?;
-    let compared = candidates.iter().map(|CandidateFeatures { rollout, buffer }| {
+    let compared = candidates.iter().map(|RolloutAndBufferFeatures { rollout, buffer }| {
         rollout.check_alike(buffer)?;
         let distance = wasserstein1(rollout.features(), buffer.features(), rollout.dim())?;
         let is_near = distance <= threshold;
@@ -99,7 +103,7 @@ pub fn assign_by_threshold(candidates: &[CandidateFeatures], threshold: f64) -> 
         })
     });
     let evidence: Vec<PolicyEvidence> = compared.collect::<Result<_>>()?;
-    let mut assignment = Assignment { decision: AssignedPolicy::New, evidence };
+    let mut assignment = PolicyAssignment { decision: AssignedPolicy::New, evidence };
     if let Some(nearest) = assignment.best_candidate()
         && assignment.evidence[nearest].verdict == PolicyVerdict::Accepted
     {
@@ -118,8 +122,8 @@ mod tests {
         // two points 3 apart: the distance is exactly 3, and the paper rejects only what exceeds
         // the threshold
         let points = |x: f32| FrameFeatures::new(vec![x], 1, 1).unwrap();
-        let away = |x: f32| CandidateFeatures { buffer: points(x), rollout: points(0.0) };
-        let decide = |threshold, candidates: &[CandidateFeatures]| {
+        let away = |x: f32| RolloutAndBufferFeatures { buffer: points(x), rollout: points(0.0) };
+        let decide = |threshold, candidates: &[RolloutAndBufferFeatures]| {
             assign_by_threshold(candidates, threshold).unwrap().decision
         };
         assert_eq!(decide(3.0, &[away(3.0)]), AssignedPolicy::Existing(0));
@@ -136,8 +140,8 @@ mod tests {
     #[test]
     fn candidates_that_cannot_be_compared_are_rejected() {
         let frames = |dim| FrameFeatures::new(vec![0.0; 4 * dim], 2, dim).unwrap();
-        let good = CandidateFeatures { buffer: frames(3), rollout: frames(3) };
-        let odd = CandidateFeatures { buffer: frames(2), rollout: frames(3) };
+        let good = RolloutAndBufferFeatures { buffer: frames(3), rollout: frames(3) };
+        let odd = RolloutAndBufferFeatures { buffer: frames(2), rollout: frames(3) };
         let message = assign_by_threshold(&[good, odd], 1.0).unwrap_err().to_string();
         assert_eq!(message, "dim is 3 in one cloud and 2 in the other, expected the same");
     }

@@ -18,13 +18,14 @@ const UNITS: f64 = (1_u32 << 20) as f64;
 /// Largest difference of standardised distances that count as equal.
 const EQUAL: f64 = 1e-9;
 
-/// Most likely changepoint of a sequence of episodes, with its significance.
+/// Most likely changepoint of a sequence of episodes, with the p-value of the hypothesis that
+/// nothing changes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ChangepointTest {
+pub struct ChangepointTestResult {
     /// Number of episodes before the most likely changepoint.
     pub changepoint: usize,
     /// Exact p-value of the hypothesis that nothing changes, over all candidate changepoints and
-    /// sources together, as in a [`JointPermutationTest`](crate::JointPermutationTest).
+    /// sources together, as in a [`JointPermutationTestResult`](crate::JointPermutationTestResult).
     pub p_value: f64,
 }
 
@@ -46,7 +47,7 @@ pub fn changepoint_test(
     cuts: &[usize],
     permutations: usize,
     rng: &mut impl Rng,
-) -> Result<ChangepointTest> {
+) -> Result<ChangepointTestResult> {
     let episodes = check(sources, cuts)?;
     let scans = sources.iter().map(EnergyScan::new).collect::<Result<Vec<_>>>()?;
     let mut scans: Vec<EnergyScan> = scans.into_iter().flatten().collect();
@@ -60,9 +61,9 @@ pub fn changepoint_test(
     Ok(summarise(&scans, cuts, permutations))
 }
 
-/// Returns the candidate changepoints of a sequence of episodes for [`changepoint_test`]: numbers
-/// of episodes before the change, with at least `least` on either side. `began` holds the times at
-/// which episodes began, in order; episodes that began together stay together.
+/// Returns the candidate changepoints for [`changepoint_test`] of episodes that began at the times
+/// `began`, in order: numbers of episodes before the change, with at least `least` on either side,
+/// that do not part episodes which began together.
 pub fn changepoint_candidates(began: &[usize], least: usize) -> Vec<usize> {
     let least = least.max(1);
     let last = (began.len() + 1).saturating_sub(least);
@@ -154,7 +155,7 @@ impl EnergyScan {
     }
 }
 
-fn summarise(scans: &[EnergyScan], cuts: &[usize], permutations: usize) -> ChangepointTest {
+fn summarise(scans: &[EnergyScan], cuts: &[usize], permutations: usize) -> ChangepointTestResult {
     let width = cuts.len();
     let mut largest = vec![f64::NEG_INFINITY; 1 + permutations];
     let mut best = (f64::NEG_INFINITY, 0);
@@ -171,7 +172,7 @@ fn summarise(scans: &[EnergyScan], cuts: &[usize], permutations: usize) -> Chang
     }
     let reaching = largest.iter().filter(|&&m| m >= largest[0] - EQUAL).count();
     let p_value = if scans.is_empty() { 1.0 } else { reaching as f64 / (1 + permutations) as f64 };
-    ChangepointTest { changepoint: cuts[best.1], p_value }
+    ChangepointTestResult { changepoint: cuts[best.1], p_value }
 }
 
 #[cfg(test)]

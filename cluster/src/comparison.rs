@@ -4,19 +4,20 @@ use crate::error::{ClusterError, Result};
 use crate::euclidean::EuclideanDistances;
 use crate::frames::FrameFeatures;
 
-/// Comparison of a rollout with two policies: frames (feature vectors) of the rollout and of both
-/// policies' buffers, in one feature space.
+/// Inputs of the comparison of a rollout with two policies: frames (feature vectors) of the rollout
+/// and of both policies' buffers, in one feature space.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TwoPolicyComparison {
+pub struct TwoPolicyComparisonInputs {
     /// Frames of the rollout.
     pub rollout: FrameFeatures,
     /// Frames of the buffers of the two policies.
     pub policies: [FrameFeatures; 2],
 }
 
-/// Returns how much nearer a rollout is to the first of two policies than to the second, in energy
-/// distance summed over all `comparisons`; negative if the second policy is nearer. Each comparison
-/// holds the same policies in another feature space; margins are summed over the spaces.
+/// Returns how much nearer a rollout is to the first of two policies than to the second: the
+/// difference of the energy distances, relative to the mean distance within and between the
+/// policies, summed over all `comparisons`; negative if the second policy is nearer. Each
+/// comparison holds the same policies in another feature space.
 ///
 /// In each space, it is the difference of the energy distances `2 E|X - Y| - E|X - X'| - E|Y - Y'|`
 /// (Szekely and Rizzo, "Energy statistics: a class of statistics based on distances", Journal of
@@ -27,14 +28,16 @@ pub struct TwoPolicyComparison {
 ///
 /// # Errors
 /// No comparison, or frames of one comparison that cannot be compared.
-pub fn energy_distance_margin(comparisons: &[TwoPolicyComparison]) -> Result<f64> {
+pub fn energy_distance_margin(comparisons: &[TwoPolicyComparisonInputs]) -> Result<f64> {
     match comparisons {
         [] => Err(ClusterError::Empty { what: "comparisons" }),
-        comparisons => comparisons.iter().map(TwoPolicyComparison::energy_distance_margin).sum(),
+        comparisons => {
+            comparisons.iter().map(TwoPolicyComparisonInputs::energy_distance_margin).sum()
+        }
     }
 }
 
-impl TwoPolicyComparison {
+impl TwoPolicyComparisonInputs {
     fn energy_distance_margin(&self) -> Result<f64> {
         let (x, [y, z]) = (&self.rollout, &self.policies);
         let (within_y, within_z) = (within(y)?, within(z)?);
@@ -73,9 +76,9 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    fn comparison(rollout: &[f32], policies: [&[f32]; 2]) -> TwoPolicyComparison {
+    fn comparison(rollout: &[f32], policies: [&[f32]; 2]) -> TwoPolicyComparisonInputs {
         let frames = |features: &[f32]| FrameFeatures::new(features.to_vec(), 1, 1).unwrap();
-        TwoPolicyComparison { rollout: frames(rollout), policies: policies.map(frames) }
+        TwoPolicyComparisonInputs { rollout: frames(rollout), policies: policies.map(frames) }
     }
 
     /// From 0: distances 1 and 1 to {-1, 1}, 2 to {2, 2}; within them 2, and 0; between them 2 on
@@ -117,8 +120,10 @@ mod tests {
             FrameFeatures::new(features.collect(), 2, 1).unwrap()
         };
         let margins = (0..400).map(|_| {
-            let comparison =
-                TwoPolicyComparison { rollout: episodes(1), policies: [8, 100].map(&mut episodes) };
+            let comparison = TwoPolicyComparisonInputs {
+                rollout: episodes(1),
+                policies: [8, 100].map(&mut episodes),
+            };
             energy_distance_margin(&[comparison]).unwrap()
         });
         // with the distance of a frame to itself it was -0.09; chance moves it by some 0.03

@@ -2,7 +2,7 @@
 
 pub(crate) type Result<T> = std::result::Result<T, ClusterError>;
 
-/// Error of a distance that cannot be computed or of an assignment that cannot be made.
+/// Errors of distances, transport plans, permutation tests, assignments and reservoirs.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClusterError {

@@ -21,7 +21,8 @@ const BLOCK_ROWS: usize = 64;
 /// Number of multiplications of a distance matrix below which a second thread does not pay.
 const PARALLEL: usize = 1 << 22;
 
-/// Matrix of Euclidean distances between the points of two clouds, with memory that is reused.
+/// Calculator of the Euclidean distances between the points of two clouds, with one matrix that
+/// each call of [`compute`](Self::compute) overwrites.
 ///
 /// `||x - y||^2 = ||x||^2 + ||y||^2 - 2 <x, y>` turns the distances into one matrix product (faer),
 /// around the common centre of both clouds. Where the three terms cancel, the distance is computed
@@ -37,7 +38,7 @@ pub struct EuclideanDistances {
 }
 
 impl EuclideanDistances {
-    /// Creates a distance matrix that has allocated no memory yet.
+    /// Creates a calculator of distances that has allocated no memory yet.
     pub fn new() -> Self {
         Self::default()
     }

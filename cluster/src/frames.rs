@@ -61,7 +61,7 @@ impl FrameFeatures {
 /// Candidate policy for a rollout: the frames of its buffer and of the rollout, both as features of
 /// the policy's network.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CandidateFeatures {
+pub struct RolloutAndBufferFeatures {
     /// Frames of the policy's buffer `B_j`.
     pub buffer: FrameFeatures,
     /// Frames of the rollout, `O`.

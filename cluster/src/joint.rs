@@ -8,21 +8,23 @@ use rand::seq::SliceRandom;
 use crate::check::check_positive;
 use crate::error::{ClusterError, Result};
 use crate::euclidean::EuclideanDistances;
-use crate::frames::CandidateFeatures;
-use crate::permutation::{NullDistribution, PermutationTest, ROUNDING};
+use crate::frames::RolloutAndBufferFeatures;
+use crate::permutation::{NullDistribution, PermutationTestResult, ROUNDING};
 use crate::transport::{PointWeights, TransportSolver};
 
-/// Samples of one source of evidence: its points for the episodes of a rollout and of a buffer.
+/// Samples of one source of evidence: its points for the episodes of a rollout and of a buffer, and
+/// the direction of the differences that count.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EvidenceSourceSamples {
     /// Points of the rollout's and of the buffer's episodes.
-    pub clouds: CandidateFeatures,
+    pub clouds: RolloutAndBufferFeatures,
     /// Direction in which a difference counts against the buffer's group, as in a one-sided or
     /// two-sided test.
     pub alternative: AlternativeHypothesis,
 }
 
-/// Alternative hypothesis of a test: the direction in which rollout and buffer differ.
+/// Alternative hypothesis of a test: rollout and buffer differ in any direction, or only so that
+/// the rollout has the smaller mean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AlternativeHypothesis {
     /// Differences between rollout and buffer in any direction.
@@ -32,9 +34,10 @@ pub enum AlternativeHypothesis {
     Less,
 }
 
-/// Test result of one source of evidence in a [`JointPermutationTest`]. All values are finite.
+/// Test result of one source of evidence in a [`JointPermutationTestResult`]. All values are
+/// finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EvidenceSourceTest {
+pub struct EvidenceSourceTestResult {
     /// 1-Wasserstein distance between rollout and buffer in the source's own unit; zero if the
     /// difference has the direction that does not count.
     pub distance: f64,
@@ -50,7 +53,7 @@ pub struct EvidenceSourceTest {
     pub tail_p_value: f64,
 }
 
-impl EvidenceSourceTest {
+impl EvidenceSourceTestResult {
     /// Returns the ratio of the observed distance to the mean distance over random splits.
     pub fn distance_ratio(&self) -> f64 {
         self.distance / self.mean.max(f64::MIN_POSITIVE)
@@ -64,17 +67,17 @@ impl EvidenceSourceTest {
 /// null distribution that takes the sources' dependence and their number into account: the "max T"
 /// of Westfall and Young, "Resampling-based multiple testing" (1993), algorithm 2.8.
 #[derive(Clone, Debug, PartialEq)]
-pub struct JointPermutationTest {
+pub struct JointPermutationTestResult {
     /// Result of each source; `None` for one whose pooled points are all equal.
-    pub sources: Vec<Option<EvidenceSourceTest>>,
+    pub sources: Vec<Option<EvidenceSourceTestResult>>,
     /// Largest score over all sources of evidence, and the smallest p-values of a source, at most
     /// 1.
-    pub overall: PermutationTest,
+    pub overall: PermutationTestResult,
 }
 
 /// Runs a joint permutation test of all sources of evidence in stages, until `is_decided` returns
-/// `true` for the result so far. `stages` are total numbers of random splits, ascending; the last
-/// stage ends the test in any case.
+/// `true` for the result so far or the last stage is complete. `stages` are total numbers of random
+/// splits, ascending.
 ///
 /// If `is_decided` only stops tests that are not going to be significant, as Besag and Clifford do
 /// in "Sequential Monte Carlo p-values", Biometrika 78 (1991), false alarms become no more
@@ -86,12 +89,14 @@ pub struct JointPermutationTest {
 pub fn joint_permutation_test(
     sources: &[EvidenceSourceSamples],
     stages: &[usize],
-    is_decided: impl Fn(&JointPermutationTest) -> bool,
+    is_decided: impl Fn(&JointPermutationTestResult) -> bool,
     rng: &mut impl Rng,
-) -> Result<JointPermutationTest> {
+) -> Result<JointPermutationTestResult> {
     check_positive("splits", stages.iter().copied().min().unwrap_or(1))?;
     let mut counts = Vec::with_capacity(sources.len());
-    for EvidenceSourceSamples { clouds: CandidateFeatures { rollout, buffer }, .. } in sources {
+    for EvidenceSourceSamples { clouds: RolloutAndBufferFeatures { rollout, buffer }, .. } in
+        sources
+    {
         rollout.check_alike(buffer)?;
         counts.push((rollout.num_episodes(), buffer.num_episodes()));
     }
@@ -154,7 +159,7 @@ struct PooledSource {
 impl PooledSource {
     /// Pools the features of all episodes of a source; `None` if all points are equal.
     fn new(source: &EvidenceSourceSamples) -> Result<Option<Self>> {
-        let CandidateFeatures { rollout, buffer } = &source.clouds;
+        let RolloutAndBufferFeatures { rollout, buffer } = &source.clouds;
         let features = [rollout.features(), buffer.features()].concat();
         let all = EuclideanDistances::new().compute(&features, &features, rollout.dim())?.to_vec();
         let largest = all.iter().copied().fold(0.0, f64::max);
@@ -238,7 +243,7 @@ fn maxima(scores: &[Option<Vec<f64>>], splits: RangeInclusive<usize>) -> Vec<f64
     splits.map(largest).collect()
 }
 
-fn summarise(pools: &[Option<PooledSource>], permutations: usize) -> JointPermutationTest {
+fn summarise(pools: &[Option<PooledSource>], permutations: usize) -> JointPermutationTestResult {
     let scores = |from: usize| -> Vec<Option<Vec<f64>>> {
         pools.iter().map(|pool| Some(pool.as_ref()?.scores(from))).collect()
     };
@@ -251,7 +256,7 @@ fn summarise(pools: &[Option<PooledSource>], permutations: usize) -> JointPermut
         let (pool, exact) = (pools[index].as_ref()?, exact[index].as_ref()?[0]);
         let score = outer[index].as_ref()?[0];
         let reaching = reached.iter().filter(|&&m| m >= exact - EQUAL).count();
-        Some(EvidenceSourceTest {
+        Some(EvidenceSourceTestResult {
             distance: pool.measured[0],
             mean: pool.moments(1).0,
             score,
@@ -260,16 +265,16 @@ fn summarise(pools: &[Option<PooledSource>], permutations: usize) -> JointPermut
         })
     };
     let sources: Vec<_> = (0..pools.len()).map(outcome_of).collect();
-    let smallest = |p_value: fn(&EvidenceSourceTest) -> f64| {
+    let smallest = |p_value: fn(&EvidenceSourceTestResult) -> f64| {
         sources.iter().flatten().map(p_value).fold(1.0, f64::min)
     };
-    let overall = PermutationTest {
+    let overall = PermutationTestResult {
         null,
         score: null.standardise(maxima(&outer, 0..=0)[0]),
         p_value: smallest(|source| source.p_value),
         tail_p_value: smallest(|source| source.tail_p_value),
     };
-    JointPermutationTest { sources, overall }
+    JointPermutationTestResult { sources, overall }
 }
 
 #[cfg(test)]
@@ -286,7 +291,7 @@ mod tests {
         alternative: AlternativeHypothesis,
     ) -> EvidenceSourceSamples {
         let frames = |values: &[f32]| FrameFeatures::new(values.to_vec(), 1, 1).unwrap();
-        let clouds = CandidateFeatures { rollout: frames(rollout), buffer: frames(buffer) };
+        let clouds = RolloutAndBufferFeatures { rollout: frames(rollout), buffer: frames(buffer) };
         EvidenceSourceSamples { clouds, alternative }
     }
 
@@ -294,8 +299,18 @@ mod tests {
         sources: &[EvidenceSourceSamples],
         splits: usize,
         rng: &mut ChaCha8Rng,
-    ) -> Result<JointPermutationTest> {
+    ) -> Result<JointPermutationTestResult> {
         joint_permutation_test(sources, &[splits], |_| false, rng)
+    }
+
+    #[test]
+    fn a_single_split_has_finite_moments() {
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let (near, far) = (draw(10, 0.0, &mut rng), draw(20, 3.0, &mut rng));
+        let moved = source(&near, &far, AlternativeHypothesis::TwoSided);
+        let test = whole(std::slice::from_ref(&moved), 1, &mut rng).unwrap();
+        assert_eq!(test.overall.null.sd, 0.0);
+        assert!(test.overall.score.is_finite() && test.overall.tail_p_value.is_finite());
     }
 
     #[test]
@@ -350,7 +365,7 @@ mod tests {
     #[test]
     fn early_ends_give_no_more_false_alarms() {
         let mut rng = ChaCha8Rng::seed_from_u64(8);
-        let reaching = |test: &JointPermutationTest| {
+        let reaching = |test: &JointPermutationTestResult| {
             test.overall.p_value * (1 + test.overall.null.permutations) as f64
         };
         let (mut alarms, mut splits) = (0, 0);
@@ -368,7 +383,7 @@ mod tests {
                 ),
             ];
             let mut again = rng.clone();
-            let decided = |test: &JointPermutationTest| reaching(test) > 8.5;
+            let decided = |test: &JointPermutationTestResult| reaching(test) > 8.5;
             let test = joint_permutation_test(&sources, &[19, 39, 79], decided, &mut rng).unwrap();
             let permutations = test.overall.null.permutations;
             assert_eq!(test, whole(&sources, permutations, &mut again).unwrap());

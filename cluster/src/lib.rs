@@ -28,22 +28,23 @@ mod transport;
 mod wasserstein;
 
 pub use assignment::{
-    AssignedPolicy, Assignment, PolicyEvidence, PolicyVerdict, assign_by_threshold,
+    AssignedPolicy, PolicyAssignment, PolicyEvidence, PolicyVerdict, assign_by_threshold,
 };
-pub use change::{ChangepointTest, changepoint_candidates, changepoint_test};
-pub use comparison::{TwoPolicyComparison, energy_distance_margin};
+pub use change::{ChangepointTestResult, changepoint_candidates, changepoint_test};
+pub use comparison::{TwoPolicyComparisonInputs, energy_distance_margin};
 pub use error::ClusterError;
 pub use euclidean::EuclideanDistances;
-pub use frames::{CandidateFeatures, FrameFeatures};
+pub use frames::{FrameFeatures, RolloutAndBufferFeatures};
 pub use joint::{
-    AlternativeHypothesis, EvidenceSourceSamples, EvidenceSourceTest, JointPermutationTest,
-    joint_permutation_test,
+    AlternativeHypothesis, EvidenceSourceSamples, EvidenceSourceTestResult,
+    JointPermutationTestResult, joint_permutation_test,
 };
-pub use permutation::{NullDistribution, PermutationTest};
+pub use permutation::{NullDistribution, PermutationTestResult};
 pub use reservoir::Reservoir;
 pub use transport::{
-    MAX_COST, MAX_RELATIVE_GAP, OptimalityCertificate, PlanEntry, PointWeights, RELATIVE_TOLERANCE,
-    TransportPlan, TransportSolver, certify_optimality, solve_transport,
+    CERTIFICATE_RELATIVE_TOLERANCE, MAX_ABS_COST, MAX_RELATIVE_DUALITY_GAP, OptimalityCertificate,
+    PointWeights, TransportPlan, TransportPlanEntry, TransportSolver, certify_optimality,
+    solve_transport,
 };
 pub use wasserstein::{
     WassersteinGradient, WassersteinSolver, WeightedCloud, wasserstein1, wasserstein1_gradient,

@@ -6,7 +6,7 @@ use statrs::function::gamma::checked_gamma_ur;
 /// pooled points.
 pub(crate) const ROUNDING: f64 = 1e-9;
 
-/// Distribution of a joint test's largest score over random splits of the pooled episodes.
+/// Moments and maximum of a joint test's largest score over random splits of the pooled episodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NullDistribution {
     /// Number of random splits of the pooled episodes.
@@ -24,7 +24,7 @@ pub struct NullDistribution {
 
 /// Result of a permutation test: score, p-values and null distribution. All values are finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PermutationTest {
+pub struct PermutationTestResult {
     /// Distribution of the score over random splits, as if episodes of rollout and buffer were
     /// exchangeable.
     pub null: NullDistribution,
@@ -45,7 +45,9 @@ impl NullDistribution {
         splits.sort_unstable_by(f64::total_cmp);
         let count = splits.len() as f64;
         let mean = splits.iter().sum::<f64>() / count;
-        let sd = (splits.iter().map(|w| (w - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt();
+        let squares = splits.iter().map(|w| (w - mean).powi(2)).sum::<f64>();
+        // 0 for a single split
+        let sd = (squares / (count - 1.0).max(1.0)).sqrt();
         let cubes = splits.iter().map(|w| ((w - mean) / sd.max(ROUNDING)).powi(3));
         Self {
             permutations: splits.len(),
@@ -61,8 +63,8 @@ impl NullDistribution {
         (score - self.mean) / self.sd.max(ROUNDING)
     }
 
-    /// Returns the probability of a larger standardised score under the Pearson type III
-    /// distribution with the moments of the null distribution.
+    /// Returns the probability of a larger standardised score under a Pearson type III
+    /// distribution, with the skewness of the null distribution raised by its standard error.
     pub(crate) fn tail(&self, standardised: f64) -> f64 {
         // raised by the standard error of a normal sample's skewness, since a tail that is taken
         // for too light costs a false alarm, and one that is taken for too heavy little

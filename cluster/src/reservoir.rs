@@ -43,8 +43,9 @@ impl<E> Reservoir<E> {
         Ok(Self { capacity, num_offered, episodes })
     }
 
-    /// Offers an episode to the reservoir. Once it is full, a stored episode or the offered one is
-    /// dropped.
+    /// Offers an episode to the reservoir, which stores it while it is not full; later, with
+    /// probability `capacity` / episodes offered with this one, it replaces a random stored one,
+    /// and is dropped otherwise.
     pub fn offer(&mut self, episode: E, rng: &mut impl Rng) {
         self.num_offered += 1;
         if self.episodes.len() < self.capacity {

@@ -13,8 +13,12 @@ mod problem;
 mod solver;
 mod start;
 
-pub use certificate::{MAX_RELATIVE_GAP, RELATIVE_TOLERANCE, certify_optimality};
-pub use problem::{MAX_COST, OptimalityCertificate, PlanEntry, PointWeights, TransportPlan};
+pub use certificate::{
+    CERTIFICATE_RELATIVE_TOLERANCE, MAX_RELATIVE_DUALITY_GAP, certify_optimality,
+};
+pub use problem::{
+    MAX_ABS_COST, OptimalityCertificate, PointWeights, TransportPlan, TransportPlanEntry,
+};
 pub use solver::{TransportSolver, solve_transport};
 
 pub(crate) use problem::check_weights_of;

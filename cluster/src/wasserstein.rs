@@ -5,8 +5,8 @@ use crate::error::Result;
 use crate::euclidean::{EuclideanDistances, euclidean};
 use crate::transport::{PointWeights, TransportPlan, TransportSolver, check_weights_of};
 
-/// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]`
-/// with equal weights, in their unit.
+/// Returns the exact 1-Wasserstein distance between the clouds `x` `[n, dim]` and `y` `[m, dim]`,
+/// of points with equal weights, in the unit of the coordinates.
 ///
 /// `W1(X, Y) = min <gamma, M>_F` over `gamma >= 0` with row sums `1/n` and column sums `1/m`, where
 /// `M_il = ||X_i - Y_l||_2`: the distance of Liu et al., "Continual Vision-based Reinforcement
@@ -17,7 +17,7 @@ use crate::transport::{PointWeights, TransportPlan, TransportSolver, check_weigh
 /// # Errors
 /// An empty cloud, a length that is not a multiple of `dim`, `dim = 0`, or a value that is not
 /// finite; [`ClusterError::Imprecise`](crate::ClusterError::Imprecise) where rounding leaves more
-/// than [`MAX_RELATIVE_GAP`](crate::MAX_RELATIVE_GAP) of the distance open.
+/// than [`MAX_RELATIVE_DUALITY_GAP`](crate::MAX_RELATIVE_DUALITY_GAP) of the distance open.
 ///
 /// ```
 /// // of three points the middle one, a third of the mass, goes half to either side

@@ -1,7 +1,8 @@
 //! The certificate's power to refuse.
 
 use cluster::{
-    ClusterError, PlanEntry, PointWeights, TransportPlan, certify_optimality, solve_transport,
+    ClusterError, PointWeights, TransportPlan, TransportPlanEntry, certify_optimality,
+    solve_transport,
 };
 
 use crate::common::{random_costs, uniform};
@@ -35,7 +36,11 @@ const CASES: [Case; 14] = [
     // a negative entry that its row and column make good
     (
         |plan| {
-            plan.entries.extend([-0.01, 0.01].map(|mass| PlanEntry { source: 0, sink: 0, mass }))
+            plan.entries.extend([-0.01, 0.01].map(|mass| TransportPlanEntry {
+                source: 0,
+                sink: 0,
+                mass,
+            }))
         },
         "Weight {",
     ),
@@ -77,8 +82,8 @@ fn the_certificate_refuses_a_feasible_plan_that_is_not_optimal() {
     let sides = (PointWeights::Uniform(2), PointWeights::Uniform(2));
     let mut plan = solve_transport(&cost, sides.0, sides.1).unwrap();
     plan.entries = vec![
-        PlanEntry { source: 0, sink: 0, mass: 0.5 },
-        PlanEntry { source: 1, sink: 1, mass: 0.5 },
+        TransportPlanEntry { source: 0, sink: 0, mass: 0.5 },
+        TransportPlanEntry { source: 1, sink: 1, mass: 0.5 },
     ];
     for claimed in [3.0, 5.0] {
         plan.cost = claimed;

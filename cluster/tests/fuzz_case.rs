@@ -1,8 +1,8 @@
 //! One hostile input for each seed, and the verdict that it must get.
 
 use cluster::{
-    ClusterError, MAX_COST, MAX_RELATIVE_GAP, PointWeights, RELATIVE_TOLERANCE, TransportPlan,
-    TransportSolver, WassersteinSolver, certify_optimality,
+    CERTIFICATE_RELATIVE_TOLERANCE, ClusterError, MAX_ABS_COST, MAX_RELATIVE_DUALITY_GAP,
+    PointWeights, TransportPlan, TransportSolver, WassersteinSolver, certify_optimality,
 };
 use rand::seq::IndexedRandom;
 use rand::{Rng, RngExt, SeedableRng};
@@ -123,7 +123,8 @@ fn tolerance(cost: &[f64], a: &Side, b: &Side, plan: &TransportPlan) -> f64 {
     } else {
         0.0
     };
-    let promised = (MAX_RELATIVE_GAP * plan.cost.abs()).max(RELATIVE_TOLERANCE * near_zero);
+    let promised = (MAX_RELATIVE_DUALITY_GAP * plan.cost.abs())
+        .max(CERTIFICATE_RELATIVE_TOLERANCE * near_zero);
     let rounded = if equal(a, b) { 0.0 } else { 1e-15 * largest(cost) };
     promised + rounded + 1e-320
 }
@@ -150,7 +151,7 @@ fn matrix(rng: &mut ChaCha8Rng) -> Problem {
 /// no excuse.
 fn forbidden_pairs(rng: &mut ChaCha8Rng) -> Problem {
     let n = rng.random_range(3..=8);
-    let prices = [1e9, 1e16, 1e18, 1e30, MAX_COST];
+    let prices = [1e9, 1e16, 1e18, 1e30, MAX_ABS_COST];
     let one_price = rng.random::<bool>().then(|| rng.random_range(0..prices.len()));
     let share = rng.random_range(1..6);
     let mut cost = || {
@@ -233,7 +234,7 @@ fn size(rng: &mut ChaCha8Rng) -> usize {
 fn costs(rng: &mut ChaCha8Rng, n: usize, m: usize) -> Vec<f64> {
     let kind = rng.random_range(0..13);
     let constant = rng.random_range(-3.0..3.0);
-    let forbidden = *[1e9, 1e15, 1e18, 1e30, MAX_COST].choose(rng).unwrap_or(&0.0);
+    let forbidden = *[1e9, 1e15, 1e18, 1e30, MAX_ABS_COST].choose(rng).unwrap_or(&0.0);
     let blocks = rng.random_range(2..5);
     (0..n * m)
         .map(|k| match kind {
@@ -242,7 +243,7 @@ fn costs(rng: &mut ChaCha8Rng, n: usize, m: usize) -> Vec<f64> {
             2 => constant,
             3 => magnitude(rng, -30..31),
             4 => magnitude(rng, -323..-300),
-            5 => MAX_COST * rng.random_range(-1.0..=1.0),
+            5 => MAX_ABS_COST * rng.random_range(-1.0..=1.0),
             6 => *[0.1, 0.2, 0.3, 1e9].choose(rng).unwrap_or(&0.0),
             7 => 1.0 + f64::EPSILON * f64::from(rng.random_range(0..4)),
             8 => (k / m).abs_diff(k % m) as f64 * 0.1,
@@ -293,7 +294,7 @@ fn spoil_matrix(rng: &mut ChaCha8Rng, cost: &mut Vec<f64>, a: &mut Side, b: &mut
 }
 
 fn unfit(rng: &mut ChaCha8Rng) -> f64 {
-    let unfit = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 2.0 * MAX_COST, f64::MIN];
+    let unfit = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 2.0 * MAX_ABS_COST, f64::MIN];
     *unfit.choose(rng).unwrap_or(&f64::NAN)
 }
 

@@ -1,8 +1,9 @@
 //! Input that somebody's bug or malice made: a clear error or a certified answer, never a panic.
 
 use cluster::{
-    ClusterError, EuclideanDistances, MAX_COST, OptimalityCertificate, PlanEntry, PointWeights,
-    TransportPlan, WassersteinSolver, certify_optimality, solve_transport, wasserstein1,
+    ClusterError, EuclideanDistances, MAX_ABS_COST, OptimalityCertificate, PointWeights,
+    TransportPlan, TransportPlanEntry, WassersteinSolver, certify_optimality, solve_transport,
+    wasserstein1,
 };
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -84,8 +85,8 @@ fn an_infinite_cost_does_not_make_the_certificate_generous() {
             certify_optimality(&[0.0, unfit, 5.0, 0.0], sides.0, sides.1, &plan).unwrap_err();
         assert!(matches!(error, ClusterError::NonFinite { what: "cost", index: 1, .. }));
     }
-    let error =
-        certify_optimality(&[0.0, 2.0 * MAX_COST, 5.0, 0.0], sides.0, sides.1, &plan).unwrap_err();
+    let error = certify_optimality(&[0.0, 2.0 * MAX_ABS_COST, 5.0, 0.0], sides.0, sides.1, &plan)
+        .unwrap_err();
     assert!(matches!(error, ClusterError::CostTooLarge { index: 1, .. }));
 }
 
@@ -112,7 +113,7 @@ fn weights_at_the_edge_of_a_distribution() {
 #[test]
 fn costs_that_vanish_in_the_potentials_are_seen_by_the_certificate() {
     // potentials near the price of a forbidden pair round to the same number for each small cost
-    for forbidden in [1e9, 1e16, 1e18, 1e30, 1e60, MAX_COST] {
+    for forbidden in [1e9, 1e16, 1e18, 1e30, 1e60, MAX_ABS_COST] {
         let f = forbidden;
         // by all six permutations
         let plan = uniform(&[3.0, 1.0, f, 1.0, 2.0, f, f, f, 5.0], 3, 3).unwrap();
@@ -130,13 +131,15 @@ fn costs_that_vanish_in_the_potentials_are_seen_by_the_certificate() {
 #[test]
 fn a_plan_with_potentials_that_hide_its_costs_is_refused() {
     let diagonal = |n: usize, u: &[f64], v: &[f64]| TransportPlan {
-        entries: (0..n).map(|k| PlanEntry { source: k, sink: k, mass: 1.0 / n as f64 }).collect(),
+        entries: (0..n)
+            .map(|k| TransportPlanEntry { source: k, sink: k, mass: 1.0 / n as f64 })
+            .collect(),
         source_potentials: u.to_vec(),
         sink_potentials: v.to_vec(),
         ..TransportPlan::default()
     };
     // the cost of the plan exceeds the optimum by 2/3; so large potentials make sums of zero
-    for f in [1e18, 1e30, MAX_COST] {
+    for f in [1e18, 1e30, MAX_ABS_COST] {
         let cost = [0.0, -1.0, f, -1.0, 0.0, f, f, f, 0.0];
         let plan = diagonal(3, &[f, f, 0.0], &[-f, -f, 0.0]);
         let (three, weights) = (PointWeights::Uniform(3), [1.0 / 3.0; 3]);

@@ -20,12 +20,12 @@ use super::film_strip::FilmStrip;
 use super::options::RunAndRigOptions;
 use super::results::ResultsFolder;
 use super::rig::{Rig, Trial};
-use super::settings::{RigSettings, VisionSettings};
+use super::settings::{RigAndVisionSettings, VisionSettings};
 use super::simulated::SimulatedRig;
-use super::table::{TrialScore, trial_success_table};
+use super::table::{TrialResult, trial_success_table};
 
 /// Fault of the simulated rig, with the rig's settings for each amount of the fault.
-type SweepSettings = (SimulatedFault, Vec<(f64, RigSettings)>);
+type SweepSettings = (SimulatedFault, Vec<(f64, RigAndVisionSettings)>);
 
 /// Task groups of one batch of trials, with the number of trials and the folder for pictures.
 #[derive(Clone, Copy)]
@@ -86,8 +86,8 @@ pub struct DeployOptions {
 }
 
 impl DeployOptions {
-    /// Runs all trials on a simulated rig, then those of the sweeps, and prints the results to
-    /// `out`.
+    /// Runs all trials on a simulated rig, then those of the sweeps, or a dry run alone, and prints
+    /// the results to `out`.
     ///
     /// # Errors
     /// As [`Deployment::run_trial`]; folders and an `out` that cannot be written to; options that
@@ -112,7 +112,8 @@ impl DeployOptions {
         }
     }
 
-    /// Runs the trials on your own rig; `arm` is the model of its robot.
+    /// Runs the trials, or the dry run, on your own rig and prints the results to `out`; `arm` is
+    /// the model of the rig's robot.
     ///
     /// # Errors
     /// As [`DeployOptions::run`], and faults and sweeps, which only a simulated rig can set.
@@ -142,7 +143,7 @@ impl DeployOptions {
         arm: &Arm,
         results: Option<&ResultsFolder>,
         out: &mut impl Write,
-    ) -> Result<Vec<TrialScore>, DeployError> {
+    ) -> Result<Vec<TrialResult>, DeployError> {
         let groups = self.groups()?;
         if self.dry_run {
             let report = deployment.dry_run(rig, arm, &self.first(groups[0]));
@@ -172,7 +173,10 @@ impl DeployOptions {
         schedule.select_groups(self.task.as_deref(), &TaskRegistry::with_all())
     }
 
-    fn simulated(&self, settings: RigSettings) -> Result<(Deployment, SimulatedRig), DeployError> {
+    fn simulated(
+        &self,
+        settings: RigAndVisionSettings,
+    ) -> Result<(Deployment, SimulatedRig), DeployError> {
         let deployment = self.run_and_rig.load_deployment(settings.vision)?;
         let robot = self.run_and_rig.rig.robot;
         let rig = SimulatedRig::new(settings.simulation, *deployment.training_camera(), robot)?;
@@ -180,7 +184,10 @@ impl DeployOptions {
     }
 
     /// Returns the rig's settings for each amount of each fault to sweep.
-    fn sweep_settings(&self, nominal: RigSettings) -> Result<Vec<SweepSettings>, DeployError> {
+    fn sweep_settings(
+        &self,
+        nominal: RigAndVisionSettings,
+    ) -> Result<Vec<SweepSettings>, DeployError> {
         let mut sweeps: Vec<SweepSettings> = Vec::new();
         for FaultSweep { fault, amounts } in &self.sweep {
             let refused = |expected| RunError::InvalidSetting {
@@ -212,8 +219,8 @@ impl DeployOptions {
     fn sweep(
         &self,
         sweeps: &[SweepSettings],
-        nominal: RigSettings,
-        scores: &[TrialScore],
+        nominal: RigAndVisionSettings,
+        scores: &[TrialResult],
         results: &ResultsFolder,
         out: &mut impl Write,
     ) -> Result<(), DeployError> {
@@ -250,7 +257,7 @@ impl DeployOptions {
         rig: &mut dyn Rig,
         arm: &Arm,
         batch: Batch<'_>,
-    ) -> Result<Vec<TrialScore>, DeployError> {
+    ) -> Result<Vec<TrialResult>, DeployError> {
         let Batch { groups, trials, video } = batch;
         let mut scores = Vec::new();
         let variants: Vec<_> = groups.iter().flat_map(|group| group.variants()).collect();
@@ -282,7 +289,7 @@ impl DeployOptions {
         &self,
         folder: &Path,
         trial: &Trial,
-        score: &TrialScore,
+        score: &TrialResult,
         strip: &FilmStrip,
     ) -> Result<(), DeployError> {
         if score.success && trial.index > 0 {
@@ -296,9 +303,9 @@ impl DeployOptions {
         std::fs::create_dir_all(folder).map_err(written)?;
         let bytes = if self.gif {
             let title = format!("{}, trial {}", trial.variant, trial.index);
-            encode_gif(&strip.to_film(&title)).map_err(RunError::to_write_error_at(&path))?
+            encode_gif(&strip.to_film(&title)).map_err(RunError::write_error_mapper(&path))?
         } else {
-            strip.to_picture().to_png().map_err(RunError::to_write_error_at(&path))?
+            strip.to_picture().to_png().map_err(RunError::write_error_mapper(&path))?
         };
         Ok(write_atomically(&LocalDisk, &path, &bytes)?)
     }

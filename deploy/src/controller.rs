@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use envs::embodiments::Arm;
-use envs::{ACTION_DIM, ActionSettings, Layout};
+use envs::{ACTION_DIM, ControlSettings, Layout};
 use glam::{DQuat, DVec3};
 use robots::{
     ArmCommand, ControlError, OrientationConstraint, Pose, RobotState, Twist, TwistLimits,
@@ -25,8 +25,8 @@ const TURNING: f64 = 0.2;
 /// or blocked. Larger than that of the scripted experts, because commands take effect late.
 const LEAD: f64 = 0.05;
 
-/// Controller of an arm's hand for a policy. As in training, the hand follows a target, and each
-/// decision moves the target.
+/// Controller that turns a policy's actions into commands to an arm's hand, at 40 Hz. As in
+/// training, the hand follows a target, and each decision moves the target.
 ///
 /// Commands follow from a reference: the position that earlier commands should have led to. The
 /// measured position corrects the reference only if it is further away than [`LEAD`], so an arm
@@ -57,7 +57,7 @@ pub(super) struct ActionController {
 
 impl ActionController {
     /// Creates a controller of an arm that rests at `start`, for a policy trained with `control`.
-    pub fn new(arm: &Arm, control: &ActionSettings, start: &RobotState) -> Self {
+    pub fn new(arm: &Arm, control: &ControlSettings, start: &RobotState) -> Self {
         let seconds = control.decision_seconds();
         let ticks = (seconds / COMMAND_PERIOD.as_secs_f64()).round().max(1.0);
         let settings = arm.settings();
@@ -79,7 +79,7 @@ impl ActionController {
     }
 
     /// Returns `true` if a decision lasts a whole number of command periods of 25 ms.
-    pub fn is_multiple_of_command_period(control: &ActionSettings) -> bool {
+    pub fn decision_fits_command_period(control: &ControlSettings) -> bool {
         let ticks = control.decision_seconds() / COMMAND_PERIOD.as_secs_f64();
         ticks >= 1.0 && ticks.fract() == 0.0
     }
@@ -90,12 +90,12 @@ impl ActionController {
     }
 
     /// Returns the number of commands that the arm refused because it could not follow them.
-    pub fn refused_commands(&self) -> usize {
+    pub fn num_refused_commands(&self) -> usize {
         self.refused_commands
     }
 
     /// Returns the time that computing and sending the commands of the last decision took.
-    pub fn time_spent_on_commands(&self) -> Duration {
+    pub fn last_decision_command_time(&self) -> Duration {
         self.command_time
     }
 

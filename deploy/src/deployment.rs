@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use envs::embodiments::Arm;
 use envs::{
-    ACTION_DIM, ActionSettings, Camera, Layout, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
+    ACTION_DIM, Camera, ControlSettings, Layout, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
     TaskGroup, VecEnvSettings,
 };
 use glam::DVec3;
@@ -25,16 +25,17 @@ use super::film_strip::FilmStrip;
 use super::latency::{DecisionStage, LatencyProfile};
 use super::observer::RigPerception;
 use super::plausibility;
-use super::rig::{Rig, Trial, TrialSetUp, stop_after};
+use super::rig::{PreparedTrial, Rig, Trial, stop_after};
 use super::settings::VisionSettings;
-use super::table::TrialScore;
+use super::table::TrialResult;
 use super::trial::{FirstPictureEnv, TrialEnv};
 
-/// Policies of a run with the camera and the table of their training.
+/// Policies of a run, ready to act on a rig, with the camera and a picture of the empty table of
+/// their training.
 pub struct Deployment {
     learner: Box<dyn Learner>,
     spec: EnvSpec,
-    control: ActionSettings,
+    control: ControlSettings,
     camera: Camera,
     /// Picture of the empty table `[rendered_size, rendered_size, 3]` by the camera of training.
     table: Vec<u8>,
@@ -95,7 +96,7 @@ impl Deployment {
         arm: &Arm,
         trial: &Trial,
         strip: Option<&mut FilmStrip>,
-    ) -> Result<TrialScore, DeployError> {
+    ) -> Result<TrialResult, DeployError> {
         Ok(self.run(rig, arm, trial, strip)?.score)
     }
 
@@ -157,7 +158,7 @@ impl Deployment {
         &self,
         rig: &dyn Rig,
         arm: &Arm,
-        set_up: &TrialSetUp,
+        set_up: &PreparedTrial,
         start: RobotState,
     ) -> Result<RigPerception, DeployError> {
         let calibration = self.vision.calibration.unwrap_or_else(|| rig.calibration());
@@ -195,7 +196,7 @@ impl Deployment {
     }
 
     /// Lets the learner choose a policy, and lets the policy act for one episode.
-    fn play(&mut self, env: &mut TrialEnv, trial: &Trial) -> Result<TrialScore, DeployError> {
+    fn play(&mut self, env: &mut TrialEnv, trial: &Trial) -> Result<TrialResult, DeployError> {
         env.observe_start()?;
         let mut rng = ChaCha8Rng::seed_from_u64(trial.seed);
         let mut look =
@@ -205,7 +206,7 @@ impl Deployment {
             self.learner.recognise_policy(&mut look, Some(1), &mut rng)?;
         env.latencies.record(DecisionStage::ChoosePolicy, started.elapsed());
         let stats = self.learner.evaluate_policy(policy, env, 1)?.stats;
-        Ok(TrialScore {
+        Ok(TrialResult {
             group: trial.variant.group,
             element: trial.variant.element,
             trial_index: trial.index,
@@ -213,14 +214,14 @@ impl Deployment {
             policy_fits: fits,
             success: stats.success_rate() == Some(1.0),
             success_at_end: stats.success_at_end_rate() == Some(1.0),
-            refused_commands: env.controller.refused_commands(),
+            refused_commands: env.controller.num_refused_commands(),
         })
     }
 }
 
 /// Result of a trial with its actions and times.
 struct Played {
-    score: TrialScore,
+    score: TrialResult,
     actions: Vec<[f32; ACTION_DIM]>,
     latencies: LatencyProfile,
 }
@@ -236,7 +237,7 @@ pub(super) fn check_training_conditions(
     if envs.layout != Layout::Symmetric {
         return refuse("envs.layout", envs.layout.to_string(), "`symmetric`");
     }
-    if !ActionController::is_multiple_of_command_period(&envs.control) {
+    if !ActionController::decision_fits_command_period(&envs.control) {
         return refuse(
             "envs.control.action_repeat",
             envs.control.action_repeat.to_string(),

@@ -13,7 +13,7 @@ use crate::DeployError;
 
 use super::controller::COMMAND_PERIOD;
 use super::latency::{DecisionStage, LatencyProfile};
-use super::rig::{Rig, TaskVerdict, Trial, TrialSetUp, fresh_picture};
+use super::rig::{PreparedTrial, Rig, TaskVerdict, Trial, fresh_picture};
 
 /// Command for the arm that a dry run did not send.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +28,8 @@ pub struct UnsentCommand {
     pub refusal: Option<String>,
 }
 
-/// Result of a dry run.
+/// Result of a dry run: the chosen policy, its actions, the withheld commands, and the times of the
+/// stages.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DryRunReport {
     /// Index of the policy that the learner chose from the first picture.
@@ -167,7 +168,7 @@ impl Robot for DryRunRig<'_> {
 impl Rig for DryRunRig<'_> {
     /// Takes a picture of the table and the arm as they are. What the arm hides is treated as empty
     /// table.
-    fn set_up(&mut self, _: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
+    fn set_up(&mut self, _: &Trial) -> Result<PreparedTrial, BoxedEnvError> {
         let Intrinsics { width, height, .. } = self.calibration().intrinsics;
         let mut background = vec![0; 3 * width * height];
         // an old picture may show another table
@@ -175,7 +176,7 @@ impl Rig for DryRunRig<'_> {
             DeployError::Rig { source } => source,
             other => other.into(),
         })?;
-        Ok(TrialSetUp { background, parked_state: self.rig.state()?, goal: None })
+        Ok(PreparedTrial { background, parked_state: self.rig.state()?, goal: None })
     }
 
     fn calibration(&self) -> CameraCalibration {

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use crate::DeployError;
 use experiments::RunError;
 
-use super::settings::RigSettings;
+use super::settings::RigAndVisionSettings;
 
 /// Fault of a simulated rig, or setting of the perception, whose amount can be varied.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,9 +71,9 @@ impl SimulatedFault {
     pub fn set_amount(
         self,
         amount: f64,
-        mut settings: RigSettings,
-    ) -> Result<RigSettings, DeployError> {
-        let RigSettings { simulation, vision } = &mut settings;
+        mut settings: RigAndVisionSettings,
+    ) -> Result<RigAndVisionSettings, DeployError> {
+        let RigAndVisionSettings { simulation, vision } = &mut settings;
         let camera = &mut simulation.camera_imperfections;
         match self {
             Self::PositionError => camera.position_error = amount / 1e3,
@@ -228,7 +228,7 @@ mod tests {
     /// docs/deployment.md.
     #[test]
     fn amounts_are_in_the_units_that_axes_name() {
-        let nominal = RigSettings::NOMINAL_FAULTS;
+        let nominal = RigAndVisionSettings::NOMINAL_FAULTS;
         let amounts = [5.0, 0.5, 60.0, 25.0, 10.0, 3.0, 20.0];
         for (fault, amount) in SimulatedFault::ALL.into_iter().zip(amounts) {
             let none = fault.set_amount(0.0, nominal).unwrap();
@@ -239,7 +239,7 @@ mod tests {
 
     #[test]
     fn amounts_out_of_range_are_refused() {
-        let nominal = RigSettings::NOMINAL_FAULTS;
+        let nominal = RigAndVisionSettings::NOMINAL_FAULTS;
         for (fault, amount, says) in [
             (SimulatedFault::PositionError, 101.0, "`position_error` is 0.101"),
             (SimulatedFault::AngleError, 12.0, "`angle_error`"),

@@ -5,7 +5,7 @@ use inpainting::{Intrinsics, Perception};
 
 use experiments::colours::curve_rgb;
 use experiments::sheet::Picture;
-use render::{Film, GridCell, GridRow, compose_grid};
+use render::{Film, FilmGridCell, FilmGridRow, compose_film_grid};
 
 /// Width and height of a picture in a film strip (pixels), in the camera's aspect ratio of 4 to 3.
 const CELL: [usize; 2] = [192, 144];
@@ -54,17 +54,17 @@ impl FilmStrip {
 
     /// Returns a film of all decisions with the three pictures side by side.
     pub fn to_film(&self, title: &str) -> Film {
-        let cell = |row: usize| GridCell {
+        let cell = |row: usize| FilmGridCell {
             width: CELL[0],
             height: CELL[1],
             frames: self.columns.iter().map(|cells| cells[row].clone()).collect(),
         };
-        let row = GridRow {
+        let row = FilmGridRow {
             title: title.to_owned(),
             colour: curve_rgb(0),
             cells: [0, 1, 2].map(cell).to_vec(),
         };
-        compose_grid(&["camera", "mask", "policy"], &[row])
+        compose_film_grid(&["camera", "mask", "policy"], &[row])
     }
 }
 

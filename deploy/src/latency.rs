@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-/// Stage of a decision on a robot whose time is measured. The recognition runs once per trial.
+/// Stage of a decision on a robot; a [`LatencyProfile`] holds its times. The recognition runs once
+/// per trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DecisionStage {
     /// Fetching the camera's picture.

@@ -10,7 +10,7 @@ use robots::RobotState;
 
 use crate::DeployError;
 
-use super::rig::{MAX_PICTURE_AGE, Rig, TrialSetUp, fresh_picture};
+use super::rig::{MAX_PICTURE_AGE, PreparedTrial, Rig, fresh_picture};
 use super::settings::VisionSettings;
 use super::state_history::StateHistory;
 
@@ -41,7 +41,7 @@ impl RigPerception {
         calibration: CameraCalibration,
         camera: &Camera,
         table: &[u8],
-        set_up: &TrialSetUp,
+        set_up: &PreparedTrial,
         start: (Duration, RobotState),
     ) -> Result<Self, DeployError> {
         let parked = arm.capsules(&set_up.parked_state);
@@ -59,7 +59,7 @@ impl RigPerception {
         })
     }
 
-    /// Records the arm's state at the time `now`, which must not go back.
+    /// Records the arm's state at the time `now`, which must not be before that of the last record.
     pub fn record_state(&mut self, now: Duration, state: RobotState) {
         self.history.record(now, state);
     }
@@ -109,12 +109,13 @@ impl RigPerception {
         self.camera.compose_observation(&pictures, image);
     }
 
-    /// Returns the camera's last picture `[H, W, 3]`.
-    pub fn picture(&self) -> &[u8] {
+    /// Returns the camera's picture `[H, W, 3]` that was fetched last, with the arm in it.
+    pub fn camera_picture(&self) -> &[u8] {
         &self.picture
     }
 
-    /// Returns the perception, which has the mask of the last picture.
+    /// Returns the perception, with the mask of the last
+    /// [`RigPerception::write_picture_without_arm`].
     pub fn perception(&self) -> &Perception {
         &self.perception
     }

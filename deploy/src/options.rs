@@ -12,7 +12,7 @@ use inpainting::InpaintingError::OutOfSight;
 use super::calibrate::CameraCalibrationFile;
 use super::deployment::Deployment;
 use super::faults::{FaultAmount, SimulatedFault};
-use super::settings::{RigSettings, VisionSettings};
+use super::settings::{RigAndVisionSettings, VisionSettings};
 
 /// Set of faults of a simulated robot and its camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -23,7 +23,7 @@ pub enum FaultPreset {
     Nominal,
 }
 
-/// Options that choose the robot and its faults.
+/// Options that choose the robot, its faults and the seed.
 #[derive(Clone, Debug, Args)]
 pub struct RigOptions {
     /// Simulated robot: `kinova-sim`, a Kinova Gen3 with which no policy was trained, or an arm of
@@ -47,14 +47,15 @@ fn robot(name: &str) -> Result<Embodiment, EnvError> {
 }
 
 impl RigOptions {
-    /// Returns the settings of the simulated rig and the perception.
+    /// Returns the settings of a simulated rig with the faults that the options ask for, and
+    /// otherwise the default perception.
     ///
     /// # Errors
     /// [`RunError::InvalidSetting`] for amounts out of range, and for two amounts of one fault.
-    pub fn settings(&self) -> Result<RigSettings, DeployError> {
+    pub fn settings(&self) -> Result<RigAndVisionSettings, DeployError> {
         let mut settings = match self.faults {
-            FaultPreset::Off => RigSettings::NO_FAULTS,
-            FaultPreset::Nominal => RigSettings::NOMINAL_FAULTS,
+            FaultPreset::Off => RigAndVisionSettings::NO_FAULTS,
+            FaultPreset::Nominal => RigAndVisionSettings::NOMINAL_FAULTS,
         };
         for (number, FaultAmount { fault, amount }) in self.fault_amounts.iter().enumerate() {
             // a second amount would silently replace the first
@@ -91,7 +92,7 @@ impl RigOptions {
 
 /// Option for a camera's calibration from a file.
 #[derive(Clone, Debug, Args)]
-pub struct CameraOptions {
+pub struct CalibrationFileOptions {
     /// Calibration of the camera, written by `covers calibrate`, in place of the robot's own.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
@@ -108,15 +109,15 @@ pub struct RunAndRigOptions {
     pub rig: RigOptions,
     #[command(flatten)]
     #[allow(missing_docs)]
-    pub camera: CameraOptions,
+    pub camera: CalibrationFileOptions,
 }
 
 impl RunAndRigOptions {
-    /// Loads the policies of the run, with the perception `vision` and the options' calibration
-    /// file.
+    /// Loads the policies of the run, with the perception `vision` and, if the options name a file,
+    /// the calibration in it in place of that of `vision`.
     ///
     /// # Errors
-    /// As [`CameraOptions::apply_calibration`] and [`Deployment::load`].
+    /// As [`CalibrationFileOptions::apply_calibration`] and [`Deployment::load`].
     pub fn load_deployment(&self, vision: VisionSettings) -> Result<Deployment, DeployError> {
         Deployment::load(
             &RunFolder::from_path(&self.run_folder),
@@ -125,7 +126,7 @@ impl RunAndRigOptions {
     }
 }
 
-impl CameraOptions {
+impl CalibrationFileOptions {
     /// Returns `settings` with the calibration from the option's file, if one is given.
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use learner::disk::{LocalDisk, write_atomically};
 
 use super::faults::SimulatedFault;
 use super::sweep::{FaultSweepResults, fault_sweep_csv, fault_sweep_svg};
-use super::table::{TrialScore, deployment_markdown, trials_csv};
+use super::table::{TrialResult, deployment_markdown, trials_csv};
 
 /// Folder with `table.md` and `trials.csv`, and for each sweep a table (CSV) and a figure (SVG)
 /// named after the fault.
@@ -19,7 +19,8 @@ pub struct ResultsFolder {
 }
 
 impl ResultsFolder {
-    /// Creates the folder if there is none. `faults` are those that will be swept.
+    /// Creates the folder if there is none, and rejects one with a file that would be written
+    /// later. `faults` are those that will be swept.
     ///
     /// # Errors
     /// [`RunError::FileExists`] if one of the files exists, and a folder that cannot be created.
@@ -27,7 +28,7 @@ impl ResultsFolder {
         folder: &Path,
         faults: impl Iterator<Item = SimulatedFault>,
     ) -> Result<Self, DeployError> {
-        std::fs::create_dir_all(folder).map_err(RunError::to_write_error_at(folder))?;
+        std::fs::create_dir_all(folder).map_err(RunError::write_error_mapper(folder))?;
         // check all files before any trial runs, which takes minutes
         let results = Self { folder: folder.to_owned() };
         let swept = faults.flat_map(|fault| ["csv", "svg"].map(|ending| results.of(fault, ending)));
@@ -44,7 +45,7 @@ impl ResultsFolder {
     ///
     /// # Errors
     /// Files that cannot be written.
-    pub fn write_trials(&self, scores: &[TrialScore]) -> Result<(), DeployError> {
+    pub fn write_trials(&self, scores: &[TrialResult]) -> Result<(), DeployError> {
         let write = |name: &str, text: String| {
             write_atomically(&LocalDisk, &self.folder.join(name), text.as_bytes())
         };
@@ -52,7 +53,7 @@ impl ResultsFolder {
         Ok(write("table.md", deployment_markdown(scores))?)
     }
 
-    /// Writes the table and the figure of a sweep that may be incomplete.
+    /// Writes the table (CSV) and the figure (SVG) of a sweep so far, in place of earlier ones.
     ///
     /// # Errors
     /// Files that cannot be written.

@@ -11,7 +11,7 @@ use symmetry::D2;
 
 use crate::DeployError;
 
-/// Description of one episode on a robot.
+/// Description of one trial (episode) on a robot: its task variant, index and seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
     /// Task variant to set up. The policy does not see it.
@@ -35,7 +35,7 @@ impl Trial {
 
 /// Table that was set up for a trial: its picture, the parked arm and the goal.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TrialSetUp {
+pub struct PreparedTrial {
     /// Picture `[H, W, 3]` of the table with its objects, taken with the arm parked outside of it.
     pub background: Vec<u8>,
     /// State of the arm while it is parked outside of the picture.
@@ -53,7 +53,8 @@ pub struct TaskVerdict {
     pub success_at_end: bool,
 }
 
-/// Stops the robot after an operation, whether it succeeded or failed, and returns its result.
+/// Stops the robot after an operation, whether it succeeded or failed, and returns the operation's
+/// result `done`.
 ///
 /// # Errors
 /// Error of the operation, or else of the stop; [`ControlError::NotStopped`] if both failed.
@@ -114,7 +115,7 @@ pub trait Rig: Robot {
     ///
     /// # Errors
     /// Errors of the hardware.
-    fn set_up(&mut self, trial: &Trial) -> Result<TrialSetUp, BoxedEnvError>;
+    fn set_up(&mut self, trial: &Trial) -> Result<PreparedTrial, BoxedEnvError>;
 
     /// Returns the estimated calibration of the camera since the last [`Rig::set_up`]. A dry run
     /// calls this without a set-up.

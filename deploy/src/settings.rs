@@ -22,18 +22,19 @@ pub struct VisionSettings {
 
 /// Settings of a simulated rig and of the perception of its pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RigSettings {
+pub struct RigAndVisionSettings {
     /// Faults of the simulated camera and the simulated arm.
     pub simulation: SimulatedRigSettings,
     /// Settings of the perception of the rig's pictures.
     pub vision: VisionSettings,
 }
 
-impl RigSettings {
+impl RigAndVisionSettings {
     /// Settings without faults and with the default perception.
     pub const NO_FAULTS: Self =
         Self { simulation: SimulatedRigSettings::NO_FAULTS, vision: VisionSettings::DEFAULT };
-    /// Settings with nominal faults and the default perception.
+    /// Settings with faults about as large as those of real robots and cameras, and the default
+    /// perception.
     pub const NOMINAL_FAULTS: Self =
         Self { simulation: SimulatedRigSettings::NOMINAL_FAULTS, vision: VisionSettings::DEFAULT };
 }
@@ -55,8 +56,8 @@ impl VisionSettings {
     };
 
     /// Returns the settings of the perception for an arm of capsules with these radii (metres),
-    /// each between two joints, and for a policy that was trained with `camera`. Pictures have the
-    /// size at which observations are drawn, and no mark.
+    /// whose ends are listed in the same order, two for each, and for a policy that was trained
+    /// with `camera`. Pictures have the size at which observations are drawn, and no mark.
     pub(super) fn perception_settings(
         &self,
         calibration: CameraCalibration,

@@ -10,8 +10,8 @@ use std::time::Duration;
 use envs::embodiments::{Arm, ArmSettings};
 use envs::mujoco::State;
 use envs::{
-    ActionSettings, Camera, Embodiment, EnvError, RGB_CHANNELS, Scene, SceneRenderer, SimulatedArm,
-    TableTop, TaskGroup,
+    Camera, ControlSettings, Embodiment, EnvError, RGB_CHANNELS, Scene, SceneRenderer,
+    SimulatedArm, TableTop, TaskGroup,
 };
 use glam::DVec3;
 use inpainting::{
@@ -20,11 +20,11 @@ use inpainting::{
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::BoxedEnvError;
-use robots::{ArmCommand, ControlError, ExtraLinkMjcf, Robot, RobotState, Watchdog};
+use robots::{ArmCommand, ControlError, LinkMjcfAddition, Robot, RobotState, Watchdog};
 
 use crate::DeployError;
 
-use super::rig::{Rig, TaskVerdict, Trial, TrialSetUp};
+use super::rig::{PreparedTrial, Rig, TaskVerdict, Trial};
 
 /// Faults of the camera and the arm of a simulated rig.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -104,7 +104,8 @@ impl SimulatedRig {
         Ok(Self::of(settings, policy, robot.arm()?.clone(), robot))
     }
 
-    /// Creates a rig whose arm carries the magenta ball that `covers calibrate` looks for.
+    /// Creates a simulated rig whose arm carries the magenta ball that `covers calibrate` looks for
+    /// by default.
     ///
     /// # Errors
     /// As [`SimulatedRig::new`].
@@ -139,7 +140,8 @@ impl SimulatedRig {
         &self.arm
     }
 
-    /// Returns the true calibration of the simulated camera, except for the lens distortion.
+    /// Returns the true pose and intrinsics of the simulated camera, as a calibration without lens
+    /// distortion.
     pub fn true_calibration(&self) -> CameraCalibration {
         CameraCalibration {
             intrinsics: Intrinsics::REALSENSE_D435,
@@ -180,14 +182,14 @@ impl SimulatedRig {
             group,
             robot: Watchdog::new(arm, time),
             renderer: SceneRenderer::with_arm(Arc::clone(&scene))?,
-            ghost: TableTop::new(scene, ActionSettings::default())?,
+            ghost: TableTop::new(scene, ControlSettings::default())?,
             history: VecDeque::new(),
             ideal: [pixels.clone(), pixels],
             camera,
         })
     }
 
-    fn set(&mut self, trial: &Trial) -> Result<TrialSetUp, DeployError> {
+    fn set(&mut self, trial: &Trial) -> Result<PreparedTrial, DeployError> {
         let camera = self.camera(trial)?;
         let group = trial.variant.group;
         // compiling a scene is slow, so trials of one group share it
@@ -210,7 +212,7 @@ impl SimulatedRig {
         let goal = workspace.ghost.observable_goal();
         self.workspace = Some(workspace);
         self.verdict = TaskVerdict::default();
-        Ok(TrialSetUp { background, parked_state: parked, goal })
+        Ok(PreparedTrial { background, parked_state: parked, goal })
     }
 
     /// Simulates one control step and checks the watchdog.
@@ -223,7 +225,7 @@ impl SimulatedRig {
         let verdict = &mut self.verdict;
         verdict.success |= outcome.success;
         verdict.success_at_end = outcome.success;
-        self.workspace()?.robot.check_timeout()?;
+        self.workspace()?.robot.stop_if_timed_out()?;
         Ok(())
     }
 }
@@ -317,7 +319,7 @@ fn carrying_ball(robot: Embodiment) -> Result<&'static Arm, DeployError> {
     let settings = bare.settings();
     let working = bare.chain().tip_pose(&settings.ready_joint_positions).rotation;
     let DVec3 { x, y, z } = working.conjugate() * BALL;
-    let ball = ExtraLinkMjcf {
+    let ball = LinkMjcfAddition {
         link: settings.hand_link.clone(),
         mjcf: format!(
             r#"<geom name="ball" type="sphere" size="0.02" pos="{x} {y} {z}" mass="0" rgba="1 0 1 1"/>"#
@@ -361,7 +363,7 @@ impl Robot for SimulatedRig {
 }
 
 impl Rig for SimulatedRig {
-    fn set_up(&mut self, trial: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
+    fn set_up(&mut self, trial: &Trial) -> Result<PreparedTrial, BoxedEnvError> {
         Ok(self.set(trial)?)
     }
 

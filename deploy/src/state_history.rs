@@ -16,12 +16,13 @@ pub(super) struct StateHistory {
 }
 
 impl StateHistory {
-    /// Creates a history that begins with a time and a state, and keeps states for the time `kept`.
+    /// Creates a history that begins with a time and a state, and keeps the states of at least the
+    /// time `kept` before the last one.
     pub fn new(start: (Duration, RobotState), kept: Duration) -> Self {
         Self { earlier: VecDeque::new(), last: start, kept }
     }
 
-    /// Records the state at the time `now`, which must not go back.
+    /// Records the arm's state at the time `now`, which must not be before that of the last record.
     pub fn record(&mut self, now: Duration, state: RobotState) {
         self.earlier.push_back(std::mem::replace(&mut self.last, (now, state)));
         // keep one older state, to interpolate from it

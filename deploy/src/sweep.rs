@@ -6,7 +6,7 @@ use experiments::colours::{LineStyle, curve_style};
 use report::svg::{DOT_RADIUS, SvgPlot};
 
 use super::faults::SimulatedFault;
-use super::table::{TRIAL_CSV_HEADER, TrialScore, trial_csv_row, wilson_interval};
+use super::table::{TRIAL_CSV_HEADER, TrialResult, trial_csv_row, wilson_interval};
 
 /// Height of the panel of one task group in a figure (pixels).
 const HEIGHT: f64 = 100.0;
@@ -14,7 +14,7 @@ const HEIGHT: f64 = 100.0;
 const BOUNDS: [f64; 2] = [-0.05, 1.05];
 
 /// Results of a sweep over the amounts of a fault: each amount with its trials.
-pub type FaultSweepResults = Vec<(f64, Vec<TrialScore>)>;
+pub type FaultSweepResults = Vec<(f64, Vec<TrialResult>)>;
 
 /// Returns a table (CSV) of the trials of a sweep over a fault's amounts, a row for each trial.
 pub fn fault_sweep_csv(fault: SimulatedFault, swept: &FaultSweepResults) -> String {

@@ -18,7 +18,7 @@ const DEVIATIONS: f64 = 1.959_963_984_540_054;
 
 /// Result of one trial of a policy on a robot.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct TrialScore {
+pub struct TrialResult {
     /// Task group whose scene was built for this trial.
     pub group: TaskGroup,
     /// Element of D2 by which the scene was transformed.
@@ -55,16 +55,16 @@ pub(super) fn wilson_interval(successes: usize, trials: usize) -> [f64; 2] {
 
 /// Returns a table (text) with a row for each group: success with its interval, success at the end,
 /// the success that the paper reports for its real arm, and the policies that were chosen.
-pub fn trial_success_table(scores: &[TrialScore]) -> String {
+pub fn trial_success_table(scores: &[TrialResult]) -> String {
     table(scores).text()
 }
 
 /// Returns the table of success in each task group, [`trial_success_table`], in Markdown.
-pub(super) fn deployment_markdown(scores: &[TrialScore]) -> String {
+pub(super) fn deployment_markdown(scores: &[TrialResult]) -> String {
     table(scores).markdown()
 }
 
-fn table(scores: &[TrialScore]) -> ReportTable {
+fn table(scores: &[TrialResult]) -> ReportTable {
     let header =
         ["group", "trials", "success", "95 % interval", "at end", "paper, real arm", "policies"];
     let mut table = ReportTable::new("Success in trials on a robot.", &header);
@@ -85,9 +85,9 @@ fn table(scores: &[TrialScore]) -> ReportTable {
     table
 }
 
-fn row(name: &str, scores: &[&TrialScore], paper: Option<f64>) -> Vec<String> {
+fn row(name: &str, scores: &[&TrialResult], paper: Option<f64>) -> Vec<String> {
     let trials = scores.len();
-    let share = |holds: fn(&TrialScore) -> bool| {
+    let share = |holds: fn(&TrialResult) -> bool| {
         let count = scores.iter().filter(|score| holds(score)).count();
         (count, count as f64 / trials.max(1) as f64)
     };
@@ -110,7 +110,7 @@ pub(super) const TRIAL_CSV_HEADER: &str =
     "group,variant,number,policy,fits,success,success_at_end,refused";
 
 /// Formats a trial as a row (CSV) without a line break.
-pub(super) fn trial_csv_row(score: &TrialScore) -> String {
+pub(super) fn trial_csv_row(score: &TrialResult) -> String {
     format!(
         "{},{},{},{},{},{},{},{}",
         score.group.name(),
@@ -125,13 +125,13 @@ pub(super) fn trial_csv_row(score: &TrialScore) -> String {
 }
 
 /// Returns a table (CSV) of the results of trials, a row for each.
-pub(super) fn trials_csv(scores: &[TrialScore]) -> String {
+pub(super) fn trials_csv(scores: &[TrialResult]) -> String {
     let rows = scores.iter().map(|score| trial_csv_row(score) + "\n");
     format!("{TRIAL_CSV_HEADER}\n{}", rows.collect::<String>())
 }
 
 /// Lists the chosen policies, each with its number of trials.
-fn policies(scores: &[&TrialScore]) -> String {
+fn policies(scores: &[&TrialResult]) -> String {
     let mut chosen: BTreeMap<usize, usize> = BTreeMap::new();
     for score in scores {
         *chosen.entry(score.policy).or_default() += 1;
@@ -146,8 +146,8 @@ pub(super) mod tests {
     use super::*;
 
     /// Returns the score of a trial with policy 1 and two refused commands.
-    pub fn score(group: TaskGroup, trial_index: usize, success: bool) -> TrialScore {
-        TrialScore {
+    pub fn score(group: TaskGroup, trial_index: usize, success: bool) -> TrialResult {
+        TrialResult {
             group,
             element: D2::FlipX,
             trial_index,
@@ -175,7 +175,7 @@ pub(super) mod tests {
 
     #[test]
     fn a_group_has_a_line_with_its_policies_and_the_papers_figure() {
-        let score = |group, number, success| TrialScore {
+        let score = |group, number, success| TrialResult {
             policy: 2 + number / 3,
             ..score(group, number, success)
         };

@@ -19,8 +19,8 @@ use symmetry::D2;
 use super::deployment::check_training_conditions;
 use super::dry_run::DryRunRig;
 use super::{
-    DecisionStage, Deployment, MaskCheck, Rig, SimulatedRig, SimulatedRigSettings, TaskVerdict,
-    Trial, TrialSetUp, UnsentCommand, VisionSettings, calibration_poses,
+    DecisionStage, Deployment, MaskCheck, PreparedTrial, Rig, SimulatedRig, SimulatedRigSettings,
+    TaskVerdict, Trial, UnsentCommand, VisionSettings, calibration_poses,
 };
 use crate::DeployError;
 use experiments::{Experiment, RunFolder};
@@ -103,9 +103,9 @@ impl Robot for DryRig {
 }
 
 impl Rig for DryRig {
-    fn set_up(&mut self, _: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
+    fn set_up(&mut self, _: &Trial) -> Result<PreparedTrial, BoxedEnvError> {
         assert!(!self.untouched, "the arm would have moved to its start");
-        Ok(TrialSetUp {
+        Ok(PreparedTrial {
             background: vec![100; 3 * 640 * 480],
             parked_state: self.robot.state()?,
             goal: Some(DVec3::new(0.15, -0.1, 0.15)),
@@ -220,7 +220,7 @@ fn calibrations_of_other_cameras_are_refused_before_the_arm_moves() {
     let mut deployment = pretrained("pretrained-robot", Some(millimetres));
     let first = &calibration_poses(&arm())[..1];
     for refused in [
-        MaskCheck::measure(&deployment, &mut rig, &arm(), first, &TRIAL).map(|_| ()),
+        MaskCheck::run_on_rig(&deployment, &mut rig, &arm(), first, &TRIAL).map(|_| ()),
         deployment.run_trial(&mut rig, &arm(), &TRIAL, None).map(|_| ()),
         deployment.dry_run(&mut rig, &arm(), &TRIAL).map(|_| ()),
     ] {
@@ -255,7 +255,7 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
         let trial = Trial { index, ..TRIAL };
         deployment.run_trial(&mut other_rig, &arm, &trial, None).unwrap();
     }
-    MaskCheck::measure(&deployment, &mut other_rig, &arm, &calibration_poses(&arm)[..1], &TRIAL)
+    MaskCheck::run_on_rig(&deployment, &mut other_rig, &arm, &calibration_poses(&arm)[..1], &TRIAL)
         .unwrap();
 }
 

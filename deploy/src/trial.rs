@@ -4,7 +4,7 @@
 use std::time::Instant;
 
 use envs::embodiments::Arm;
-use envs::{ACTION_DIM, ActionSettings, RGB_CHANNELS};
+use envs::{ACTION_DIM, ControlSettings, RGB_CHANNELS};
 use glam::DVec3;
 use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEnv};
 
@@ -43,14 +43,14 @@ impl VectorEnv for FirstPictureEnv<'_> {
     }
 }
 
-/// Environment of a trial in which a policy acts.
+/// Environment, of size 1, of a trial on a rig in which a policy acts.
 pub(super) struct TrialEnv<'a> {
     pub rig: &'a mut dyn Rig,
     pub arm: &'a Arm,
     pub observer: RigPerception,
     pub controller: ActionController,
     pub spec: EnvSpec,
-    pub control: ActionSettings,
+    pub control: ControlSettings,
     /// Goal position of the hand (metres, world); zero in tasks whose policy does not observe it.
     pub goal: DVec3,
     /// First picture of the trial `[size, size, 3]`; empty before it.
@@ -67,7 +67,7 @@ pub(super) struct TrialEnv<'a> {
 }
 
 impl TrialEnv<'_> {
-    /// Makes the first observation while the robot rests.
+    /// Makes and stores the first observation of the trial, while the robot rests at its start.
     ///
     /// # Errors
     /// Errors of the rig and the perception.
@@ -90,7 +90,7 @@ impl TrialEnv<'_> {
         self.latencies.record(DecisionStage::InPainting, paint_started.elapsed());
         if let Some(strip) = &mut self.film_strip {
             let perception = self.observer.perception();
-            strip.add_decision(self.observer.picture(), perception, &picture);
+            strip.add_decision(self.observer.camera_picture(), perception, &picture);
         }
         if self.first_picture.is_empty() {
             self.first_picture.clone_from(&picture);
@@ -113,7 +113,7 @@ impl TrialEnv<'_> {
         self.actions.push(action);
         self.controller.execute_action(self.rig, &mut self.observer, action)?;
         self.latencies
-            .record(DecisionStage::SendCommands, self.controller.time_spent_on_commands());
+            .record(DecisionStage::SendCommands, self.controller.last_decision_command_time());
         let verdict = self.rig.verdict().map_err(|source| DeployError::Rig { source })?;
         self.observe(&mut out.observations)?;
         out.final_observations.clone_from(&out.observations);

@@ -13,7 +13,7 @@ use crate::control::PHYSICS_STEPS_PER_CONTROL_STEP;
 use crate::error::EnvError;
 
 /// Joint positions by joint name (metres or radians).
-pub type JointPositions = Vec<(String, f64)>;
+pub type NamedJointPositions = Vec<(String, f64)>;
 
 /// Mechanism by which the hand follows its target; actions move that target.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,10 +23,10 @@ pub enum HandActuation {
     /// `right_finger` and `left_finger`, get the finger action and its negative.
     Weld,
     /// Servo motors in the joints, as in a real arm; inverse kinematics gives their targets.
-    Servos(Box<ServoController>),
+    Servos(Box<ServoArmController>),
 }
 
-/// Settings of a [`ServoController`] that stay constant while it runs.
+/// Settings of a [`ServoArmController`] that stay constant while it runs.
 #[derive(Debug, PartialEq)]
 pub(crate) struct ServoSettings {
     pub arm: RobotDescription,
@@ -43,7 +43,7 @@ pub(crate) struct ServoSettings {
     pub orientation: OrientationConstraint,
 }
 
-/// Drive of a gripper's fingers by one joint.
+/// Joint that drives a gripper's fingers: its index, positions and maximum speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FingerDrive {
     /// Index of the finger joint among the arm's free joints.
@@ -55,7 +55,8 @@ pub(crate) struct FingerDrive {
 }
 
 impl FingerDrive {
-    /// Returns the distance between the open and the closed position of the finger joint.
+    /// Returns the distance between the open and the closed position of the finger joint (metres or
+    /// radians).
     pub fn travel(&self) -> f64 {
         (self.positions[1] - self.positions[0]).abs()
     }
@@ -75,14 +76,14 @@ impl FingerDrive {
 
 /// Controller of an arm whose servos follow inverse kinematics.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ServoController {
+pub struct ServoArmController {
     servos: Arc<ServoSettings>,
     control: TwistController,
     /// Addresses in `qpos` of the arm's free joints.
     addresses: Vec<usize>,
     /// Commanded finger position: 0 is open, 1 is closed.
     gripper_closure: f64,
-    /// Last command of [`ServoController::command`], which stays in force.
+    /// Last command of [`ServoArmController::command`], which stays in force.
     commanded: ArmCommand,
 }
 
@@ -92,7 +93,7 @@ const MAX_TURN_ERROR: f64 = 0.1;
 /// Rate (1/s) of the final, exponential approach of the hand to its target.
 const APPROACH_RATE: f64 = 10.0;
 
-impl ServoController {
+impl ServoArmController {
     pub(crate) fn new(servos: ServoSettings, control: TwistController) -> Self {
         Self {
             servos: Arc::new(servos),
@@ -103,9 +104,13 @@ impl ServoController {
         }
     }
 
-    /// Looks up the arm's joints in `model` and resets the controller, at rest at the positions
-    /// `rest`.
-    pub(crate) fn start(&mut self, model: &Model, rest: &JointPositions) -> Result<(), EnvError> {
+    /// Looks up the arm's joints in `model` and resets the controller to rest at the positions
+    /// `rest`, or 0 for joints that are not in it.
+    pub(crate) fn start(
+        &mut self,
+        model: &Model,
+        rest: &NamedJointPositions,
+    ) -> Result<(), EnvError> {
         let joints = self.servos.arm.free_joints();
         let address = |(joint, _): (&robots::Joint, _)| {
             Ok(model.joint_qpos_address(model.joint(&joint.name)?))
@@ -126,7 +131,8 @@ impl ServoController {
     }
 
     /// Sets the servo controls for one control step that moves the hand towards `target` (metres,
-    /// world frame) and closes the fingers at the speed `finger` in `[-1, 1]`.
+    /// world frame) and the fingers at the share `finger` of their maximum speed, from -1 (opens)
+    /// to 1 (closes).
     pub(crate) fn advance(
         &mut self,
         data: &mut Data,
@@ -146,7 +152,7 @@ impl ServoController {
         Ok(())
     }
 
-    /// Holds hand and fingers at their present position.
+    /// Stops hand and fingers at the controller's present targets.
     pub(crate) fn stop(&mut self) {
         self.control.stop();
         self.commanded = ArmCommand { twist: Twist::ZERO, gripper_closure: self.gripper_closure };

@@ -7,7 +7,7 @@ use crate::tabletop::VECTOR_OBSERVATION_DIM;
 #[derive(Debug)]
 pub struct ObservationsMut<'a> {
     /// Images `[N, size, size, C]` of the observations, with C channels: the current RGB picture,
-    /// then those of [`ExtraView`](crate::ExtraView).
+    /// then those of [`ExtraViews`](crate::ExtraViews).
     pub images: &'a mut [u8],
     /// Observation vectors `[N, 10]`: hand, aperture, goal and lead, see
     /// [`VECTOR_OBSERVATION_IRREPS`](crate::VECTOR_OBSERVATION_IRREPS).

@@ -21,8 +21,8 @@ pub(crate) const OVERSAMPLING_RANGE: RangeInclusive<usize> = 1..=8;
 /// project it mirrored.
 const MIN_HEIGHT: f64 = 0.6;
 
-/// Camera above the table, with its light and the gripper's mark. A trained policy depends on them,
-/// so they serialise.
+/// Settings of the top-down camera above the table: its pictures, height, light, and the mark over
+/// the gripper. A trained policy depends on them, so they serialise.
 ///
 /// A square pinhole camera looks straight down on the table's centre; image up is +y, image right
 /// is +x. There are no shadows and no reflections.
@@ -50,7 +50,7 @@ pub struct Camera {
     /// Pictures that an observation holds besides the current one; the first picture if a file has
     /// no value.
     #[serde(default, rename = "beside")]
-    pub extra_views: ExtraView,
+    pub extra_views: ExtraViews,
 }
 
 /// White light that is symmetric under D2: ambient, from the camera and from straight above. A
@@ -89,7 +89,7 @@ impl Default for Camera {
             background: [0.73, 0.74, 0.74],
             light: Light::default(),
             mark: GripperMark::default(),
-            extra_views: ExtraView::default(),
+            extra_views: ExtraViews::default(),
         }
     }
 }
@@ -107,7 +107,7 @@ impl Default for GripperMark {
 }
 
 impl Camera {
-    /// Rejects a camera whose pictures have an odd size or show nothing, and values out of range.
+    /// Rejects a camera with an odd picture size or a value out of range.
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`].
@@ -244,7 +244,7 @@ const HOLE: &str = "a length in metres from 0 (a disc) to the mark's radius";
 /// Pictures that follow the current one in an observation's image, three channels each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum ExtraView {
+pub enum ExtraViews {
     /// First picture of the episode, which makes 6 channels with the current one.
     #[default]
     First,
@@ -257,7 +257,7 @@ pub enum ExtraView {
     FirstAndCloseUp,
 }
 
-impl ExtraView {
+impl ExtraViews {
     /// Returns the number of channels of an observation's image: 6 or 9.
     pub const fn num_channels(self) -> usize {
         match self {

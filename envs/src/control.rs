@@ -12,7 +12,7 @@ const CONTROL_STEP: f64 = 0.0125;
 /// Action scale, action repeat and episode length of an environment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ActionSettings {
+pub struct ControlSettings {
     /// Number of control steps (12.5 ms each) that one action is held for.
     pub action_repeat: usize,
     /// Displacement of the hand's target by a full action, per decision (metres).
@@ -21,14 +21,14 @@ pub struct ActionSettings {
     pub horizon: usize,
 }
 
-impl Default for ActionSettings {
+impl Default for ControlSettings {
     fn default() -> Self {
         // decisions at 8 Hz; Meta-World's 500 control steps then are an episode of 50 decisions
         Self { action_repeat: 10, displacement: 0.04, horizon: 500 }
     }
 }
 
-impl ActionSettings {
+impl ControlSettings {
     /// Returns the duration of a decision (seconds of simulated time).
     pub fn decision_seconds(&self) -> f64 {
         self.action_repeat as f64 * CONTROL_STEP
@@ -41,7 +41,7 @@ impl ActionSettings {
     }
 
     /// Returns the number of decisions in an episode; 0 if the action repeat is 0, which
-    /// [`ActionSettings::check`] rejects.
+    /// [`ControlSettings::check`] rejects.
     pub fn decisions_per_episode(&self) -> usize {
         self.horizon.checked_div(self.action_repeat).unwrap_or(0)
     }
@@ -82,11 +82,11 @@ mod tests {
 
     #[test]
     fn decisions_of_settings_that_are_refused_are_none() {
-        let never = ActionSettings { action_repeat: 0, ..ActionSettings::default() };
+        let never = ControlSettings { action_repeat: 0, ..ControlSettings::default() };
         assert_eq!(never.decisions_per_episode(), 0);
         let message = never.check().unwrap_err().to_string();
         assert!(message.contains("500 with action repeat 0"), "{message}");
-        assert_eq!(ActionSettings::default().decisions_per_episode(), 50);
-        assert_eq!(ActionSettings::meta_world().decisions_per_episode(), 500);
+        assert_eq!(ControlSettings::default().decisions_per_episode(), 50);
+        assert_eq!(ControlSettings::meta_world().decisions_per_episode(), 500);
     }
 }

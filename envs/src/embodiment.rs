@@ -29,7 +29,7 @@ impl Embodiment {
     /// Seven-joint Sawyer arm. Open loop, it breaks the symmetry of the table by one or two
     /// centimetres.
     pub const SAWYER: Self = Self::from_spec(&Sawyer);
-    /// Gripper alone on three slides; it moves like the arm's hand and is exactly symmetric.
+    /// Gripper alone on three slides; it moves like the Sawyer arm's hand and is exactly symmetric.
     pub const FLOATING_HAND: Self = Self::from_spec(&FloatingHand);
     /// Kinova Gen3 with a Robotiq gripper under Cartesian control, for policies that were trained
     /// with another arm.
@@ -50,8 +50,9 @@ impl Embodiment {
         Self(spec)
     }
 
-    /// Returns the embodiment of an arm that the file `path` describes: a URDF, or a JSON file of a
-    /// [`RobotFile`]. Its name is the absolute path. The file is read when a scene needs the arm.
+    /// Returns the embodiment of the arm that the file `path` describes, a URDF or the JSON of a
+    /// [`RobotFile`], which is read when a scene first needs the arm. Its name is the absolute
+    /// path.
     ///
     /// # Errors
     /// [`EnvError::InvalidEmbodimentName`] for a path that is not UTF-8 or has another extension;
@@ -73,7 +74,8 @@ impl Embodiment {
         Ok(arm)
     }
 
-    /// Returns the robot arm of an embodiment that servos move.
+    /// Returns the robot arm of an embodiment with servos; an error for any other, such as
+    /// [`Embodiment::SAWYER`].
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`] for an embodiment without servos; errors of reading the file of
@@ -125,15 +127,15 @@ impl Embodiment {
         Ok(())
     }
 
-    /// Returns the embodiments whose names settings may hold: those of this crate, then the
-    /// registered ones.
+    /// Returns the embodiments of this crate, then those that the process has registered or made
+    /// from files.
     pub fn all_known() -> Vec<Self> {
         let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner);
         [&Self::BUILT_IN, &registered[..]].concat()
     }
 
-    /// Returns `true` if the four variants of a task group move as exact mirror images of each
-    /// other.
+    /// Returns `true` if with this embodiment the four variants of a task group move as exact
+    /// mirror images of each other.
     pub fn mirrors_exactly(self) -> bool {
         self.0.mirrors_exactly()
     }
@@ -194,7 +196,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::actuation::JointPositions;
+    use crate::actuation::NamedJointPositions;
     use crate::embodiment_spec::EmbodimentSceneParts;
     use crate::instance_id::Named;
 
@@ -207,7 +209,7 @@ mod tests {
             unreachable!("the registry asks for the name alone")
         }
 
-        fn initial_joint_positions(&self, _: DVec3) -> Result<JointPositions, EnvError> {
+        fn initial_joint_positions(&self, _: DVec3) -> Result<NamedJointPositions, EnvError> {
             unreachable!("the registry asks for the name alone")
         }
     }

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 
 use glam::DVec3;
 
-use crate::actuation::{HandActuation, JointPositions};
+use crate::actuation::{HandActuation, NamedJointPositions};
 use crate::error::EnvError;
 
 /// Distance between the claws of an open gripper (metres).
@@ -45,7 +45,7 @@ pub trait EmbodimentSpec: Any + Send + Sync {
     ///
     /// # Errors
     /// For instance [`EnvError::Control`] for a target out of reach.
-    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError>;
+    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<NamedJointPositions, EnvError>;
 
     /// Returns the mechanism by which decisions move the hand.
     ///

@@ -7,7 +7,7 @@ mod placing;
 
 use glam::DVec3;
 
-use crate::actuation::JointPositions;
+use crate::actuation::NamedJointPositions;
 use crate::embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec};
 use crate::error::EnvError;
 use crate::mjcf::{Mjcf, part, parts};
@@ -28,7 +28,7 @@ fn parts(mjcf: &'static str, included_files: &[Mjcf<'static>]) -> EmbodimentScen
     }
 }
 
-/// Gripper alone on three slides; it moves like the arm's hand and is exactly symmetric.
+/// Gripper alone on three slides; it moves like the Sawyer arm's hand and is exactly symmetric.
 #[derive(Clone, Copy, Debug)]
 pub struct FloatingHand;
 
@@ -42,7 +42,7 @@ impl EmbodimentSpec for FloatingHand {
         Ok(parts(part!("hand.xml").1, &included))
     }
 
-    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError> {
+    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<NamedJointPositions, EnvError> {
         let slides = ["hand_x", "hand_y", "hand_z"].map(String::from);
         Ok(slides.into_iter().zip(hand_target.to_array()).collect())
     }
@@ -81,7 +81,7 @@ impl EmbodimentSpec for Sawyer {
 
     /// Returns the positions for [`HAND_TARGET_START`](crate::HAND_TARGET_START), whatever the
     /// target: the weld pulls the arm from there.
-    fn initial_joint_positions(&self, _: DVec3) -> Result<JointPositions, EnvError> {
+    fn initial_joint_positions(&self, _: DVec3) -> Result<NamedJointPositions, EnvError> {
         Ok(REST.iter().map(|&(name, at)| (name.to_owned(), at)).collect())
     }
 

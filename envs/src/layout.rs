@@ -4,12 +4,12 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use symmetry::D2;
 
-use crate::actuation::JointPositions;
-use crate::control::ActionSettings;
+use crate::actuation::NamedJointPositions;
+use crate::control::ControlSettings;
 use crate::embodiment_spec::EmbodimentSpec;
 use crate::error::EnvError;
 use crate::mjcf::{Mjcf, parts};
-use crate::task::{MetaWorldSpec, TaskGroup};
+use crate::task::{MetaWorldTaskSpec, TaskGroup};
 
 /// Position of the hand's target at the start of every episode of the symmetric layout (metres):
 /// above the centre, clear of an open drawer.
@@ -40,7 +40,7 @@ pub(crate) struct SettlingSettings {
     /// Position of the hand's target (metres).
     pub hand_target: DVec3,
     /// Initial positions of the joints that do not start at zero.
-    pub joint_positions: JointPositions,
+    pub joint_positions: NamedJointPositions,
     /// Number of physics steps before episodes may start, if a weld moves the hand.
     pub steps: usize,
 }
@@ -83,14 +83,15 @@ impl Layout {
 
     /// Returns the layout's action settings: displacement by a full action (metres a decision),
     /// action repeat and horizon (both in control steps of 12.5 ms).
-    pub fn action_settings(self) -> ActionSettings {
+    pub fn control_settings(self) -> ControlSettings {
         match self {
-            Self::Symmetric => ActionSettings::default(),
-            Self::MetaWorld => ActionSettings::meta_world(),
+            Self::Symmetric => ControlSettings::default(),
+            Self::MetaWorld => ControlSettings::meta_world(),
         }
     }
 
-    /// Returns the lowest and the highest corner (metres) of the box that holds the hand's target.
+    /// Returns the lowest and the highest corner (metres) of the box that holds the hand's target;
+    /// in Meta-World's layout each task sets its own lowest height instead.
     pub fn hand_target_bounds(self) -> [DVec3; 2] {
         match self {
             // wider along y than the hand needs, so that a target beyond a blocked hand makes it
@@ -104,7 +105,7 @@ impl Layout {
     pub(crate) fn meta_world_spec(
         self,
         group: TaskGroup,
-    ) -> Result<Option<MetaWorldSpec<'static>>, EnvError> {
+    ) -> Result<Option<MetaWorldTaskSpec<'static>>, EnvError> {
         let layout = self.name();
         match (self, group.identity_task().meta_world_spec()) {
             (Self::Symmetric, _) => Ok(None),
@@ -125,7 +126,7 @@ impl Layout {
     ) -> Result<SettlingSettings, EnvError> {
         let joint_positions = match self.meta_world_mjcf(spec) {
             // Meta-World's arm starts from the model's initial pose, stretched to the side
-            Some(_) => JointPositions::new(),
+            Some(_) => NamedJointPositions::new(),
             None => spec.initial_joint_positions(hand_target)?,
         };
         let steps = match self {
@@ -166,8 +167,8 @@ impl std::fmt::Display for Layout {
     }
 }
 
-/// Maps a point between the canonical frame of a variant and the world frame. Every element is its
-/// own inverse.
+/// Maps a point from the canonical frame of the variant `element` to the world frame, or back.
+/// Every element is its own inverse.
 pub(crate) fn map_point(element: D2, point: DVec3) -> DVec3 {
     let [x, y] = element.apply_xy([point.x, point.y]);
     DVec3::new(x, y, point.z)

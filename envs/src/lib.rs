@@ -3,7 +3,7 @@
 //! A group of tasks ([`TaskGroup`]) has four variants that are images of one another under
 //! [`symmetry::D2`] ([`TaskVariant`]). The crate has fourteen groups; a program adds its own by
 //! implementing [`Task`]. A learner observes the table without the arm, a disc at the gripper, and
-//! the episode's first picture or a close-up of the table below the hand ([`ExtraView`]).
+//! the episode's first picture or a close-up of the table below the hand ([`ExtraViews`]).
 //!
 //! - [`VecEnv`]: many environments on worker threads, pictures included, for training.
 //! - [`TableTop`]: one environment without a picture, for state-based work and scripted experts.
@@ -64,16 +64,16 @@ pub mod tasks;
 mod vec_env;
 mod worker;
 
-pub use actuation::{HandActuation, JointPositions, ServoController};
+pub use actuation::{HandActuation, NamedJointPositions, ServoArmController};
 pub use batch::{ObservationsMut, StepBuffers, StepResultsMut};
-pub use camera::{Camera, ExtraView, GripperMark, Light, ObservationPictures, RGB_CHANNELS};
-pub use control::{ActionSettings, PHYSICS_STEPS_PER_CONTROL_STEP};
+pub use camera::{Camera, ExtraViews, GripperMark, Light, ObservationPictures, RGB_CHANNELS};
+pub use control::{ControlSettings, PHYSICS_STEPS_PER_CONTROL_STEP};
 pub use embodiment::Embodiment;
 pub use embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec};
 pub use error::{EnvError, ReachShortfall};
 pub use layout::{HAND_TARGET_START, Layout};
 pub use messages::{EnvCommand, EnvFailure, EnvSnapshot};
-pub use mujoco::{self, Backdrop};
+pub use mujoco::{self, StaticBackdrop};
 pub use randomisation::DomainRandomisation;
 pub use registry::TaskRegistry;
 pub use renderer::{PerspectiveRenderer, SceneRenderer, ViewRenderer, ViewSettings};
@@ -86,7 +86,7 @@ pub use tabletop::{
     vector_observation,
 };
 pub use task::{
-    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskGroup,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskGroup,
     TaskSceneParts, TaskState, TaskVariant,
 };
 pub use vec_env::VecEnv;

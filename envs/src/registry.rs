@@ -174,8 +174,8 @@ impl TaskRegistry {
         })
     }
 
-    /// Returns the task groups of the set called `name` ([`TaskGroup::TASK_SETS`]), or else the
-    /// registered task group of that name alone.
+    /// Returns the task groups of the set called `name` ([`TaskGroup::TASK_SETS`]), registered or
+    /// not, or else the registered task group of that name alone.
     ///
     /// # Errors
     /// [`EnvError::UnknownTask`], which lists the known groups.

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use mujoco::{Backdrop, CameraId, CameraView, RenderMirror, RenderOptions, Renderer};
+use mujoco::{CameraAndMirror, CameraId, RenderMirror, RenderOptions, Renderer, StaticBackdrop};
 
 use crate::camera::{GripperMark, ObservationPictures, RGB_CHANNELS};
 use crate::error::EnvError;
@@ -69,18 +69,18 @@ impl SceneRenderer {
         Ok(())
     }
 
-    /// Draws the objects that stand still during the episode that `table` has begun, for
-    /// [`SceneRenderer::render_over_backdrop`].
+    /// Draws everything that no joint moves into `backdrop`, for
+    /// [`SceneRenderer::render_over_backdrop`] in the episode that `table` has begun.
     ///
     /// # Errors
     /// Errors of [`SceneRenderer::render`].
     pub fn render_backdrop(
         &mut self,
         table: &mut TableTop,
-        backdrop: &mut Backdrop,
+        backdrop: &mut StaticBackdrop,
     ) -> Result<(), EnvError> {
         let view = self.view(table)?;
-        Ok(self.renderer.draw_backdrop(table.simulation_mut(), view, backdrop)?)
+        Ok(self.renderer.render_backdrop(table.simulation_mut(), view, backdrop)?)
     }
 
     /// Renders the camera's view over the episode's backdrop, bit for bit as
@@ -92,7 +92,7 @@ impl SceneRenderer {
     pub fn render_over_backdrop(
         &mut self,
         table: &mut TableTop,
-        backdrop: &mut Backdrop,
+        backdrop: &mut StaticBackdrop,
         rgb: &mut [u8],
     ) -> Result<(), EnvError> {
         table.variant().ok_or(EnvError::NotReset)?;
@@ -104,10 +104,10 @@ impl SceneRenderer {
     /// Returns the scene's camera, with a mirror for exactly symmetric embodiments. Each variant is
     /// then drawn mirrored to the canonical one, so all four pass the same numbers to OpenGL, and
     /// their pictures mirror bit for bit.
-    fn view(&self, table: &TableTop) -> Result<CameraView, EnvError> {
+    fn view(&self, table: &TableTop) -> Result<CameraAndMirror, EnvError> {
         let element = table.variant().ok_or(EnvError::NotReset)?.element;
         let mirrors = self.scene.embodiment.mirrors_exactly();
-        Ok(CameraView {
+        Ok(CameraAndMirror {
             camera: self.scene.camera_id,
             mirror: RenderMirror {
                 swaps_left_right: mirrors && element.flips_x(),
@@ -145,7 +145,7 @@ impl SceneRenderer {
     }
 }
 
-/// View of a scene for people, as [`VecEnv::render`](crate::VecEnv::render) draws it.
+/// Settings of a view of a scene for people: viewpoint, arm and picture size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ViewSettings {
     /// `true` for the view from a corner of the table, which faces the robot; `false` for the view
@@ -157,14 +157,15 @@ pub struct ViewSettings {
     pub size: usize,
 }
 
-/// Renderer of one scene in one [`ViewSettings`]; stays on the thread that made it.
+/// Renderer of one scene for people, in the view of its [`ViewSettings`]; stays on the thread that
+/// made it.
 pub struct ViewRenderer {
     renderer: Renderer,
     camera: CameraId,
 }
 
 impl ViewRenderer {
-    /// Creates a renderer of `view`.
+    /// Creates a renderer of `scene` in the view of the settings `view`.
     ///
     /// # Errors
     /// [`EnvError::Render`] for a size out of range, or if no off-screen OpenGL is available.

@@ -2,11 +2,11 @@
 //!
 //! Source: dm_control's `tolerance` as Meta-World's rewards use it.
 
-/// Returns the long-tailed reward of a distance: 1 up to `bound`, then `1 / (9 d^2 + 1)`.
+/// Returns the long-tailed reward of a distance: 1 up to `bound`, beyond it `1 / (9 d^2 + 1)` with
+/// `d = (distance - bound) / margin`.
 ///
-/// Here `d = (distance - bound) / margin`, and the reward is 0.1 at `d = 1`.
-/// `distance`, `bound` and `margin` are in metres. With a margin of 0 the value beyond the bound is
-/// 0.
+/// The reward is 0.1 at `d = 1`. `distance`, `bound` and `margin` are in metres. With a margin of 0
+/// the value beyond the bound is 0.
 pub fn long_tail_reward(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 1.0 / (9.0 * d * d + 1.0))
 }
@@ -17,8 +17,8 @@ pub fn long_tail_interval_reward(value: f64, [low, high]: [f64; 2], margin: f64)
     long_tail_reward((low - value).max(value - high), 0.0, margin)
 }
 
-/// Returns the Gaussian reward of a distance: 1 up to `bound`, then `0.1^(d^2)`, with d as in
-/// [`long_tail_reward`].
+/// Returns the Gaussian reward of a distance: 1 up to `bound`, beyond it `0.1^(d^2)` with `d =
+/// (distance - bound) / margin`.
 pub fn gaussian_reward(distance: f64, bound: f64, margin: f64) -> f64 {
     tolerance(distance, bound, margin, |d| 0.1_f64.powf(d * d))
 }

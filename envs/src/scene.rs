@@ -7,15 +7,15 @@ use glam::DVec3;
 use mujoco::{BodyId, CameraId, Data, JointType, MocapId, Model, SiteId, State};
 use rand_chacha::ChaCha8Rng;
 
-use crate::actuation::{HandActuation, ServoController};
+use crate::actuation::{HandActuation, ServoArmController};
 use crate::camera::Camera;
-use crate::control::{ActionSettings, PHYSICS_STEPS_PER_CONTROL_STEP};
+use crate::control::{ControlSettings, PHYSICS_STEPS_PER_CONTROL_STEP};
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::instance_id::InstanceId;
 use crate::layout::{HAND_TARGET_START, Layout, SettlingSettings};
 use crate::mjcf::{Mjcf, part};
-use crate::task::{MetaWorldSpec, Placement, TaskGroup, TaskSceneParts};
+use crate::task::{MetaWorldTaskSpec, Placement, TaskGroup, TaskSceneParts};
 
 /// Number of the MuJoCo geom group of the arm's and the gripper's geoms, which learners do not see.
 pub const ARM_GEOM_GROUP: usize = 3;
@@ -31,8 +31,8 @@ const OBJECTS: [Mjcf<'static>; 2] = [part!("button_box.xml"), part!("peg_channel
 /// Name of the MJCF file with the embodiment's part.
 const EMBODIMENT: &str = "embodiment.xml";
 
-/// Model of one task group with one embodiment, and the state in which episodes start. Any number
-/// of environments share it.
+/// Compiled model of one task group with one embodiment in one layout, and the state in which
+/// episodes start. Any number of environments share it.
 #[derive(Debug)]
 pub struct Scene {
     /// Layout (geometry) that the scene follows.
@@ -55,7 +55,7 @@ pub struct Scene {
     /// Lowest and highest corner of the box that holds the hand's target (metres).
     pub(crate) target_bounds: [DVec3; 2],
     /// Meta-World's settings of the task, if the layout follows them.
-    meta_world: Option<MetaWorldSpec<'static>>,
+    meta_world: Option<MetaWorldTaskSpec<'static>>,
     pub(crate) hand: BodyId,
     pub(crate) claw_bodies: [BodyId; 2],
     pub(crate) tip_sites: [SiteId; 2],
@@ -80,7 +80,7 @@ pub struct Scene {
     /// State in which every episode starts.
     pub(crate) start_state: State,
     /// Controller of an arm with servos; `None` if a weld moves the hand.
-    pub(crate) controller: Option<ServoController>,
+    pub(crate) controller: Option<ServoArmController>,
 }
 
 impl Scene {
@@ -168,7 +168,7 @@ impl Scene {
 
     /// Returns the key of the scene: everything besides the state that determines the future of an
     /// episode.
-    pub(crate) fn key(&self, control: ActionSettings) -> SceneKey {
+    pub(crate) fn key(&self, control: ControlSettings) -> SceneKey {
         SceneKey {
             layout: self.layout,
             embodiment: self.embodiment,
@@ -195,7 +195,7 @@ pub(crate) struct SceneKey {
     group: TaskGroup,
     /// Instance ids of task and embodiment.
     instance_ids: [InstanceId; 2],
-    control: ActionSettings,
+    control: ControlSettings,
 }
 
 impl SceneKey {
@@ -283,7 +283,7 @@ fn mirrored(
     if layout.group_elements().len() == 1 {
         return Ok(None);
     }
-    Ok(Some(Arc::new(model.reflected(&roots)?)))
+    Ok(Some(Arc::new(model.with_mirrored_bodies(&roots)?)))
 }
 
 /// Addresses of the free joint of a task's loose object in the simulation's state.
@@ -320,7 +320,7 @@ fn addresses(model: &Model, joints: &[(&str, f64)]) -> Result<Vec<(usize, f64)>,
 
 /// Returns the address in `qpos` of the loose cylinder of Meta-World's reach task, if the scene has
 /// it. A task's own joint called `decoy` is left alone.
-fn decoy(model: &Model, spec: &MetaWorldSpec<'_>) -> Option<usize> {
+fn decoy(model: &Model, spec: &MetaWorldTaskSpec<'_>) -> Option<usize> {
     spec.extra_mjcf?;
     let joint = model.joint("decoy").ok()?;
     Some(model.joint_qpos_address(joint))
@@ -332,7 +332,7 @@ fn settle(
     model: &Arc<Model>,
     settling: &SettlingSettings,
     actuation: HandActuation,
-) -> Result<(State, Option<ServoController>), EnvError> {
+) -> Result<(State, Option<ServoArmController>), EnvError> {
     let mut data = Data::new(Arc::clone(model));
     for (name, position) in &settling.joint_positions {
         let address = model.joint_qpos_address(model.joint(name)?);

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::{Camera, ExtraView};
-use crate::control::ActionSettings;
+use crate::camera::{Camera, ExtraViews};
+use crate::control::ControlSettings;
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::layout::Layout;
@@ -20,14 +20,14 @@ pub struct VecEnvSettings {
     pub num_envs: usize,
     /// Number of worker threads, 1 to 1024; results do not depend on this.
     pub threads: usize,
-    /// Layout of the scenes; [`Layout::MetaWorld`] goes with [`ActionSettings::meta_world`].
+    /// Layout of the scenes; [`Layout::MetaWorld`] goes with [`ControlSettings::meta_world`].
     pub layout: Layout,
     /// Embodiment that acts in the environments, an arm or a hand alone.
     pub embodiment: Embodiment,
     /// Camera above the table, with its light and the gripper's mark.
     pub camera: Camera,
     /// Action scale, action repeat and episode length.
-    pub control: ActionSettings,
+    pub control: ControlSettings,
     /// Domain randomisation of the pictures; `None` for perfect pictures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub randomisation: Option<DomainRandomisation>,
@@ -43,7 +43,7 @@ impl Default for VecEnvSettings {
             layout: Layout::default(),
             embodiment: Embodiment::default(),
             camera: Camera::default(),
-            control: ActionSettings::default(),
+            control: ControlSettings::default(),
             seed: 0,
             randomisation: None,
         }
@@ -78,7 +78,7 @@ impl VecEnvSettings {
         if let Some(amounts) = &self.randomisation {
             amounts.check(&self.camera)?;
             // a close-up is cut out before camera errors are added
-            let first = self.camera.extra_views == ExtraView::First;
+            let first = self.camera.extra_views == ExtraViews::First;
             require(first, "camera.beside", &"a close-up", FIRST_PICTURE)?;
         }
         self.control.check()

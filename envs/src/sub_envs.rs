@@ -7,7 +7,7 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
-use mujoco::Backdrop;
+use mujoco::StaticBackdrop;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -33,7 +33,7 @@ struct Slot {
     rng: ChaCha8Rng,
     camera_state: CameraErrors,
     first: Vec<u8>,
-    backdrop: Backdrop,
+    backdrop: StaticBackdrop,
     #[cfg(test)]
     fault: Option<Fault>,
 }
@@ -65,7 +65,7 @@ impl SubEnvs {
             rng: slot_rng(settings.seed, index),
             camera_state: CameraErrors::new(settings.seed, index),
             first: vec![0; pixels],
-            backdrop: Backdrop::default(),
+            backdrop: StaticBackdrop::default(),
             #[cfg(test)]
             fault: None,
         });
@@ -191,12 +191,11 @@ impl SubEnvs {
     }
 
     fn state_details(&mut self, rows: &mut WorkerBatch) -> Result<(), EnvError> {
-        let actions = rows.actions.chunks_exact(ACTION_DIM);
         let details = rows.details.chunks_exact_mut(STATE_DETAILS_DIM);
-        for ((table, action), out) in self.tables.iter().zip(actions).zip(details) {
+        for (table, out) in self.tables.iter().zip(details) {
             out.fill(f32::NAN);
             // an environment that failed has no episode
-            if let Ok(own) = table.state_details(action[ACTION_DIM - 1]) {
+            if let Ok(own) = table.state_details() {
                 out.copy_from_slice(&own);
             }
         }

@@ -7,8 +7,8 @@ use mujoco::{Data, GeomShape, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::{D2, Irrep};
 
-use crate::actuation::ServoController;
-use crate::control::{ActionSettings, PHYSICS_STEPS_PER_CONTROL_STEP, clip_action};
+use crate::actuation::ServoArmController;
+use crate::control::{ControlSettings, PHYSICS_STEPS_PER_CONTROL_STEP, clip_action};
 use crate::embodiment_spec::OPEN_APERTURE;
 use crate::error::EnvError;
 use crate::layout::{map_point, orientation_quat};
@@ -44,7 +44,7 @@ pub const VECTOR_OBSERVATION_IRREPS: [Irrep; VECTOR_OBSERVATION_DIM] = [
 ];
 
 /// Returns the vector observation (see [`VECTOR_OBSERVATION_DIM`]) of a hand, its aperture, the
-/// goal and the hand's commanded target (metres, world frame); a goal of zeros is hidden.
+/// goal (zeros for a hidden one) and the hand's commanded target (metres, world frame).
 pub fn vector_observation(
     hand: DVec3,
     aperture: f64,
@@ -93,8 +93,10 @@ struct Episode {
     /// Position of the hand's target (metres, world frame).
     target: DVec3,
     /// Controller of an arm with servos; `None` if a weld moves the hand.
-    controller: Option<ServoController>,
+    controller: Option<ServoArmController>,
     decisions: usize,
+    /// Finger action of the last decision, in `[-1, 1]`; 0 before the first.
+    finger: f64,
 }
 
 /// Everything that determines the future of a [`TableTop`]: the simulation with its solver's warm
@@ -109,7 +111,7 @@ pub struct TableTopSnapshot {
 /// Table-top environment without pictures. All lengths are in metres, in the world frame.
 pub struct TableTop {
     scene: Arc<Scene>,
-    control: ActionSettings,
+    control: ControlSettings,
     data: Data,
     /// Simulation of the scene's other model, once a variant has used it.
     other_data: Option<Data>,
@@ -121,7 +123,7 @@ impl TableTop {
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`] for action settings out of range.
-    pub fn new(scene: Arc<Scene>, control: ActionSettings) -> Result<Self, EnvError> {
+    pub fn new(scene: Arc<Scene>, control: ControlSettings) -> Result<Self, EnvError> {
         control.check()?;
         let data = Data::new(Arc::clone(&scene.model));
         Ok(Self { scene, control, data, other_data: None, episode: None })
@@ -134,7 +136,7 @@ impl TableTop {
 
     /// Returns the environment's action settings: displacement by a full action (metres a
     /// decision), action repeat and horizon (both in control steps of 12.5 ms).
-    pub fn action_settings(&self) -> ActionSettings {
+    pub fn control_settings(&self) -> ControlSettings {
         self.control
     }
 
@@ -185,6 +187,7 @@ impl TableTop {
             target: scene.hand_target_start,
             controller: scene.controller.clone(),
             decisions: 0,
+            finger: 0.0,
             touched: false,
         });
         Ok(())
@@ -246,7 +249,7 @@ impl TableTop {
         })
     }
 
-    /// Restores the episode of a snapshot, which then continues to the same bits.
+    /// Restores the episode of a snapshot, which then continues bit for bit as the saved one does.
     ///
     /// # Errors
     /// [`EnvError::SceneMismatch`] for a snapshot of another scene, task or control, and nothing
@@ -295,6 +298,7 @@ impl TableTop {
             step.success_at_end = now.success;
         }
         episode.decisions += 1;
+        episode.finger = finger;
         step.truncated = episode.decisions == decisions;
         self.episode = Some(episode);
         Ok(step)
@@ -331,7 +335,8 @@ impl TableTop {
         Ok(self.scene.group.identity_task().reward(&episode.start, &now, finger))
     }
 
-    /// Returns the variant of the running episode; `None` if no episode is running.
+    /// Returns the variant of the last episode, running or finished; `None` before the first reset
+    /// and after a failure.
     pub fn variant(&self) -> Option<TaskVariant> {
         let group = self.scene.group;
         let element = self.episode.as_ref()?.element;
@@ -353,15 +358,15 @@ impl TableTop {
         DVec3::from_array(self.data.body_position(self.scene.hand))
     }
 
-    /// Returns the goal's position (metres, world frame); `None` for tasks with a hidden goal, or
-    /// if no episode is running.
+    /// Returns the goal's position in the last episode (metres, world frame); `None` for tasks with
+    /// a hidden goal, before the first reset and after a failure.
     pub fn observable_goal(&self) -> Option<DVec3> {
         let episode = self.episode.as_ref()?;
         let goal = map_point(episode.element, episode.start.placement.goal);
         self.scene.goal_observable.then_some(goal)
     }
 
-    /// Returns the vector observation (see [`VECTOR_OBSERVATION_IRREPS`]).
+    /// Returns the vector observation of the present state, see [`VECTOR_OBSERVATION_DIM`].
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
@@ -371,15 +376,15 @@ impl TableTop {
         Ok(vector_observation(self.hand_position(), self.aperture(), goal, episode.target))
     }
 
-    /// Returns the positions of the present state and its reward terms, listed at
-    /// [`STATE_DETAILS_DIM`], after a control step with the finger action `finger`.
+    /// Returns the positions of the present state and its reward terms for the finger action of the
+    /// last decision (0 before the first), as listed at [`STATE_DETAILS_DIM`]; nothing moves.
     ///
     /// # Errors
     /// [`EnvError::NotReset`].
-    pub fn state_details(&self, finger: f32) -> Result<[f32; STATE_DETAILS_DIM], EnvError> {
+    pub fn state_details(&self) -> Result<[f32; STATE_DETAILS_DIM], EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
         let (now, placement) = (self.task_state()?, episode.start.placement);
-        let terms = self.reward(f64::from(finger).clamp(-1.0, 1.0))?;
+        let terms = self.reward(episode.finger)?;
         let [x, y, z, aperture, ..] = self.observe()?;
         let mut details = [0.0; STATE_DETAILS_DIM];
         details[..4].copy_from_slice(&[x, y, z, aperture]);
@@ -420,8 +425,7 @@ impl TableTop {
         Ok(task.expert(&episode.start.placement, &self.task_state()?))
     }
 
-    /// Returns the reward of the present state after a control step with the finger action
-    /// `finger`.
+    /// Returns the reward of the present state for the finger action `finger`; nothing moves.
     pub(crate) fn reward(&self, finger: f64) -> Result<StepReward, EnvError> {
         let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
         let now = self.task_state()?;
@@ -465,7 +469,7 @@ impl TableTop {
 /// in other groups.
 const SHOWN: std::ops::RangeInclusive<usize> = 0..=ARM_GEOM_GROUP;
 
-/// Geom of one colour in a scene, with its pose.
+/// Geom of a scene that a camera may see: shape, pose and colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct VisibleGeom<'a> {
     /// Unique name in the scene; `None` only for geoms of foreign scenes.
@@ -483,8 +487,8 @@ pub struct VisibleGeom<'a> {
 }
 
 impl TableTop {
-    /// Returns every sphere, capsule, cylinder and box that a camera may see, in the scene's order,
-    /// without the floor (a plane).
+    /// Returns every sphere, capsule, cylinder and box that a camera may see, the arm's included,
+    /// in the scene's order.
     pub fn visible_geoms(&self) -> impl Iterator<Item = VisibleGeom<'_>> {
         let (data, model) = (&self.data, self.data.model());
         model.geoms().filter_map(move |geom| {

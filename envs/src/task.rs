@@ -95,7 +95,8 @@ pub struct TaskState {
     pub pads: [f64; 2],
 }
 
-/// Start of an episode, in the canonical frame (metres).
+/// Start of an episode: placement, the hand's target and the task's state, in the canonical frame
+/// (metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EpisodeStart {
     /// Positions of object and goal in the episode.
@@ -162,8 +163,8 @@ pub struct TaskSceneParts<'a> {
     pub start_joints: &'a [(&'a str, f64)],
     /// `true` if objects are not their own mirror images along x, for instance a door with its
     /// hinges on the left. Variants that flip one axis then have mirrored objects, whose joints
-    /// keep their coordinates. [`Model::reflected`](mujoco::Model::reflected) says what such
-    /// objects may hold.
+    /// keep their coordinates. [`Model::with_mirrored_bodies`](mujoco::Model::with_mirrored_bodies)
+    /// says what such objects may hold.
     pub handed: bool,
     /// `true` if the goal is part of the vector observation; otherwise zeros take its place.
     pub goal_observable: bool,
@@ -171,7 +172,7 @@ pub struct TaskSceneParts<'a> {
 
 /// Settings of a task in the layout `metaworld`, from Meta-World.
 #[derive(Clone, Copy, Debug)]
-pub struct MetaWorldSpec<'a> {
+pub struct MetaWorldTaskSpec<'a> {
     /// Meta-World's name of the task, without its version.
     pub name: &'a str,
     /// Position of the hand's target when an episode starts (metres, world frame).
@@ -191,7 +192,7 @@ pub struct MetaWorldSpec<'a> {
 /// Definition of a task in its canonical frame; it keeps no state between calls.
 ///
 /// The four variants follow from mapping positions and actions by the elements of [`D2`].
-/// [`conformance::check_conformance`](crate::conformance::check_conformance) tests the
+/// [`conformance::check_task_conformance`](crate::conformance::check_task_conformance) tests the
 /// requirements.
 pub trait Task: Any + Send + Sync {
     /// Returns the task's name in kebab-case: words of lower-case letters and digits, joined by
@@ -214,12 +215,12 @@ pub trait Task: Any + Send + Sync {
 
     /// Returns the task's settings for the layout `metaworld`; `None` if the task has no scene in
     /// that layout.
-    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
+    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
         None
     }
 }
 
-/// Command of a scripted expert, in the canonical frame.
+/// Command of a scripted expert: target of the hand in the canonical frame, and finger action.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExpertCommand {
     /// Commanded target of the hand (metres).

@@ -48,7 +48,8 @@ pub struct VecEnv {
 }
 
 impl VecEnv {
-    /// Starts the worker threads on `group`, with variants drawn uniformly from `elements`.
+    /// Creates N environments of `group` on worker threads; each episode's variant is drawn
+    /// uniformly from `elements`.
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`], [`EnvError::NoVariants`], [`EnvError::NoSuchVariant`], or an
@@ -61,12 +62,12 @@ impl VecEnv {
         Self::new_shard(settings, group, elements, 0..settings.num_envs)
     }
 
-    /// Starts only the environments with indices in `share`, one process's part of all N. They are
+    /// Creates only the environments with indices in `share`, one process's part of all N. They are
     /// those of [`VecEnv::new`]. Arrays have rows for all N, of which calls write only those of the
     /// share.
     ///
     /// # Errors
-    /// As [`VecEnv::new`].
+    /// As [`VecEnv::new`], and [`EnvError::InvalidSetting`] for a `share` beyond the environments.
     pub fn new_shard(
         settings: VecEnvSettings,
         group: TaskGroup,
@@ -74,6 +75,13 @@ impl VecEnv {
         share: Range<usize>,
     ) -> Result<Self, EnvError> {
         settings.check()?;
+        if share.start > share.end || share.end > settings.num_envs {
+            return Err(EnvError::InvalidSetting {
+                name: "share",
+                value: format!("{share:?}"),
+                expected: "a range of the environments' indices",
+            });
+        }
         let mut vec_env = Self {
             settings,
             scenes: BTreeMap::new(),
@@ -143,8 +151,8 @@ impl VecEnv {
         Ok(())
     }
 
-    /// Restarts the random streams of each environment from its own of the `seeds` `[N]`: its
-    /// episodes are then those of a single environment with this seed.
+    /// Restarts the random streams of environment i from `seeds[i]`; its episodes from the next
+    /// reset on are those of a vector of one environment with that seed.
     ///
     /// # Errors
     /// [`EnvError::LengthMismatch`], [`EnvError::WorkerLost`].
@@ -173,7 +181,8 @@ impl VecEnv {
         Ok(scene)
     }
 
-    /// Starts a new episode in every environment, and returns the environments that failed.
+    /// Starts a new episode in every environment, writes the first observations to `out`, and
+    /// returns the environments that failed.
     ///
     /// # Errors
     /// [`EnvError::LengthMismatch`] for buffers of the wrong size, or an error of OpenGL.
@@ -186,8 +195,8 @@ impl VecEnv {
         Ok(&self.failures)
     }
 
-    /// Holds `actions` `[N, 4]` for one decision in every environment, and returns the environments
-    /// that failed.
+    /// Holds `actions` `[N, 4]` for one decision in every environment, begins the next episode
+    /// where one ended, and returns the environments that failed.
     ///
     /// # Errors
     /// [`EnvError::LengthMismatch`] or [`EnvError::NonFiniteAction`], and nothing has moved;
@@ -296,8 +305,8 @@ impl VecEnv {
         Ok(self.rows.iter_mut().flat_map(|rows| std::mem::take(&mut rows.snapshots)).collect())
     }
 
-    /// Restores the episodes of `snapshots` `[N]`, which then continue to the same bits, and writes
-    /// their last observations to `out`.
+    /// Restores the episodes of `snapshots` `[N]`, which then continue bit for bit as the saved
+    /// ones do, and writes their last observations to `out`.
     ///
     /// # Errors
     /// [`EnvError::LengthMismatch`]; [`EnvError::SceneMismatch`] for snapshots of another task or

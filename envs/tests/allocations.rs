@@ -9,7 +9,7 @@ use std::alloc::System;
 use std::hint::black_box;
 
 use envs::{
-    ACTION_DIM, ActionSettings, Camera, DomainRandomisation, ExtraView, StepBuffers, TaskGroup,
+    ACTION_DIM, Camera, ControlSettings, DomainRandomisation, ExtraViews, StepBuffers, TaskGroup,
     VecEnv, VecEnvSettings,
 };
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
@@ -33,7 +33,7 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
     let settings = VecEnvSettings {
         num_envs: N,
         threads: 2,
-        control: ActionSettings { horizon: 30, ..ActionSettings::default() },
+        control: ControlSettings { horizon: 30, ..ControlSettings::default() },
         ..VecEnvSettings::default()
     };
     // randomised pictures start from perfect ones, so this covers both
@@ -44,7 +44,7 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
     steps_allocate_nothing(VecEnvSettings {
         camera: Camera {
             oversampling: 3,
-            extra_views: ExtraView::FirstAndCloseUp,
+            extra_views: ExtraViews::FirstAndCloseUp,
             ..settings.camera
         },
         ..settings

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use envs::conformance::measure_expert;
 use envs::embodiments::{Arm, ArmSettings, Finger, FingerJoint, Gripper, KinovaGen3};
 use envs::{
-    ActionSettings, Camera, Embodiment, EmbodimentSpec, EnvError, HAND_TARGET_START, Scene,
+    Camera, ControlSettings, Embodiment, EmbodimentSpec, EnvError, HAND_TARGET_START, Scene,
     TableTop, TaskGroup, VecEnvSettings,
 };
 use glam::DVec3;
@@ -19,7 +19,7 @@ fn scene(group: TaskGroup, embodiment: Embodiment) -> Arc<Scene> {
 }
 
 fn started(group: TaskGroup, embodiment: Embodiment) -> TableTop {
-    let mut table = TableTop::new(scene(group, embodiment), ActionSettings::default()).unwrap();
+    let mut table = TableTop::new(scene(group, embodiment), ControlSettings::default()).unwrap();
     table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000)).unwrap();
     table
 }
@@ -32,7 +32,7 @@ fn experts_solve_every_variant_with_the_gen3() {
                 let scene = scene(group, Embodiment::KINOVA_GEN3);
                 for element in D2::ALL {
                     let row =
-                        measure_expert(&scene, element, ActionSettings::default(), 2).unwrap();
+                        measure_expert(&scene, element, ControlSettings::default(), 2).unwrap();
                     assert_eq!(row.success_rate(), 1.0, "{row:?}");
                 }
             });
@@ -83,7 +83,7 @@ fn the_gen3s_open_fingers_reach_as_far_out_as_the_sawyers() {
 fn the_gen3_keeps_to_its_limits() {
     let mut table = started(TaskGroup::GOAL_REACH, Embodiment::KINOVA_GEN3);
     let arm = KinovaGen3.arm().unwrap();
-    let step = table.action_settings();
+    let step = table.control_settings();
     let mut random = ChaCha8Rng::seed_from_u64(1001);
     let mut spent = 0.0_f64;
     let mut fastest = 0.0_f64;

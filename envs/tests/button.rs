@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use envs::{ActionSettings, Camera, Embodiment, Scene, TableTop, TaskGroup};
+use envs::{Camera, ControlSettings, Embodiment, Scene, TableTop, TaskGroup};
 use glam::DVec3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -25,7 +25,7 @@ const SUCCESS: f64 = 0.02;
 /// finger action `finger`. Returns the decisions in which the cap is off its rest.
 fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
     let scene = Scene::new(TaskGroup::BUTTON_PRESS, embodiment, Camera::default());
-    let mut env = TableTop::new(Arc::new(scene.unwrap()), ActionSettings::default()).unwrap();
+    let mut env = TableTop::new(Arc::new(scene.unwrap()), ControlSettings::default()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     env.reset(D2::Identity, &mut rng).unwrap();
     let rest = env.task_state().unwrap().object;

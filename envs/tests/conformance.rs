@@ -4,10 +4,12 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
-use envs::conformance::{ConformanceError, check_conformance, measure_expert, measure_symmetry};
+use envs::conformance::{
+    ConformanceError, check_task_conformance, measure_expert, measure_symmetry,
+};
 use envs::{
-    ActionSettings, Camera, Embodiment, EnvError, EpisodeStart, MetaWorldSpec, Placement, Scene,
-    TaskGroup, TaskState,
+    Camera, ControlSettings, Embodiment, EnvError, EpisodeStart, MetaWorldTaskSpec, Placement,
+    Scene, TaskGroup, TaskState,
 };
 use glam::DVec3;
 use symmetry::D2;
@@ -23,18 +25,18 @@ fn leaked(task: PushBlock) -> TaskGroup {
 fn every_group_conforms() {
     std::thread::scope(|scope| {
         for group in TaskGroup::ALL {
-            scope.spawn(move || check_conformance(group).unwrap());
+            scope.spawn(move || check_task_conformance(group).unwrap());
         }
     });
 }
 
 #[test]
 fn a_task_of_somebody_elses_conforms() {
-    check_conformance(leaked(PushBlock::default())).unwrap();
+    check_task_conformance(leaked(PushBlock::default())).unwrap();
 }
 
 fn assert_flaw(what: &str, task: Spoilt, expected: &str) {
-    let message = check_conformance(task.group()).unwrap_err().to_string();
+    let message = check_task_conformance(task.group()).unwrap_err().to_string();
     assert!(message.contains(expected), "{what}: {message}");
 }
 
@@ -212,7 +214,7 @@ fn placements_and_experts_with_a_flaw_are_refused() {
 #[test]
 fn a_malformed_name_is_refused() {
     let task = PushBlock { name: "Push Block".to_owned(), ..PushBlock::default() };
-    let flaw = check_conformance(leaked(task)).unwrap_err();
+    let flaw = check_task_conformance(leaked(task)).unwrap_err();
     let source = match flaw {
         ConformanceError::CheckFailed { source, .. } => source,
         other => panic!("{other}"),
@@ -224,7 +226,7 @@ fn a_malformed_name_is_refused() {
 #[test]
 fn a_flaw_of_the_metaworld_layout_alone_is_found() {
     let stuck = Spoilt {
-        meta_world: Some(MetaWorldSpec {
+        meta_world: Some(MetaWorldTaskSpec {
             name: "push-block",
             hand_target: DVec3::new(0.0, 0.0, 0.2),
             lowest_target: 0.05,
@@ -247,7 +249,8 @@ fn variants(embodiment: Embodiment) -> Vec<(Arc<Scene>, D2)> {
 
 #[test]
 fn an_expert_that_cannot_get_there_does_not_succeed() {
-    let crawling = ActionSettings { displacement: 1e-4, horizon: 100, ..ActionSettings::default() };
+    let crawling =
+        ControlSettings { displacement: 1e-4, horizon: 100, ..ControlSettings::default() };
     for (scene, element) in variants(Embodiment::FLOATING_HAND) {
         let row = measure_expert(&scene, element, crawling, 1).unwrap();
         assert_eq!((row.successes, &row.failed_seeds[..]), (0, &[0][..]), "{row:?}");
@@ -271,7 +274,7 @@ fn the_hand_mirrors_exactly() {
 #[test]
 fn no_seeds_are_refused() {
     let (scene, element) = variants(Embodiment::FLOATING_HAND).remove(0);
-    let error = measure_expert(&scene, element, ActionSettings::default(), 0).unwrap_err();
+    let error = measure_expert(&scene, element, ControlSettings::default(), 0).unwrap_err();
     assert!(error.to_string().contains("`seeds` is 0"), "{error}");
     assert!(measure_symmetry(&scene, element, 0).is_err());
 }

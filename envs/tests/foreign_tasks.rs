@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, ActionSettings, Camera, Embodiment, EnvError, Scene, StepBuffers, TableTop,
+    ACTION_DIM, Camera, ControlSettings, Embodiment, EnvError, Scene, StepBuffers, TableTop,
     TableTopSnapshot, TaskGroup, TaskSceneParts, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
@@ -17,7 +17,7 @@ fn scene(group: TaskGroup) -> Result<Scene, EnvError> {
     Scene::new(group, Embodiment::FLOATING_HAND, Camera::default())
 }
 
-fn started(group: TaskGroup, control: ActionSettings) -> TableTop {
+fn started(group: TaskGroup, control: ControlSettings) -> TableTop {
     let mut table = TableTop::new(Arc::new(scene(group).unwrap()), control).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(0);
     table.reset(D2::Identity, &mut rng).unwrap();
@@ -62,11 +62,11 @@ fn a_namesake_with_another_reward_is_refused_and_running_episodes_go_on() {
 #[test]
 fn a_snapshot_of_a_namesake_or_of_another_control_is_refused() {
     let plain = Spoilt::default().group();
-    let short = ActionSettings { horizon: 100, ..ActionSettings::default() };
-    let mut table = started(plain, ActionSettings::default());
+    let short = ControlSettings { horizon: 100, ..ControlSettings::default() };
+    let mut table = started(plain, ControlSettings::default());
     let before = table.save().unwrap();
     for (other, says) in [
-        (started(generous(), ActionSettings::default()), "another task of that name"),
+        (started(generous(), ControlSettings::default()), "another task of that name"),
         (started(plain, short), "horizon: 100"),
     ] {
         let refused = table.restore(&other.save().unwrap()).unwrap_err();
@@ -74,14 +74,14 @@ fn a_snapshot_of_a_namesake_or_of_another_control_is_refused() {
         assert!(refused.to_string().contains(says), "{refused}");
         assert!(table.save().unwrap() == before);
     }
-    table.restore(&started(plain, ActionSettings::default()).save().unwrap()).unwrap();
+    table.restore(&started(plain, ControlSettings::default()).save().unwrap()).unwrap();
 }
 
 /// The loose cylinder's name is reserved in Meta-World's layout only.
 #[test]
 fn a_joint_called_decoy_is_the_tasks_own() {
     let group = with_scene(common::SCENE.replace("name=\"push\"", "name=\"decoy\""));
-    let table = started(group, ActionSettings::default());
+    let table = started(group, ControlSettings::default());
     let model = &table.scene().model;
     let address = model.joint_qpos_address(model.joint("decoy").unwrap());
     assert_eq!(table.simulation().qpos()[address], 0.0);
@@ -146,7 +146,7 @@ fn an_expert_that_asks_for_what_is_no_number_is_refused() {
     let lost = Spoilt { expert: |command, _| command.hand.x = f64::INFINITY, ..Spoilt::default() };
     let limp = Spoilt { expert: |command, _| command.finger = f64::NAN, ..Spoilt::default() };
     for (spoilt, says) in [(lost, "inf"), (limp, "the fingers to NaN")] {
-        let table = started(spoilt.group(), ActionSettings::default());
+        let table = started(spoilt.group(), ControlSettings::default());
         let message = table.expert_action().unwrap_err().to_string();
         assert!(message.contains("the expert of push-block"), "{message}");
         assert!(message.contains(says), "{message}");
@@ -163,7 +163,7 @@ fn a_start_that_fails_leaves_no_episode_running() {
     };
     let restore: Start = |table, snapshot| table.restore(&snapshot);
     for start in [reset, restore] {
-        let mut table = started(Spoilt::default().group(), ActionSettings::default());
+        let mut table = started(Spoilt::default().group(), ControlSettings::default());
         let snapshot = table.save().unwrap();
         let other = mujoco::Model::from_xml("<mujoco/>").unwrap();
         *table.simulation_mut() = mujoco::Data::new(Arc::new(other));

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use envs::{
-    ActionSettings, Camera, Embodiment, Light, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
+    Camera, ControlSettings, Embodiment, Light, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
     TaskGroup,
 };
 use glam::DVec3;
@@ -56,7 +56,7 @@ impl Studio {
         let camera = Camera { size: SIZE, light, ..Camera::default() };
         let scene = Arc::new(Scene::new(group, Embodiment::SAWYER, camera).unwrap());
         Self {
-            table: TableTop::new(Arc::clone(&scene), ActionSettings::default()).unwrap(),
+            table: TableTop::new(Arc::clone(&scene), ControlSettings::default()).unwrap(),
             raw: SceneRenderer::with_arm(Arc::clone(&scene)).unwrap(),
             alone: SceneRenderer::without_arm(Arc::clone(&scene)).unwrap(),
             shortcut: SceneRenderer::new(Arc::clone(&scene)).unwrap(),

@@ -14,7 +14,7 @@ use crate::common::PushBlock;
 
 fn table(layout: Layout, group: TaskGroup) -> TableTop {
     let scene = Scene::new_in_layout(layout, group, Embodiment::FLOATING_HAND, Camera::default());
-    TableTop::new(Arc::new(scene.unwrap()), layout.action_settings()).unwrap()
+    TableTop::new(Arc::new(scene.unwrap()), layout.control_settings()).unwrap()
 }
 
 fn rng() -> ChaCha8Rng {
@@ -73,7 +73,7 @@ fn a_vector_environment_runs_the_metaworld_layout_and_refuses_its_mirrored_varia
     let settings = VecEnvSettings {
         num_envs: 2,
         layout: Layout::MetaWorld,
-        control: Layout::MetaWorld.action_settings(),
+        control: Layout::MetaWorld.control_settings(),
         ..VecEnvSettings::default()
     };
     let mut batch = StepBuffers::new(&settings);

@@ -7,7 +7,7 @@ use envs::conformance::measure_expert;
 use envs::embodiments::Arm;
 use envs::robots::{OrientationConstraint, RobotFile};
 use envs::{
-    ActionSettings, Camera, Embodiment, EnvError, Scene, TableTop, TaskGroup, VecEnvSettings,
+    Camera, ControlSettings, Embodiment, EnvError, Scene, TableTop, TaskGroup, VecEnvSettings,
 };
 use glam::DVec3;
 use rand::SeedableRng;
@@ -61,7 +61,7 @@ fn replaced(urdf: &str, changes: &[(&str, &str)]) -> String {
 fn assert_solves(embodiment: Embodiment, group: TaskGroup) {
     let scene = Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap());
     for element in D2::ALL {
-        let row = measure_expert(&scene, element, ActionSettings::default(), 1).unwrap();
+        let row = measure_expert(&scene, element, ControlSettings::default(), 1).unwrap();
         assert_eq!(row.successes, 1, "{} with {embodiment:?}", row.variant);
     }
 }
@@ -93,7 +93,7 @@ fn fingers_of_a_robot_are_found_and_closed() {
     assert_eq!((&joint.name[..], joint.positions[1]), ("robot/finger_1", 0.0));
     assert!((joint.positions[0] - opening).abs() < 1e-9, "{joint:?}");
     let scene = Scene::new(TaskGroup::GOAL_REACH, embodiment, Camera::default()).unwrap();
-    let mut table = TableTop::new(Arc::new(scene), ActionSettings::default()).unwrap();
+    let mut table = TableTop::new(Arc::new(scene), ControlSettings::default()).unwrap();
     table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000)).unwrap();
     let open = table.task_state().unwrap();
     assert!((open.aperture - 1.0).abs() < 1e-3, "{open:?}");
@@ -125,7 +125,7 @@ fn the_rotation_about_the_vertical_is_free_where_an_arm_cannot_hold_it() {
     let five = asset("five_joint_hobby.urdf").arm().unwrap();
     assert_eq!(five.settings().control.orientation, OrientationConstraint::Full);
     let scene = Scene::new(TaskGroup::GOAL_REACH, embodiment, Camera::default()).unwrap();
-    let mut table = TableTop::new(Arc::new(scene), ActionSettings::default()).unwrap();
+    let mut table = TableTop::new(Arc::new(scene), ControlSettings::default()).unwrap();
     table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(1000)).unwrap();
     let direction = |of: &TableTop| {
         let now = of.task_state().unwrap();

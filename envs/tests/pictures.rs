@@ -4,8 +4,8 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use envs::{
-    ActionSettings, Backdrop, Camera, Embodiment, ExtraView, RGB_CHANNELS, Scene, SceneRenderer,
-    TableTop, TaskGroup,
+    Camera, ControlSettings, Embodiment, ExtraViews, RGB_CHANNELS, Scene, SceneRenderer,
+    StaticBackdrop, TableTop, TaskGroup,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -28,7 +28,7 @@ impl Studio {
     fn seen_by(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Self {
         let size = camera.size;
         let scene = Arc::new(Scene::new(group, embodiment, camera).unwrap());
-        let table = TableTop::new(Arc::clone(&scene), ActionSettings::default()).unwrap();
+        let table = TableTop::new(Arc::clone(&scene), ControlSettings::default()).unwrap();
         let renderer = SceneRenderer::new(scene).unwrap();
         Self { group, size, table, renderer }
     }
@@ -99,7 +99,7 @@ fn variants_are_mirror_images_bit_for_bit() {
 #[test]
 fn close_ups_of_variants_are_mirror_images_bit_for_bit() {
     let camera =
-        Camera { oversampling: 3, extra_views: ExtraView::FirstAndCloseUp, ..Camera::default() };
+        Camera { oversampling: 3, extra_views: ExtraViews::FirstAndCloseUp, ..Camera::default() };
     let channels = camera.extra_views.num_channels();
     for group in TaskGroup::STANDARD {
         let mut studio = Studio::seen_by(group, Embodiment::FLOATING_HAND, camera);
@@ -191,7 +191,8 @@ fn a_picture_over_a_backdrop_is_the_picture_bit_for_bit() {
         .flat_map(|embodiment| TaskGroup::STANDARD.map(|group| (group, embodiment)));
     for (group, embodiment) in cases {
         let Studio { mut table, mut renderer, .. } = Studio::new(group, embodiment, size);
-        let (mut backdrop, mut rgb) = (Backdrop::default(), vec![0; size * size * RGB_CHANNELS]);
+        let (mut backdrop, mut rgb) =
+            (StaticBackdrop::default(), vec![0; size * size * RGB_CHANNELS]);
         let mut expected = rgb.clone();
         for element in D2::ALL {
             let mut rng = ChaCha8Rng::seed_from_u64(2);

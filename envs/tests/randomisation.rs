@@ -1,7 +1,7 @@
 //! Environments with randomised pictures compared to those with perfect ones.
 
 use envs::{
-    ACTION_DIM, DomainRandomisation, ExtraView, StepBuffers, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, DomainRandomisation, ExtraViews, StepBuffers, TaskGroup, VecEnv, VecEnvSettings,
 };
 use symmetry::D2;
 
@@ -96,7 +96,7 @@ fn the_first_picture_has_the_camera_of_its_episode_and_the_next_episode_another(
     let corners = |batch: &StepBuffers| -> Vec<Vec<u8>> {
         let image = batch.images.len() / N;
         let images = batch.images.chunks(image);
-        images.map(|pixels| pixels[..ExtraView::First.num_channels()].to_vec()).collect()
+        images.map(|pixels| pixels[..ExtraViews::First.num_channels()].to_vec()).collect()
     };
     let mut episodes = vec![corners(&walk[0])];
     for (step, batch) in walk.iter().enumerate().skip(1) {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use envs::{
-    ActionSettings, Camera, Embodiment, HAND_TARGET_START, Layout, Scene, TableTop, TaskGroup,
+    Camera, ControlSettings, Embodiment, HAND_TARGET_START, Layout, Scene, TableTop, TaskGroup,
 };
 use mujoco::Data;
 use rand::SeedableRng;
@@ -88,7 +88,7 @@ fn the_hand_cannot_reach_the_walls() {
         data.geom_position(wall)[axis].abs() - half
     };
     let walls = [inside("wall_right", 0), inside("wall_far", 1)];
-    let mut table = TableTop::new(Arc::clone(&scene), ActionSettings::default()).unwrap();
+    let mut table = TableTop::new(Arc::clone(&scene), ControlSettings::default()).unwrap();
     for corner in D2::ALL {
         table.reset(D2::Identity, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
         let [x, y] = corner.apply_xy([1.0, 1.0]);
@@ -115,7 +115,7 @@ fn a_shut_drawer_stands_against_the_wall() {
     for embodiment in Embodiment::STANDARD {
         let scene = Arc::new(scene(TaskGroup::DRAWER_CLOSE, embodiment));
         let slide = scene.model.joint_qpos_address(scene.model.joint("slide").unwrap());
-        let mut table = TableTop::new(Arc::clone(&scene), ActionSettings::default()).unwrap();
+        let mut table = TableTop::new(Arc::clone(&scene), ControlSettings::default()).unwrap();
         for element in D2::ALL {
             table.reset(element, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
             let mut furthest = f64::NEG_INFINITY;

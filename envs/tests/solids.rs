@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use envs::mujoco::GeomShape;
-use envs::{ActionSettings, Camera, Embodiment, Scene, TableTop, TaskGroup, VisibleGeom};
+use envs::{Camera, ControlSettings, Embodiment, Scene, TableTop, TaskGroup, VisibleGeom};
 use glam::{DMat3, DVec3};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -12,7 +12,7 @@ use symmetry::D2;
 
 fn started(group: TaskGroup, embodiment: Embodiment, element: D2) -> TableTop {
     let scene = Scene::new(group, embodiment, Camera::default()).unwrap();
-    let mut table = TableTop::new(Arc::new(scene), ActionSettings::default()).unwrap();
+    let mut table = TableTop::new(Arc::new(scene), ControlSettings::default()).unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(1000);
     table.reset(element, &mut rng).unwrap();
     table

@@ -3,7 +3,7 @@
 use std::sync::{Arc, LazyLock};
 
 use envs::{
-    ACTION_DIM, ActionSettings, Camera, Embodiment, EnvError, EpisodeStart, Scene, TableTop,
+    ACTION_DIM, Camera, ControlSettings, Embodiment, EnvError, EpisodeStart, Scene, TableTop,
     TaskGroup, VECTOR_OBSERVATION_DIM,
 };
 use rand::SeedableRng;
@@ -17,7 +17,7 @@ static SCENES: LazyLock<Vec<Arc<Scene>>> = LazyLock::new(|| {
 
 fn table(group: TaskGroup) -> TableTop {
     let scene = SCENES.iter().find(|scene| scene.group == group).unwrap();
-    TableTop::new(Arc::clone(scene), ActionSettings::default()).unwrap()
+    TableTop::new(Arc::clone(scene), ControlSettings::default()).unwrap()
 }
 
 fn observe(table: &TableTop) -> [f32; VECTOR_OBSERVATION_DIM] {
@@ -46,7 +46,7 @@ fn the_lead_is_the_way_from_the_hand_to_its_target() {
     table.reset(D2::FlipX, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
     let [.., x, y, z] = observe(&table);
     assert!([x, y, z].iter().all(|lead| lead.abs() < 5e-3), "at rest: {x}, {y}, {z}");
-    let (before, length) = (table.hand_position(), table.action_settings().displacement);
+    let (before, length) = (table.hand_position(), table.control_settings().displacement);
     table.step(&[1.0, -0.5, 0.0, 0.0]).unwrap();
     let moved = table.hand_position() - before;
     let [.., x_after, y_after, _] = observe(&table);
@@ -84,7 +84,7 @@ fn a_step_after_the_end_of_an_episode_is_an_error_and_changes_nothing() {
 #[test]
 fn impossible_control_settings_are_refused() {
     let scene = Arc::clone(&SCENES[0]);
-    let control = ActionSettings { action_repeat: 7, ..ActionSettings::default() };
+    let control = ControlSettings { action_repeat: 7, ..ControlSettings::default() };
     let message = TableTop::new(scene, control).err().unwrap().to_string();
     assert!(message.contains("500 with action repeat 7"), "{message}");
 }
@@ -103,7 +103,7 @@ fn success_at_the_end_is_that_of_the_last_control_step() {
             hand_target: envs::HAND_TARGET_START,
             task_state: table.task_state().unwrap(),
         };
-        for decision in 0..table.action_settings().decisions_per_episode() {
+        for decision in 0..table.control_settings().decisions_per_episode() {
             let action = match decision {
                 0..30 => table.expert_action().unwrap(),
                 _ => [0.6, -0.6, 0.6, 0.0],

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, ActionSettings, Camera, DomainRandomisation, Embodiment, EnvError, ExtraView,
+    ACTION_DIM, Camera, ControlSettings, DomainRandomisation, Embodiment, EnvError, ExtraViews,
     ObservationsMut, RGB_CHANNELS, STATE_DETAILS_DIM, Scene, SceneRenderer, StepBuffers, TableTop,
     TaskGroup, VECTOR_OBSERVATION_DIM, VecEnv, VecEnvSettings,
 };
@@ -127,9 +127,9 @@ impl Twin {
         self.renderer.render(&mut self.table, &mut now).unwrap();
         let mut pictures = vec![now];
         match self.table.scene().camera.extra_views {
-            ExtraView::First => pictures.push(self.first.clone()),
-            ExtraView::CloseUp => pictures.push(self.close_up()),
-            ExtraView::FirstAndCloseUp => pictures.extend([self.first.clone(), self.close_up()]),
+            ExtraViews::First => pictures.push(self.first.clone()),
+            ExtraViews::CloseUp => pictures.push(self.close_up()),
+            ExtraViews::FirstAndCloseUp => pictures.extend([self.first.clone(), self.close_up()]),
         }
         let pixel = |index| {
             let pixels = pictures.iter().map(move |picture| &picture[index..][..RGB_CHANNELS]);
@@ -185,7 +185,7 @@ fn row(observations: &ObservationsMut, env: usize) -> (Vec<u8>, Vec<f32>) {
 
 #[test]
 fn every_row_is_what_one_environment_driven_by_hand_shows() {
-    for beside in [ExtraView::First, ExtraView::CloseUp, ExtraView::FirstAndCloseUp] {
+    for beside in [ExtraViews::First, ExtraViews::CloseUp, ExtraViews::FirstAndCloseUp] {
         for oversampling in [1, 3] {
             let mut settings = settings(2);
             (settings.camera.oversampling, settings.camera.extra_views) = (oversampling, beside);
@@ -228,7 +228,7 @@ fn rows_equal_environments_driven_by_hand(settings: VecEnvSettings) {
 
 #[test]
 fn success_at_any_step_and_at_the_end_are_told_apart() {
-    let settings = VecEnvSettings { control: ActionSettings::default(), ..settings(2) };
+    let settings = VecEnvSettings { control: ControlSettings::default(), ..settings(2) };
     let group = TaskGroup::GOAL_REACH;
     let mut env = VecEnv::new(settings, group, &D2::ALL).unwrap();
     let mut batch = StepBuffers::new(&settings);
@@ -357,7 +357,7 @@ fn preparing_groups_changes_nothing_that_is_seen() {
 }
 
 /// Returns settings with pictures that cannot be randomised.
-fn randomised(extra_views: ExtraView) -> VecEnvSettings {
+fn randomised(extra_views: ExtraViews) -> VecEnvSettings {
     VecEnvSettings {
         camera: Camera { extra_views, ..Camera::default() },
         randomisation: Some(DomainRandomisation::NOMINAL),
@@ -372,8 +372,8 @@ fn settings_out_of_range_are_refused() {
         VecEnvSettings { threads: 0, ..settings(1) },
         VecEnvSettings { threads: 1025, ..settings(1) },
         VecEnvSettings { camera: Camera { size: 15, ..Camera::default() }, ..settings(1) },
-        randomised(ExtraView::CloseUp),
-        randomised(ExtraView::FirstAndCloseUp),
+        randomised(ExtraViews::CloseUp),
+        randomised(ExtraViews::FirstAndCloseUp),
     ] {
         let error = VecEnv::new(broken, TaskGroup::GOAL_REACH, &D2::ALL).err().unwrap();
         assert!(matches!(error, EnvError::InvalidSetting { .. }), "{error}");
@@ -446,4 +446,10 @@ fn details_tell_where_the_object_is_and_how_far_from_its_goal() {
         assert!((row[15] - distance).abs() < 1e-5 && distance > 0.05, "{row:?}");
         assert!(row[13..15].iter().all(|term| (0.0..=1.0).contains(term)));
     }
+    // the experts' actions are not taken
+    let mut actions = [0.0; N * ACTION_DIM];
+    env.expert_actions(&mut actions).unwrap();
+    let mut again = [0.0; N * STATE_DETAILS_DIM];
+    env.state_details(&mut again).unwrap();
+    assert_eq!(again, details);
 }

@@ -20,8 +20,8 @@ thread_local! {
     static RUNS_ONE_OF_MANY_CHUNKS: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Returns `true` if this thread runs one of several chunks of a minibatch: they use free threads
-/// better than a split of one chunk.
+/// Returns `true` while this thread runs one of several chunks of a minibatch, in which case
+/// splitting the work of one chunk over threads does not pay.
 pub(crate) fn runs_one_of_many_chunks() -> bool {
     RUNS_ONE_OF_MANY_CHUNKS.get()
 }

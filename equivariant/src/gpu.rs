@@ -25,10 +25,10 @@ mod plan;
 mod program;
 mod timer;
 
-pub use adapter::{GpuAdapter, GpuAdapterKind, available_gpu_adapters};
+pub use adapter::{GpuAdapterInfo, GpuAdapterKind, available_gpu_adapters};
 pub use device::GpuDevice;
 pub use error::GpuError;
 pub use kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupCount};
 pub use network::{GpuLayer, LayerGradients};
 pub use plan::{ComputePlan, GpuTensor};
-pub use program::{BatchUniforms, CompiledPlan, PassSelection};
+pub use program::{BatchUniforms, CompiledPlan, PassesToRun};

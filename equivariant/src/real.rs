@@ -91,7 +91,8 @@ macro_rules! real {
 real!(f32);
 real!(f64);
 
-/// Returns `true` if a running maximum `best` is replaced by `value`; NaN exceeds every number.
+/// Returns `true` if `value` has to replace the running maximum `best`: if it exceeds `best` or is
+/// NaN.
 #[inline(always)]
 pub(crate) fn exceeds_or_is_nan<T: Real>(value: T, best: T) -> bool {
     value > best || value.partial_cmp(&value).is_none()

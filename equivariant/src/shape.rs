@@ -49,7 +49,7 @@ impl Shape {
     }
 
     /// Returns a copy of one sample transformed by the group element `g`: pixels move, and channels
-    /// of odd irreps change sign.
+    /// change sign if `g` has the sign -1 in their irrep.
     ///
     /// # Panics
     /// When `g` is not in the group of the type or `sample` does not hold [`len`](Shape::len)

@@ -76,7 +76,7 @@ fn restrictions_are_those_of_their_definition_in_pytorch() {
 
 fn params(case: &str, layer: &R2Conv) -> Vec<f64> {
     let dense = layer.as_ordinary_conv();
-    let projection = dense.project_regular_kernel(&golden(&format!("{case}.kernel")));
+    let projection = dense.project_regular_basis_kernel(&golden(&format!("{case}.kernel")));
     assert!(projection.lost_share < 1e-15, "{case}: not steerable");
     let mut params = projection.params;
     let fields = dense.out_shape().fields;
@@ -92,7 +92,7 @@ fn check_gradient(case: &str, layer: &R2Conv, gradient: &[f64]) {
     let dense = layer.as_ordinary_conv();
     let biases = dense.out_shape().fields.multiplicity(symmetry::Irrep::Trivial);
     let weights = ..gradient.len() - biases;
-    let dkernel = dense.project_regular_kernel(&golden(&format!("{case}.dkernel")));
+    let dkernel = dense.project_regular_basis_kernel(&golden(&format!("{case}.dkernel")));
     assert_close(case, &gradient[weights], &dkernel.params[weights]);
 }
 
@@ -131,7 +131,7 @@ fn escnn_residual(name: &str, layer: &R2Conv, elements: [usize; 4]) -> f64 {
     let values: Vec<f32> = values.iter().map(|&b| f32::from_le_bytes(b)).collect();
     let blocks: Vec<&[f32]> = values.chunks(values.len() / 4).collect();
     let kernel: Vec<f32> = elements.into_iter().flat_map(|g| blocks[g].to_vec()).collect();
-    dense.project_regular_kernel(&kernel).lost_share
+    dense.project_regular_basis_kernel(&kernel).lost_share
 }
 
 #[test]

@@ -16,7 +16,7 @@ fn basis(dense: &OrdinaryConv, weights: usize, regular: bool) -> Vec<Vec<f64>> {
     let kernel = |i| {
         let mut unit = vec![0.0; weights + biases];
         unit[i] = 1.0;
-        if regular { dense.regular_kernel(&unit) } else { dense.kernel(&unit) }
+        if regular { dense.regular_basis_kernel(&unit) } else { dense.kernel(&unit) }
     };
     (0..weights).map(kernel).collect()
 }
@@ -143,15 +143,15 @@ fn the_regular_basis_projects_to_the_same_parameters() {
     for group in Group::ALL {
         let conv = layer(group.trivial_type(2), group.regular_type(2), 4);
         let params = common::params::<f64>(&conv, 3);
-        let kernel = conv.as_ordinary_conv().regular_kernel(&params);
-        let back = conv.as_ordinary_conv().project_regular_kernel(&kernel);
+        let kernel = conv.as_ordinary_conv().regular_basis_kernel(&params);
+        let back = conv.as_ordinary_conv().project_regular_basis_kernel(&kernel);
         assert!(back.lost_share < 1e-14);
         let weights = num_weights(&conv);
         for (a, b) in params[..weights].iter().zip(&back.params) {
             assert!((a - b).abs() < 1e-14);
         }
         // in the regular basis, a bias is one number for all elements of a field
-        let bias = conv.as_ordinary_conv().regular_bias(&params);
+        let bias = conv.as_ordinary_conv().regular_basis_bias(&params);
         for f in 0..2 {
             let values: Vec<f64> = bias.iter().skip(f).step_by(2).copied().collect();
             assert!(values.iter().all(|v| (v - values[0]).abs() < 1e-15));

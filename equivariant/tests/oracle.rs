@@ -69,7 +69,8 @@ proptest! {
         let params = with_zero_bias(&layer, seed);
         let kernel = layer.as_ordinary_conv().kernel(&params);
         let len = layer.in_shape().len();
-        // five samples, so that groups of two to four that are converted together leave one incomplete
+        // five samples, so that groups of two to four that are converted together leave one
+        // incomplete
         let x = normal::<f64>(5 * len, seed + 1);
         let y = forward(&layer, &params, &x);
         let expected: Vec<f64> = x.chunks(len).flat_map(|x| naive(&layer, &kernel, window, x)).collect();
@@ -88,7 +89,7 @@ fn the_regular_kernel_does_the_same_in_the_regular_basis() {
     expected.chunks_mut(12).for_each(|pixel| hadamard_transform(Group::D2, pixel));
     let mut regular_x = x;
     regular_x.chunks_mut(8).for_each(|pixel| hadamard_transform(Group::D2, pixel));
-    let kernel = layer.as_ordinary_conv().regular_kernel(&params);
+    let kernel = layer.as_ordinary_conv().regular_basis_kernel(&params);
     let y = naive(&layer, &kernel, window, &regular_x);
     assert!(largest_deviation(&y, &expected) < 1e-12);
 }

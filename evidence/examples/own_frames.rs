@@ -13,7 +13,9 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use cluster::PolicyVerdict;
-use evidence::{EpisodeSummary, RandomFilters, Recogniser, RecogniserSettings, RolloutContext};
+use evidence::{
+    EpisodeSummary, RandomFilters, Recogniser, RecogniserSettings, RolloutDecisionContext,
+};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -51,9 +53,9 @@ fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 let [remembered, asked] = halves(own, other, rng);
                 let mut recogniser = Recogniser::new(RecogniserSettings::default())?;
                 recogniser.record_training(0, &remembered, rng)?;
-                let context = RolloutContext {
+                let context = RolloutDecisionContext {
                     allow_undecided: false,
-                    ..RolloutContext::collected_by_policy(0)
+                    ..RolloutDecisionContext::collected_by_policy(0)
                 };
                 let decision = recogniser.assign_rollout(&asked, context, rng)?;
                 let result = &decision.tests[0];
@@ -105,15 +107,20 @@ fn recognition<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 question.truncate(frames);
                 (fewest, most) = (fewest.min(question.len()), most.max(question.len()));
                 right += usize::from(
-                    known.recognise(&question, rng)?.most_probable_policy() == Some(index),
+                    known.task_group_probabilities(&question, rng)?.most_probable_policy()
+                        == Some(index),
                 );
                 let mut others = Recogniser::new(RecogniserSettings::default())?;
                 let rest = groups.iter().filter(|other| other.name != group.name);
                 for (policy, other) in rest.enumerate() {
                     others.record_training(policy, &halves(other, other, rng)[0], rng)?;
                 }
-                none +=
-                    usize::from(others.recognise(&question, rng)?.most_probable_policy().is_none());
+                none += usize::from(
+                    others
+                        .task_group_probabilities(&question, rng)?
+                        .most_probable_policy()
+                        .is_none(),
+                );
                 asked += 1;
             }
         }

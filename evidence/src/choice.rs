@@ -2,7 +2,7 @@
 
 use cluster::PolicyVerdict;
 
-use crate::policy_test::PolicyTest;
+use crate::policy_test::PolicyTestResult;
 
 /// Number of standard deviations by which first images and vectors must fit another policy better
 /// before it replaces an accepted policy that acted.
@@ -15,20 +15,20 @@ const UNLIKELY: f64 = 1e-3;
 // Nearest at 1.6 and all others beyond 2.5, since 1.5 = 2.5 * 0.6 (docs/assignment.md, "Return").
 const ISOLATION: f64 = 2.5;
 
-/// Choice of a policy from the tests of all policies on the same episodes, and from the index of
-/// the policy that acted in them.
+/// Tests of all policies on the same episodes and the index of the policy that acted in them, from
+/// which a policy is chosen.
 pub(crate) struct PolicyChoice<'a> {
-    tests: &'a [PolicyTest],
+    tests: &'a [PolicyTestResult],
     collector: usize,
 }
 
 impl<'a> PolicyChoice<'a> {
-    pub(crate) fn new(tests: &'a [PolicyTest], collector: usize) -> Self {
+    pub(crate) fn new(tests: &'a [PolicyTestResult], collector: usize) -> Self {
         Self { tests, collector }
     }
 
     /// Returns the test of the policy that acted; `None` if it is not one of the policies.
-    pub(crate) fn collector_test(&self) -> Option<&'a PolicyTest> {
+    pub(crate) fn collector_test(&self) -> Option<&'a PolicyTestResult> {
         self.tests.get(self.collector)
     }
 
@@ -51,8 +51,7 @@ impl<'a> PolicyChoice<'a> {
     }
 
     /// Returns the indices of the accepted policies, except the acting one, that fit about as well
-    /// as the best of them. The policy with the largest gain in return comes first, because its
-    /// returns say most.
+    /// as the best of them; the largest gain in return comes first, because returns then say most.
     pub(crate) fn accepted_others(&self) -> Vec<usize> {
         let Some(best) = self.best_other() else {
             return Vec::new();

@@ -4,7 +4,8 @@ use cluster::ClusterError;
 
 pub(crate) type Result<T> = std::result::Result<T, EvidenceError>;
 
-/// Errors of episode summaries, of tests of policies, and of stored states of a recogniser.
+/// Errors of episode summaries and of a recogniser: its settings, tests of policies and stored
+/// states.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EvidenceError {

@@ -44,7 +44,8 @@ pub struct RandomFilters {
 }
 
 impl RandomFilters {
-    /// Creates a bank of `count` random filters for images `[height, width, channels]`.
+    /// Creates the bank of `count` random filters for images `[height, width, channels]`, with the
+    /// same weights in every call.
     ///
     /// # Errors
     /// Images smaller than 7 x 7, no channel or more than 1000, or no filter.
@@ -66,8 +67,8 @@ impl RandomFilters {
         Ok(Self { image, kernel, count, weights: weights(kernel, channels, count) })
     }
 
-    /// Returns the features of an image `[height, width, channels]`: the mean responses of all
-    /// filters, times 10, then the largest ones, all scaled to length 1.
+    /// Returns the features of an image `[height, width, channels]`: the mean response of each
+    /// filter, times 10, then the largest response of each, together scaled to Euclidean norm 1.
     ///
     /// # Errors
     /// An image of another size.

@@ -32,9 +32,9 @@ mod tester;
 
 pub use error::EvidenceError;
 pub use filters::RandomFilters;
-pub use policy_test::PolicyTest;
+pub use policy_test::PolicyTestResult;
 pub use probability::TaskGroupProbabilities;
-pub use recogniser::{PolicyTrial, Recogniser, RolloutContext, RolloutDecision};
+pub use recogniser::{Recogniser, RequiredTrial, RolloutDecision, RolloutDecisionContext};
 pub use settings::RecogniserSettings;
 pub use summary::{EpisodeSummariser, EpisodeSummary, ImageFeatureCache, Trajectory};
 

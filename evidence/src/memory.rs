@@ -54,7 +54,8 @@ impl PolicyMemory {
     }
 
     /// Returns the remembered episodes that new ones are compared with: the later half if returns
-    /// are higher there, since training has changed the policy's behaviour, and all otherwise.
+    /// are clearly higher there, since training has changed the policy's behaviour, and all
+    /// otherwise.
     pub(crate) fn recent(&self) -> Vec<&EpisodeSummary> {
         let all: Vec<&EpisodeSummary> = self.summaries.iter().collect();
         let (before, late) = all.split_at(all.len() / 2);
@@ -72,7 +73,7 @@ impl PolicyMemory {
     }
 
     /// Returns the rise of the mean return of `summaries` over that of the policy's first rollout,
-    /// in standard deviations of the former returns, at least 0; 0 if either is unknown.
+    /// in standard deviations of the returns of `summaries`, at least 0; 0 if either is unknown.
     pub(crate) fn gain_in(&self, summaries: &[&EpisodeSummary]) -> f64 {
         match (self.initial_return, mean_return(summaries.iter().copied())) {
             (Some(initial), Some(now)) => {
@@ -84,7 +85,8 @@ impl PolicyMemory {
     }
 
     /// Returns the share of the policy's gain in return that is missing in the episodes
-    /// `summaries`, 0 without a gain; at most 1 for episodes with the return of the first rollout.
+    /// `summaries`: at most 1 at the return of the first rollout, negative above the remembered
+    /// return, 0 without a gain.
     pub(crate) fn return_loss(&self, summaries: &[&EpisodeSummary]) -> f64 {
         let now = mean_return(summaries.iter().copied());
         match self.return_and_gain().zip(now) {

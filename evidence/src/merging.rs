@@ -5,17 +5,17 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::error::Result;
 use crate::memory::PolicyMemory;
-use crate::policy_test::{PolicyRole, PolicyTest, TestStage};
+use crate::policy_test::{PolicyRole, PolicyTestResult, TestStage};
 use crate::recogniser::Recogniser;
 use crate::summary::EpisodeSummary;
 
 impl Recogniser {
-    /// Returns the index of a policy that may serve the same task group as `policy`. It is the
-    /// first one that the last decision `accepted`, that has a gain, was not merged, and was not
-    /// found to differ before. `None` if there is none, or if the gain of `policy` is too small for
-    /// a proof. Let it act for some episodes of that group, then call
-    /// [`Recogniser::confirm_duplicate`].
-    pub fn find_duplicate(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
+    /// Returns the first of the policies `accepted` that may serve the same task group as `policy`:
+    /// one that has a gain in return, was not merged, and was not found to differ before; `None` if
+    /// there is none, or if the gain of `policy` is too small for a proof. `accepted` are the
+    /// policies that the last decision accepted. Let the duplicate act for some episodes of that
+    /// group, then call [`Recogniser::confirm_duplicate`].
+    pub fn find_possible_duplicate(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
         let tester = self.tester();
         let own = self.memories.get(policy).filter(|own| tester.has_proven_gain(own))?;
         let may_serve = |memory: &PolicyMemory| !memory.is_merged() && tester.has_gain(memory);
@@ -28,9 +28,9 @@ impl Recogniser {
 
     /// Returns `true` if the policy `duplicate`, which acted in the episodes `summaries` of the
     /// task group of `policy`, got about the return that it gets in its own group and that `policy`
-    /// gets in this one. Then let `policy` act once more, since the group may have changed before
-    /// `duplicate` acted, and call [`Recogniser::merge_policies`]. Two policies that differ are not
-    /// proposed again.
+    /// gets in this one; otherwise the two are not proposed again. After `true`, let `policy` act
+    /// once more, since the group may have changed before `duplicate` acted, and call
+    /// [`Recogniser::recheck_and_merge`].
     ///
     /// # Errors
     /// Too few episodes, unknown policies, or episodes that cannot be compared.
@@ -52,15 +52,14 @@ impl Recogniser {
         Ok(serves)
     }
 
-    /// Merges the policy `policy` into `duplicate`, which [`Recogniser::confirm_duplicate`]
-    /// accepted by the episodes `of_duplicate`, if `policy` still serves its own group in the
-    /// episodes `again`, which it collected itself. If the returns of `policy` in its own group
-    /// were clearly higher than those of `duplicate`, `duplicate` is merged into `policy` instead.
-    /// If nothing was merged, the two may be compared again.
+    /// Merges the policy `policy` into `duplicate`, or the reverse if `policy` had clearly higher
+    /// returns in its own group, provided that `policy` still serves that group in the episodes
+    /// `again`, which it collected itself. [`Recogniser::confirm_duplicate`] accepted `duplicate`
+    /// by the episodes `of_duplicate`. If nothing was merged, the two may be compared again.
     ///
     /// # Errors
     /// Errors of [`Recogniser::confirm_duplicate`].
-    pub fn merge_policies(
+    pub fn recheck_and_merge(
         &mut self,
         policy: usize,
         duplicate: usize,
@@ -111,7 +110,7 @@ impl Recogniser {
         policy: usize,
         summaries: &[EpisodeSummary],
         rng: &mut impl Rng,
-    ) -> Result<PolicyTest> {
+    ) -> Result<PolicyTestResult> {
         self.check_policy(policy)?;
         let summaries = self.in_order(summaries)?;
         let mut own = ChaCha8Rng::seed_from_u64(rng.random());

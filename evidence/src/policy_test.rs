@@ -1,8 +1,8 @@
 //! Test of one policy: the sources of evidence and the result of their joint permutation test.
 
 use cluster::{
-    AlternativeHypothesis, CandidateFeatures, EvidenceSourceSamples, EvidenceSourceTest,
-    FrameFeatures, JointPermutationTest, PolicyEvidence, PolicyVerdict,
+    AlternativeHypothesis, EvidenceSourceSamples, EvidenceSourceTestResult, FrameFeatures,
+    JointPermutationTestResult, PolicyEvidence, PolicyVerdict, RolloutAndBufferFeatures,
 };
 
 use crate::error::Result;
@@ -80,11 +80,11 @@ pub(crate) enum PolicyRole {
 
 /// Result of testing whether episodes belong to the task group of one policy.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PolicyTest {
+pub struct PolicyTestResult {
     /// Verdict on the policy, after all sources of evidence were tested.
     pub verdict: PolicyVerdict,
     /// Joint test of all sources of evidence; `None` if the policy remembers too few episodes.
-    pub test: Option<JointPermutationTest>,
+    pub test: Option<JointPermutationTestResult>,
     /// Sources of evidence of the joint test, in the order of its results.
     pub(crate) sources: &'static [EvidenceSource],
     /// Relative change of motion (response of the observation vector to actions) from the
@@ -104,7 +104,7 @@ pub struct PolicyTest {
     pub(crate) role: PolicyRole,
 }
 
-impl PolicyTest {
+impl PolicyTestResult {
     /// Converts the test result to the type [`PolicyEvidence`] of the crate `cluster`, with the
     /// distance of the first source that was tested.
     pub fn evidence(&self) -> PolicyEvidence {
@@ -126,7 +126,7 @@ impl PolicyTest {
     }
 
     /// Returns the tests of first image and first vector.
-    fn first_observation(&self) -> impl Iterator<Item = &EvidenceSourceTest> {
+    fn first_observation(&self) -> impl Iterator<Item = &EvidenceSourceTestResult> {
         let all = self.source_tests();
         all.filter(|(source, _)| source.is_first_observation()).map(|(_, test)| test)
     }
@@ -143,7 +143,7 @@ impl PolicyTest {
     /// Returns the larger of two ratios, those of the distance of first images and of first vectors
     /// to its mean over random splits; 0 if neither was tested.
     pub(crate) fn first_observation_ratio(&self) -> f64 {
-        self.first_observation().map(EvidenceSourceTest::distance_ratio).fold(0.0, f64::max)
+        self.first_observation().map(EvidenceSourceTestResult::distance_ratio).fold(0.0, f64::max)
     }
 
     /// Returns the outlier score, by which policies are ranked: larger the worse the policy fits.
@@ -169,15 +169,15 @@ impl PolicyTest {
     /// equal are left out.
     pub(crate) fn source_tests(
         &self,
-    ) -> impl Iterator<Item = (EvidenceSource, &EvidenceSourceTest)> {
+    ) -> impl Iterator<Item = (EvidenceSource, &EvidenceSourceTestResult)> {
         self.test.iter().flat_map(|joint| self.source_tests_of(joint))
     }
 
     /// Returns each source of evidence with its result in `joint`, a test that may not be finished.
     pub(crate) fn source_tests_of<'a>(
         &'a self,
-        joint: &'a JointPermutationTest,
-    ) -> impl Iterator<Item = (EvidenceSource, &'a EvidenceSourceTest)> {
+        joint: &'a JointPermutationTestResult,
+    ) -> impl Iterator<Item = (EvidenceSource, &'a EvidenceSourceTestResult)> {
         let pairs = self.sources.iter().zip(&joint.sources);
         pairs.filter_map(|(&source, test)| Some((source, test.as_ref()?)))
     }
@@ -190,7 +190,7 @@ pub(crate) const CERTAIN: f64 = 1e-3;
 /// Returns `true` if the tested and the remembered episodes differ in one source of evidence at the
 /// significance level `level`: by the exact p-value, or with certainty by the fitted tail, if the
 /// test ended before exact p-values were fine enough.
-pub(crate) fn differs(test: &EvidenceSourceTest, level: f64) -> bool {
+pub(crate) fn differs(test: &EvidenceSourceTestResult, level: f64) -> bool {
     test.p_value <= level || test.tail_p_value <= CERTAIN * level
 }
 
@@ -262,7 +262,10 @@ pub(crate) fn samples(
         let is_return = source == EvidenceSource::Return;
         let alternative =
             if is_return { AlternativeHypothesis::Less } else { AlternativeHypothesis::TwoSided };
-        Ok(EvidenceSourceSamples { clouds: CandidateFeatures { buffer, rollout }, alternative })
+        Ok(EvidenceSourceSamples {
+            clouds: RolloutAndBufferFeatures { buffer, rollout },
+            alternative,
+        })
     };
     sources.iter().map(samples).collect()
 }

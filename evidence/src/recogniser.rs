@@ -13,7 +13,7 @@ use crate::choice::PolicyChoice;
 use crate::error::{EvidenceError, Result};
 use crate::memory::{PolicyMemory, all_summaries, check_comparable};
 use crate::policy_test::{
-    EvidenceSource, PolicyRole, PolicyTest, TestStage, frames, whole_episodes,
+    EvidenceSource, PolicyRole, PolicyTestResult, TestStage, frames, whole_episodes,
 };
 use crate::probability::{TaskGroupProbabilities, weight};
 use crate::settings::RecogniserSettings;
@@ -26,7 +26,7 @@ pub struct RolloutDecision {
     /// Policy that the episodes are assigned to: an existing one, a new one, or none yet.
     pub policy: AssignedPolicy,
     /// Test of each policy, in the order of the policies.
-    pub tests: Vec<PolicyTest>,
+    pub tests: Vec<PolicyTestResult>,
     /// Changepoint, in decisions of all environments since the start of the rollout, if the task
     /// group changed: episodes that began before it belong to the earlier group.
     /// [`Recogniser::assign_rollout`] judges the later episodes, [`Recogniser::review_policy`] the
@@ -38,17 +38,18 @@ pub struct RolloutDecision {
     /// Indices of the policies that are rejected for this task group from here on.
     pub rejected: Vec<usize>,
     /// Trial that the named policy must pass, unless it is the one that acted.
-    pub trial: PolicyTrial,
+    pub trial: RequiredTrial,
     /// `true` if the named policy is provisional: evidence from before it acted rejects it, because
     /// images or vectors differ or it was merged, so its returns must show that it serves the
     /// group.
     pub is_provisional: bool,
 }
 
-/// Trial of the policy that a decision names, before the decision is final: the episodes that it
-/// must collect itself, unless it is the policy that acted.
+/// Trial that the policy named by a decision must pass before the decision is final: none, a
+/// rollout that it collects itself, or a few episodes first; waived where it would come too late.
+/// The policy that acted needs none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum PolicyTrial {
+pub enum RequiredTrial {
     /// No trial of the named policy: the decision is final.
     #[default]
     None,
@@ -64,7 +65,7 @@ pub enum PolicyTrial {
     Waived,
 }
 
-impl PolicyTrial {
+impl RequiredTrial {
     /// Returns the trial of a named policy: first episodes if several policies may fit, else a
     /// rollout.
     fn of_policy(is_contested: bool) -> Self {
@@ -83,7 +84,7 @@ impl RolloutDecision {
 /// Context of a decision on a rollout: the policy that acted, the rejected policies and earlier
 /// decisions.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct RolloutContext<'a> {
+pub struct RolloutDecisionContext<'a> {
     /// Index of the policy that acted in the episodes.
     pub collector: usize,
     /// Indices of the policies that were rejected for the same task group before.
@@ -96,9 +97,10 @@ pub struct RolloutContext<'a> {
     pub allow_undecided: bool,
 }
 
-impl RolloutContext<'_> {
+impl RolloutDecisionContext<'_> {
     /// Creates the context of a rollout that the policy `collector` collected without being
-    /// proposed for it, with no rejected policies.
+    /// proposed for it: no policies are rejected, and the decision may be
+    /// [`AssignedPolicy::Undecided`].
     pub fn collected_by_policy(collector: usize) -> Self {
         Self { collector, allow_undecided: true, ..Self::default() }
     }
@@ -108,7 +110,7 @@ impl RolloutContext<'_> {
 #[derive(Clone, Copy)]
 struct Case<'a> {
     summaries: &'a [&'a EpisodeSummary],
-    context: RolloutContext<'a>,
+    context: RolloutDecisionContext<'a>,
 }
 
 /// Largest number of undecided rollouts that are kept until another one of their task group
@@ -170,10 +172,12 @@ impl Recogniser {
         self.memories.len()
     }
 
-    /// Remembers the summaries of episodes that `policy` collected itself and trains on. A new
-    /// policy has the index [`policy_count`](Self::policy_count). A merge of `policy` is undone.
-    /// Episodes after a changepoint are left out: returns the decisions before the first of them,
-    /// if there is one.
+    /// Remembers the summaries of the episodes that `policy` trains on, without those after a
+    /// changepoint; returns the changepoint, if there is one. Summaries of episodes that another
+    /// policy collected hold the first observation only
+    /// ([`EpisodeSummary::keep_only_first_observation`]). A new policy has the index
+    /// [`policy_count`](Self::policy_count). A merge of `policy` is undone. The changepoint is the
+    /// number of decisions before the first episode that is left out.
     ///
     /// # Errors
     /// A larger index, no episode, numbers that are not finite, or lists whose length differs from
@@ -225,12 +229,12 @@ impl Recogniser {
         Ok(self.tester().test(&memory, summaries, role, stage, &mut own)?.is_rejected())
     }
 
-    /// Decides which policy a rollout belongs to that the policy `context.collector` collected.
-    /// `Existing` with another policy, and `New`, ask for a rollout of that policy and for
-    /// [`Recogniser::review_policy`]. A rollout that is too little to decide is kept, and judged
-    /// together with the next similar one. `Undecided`, if `context` allows it, asks for another
-    /// rollout; no policy may train on this one. After a changepoint, only the later episodes
-    /// count.
+    /// Decides which policy a rollout belongs to that the policy `context.collector` collected;
+    /// remembers the episodes of a new policy and of an undecided rollout. `Existing` with another
+    /// policy, and `New`, ask for a rollout of that policy and for [`Recogniser::review_policy`]. A
+    /// rollout that is too little to decide is kept, and judged together with the next similar one.
+    /// `Undecided`, if `context` allows it, asks for another rollout; no policy may train on this
+    /// one. After a changepoint, only the later episodes count.
     ///
     /// # Errors
     /// [`EvidenceError::NoPolicy`] for a collector above [`policy_count`](Self::policy_count); too
@@ -238,7 +242,7 @@ impl Recogniser {
     pub fn assign_rollout(
         &mut self,
         summaries: &[EpisodeSummary],
-        context: RolloutContext,
+        context: RolloutDecisionContext,
         rng: &mut impl Rng,
     ) -> Result<RolloutDecision> {
         self.check_actor(context.collector)?;
@@ -282,7 +286,7 @@ impl Recogniser {
         if self.memories.len() >= self.settings.max_policies {
             let similar = self.most_similar(&decision.tests);
             let policy = AssignedPolicy::Existing(similar.unwrap_or(case.context.collector));
-            return Ok(RolloutDecision { policy, trial: PolicyTrial::None, ..decision });
+            return Ok(RolloutDecision { policy, trial: RequiredTrial::None, ..decision });
         }
         let untrained = self.memories.iter().filter(|memory| !memory.is_trained).count();
         if case.context.allow_undecided && untrained >= MAX_UNTRAINED {
@@ -291,14 +295,14 @@ impl Recogniser {
         }
         let mut memory = PolicyMemory::default();
         let mut summaries: Vec<_> = case.summaries.iter().copied().cloned().collect();
-        summaries.iter_mut().for_each(EpisodeSummary::keep_first_observation);
+        summaries.iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
         memory.append(summaries.into_iter(), self.settings.memory);
         self.memories.push(memory);
         Ok(decision)
     }
 
     /// Returns the index of the policy that fits best among those that were tested and not merged.
-    fn most_similar(&self, tests: &[PolicyTest]) -> Option<usize> {
+    fn most_similar(&self, tests: &[PolicyTestResult]) -> Option<usize> {
         let is_tested =
             |&policy: &usize| !self.memories[policy].is_merged() && tests[policy].test.is_some();
         let score = |policy: &usize| tests[*policy].outlier_score();
@@ -324,24 +328,25 @@ impl Recogniser {
             changepoint: None,
             group_changed: false,
             rejected: is_rejected.then_some(collector).into_iter().collect(),
-            trial: PolicyTrial::of_policy(is_familiar || others.len() > 1),
+            trial: RequiredTrial::of_policy(is_familiar || others.len() > 1),
             is_provisional: false,
             tests,
         })
     }
 
     /// Reviews the policy `context.collector`, which an earlier decision proposed, by a rollout
-    /// that it collected itself. Its own motion and returns are compared, too. If it is rejected
-    /// and there is a changepoint, only the earlier episodes count, for whose group the policy was
-    /// proposed. If images or vectors reject a policy that they had accepted, the group has
-    /// changed, and the rollout is judged as by [`Recogniser::assign_rollout`].
+    /// that it collected itself; if it fails, decides on another one. Its own motion and returns
+    /// are compared, too. If it is rejected and there is a changepoint, only the earlier episodes
+    /// count, for whose group the policy was proposed. If images or vectors reject a policy that
+    /// they had accepted, the group has changed, and the rollout is judged as by
+    /// [`Recogniser::assign_rollout`].
     ///
     /// # Errors
     /// Errors of [`Recogniser::assign_rollout`].
     pub fn review_policy(
         &mut self,
         summaries: &[EpisodeSummary],
-        context: RolloutContext,
+        context: RolloutDecisionContext,
         rng: &mut impl Rng,
     ) -> Result<RolloutDecision> {
         self.check_policy(context.collector)?;
@@ -368,8 +373,8 @@ impl Recogniser {
             case.summaries = &summaries[place.unwrap_or(0)..];
             let mut anew = self.decide_anew(case, place.is_some(), rng)?;
             // trials could go on for ever in groups that change with every rollout
-            if !context.allow_undecided && anew.trial != PolicyTrial::Waived {
-                anew.trial = PolicyTrial::None;
+            if !context.allow_undecided && anew.trial != RequiredTrial::Waived {
+                anew.trial = RequiredTrial::None;
             }
             anew.changepoint = place.map(|place| summaries[place].began);
             return Ok(RolloutDecision { group_changed: true, ..anew });
@@ -387,14 +392,15 @@ impl Recogniser {
         has_changepoint: bool,
         rng: &mut impl Rng,
     ) -> Result<RolloutDecision> {
-        let context = RolloutContext { rejected: &[], is_provisional: false, ..case.context };
+        let context =
+            RolloutDecisionContext { rejected: &[], is_provisional: false, ..case.context };
         let case = Case { context, ..case };
         let decision = self.screen(case, rng)?;
         match decision.policy {
             AssignedPolicy::Existing(_)
-                if !has_changepoint && decision.trial == PolicyTrial::Rollout =>
+                if !has_changepoint && decision.trial == RequiredTrial::Rollout =>
             {
-                Ok(RolloutDecision { trial: PolicyTrial::Waived, ..decision })
+                Ok(RolloutDecision { trial: RequiredTrial::Waived, ..decision })
             }
             AssignedPolicy::Existing(_) if !context.allow_undecided => Ok(decision),
             _ => {
@@ -406,7 +412,7 @@ impl Recogniser {
 
     /// Returns `true` if images or vectors reject a policy at the final level: its task group has
     /// changed.
-    fn has_group_changed(&self, test: &PolicyTest) -> bool {
+    fn has_group_changed(&self, test: &PolicyTestResult) -> bool {
         let mut sources = self.tester().rejecting_sources(test, self.settings.level);
         sources.any(EvidenceSource::is_first_observation)
     }
@@ -450,7 +456,7 @@ impl Recogniser {
             return Ok(Vec::new());
         };
         if kept.collector != collector {
-            kept.summaries.iter_mut().for_each(EpisodeSummary::keep_first_observation);
+            kept.summaries.iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
         }
         Ok(kept.summaries)
     }
@@ -460,7 +466,7 @@ impl Recogniser {
     ///
     /// # Errors
     /// No episode, or episodes that cannot be compared.
-    pub fn recognise(
+    pub fn task_group_probabilities(
         &self,
         summaries: &[EpisodeSummary],
         rng: &mut impl Rng,
@@ -470,7 +476,7 @@ impl Recogniser {
         }
         let summaries: Vec<_> = summaries.iter().collect();
         // an index beyond all policies: none of them acted
-        let context = RolloutContext::collected_by_policy(self.memories.len());
+        let context = RolloutDecisionContext::collected_by_policy(self.memories.len());
         let case = Case { summaries: &summaries, context };
         let tests = self.test_all(case, TestStage::Confirmation, PolicyRole::Other, rng)?;
         let weighed = tests.iter().zip(&self.memories).map(|(test, memory)| {
@@ -519,7 +525,7 @@ impl Recogniser {
         stage: TestStage,
         role: PolicyRole,
         rng: &mut impl Rng,
-    ) -> Result<Vec<PolicyTest>> {
+    ) -> Result<Vec<PolicyTestResult>> {
         // each policy has its own generator, so the result does not depend on threads
         let seeds: Vec<u64> = self.memories.iter().map(|_| rng.random()).collect();
         let Case { summaries, context } = case;
@@ -537,7 +543,7 @@ impl Recogniser {
 
     /// Decides finally on the policy of two rollouts or of a trial.
     fn decide(&self, case: Case, role: PolicyRole, rng: &mut impl Rng) -> Result<RolloutDecision> {
-        let RolloutContext { collector, rejected, .. } = case.context;
+        let RolloutDecisionContext { collector, rejected, .. } = case.context;
         let tests = self.test_all(case, TestStage::Confirmation, role, rng)?;
         let choice = PolicyChoice::new(&tests, collector);
         let others = choice.accepted_others();
@@ -563,7 +569,7 @@ impl Recogniser {
             changepoint: None,
             group_changed: false,
             rejected: (0..tests.len()).filter(is_rejected).collect(),
-            trial: PolicyTrial::of_policy(is_familiar || others.len() != 1),
+            trial: RequiredTrial::of_policy(is_familiar || others.len() != 1),
             is_provisional: named.is_some_and(|policy| tests[policy].is_rejected()),
             tests,
         })

@@ -58,13 +58,13 @@ pub struct EpisodeSummary {
 impl EpisodeSummary {
     /// Removes motion, reward gradient and return, which depend on the policy that acted, so that
     /// only the first observation remains.
-    pub fn keep_first_observation(&mut self) {
+    pub fn keep_only_first_observation(&mut self) {
         (self.motion, self.reward_gradient, self.episode_return) = (None, None, None);
     }
 }
 
-/// Cache of image features by image. The filters take most of the time, and a decision and the
-/// training after it use the same images.
+/// Cache of the image features of the last call of [`EpisodeSummariser::summarise`], by image. The
+/// filters take most of the time, and a decision and the training after it use the same images.
 #[derive(Clone, Debug, Default)]
 pub struct ImageFeatureCache(HashMap<Vec<u8>, Vec<f32>>);
 

@@ -1,13 +1,15 @@
 //! Test of new episodes against the memory of one policy.
 
-use cluster::{EvidenceSourceTest, JointPermutationTest, PolicyVerdict, joint_permutation_test};
+use cluster::{
+    EvidenceSourceTestResult, JointPermutationTestResult, PolicyVerdict, joint_permutation_test,
+};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::Result;
 use crate::memory::PolicyMemory;
 use crate::policy_test::{
-    CERTAIN, EvidenceSource, PolicyRole, PolicyTest, TestStage, differs, relative_change, samples,
-    whole_episodes,
+    CERTAIN, EvidenceSource, PolicyRole, PolicyTestResult, TestStage, differs, relative_change,
+    samples, whole_episodes,
 };
 use crate::settings::RecogniserSettings;
 use crate::summary::EpisodeSummary;
@@ -58,7 +60,7 @@ impl PolicyTester<'_> {
         role: PolicyRole,
         stage: TestStage,
         rng: &mut ChaCha8Rng,
-    ) -> Result<PolicyTest> {
+    ) -> Result<PolicyTestResult> {
         let least = self.0.min_episodes;
         let remembered: Vec<&EpisodeSummary> = memory.summaries.iter().collect();
         // motion and returns depend on who acts, so they count only if this policy acted
@@ -69,7 +71,7 @@ impl PolicyTester<'_> {
         };
         // a merged policy is rejected unless it acted itself
         let is_out = memory.is_merged() && role == PolicyRole::Other;
-        let mut result = PolicyTest {
+        let mut result = PolicyTestResult {
             verdict: if is_out { PolicyVerdict::Rejected } else { PolicyVerdict::Accepted },
             test: None,
             sources,
@@ -92,7 +94,7 @@ impl PolicyTester<'_> {
         let all = self.0.permutations;
         let splits = [all / 4, all / 2, all, 3 * all];
         let splits = if stage == TestStage::Screening { &splits[..3] } else { &splits[..] };
-        let decided = |test: &JointPermutationTest| self.is_decided(&result, test, stage);
+        let decided = |test: &JointPermutationTestResult| self.is_decided(&result, test, stage);
         let test = joint_permutation_test(&samples(sources, &seen, &known)?, splits, decided, rng)?;
         result.test = Some(test);
         if !is_out {
@@ -106,13 +108,13 @@ impl PolicyTester<'_> {
     /// requires.
     fn is_decided(
         self,
-        result: &PolicyTest,
-        joint: &JointPermutationTest,
+        result: &PolicyTestResult,
+        joint: &JointPermutationTestResult,
         stage: TestStage,
     ) -> bool {
         let reaching = joint.overall.p_value * (1 + joint.overall.null.permutations) as f64;
         let limit = CERTAIN * self.level(stage);
-        let is_certain = |(source, test): (EvidenceSource, &EvidenceSourceTest)| {
+        let is_certain = |(source, test): (EvidenceSource, &EvidenceSourceTestResult)| {
             test.tail_p_value <= limit && self.counts(result, stage, source, test)
         };
         // `reaching` is a whole number but for rounding, hence the half
@@ -129,7 +131,7 @@ impl PolicyTester<'_> {
     /// Returns the verdict on a policy after a finished test. Screening uses exact p-values, and
     /// confirmation those of the fitted tail, because its level is finer than the number of splits
     /// resolves.
-    fn verdict(self, result: &PolicyTest, stage: TestStage) -> PolicyVerdict {
+    fn verdict(self, result: &PolicyTestResult, stage: TestStage) -> PolicyVerdict {
         let level = self.level(stage);
         let mut different = result.source_tests().filter(|&(source, test)| match stage {
             TestStage::Screening => differs(test, level),
@@ -150,10 +152,10 @@ impl PolicyTester<'_> {
     /// large, except for images and vectors in screening, which only asks for more data.
     fn counts(
         self,
-        result: &PolicyTest,
+        result: &PolicyTestResult,
         stage: TestStage,
         source: EvidenceSource,
-        test: &EvidenceSourceTest,
+        test: &EvidenceSourceTestResult,
     ) -> bool {
         (stage == TestStage::Screening && source.is_first_observation())
             || self.exceeds_drift(result, source, test)
@@ -162,7 +164,7 @@ impl PolicyTester<'_> {
     /// Returns the least distance ratio at which images and vectors reject a policy. It is larger
     /// for a policy that returns and proves by its returns that it serves the group, or has gained
     /// too little to prove anything.
-    fn least_ratio(self, result: &PolicyTest) -> f64 {
+    fn least_ratio(self, result: &PolicyTestResult) -> f64 {
         let has_returns = result.sources.contains(&EvidenceSource::Return);
         let cannot_prove = has_returns && result.gain < PROVEN_GAIN;
         let may_serve = self.is_proven(result) || cannot_prove;
@@ -187,7 +189,7 @@ impl PolicyTester<'_> {
 
     /// Returns the factor on the significance level of a source: for returns it rises from 1 to 31
     /// with the lost share of the gain, for other sources it is 1.
-    fn level_factor(self, result: &PolicyTest, source: EvidenceSource) -> f64 {
+    fn level_factor(self, result: &PolicyTestResult, source: EvidenceSource) -> f64 {
         let least = self.0.min_loss;
         let share = (result.return_loss - least) / (1.0 - least).max(f64::MIN_POSITIVE);
         match source {
@@ -198,20 +200,20 @@ impl PolicyTester<'_> {
 
     /// Returns `true` if the returns of the tested episodes prove that the policy serves their task
     /// group as well as its own.
-    pub(crate) fn is_proven(self, result: &PolicyTest) -> bool {
+    pub(crate) fn is_proven(self, result: &PolicyTestResult) -> bool {
         self.keeps_return(result) && result.episode_gain >= PROVEN_GAIN
     }
 
     /// Returns `true` if the returns of the tested episodes are known and about as high as those of
     /// the episodes that the policy remembers.
-    pub(crate) fn keeps_return(self, result: &PolicyTest) -> bool {
+    pub(crate) fn keeps_return(self, result: &PolicyTestResult) -> bool {
         result.sources.contains(&EvidenceSource::Return) && !self.is_loss(result.return_loss)
     }
 
     /// Returns `true` if the returns of the tested episodes may be as high as those of the
     /// remembered ones, within one standard error. A policy whose images or vectors differ must
     /// pass this check: that a few episodes of its own do not reject it again proves nothing.
-    fn may_keep_return(self, result: &PolicyTest) -> bool {
+    fn may_keep_return(self, result: &PolicyTestResult) -> bool {
         result.sources.contains(&EvidenceSource::Return)
             && !self.is_loss(result.return_loss - result.return_loss_error)
     }
@@ -238,9 +240,9 @@ impl PolicyTester<'_> {
     /// significance.
     fn exceeds_drift(
         self,
-        result: &PolicyTest,
+        result: &PolicyTestResult,
         source: EvidenceSource,
-        test: &EvidenceSourceTest,
+        test: &EvidenceSourceTestResult,
     ) -> bool {
         match source {
             EvidenceSource::Image | EvidenceSource::Vector => {
@@ -263,7 +265,7 @@ impl PolicyTester<'_> {
     /// Returns the least distance ratio at which motion and reward gradient count. It is larger if
     /// the returns of the tested episodes are higher than the remembered ones at the significance
     /// level of screening: the policy learns, which changes how it acts.
-    fn least_training_ratio(self, result: &PolicyTest) -> f64 {
+    fn least_training_ratio(self, result: &PolicyTestResult) -> f64 {
         let mut returns = result.source_tests().filter(|(s, _)| *s == EvidenceSource::Return);
         // the test is one-sided: lower returns have small p-values, higher ones large p-values
         let rose = returns.any(|(_, test)| test.tail_p_value >= 1.0 - self.0.doubt);
@@ -271,7 +273,7 @@ impl PolicyTester<'_> {
     }
 
     /// Returns `true` if a test is significant enough to reject a policy after one rollout.
-    pub(crate) fn rejects_surely(self, result: &PolicyTest) -> bool {
+    pub(crate) fn rejects_surely(self, result: &PolicyTestResult) -> bool {
         self.rejecting_sources(result, CERTAIN * self.0.level).next().is_some()
     }
 
@@ -279,7 +281,7 @@ impl PolicyTester<'_> {
     /// drift explains, significantly at the level `level`.
     pub(crate) fn rejecting_sources(
         self,
-        result: &PolicyTest,
+        result: &PolicyTestResult,
         level: f64,
     ) -> impl Iterator<Item = EvidenceSource> {
         let significant = result.source_tests().filter(move |(_, test)| test.tail_p_value <= level);

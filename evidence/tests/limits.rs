@@ -1,7 +1,9 @@
 //! Sizes of differences at which policies are rejected, and the decisions that follow.
 
 use cluster::{AssignedPolicy, PolicyVerdict};
-use evidence::{EpisodeSummary, PolicyTrial, Recogniser, RolloutContext, RolloutDecision};
+use evidence::{
+    EpisodeSummary, Recogniser, RequiredTrial, RolloutDecision, RolloutDecisionContext,
+};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -56,7 +58,8 @@ fn a_policy_whose_group_drifted_is_tried_if_it_is_by_far_the_nearest() {
         for (seen, ratios, expected) in
             [(0.45, 1.5..1.8, PolicyVerdict::Accepted), (0.8, 1.8..9.0, PolicyVerdict::Rejected)]
         {
-            let context = RolloutContext { rejected: &[1], is_provisional: true, ..must_decide(0) };
+            let context =
+                RolloutDecisionContext { rejected: &[1], is_provisional: true, ..must_decide(0) };
             let mut rng = ChaCha8Rng::seed_from_u64(77);
             let seen = episodes(20, seen, 1.0, &mut rng);
             let reviewed = review(&recogniser, &seen, context);
@@ -87,7 +90,10 @@ fn new_groups_wait_while_eight_policies_are_untrained() {
         (1_u8..=9).map(|group| episodes(20, 10.0 * f32::from(group), 1.0, &mut rng)).collect();
     // two equal rollouts
     let mut twice = |known: &mut Recogniser, group: usize, allow_undecided| {
-        let context = RolloutContext { allow_undecided, ..RolloutContext::collected_by_policy(0) };
+        let context = RolloutDecisionContext {
+            allow_undecided,
+            ..RolloutDecisionContext::collected_by_policy(0)
+        };
         let mut assign =
             || known.assign_rollout(&groups[group - 1], context, &mut rng).unwrap().policy;
         ([assign(), assign()], known.policy_count())
@@ -119,15 +125,15 @@ fn a_group_that_changed_before_the_trial_is_judged_anew() {
         let seen = images.iter().flat_map(|&image| episodes(20, image, 1.0, &mut rng));
         let mut seen: Vec<_> = seen.collect();
         seen.iter_mut().enumerate().for_each(|(began, summary)| summary.began = began);
-        let context = RolloutContext {
+        let context = RolloutDecisionContext {
             allow_undecided,
             rejected: &[1],
-            ..RolloutContext::collected_by_policy(0)
+            ..RolloutDecisionContext::collected_by_policy(0)
         };
         let found = recogniser.review_policy(&seen, context, &mut rng).unwrap();
         let next = episodes(20, 10.0, 1.0, &mut rng);
         let next = recogniser
-            .assign_rollout(&next, RolloutContext::collected_by_policy(0), &mut rng)
+            .assign_rollout(&next, RolloutDecisionContext::collected_by_policy(0), &mut rng)
             .unwrap();
         assert_eq!(next.policy, AssignedPolicy::Existing(1));
         (found.policy, found.trial, found.changepoint, found.group_changed)
@@ -135,12 +141,12 @@ fn a_group_that_changed_before_the_trial_is_judged_anew() {
     let other = AssignedPolicy::Existing(1);
     // in the whole rollout, so that policy 1 may train on it
     for allow_undecided in [true, false] {
-        assert_eq!(review(&[10.0], allow_undecided), (other, PolicyTrial::Waived, None, true));
+        assert_eq!(review(&[10.0], allow_undecided), (other, RequiredTrial::Waived, None, true));
     }
     // in a part of the rollout, after a third group, so that policy 1 needs a rollout of its own
     let waits = review(&[20.0, 10.0], true);
     assert_eq!((waits.0, waits.2, waits.3), (AssignedPolicy::Undecided, Some(20), true));
-    assert_eq!(review(&[20.0, 10.0], false), (other, PolicyTrial::None, Some(20), true));
+    assert_eq!(review(&[20.0, 10.0], false), (other, RequiredTrial::None, Some(20), true));
     // the group of policy 0 came first
     let stays = review(&[0.0, 10.0], true);
     assert_eq!((stays.0, stays.3), (AssignedPolicy::Existing(0), false));

@@ -1,7 +1,7 @@
 //! Policies that turn out to serve one group.
 
 use cluster::{AssignedPolicy, PolicyVerdict};
-use evidence::{EpisodeSummary, PolicyTrial, Recogniser, RolloutContext};
+use evidence::{EpisodeSummary, Recogniser, RequiredTrial, RolloutDecisionContext};
 use worlds::WorldKind;
 
 use crate::common::{
@@ -20,20 +20,20 @@ fn policies_that_serve_one_group_are_merged() {
     let seen = rollout(kind, 1000, 0, 0);
     let decision = assign(&recogniser, &seen, 0);
     assert_eq!(
-        recogniser.find_duplicate(0, &decision.accepted_policies()),
+        recogniser.find_possible_duplicate(0, &decision.accepted_policies()),
         Some(1),
         "it looks alike"
     );
     let of_other = rollout(kind, 1000, 0, 1);
     assert!(!recogniser.confirm_duplicate(0, 1, &of_other, &mut rng()).unwrap());
-    assert_eq!(recogniser.find_duplicate(0, &decision.accepted_policies()), Some(2));
+    assert_eq!(recogniser.find_possible_duplicate(0, &decision.accepted_policies()), Some(2));
     assert!(recogniser.confirm_duplicate(0, 2, &seen[..5], &mut rng()).unwrap());
-    recogniser.merge_policies(0, 2, &seen[..5], &seen[5..], &mut rng()).unwrap();
+    recogniser.recheck_and_merge(0, 2, &seen[..5], &seen[5..], &mut rng()).unwrap();
     assert_eq!(recogniser.merged_into(), [Some(2), None, None], "policy 2 acted in both groups");
     let after_merge = assign(&recogniser, &seen, 2);
     assert_eq!(after_merge.tests[0].verdict, PolicyVerdict::Rejected);
-    assert_eq!(recogniser.find_duplicate(2, &after_merge.accepted_policies()), None);
-    let found = recogniser.recognise(&seen, &mut rng()).unwrap();
+    assert_eq!(recogniser.find_possible_duplicate(2, &after_merge.accepted_policies()), None);
+    let found = recogniser.task_group_probabilities(&seen, &mut rng()).unwrap();
     assert_eq!(found.policies[0], 0.0);
 }
 
@@ -53,7 +53,7 @@ fn merged(more: f32) -> (Recogniser, [usize; 2]) {
     let seen = rollout(KIND, 1000, 0, 0);
     assert!(recogniser.confirm_duplicate(0, 1, &seen[..5], &mut rng()).unwrap());
     let again = richer(seen[5..].to_vec());
-    recogniser.merge_policies(0, 1, &seen[..5], &again, &mut rng()).unwrap();
+    recogniser.recheck_and_merge(0, 1, &seen[..5], &again, &mut rng()).unwrap();
     let pair = if recogniser.merged_into()[0].is_some() { [1, 0] } else { [0, 1] };
     assert_eq!(recogniser.merged_into()[pair[1]], Some(pair[0]));
     (recogniser, pair)
@@ -80,10 +80,11 @@ fn a_merged_policy_is_tried_again_where_the_other_does_not_serve() {
         let decision = settle(&recogniser, &foreign, kept);
         let proposed = AssignedPolicy::Existing(gone);
         assert_eq!(decision.policy, proposed, "{:#?}", decision.tests);
-        assert!(decision.trial == PolicyTrial::Episodes && decision.is_provisional);
+        assert!(decision.trial == RequiredTrial::Episodes && decision.is_provisional);
         assert!(!decision.rejected.contains(&gone));
         let rejected = &decision.rejected;
-        let context = RolloutContext { rejected, is_provisional: true, ..must_decide(gone) };
+        let context =
+            RolloutDecisionContext { rejected, is_provisional: true, ..must_decide(gone) };
         let elsewhere = review(&recogniser, &rollout(KIND, 1000, kept, gone), context);
         assert_eq!(elsewhere.policy, AssignedPolicy::New, "tried once");
         let own = rollout(KIND, 1000, gone, gone);
@@ -92,7 +93,7 @@ fn a_merged_policy_is_tried_again_where_the_other_does_not_serve() {
         assert_eq!(recogniser.merged_into(), [None, None]);
         let of_gone = assign(&recogniser, &own, gone);
         assert_eq!(
-            recogniser.find_duplicate(gone, &of_gone.accepted_policies()),
+            recogniser.find_possible_duplicate(gone, &of_gone.accepted_policies()),
             None,
             "merged once"
         );

@@ -2,8 +2,8 @@
 
 use cluster::{AssignedPolicy, PolicyVerdict};
 use evidence::{
-    EpisodeSummariser, EpisodeSummary, ImageFeatureCache, PolicyTrial, Recogniser,
-    RecogniserSettings, RolloutContext,
+    EpisodeSummariser, EpisodeSummary, ImageFeatureCache, Recogniser, RecogniserSettings,
+    RequiredTrial, RolloutDecisionContext,
 };
 use symmetry::{D2, Irrep};
 use worlds::WorldKind;
@@ -80,9 +80,9 @@ fn no_more_policies_are_created_than_the_settings_allow() {
     // whichever policy acted and whichever were rejected before, the same one is the most similar
     let named = [(0, &[][..]), (1, &[0]), (2, &[0, 1])].map(|(reviewed, rejected)| {
         let mut full = bounded(3);
-        let context = RolloutContext { rejected, ..must_decide(reviewed) };
+        let context = RolloutDecisionContext { rejected, ..must_decide(reviewed) };
         let found = full.review_policy(&unknown, context, &mut rng()).unwrap();
-        assert!(found.trial == PolicyTrial::None && full.policy_count() == 3, "{found:?}");
+        assert!(found.trial == RequiredTrial::None && full.policy_count() == 3, "{found:?}");
         found.policy
     });
     assert!(
@@ -95,7 +95,7 @@ fn no_more_policies_are_created_than_the_settings_allow() {
 #[test]
 fn running_episodes_at_the_end_do_not_hide_motion_and_returns() {
     let running = |mut summaries: Vec<EpisodeSummary>, from: usize| {
-        summaries[from..].iter_mut().for_each(EpisodeSummary::keep_first_observation);
+        summaries[from..].iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
         summaries
     };
     let mut recogniser = fresh();
@@ -126,7 +126,7 @@ fn remembered(recogniser: &Recogniser, policy: usize) -> usize {
 fn a_switch_is_found_before_running_episodes() {
     let visits = [(0, 2), (1, 2)];
     let mut mixed = summaries(stream(WorldKind::Dynamics, 1000, &visits, 5), 4, Some(0));
-    mixed[15..].iter_mut().for_each(EpisodeSummary::keep_first_observation);
+    mixed[15..].iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
     let mut recogniser = fresh();
     recogniser.record_training(0, &mixed, &mut rng()).unwrap();
     assert_eq!(remembered(&recogniser, 0), 10);
@@ -136,7 +136,7 @@ fn a_switch_is_found_before_running_episodes() {
 fn a_rejected_policy_is_not_proposed_again() {
     let recogniser = knowing(WorldKind::Target, 1000, 2);
     let seen = rollout(WorldKind::Target, 1000, 1, 0);
-    let context = RolloutContext { rejected: &[1], ..must_decide(0) };
+    let context = RolloutDecisionContext { rejected: &[1], ..must_decide(0) };
     let decision = review(&recogniser, &seen, context);
     assert_eq!(decision.policy, AssignedPolicy::New);
     assert!(decision.rejected.contains(&0) && decision.rejected.contains(&1));
@@ -167,7 +167,7 @@ fn a_rollout_that_created_its_policy_is_remembered_once() {
     let mut seen = rollout(WorldKind::Appearance, 1000, 1, 0);
     let found = recogniser.assign_rollout(&seen, must_decide(0), &mut rng()).unwrap();
     assert_eq!(found.policy, AssignedPolicy::New);
-    seen.iter_mut().for_each(EpisodeSummary::keep_first_observation);
+    seen.iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
     recogniser.record_training(1, &seen, &mut rng()).unwrap();
     assert_eq!(remembered(&recogniser, 1), seen.len());
 }
@@ -178,7 +178,7 @@ fn one_episode_names_its_policy_or_none_and_more_are_surer() {
     for group in 0..4 {
         let seen = rollout(WorldKind::Appearance, 1000, group, 0);
         for episodes in [1, 4, 20] {
-            let found = recogniser.recognise(&seen[..episodes], &mut rng()).unwrap();
+            let found = recogniser.task_group_probabilities(&seen[..episodes], &mut rng()).unwrap();
             let sum = found.policies.iter().sum::<f64>() + found.none;
             assert!((sum - 1.0).abs() < 1e-12);
             if episodes > 1 {
@@ -191,7 +191,7 @@ fn one_episode_names_its_policy_or_none_and_more_are_surer() {
             }
         }
     }
-    assert!(recogniser.recognise(&[], &mut rng()).is_err());
+    assert!(recogniser.task_group_probabilities(&[], &mut rng()).is_err());
 }
 
 #[test]
@@ -200,7 +200,7 @@ fn a_policy_that_remembers_too_little_is_not_named() {
     let few = rollout(WorldKind::Appearance, 1000, 1, 1);
     recogniser.record_training(1, &few[..3], &mut rng()).unwrap();
     let seen = rollout(WorldKind::Appearance, 1000, 0, 0);
-    let found = recogniser.recognise(&seen, &mut rng()).unwrap();
+    let found = recogniser.task_group_probabilities(&seen, &mut rng()).unwrap();
     assert_eq!((found.most_probable_policy(), found.policies[1]), (Some(0), 0.0));
 }
 
@@ -211,7 +211,7 @@ fn frames_that_are_all_equal_say_nothing_of_each_other() {
     let still = |value: f32| {
         let mut summaries = episodes(20, 0.0, 0.0, &mut rng());
         summaries.iter_mut().for_each(|summary| summary.image_features.fill(value));
-        summaries.iter_mut().for_each(EpisodeSummary::keep_first_observation);
+        summaries.iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
         summaries
     };
     recogniser.record_training(0, &still(1.0), &mut rng()).unwrap();
@@ -262,10 +262,10 @@ fn a_policy_whose_group_drifted_meanwhile_is_tried() {
             continue;
         }
         tried += 1;
-        assert!(decision.trial == PolicyTrial::Episodes && !decision.rejected.contains(&1));
+        assert!(decision.trial == RequiredTrial::Episodes && !decision.rejected.contains(&1));
         let is_provisional = decision.is_provisional;
         let rejected = &decision.rejected;
-        let context = RolloutContext { rejected, is_provisional, ..must_decide(1) };
+        let context = RolloutDecisionContext { rejected, is_provisional, ..must_decide(1) };
         let own = review(&recogniser, &late[..20], context);
         assert_eq!(own.policy, AssignedPolicy::Existing(1), "seed {seed}: {:#?}", own.tests);
         recogniser.record_training(1, &late[..20], &mut rng()).unwrap();
@@ -284,7 +284,7 @@ fn a_provisional_policy_must_keep_its_return() {
     let decision = |share: f32, is_provisional| {
         let mut seen = rollout(kind, 1000, 0, 0);
         set_returns(&mut seen, |value| value * share);
-        let context = RolloutContext { rejected: &[1], is_provisional, ..must_decide(0) };
+        let context = RolloutDecisionContext { rejected: &[1], is_provisional, ..must_decide(0) };
         let decision = review(&recogniser, &seen, context);
         assert!(!decision.is_provisional || is_provisional);
         decision.policy
@@ -315,8 +315,10 @@ fn a_new_policy_remembers_only_the_group_it_was_created_for() {
     let mut recogniser = knowing(WorldKind::Appearance, 1000, 1);
     let mixed = summaries(stream(WorldKind::Appearance, 1000, &[(1, 2), (2, 2)], 5), 4, Some(1));
     recogniser.record_training(1, &mixed, &mut rng()).unwrap();
-    let one = recogniser.recognise(&rollout(WorldKind::Appearance, 1000, 1, 0), &mut rng());
+    let one = recogniser
+        .task_group_probabilities(&rollout(WorldKind::Appearance, 1000, 1, 0), &mut rng());
     assert_eq!(one.unwrap().most_probable_policy(), Some(1));
-    let other = recogniser.recognise(&rollout(WorldKind::Appearance, 1000, 2, 0), &mut rng());
+    let other = recogniser
+        .task_group_probabilities(&rollout(WorldKind::Appearance, 1000, 2, 0), &mut rng());
     assert_eq!(other.unwrap().most_probable_policy(), None);
 }

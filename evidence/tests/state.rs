@@ -1,6 +1,6 @@
 //! What is remembered, and the file that holds it.
 
-use evidence::{EpisodeSummary, Recogniser, RolloutContext};
+use evidence::{EpisodeSummary, Recogniser, RolloutDecisionContext};
 use serde_json::{Value, json};
 use worlds::WorldKind;
 
@@ -26,12 +26,12 @@ fn memory_is_bounded_and_survives_a_file() {
     restored.restore_state(&state(&recogniser)).unwrap();
     assert_eq!(restored, recogniser);
     // the index after the last one is that of the next new policy, which no decision proposes
-    let unknown = RolloutContext { collector: 2, ..RolloutContext::default() };
+    let unknown = RolloutDecisionContext { collector: 2, ..RolloutDecisionContext::default() };
     for (error, policy) in [
         (restored.record_training(7, &seen, &mut rng()).unwrap_err(), 7),
         (
             restored
-                .assign_rollout(&seen, RolloutContext::collected_by_policy(7), &mut rng())
+                .assign_rollout(&seen, RolloutDecisionContext::collected_by_policy(7), &mut rng())
                 .unwrap_err(),
             7,
         ),
@@ -48,7 +48,7 @@ fn damaged_states_are_refused() {
     recogniser
         .assign_rollout(
             &rollout(KIND, 1000, 3, 0),
-            RolloutContext::collected_by_policy(0),
+            RolloutDecisionContext::collected_by_policy(0),
             &mut rng(),
         )
         .unwrap();
@@ -111,7 +111,7 @@ fn an_error_leaves_everything_as_it_was() {
             let mut other = recogniser.clone();
             assert!(other.record_training(policy, &summaries, &mut rng()).is_err());
             assert!(other.confirm_duplicate(0, 1, &summaries, &mut rng()).is_err());
-            assert!(other.merge_policies(0, 1, &seen[..5], &summaries, &mut rng()).is_err());
+            assert!(other.recheck_and_merge(0, 1, &seen[..5], &summaries, &mut rng()).is_err());
             assert_eq!(other, recogniser);
         }
         recogniser.clone().record_training(1, &summaries, &mut rng()).unwrap_err().to_string()

@@ -38,7 +38,7 @@ pub(crate) fn write_checkpoint(
     // if checkpoints with higher numbers counted, they could push out the one just written
     checkpoints.retain(|(number, _)| *number <= rollouts);
     for (_, old) in checkpoints.iter().skip(keep) {
-        disk.remove(old).map_err(RunError::to_write_error_at(old))?;
+        disk.remove(old).map_err(RunError::write_error_mapper(old))?;
     }
     Ok(())
 }
@@ -48,7 +48,7 @@ pub(crate) fn write_checkpoint(
 pub(crate) fn rename_damaged(disk: &dyn Disk, paths: &[PathBuf]) -> Result<(), RunError> {
     for path in paths {
         disk.rename(path, &path.with_added_extension("damaged"))
-            .map_err(RunError::to_write_error_at(path))?;
+            .map_err(RunError::write_error_mapper(path))?;
     }
     Ok(())
 }

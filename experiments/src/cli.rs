@@ -50,5 +50,5 @@ pub fn progress_bar(length: usize) -> ProgressBar {
 pub fn print_escaped(out: &mut impl Write, line: &str) -> Result<(), RunError> {
     let line = escape_unprintable_lines(line);
     let written = writeln!(out, "{line}").and_then(|()| out.flush());
-    written.map_err(RunError::to_write_error_at(Path::new("standard output")))
+    written.map_err(RunError::write_error_mapper(Path::new("standard output")))
 }

@@ -91,8 +91,8 @@ impl ClockedStream {
         self.latest_frame = Some(latest_frame);
     }
 
-    /// Returns the index of the visit to a task group in which training iteration `iteration`, from
-    /// 0, starts; `None` after the last visit.
+    /// Returns the index of the visit to a task group in which the next training iteration, number
+    /// `iteration` from 0, starts; `None` after the last visit.
     pub fn visit_index(&self, iteration: usize) -> Option<usize> {
         self.timetable.visit_index_at(match self.clock {
             StreamClock::EnvironmentTime => self.now,
@@ -105,14 +105,14 @@ impl ClockedStream {
         self.timetable.visit_and_earlier(index)
     }
 
-    /// Returns the number of decisions taken in the stream so far.
+    /// Returns the number of decisions taken in the stream so far, summed over all environments.
     pub fn decisions_so_far(&self) -> usize {
         self.now
     }
 
     /// Returns the index of the visit to a task group that the current iteration's last step
     /// showed; before the iteration's first step, that of the running visit.
-    pub fn last_visit_index(&self) -> usize {
+    pub fn last_shown_visit_index(&self) -> usize {
         self.shown.map_or(self.running, |shown| shown.last)
     }
 
@@ -137,8 +137,8 @@ impl ClockedStream {
         });
     }
 
-    /// Starts training iteration `iteration` of the run; on the learner's clock, enters the visit
-    /// with index `index`.
+    /// Forgets what the last training iteration showed; on [`StreamClock::LearnerIterations`], also
+    /// switches the environments to visit `index` with the seed of iteration `iteration`.
     ///
     /// # Errors
     /// Errors of the environments.
@@ -284,7 +284,7 @@ mod tests {
         let iteration = |stream: &mut ClockedStream, steps| {
             stream.begin_iteration(0, 0).unwrap();
             walk(stream, steps, usize::MAX);
-            (stream.spans_switch(), stream.last_visit_index())
+            (stream.spans_switch(), stream.last_shown_visit_index())
         };
         assert_eq!(iteration(&mut world, 10), (false, 0), "the next group is due");
         assert_eq!(world.running, 1);

@@ -27,9 +27,9 @@ impl LineStyle {
     }
 }
 
-/// Returns the colour and dash pattern of curve `number`, which no other curve shares. The first
-/// eight curves are solid, the next eight dashed, and each later eight have one more dot between
-/// dashes.
+/// Returns the colour and dash pattern of the curve with index `number`; no two indices share both.
+/// The first eight curves are solid, the next eight dashed, and each later eight have one more dot
+/// between dashes.
 pub fn curve_style(number: usize) -> LineStyle {
     let round = number / COLOURS.len();
     let dots = round.checked_sub(1);

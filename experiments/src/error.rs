@@ -94,6 +94,21 @@ pub enum RunError {
         /// Error message of each checkpoint that could not be read.
         problems: String,
     },
+    /// Run whose newest checkpoint is damaged, while an older one is intact.
+    #[error(
+        "the newest checkpoint is damaged ({problems}): repair the run with `covers resume {}`, or \
+         remove the damaged file to use the older {}",
+        folder.display(),
+        intact.display()
+    )]
+    DamagedCheckpoint {
+        /// Folder of the run.
+        folder: PathBuf,
+        /// Error message of each newer checkpoint that could not be read.
+        problems: String,
+        /// Path of the newest intact checkpoint.
+        intact: PathBuf,
+    },
     /// Table of a finished run that was changed after the run had ended.
     #[error(
         "{} was changed after the run had ended: its checksum is {found}, summary.json says \
@@ -204,13 +219,13 @@ impl RunError {
     }
 
     /// Returns a function that converts a cause to a [`RunError::Read`] for the file at `path`.
-    pub fn to_read_error_at<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
+    pub fn read_error_mapper<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
         move |source| Self::cannot_read(path, source)
     }
 
     /// Returns a function that converts a cause to a [`RunError::Write`] for the file at `path`, as
     /// [`RunError::cannot_write`] does.
-    pub fn to_write_error_at<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
+    pub fn write_error_mapper<E: Into<BoxedEnvError>>(path: &Path) -> impl Fn(E) -> Self {
         move |source| Self::cannot_write(path, source)
     }
 

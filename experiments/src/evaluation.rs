@@ -22,7 +22,7 @@ use learner::{Learner, PolicyEvaluation, TaskLabel};
 use cache::{CacheKey, EvaluationCache};
 use dormancy::UnitActivities;
 
-pub use dormancy::{DORMANCY_THRESHOLD, DormantUnits};
+pub use dormancy::{DORMANCY_THRESHOLD, DormantUnitCounts};
 pub use recognition::{RECOGNITION_EPISODE_COUNTS, RecognitionCount};
 pub use score::{GroupScore, OwnPolicyByGroup, PolicyScore, VariantScore, average_scores_by_group};
 
@@ -30,7 +30,7 @@ pub use score::{GroupScore, OwnPolicyByGroup, PolicyScore, VariantScore, average
 /// that count up from 0 under the same seed, so this one is counted down from the top.
 const RECOGNITION_STREAM: u64 = u64::MAX;
 
-/// Results of one evaluation of a learner: scores and recognitions.
+/// Results of one evaluation of a learner: scores, recognitions and dormant units.
 #[derive(Clone, Debug, Default)]
 pub struct EvaluationResults {
     /// Score of each task variant, in the order of scoring.
@@ -41,10 +41,10 @@ pub struct EvaluationResults {
 }
 
 impl EvaluationResults {
-    /// Returns the dormant units of each scored policy, over all variants that it was scored on, in
-    /// the order of the policies.
-    pub fn dormant_units(&self) -> Vec<DormantUnits> {
-        self.activities.dormant_units()
+    /// Returns the numbers of units and of dormant units of each scored policy, over all variants
+    /// that it was scored on, in the order of the policies.
+    pub fn dormant_unit_counts(&self) -> Vec<DormantUnitCounts> {
+        self.activities.dormant_unit_counts()
     }
 }
 
@@ -147,7 +147,7 @@ impl Evaluator {
     ///
     /// # Errors
     /// Errors of the environments, the policies or the assigner.
-    pub fn recognise_variant(
+    pub fn recognise_policy(
         &mut self,
         learner: &mut dyn Learner,
         variant: TaskVariant,
@@ -184,7 +184,7 @@ impl Evaluator {
                 expected: "at least 1",
             });
         }
-        let policy = self.recognise_variant(learner, variant)?;
+        let policy = self.recognise_policy(learner, variant)?;
         let chosen = self.play(learner, variant, policy, rounds)?;
         results.activities.add(policy, &chosen.activity);
         let score = self.policy_score(policy, &chosen.stats);

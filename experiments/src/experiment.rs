@@ -42,7 +42,7 @@ pub struct Experiment {
     pub checkpoints: CheckpointPlan,
 }
 
-/// Interval and number of a run's checkpoints.
+/// Number of rollouts between a run's checkpoints, and number of checkpoints that are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CheckpointPlan {
@@ -87,8 +87,9 @@ pub struct EvaluationPlan {
 }
 
 impl EvaluationPlan {
-    /// Evaluation plan with a single evaluation, after the training stream.
-    pub const ONLY_FINAL_EVALUATION: Self = Self {
+    /// Evaluation plan with a single evaluation, after the training stream, of one episode in each
+    /// environment and variant.
+    pub const FINAL_ONLY: Self = Self {
         episodes_per_env: 1,
         visit_episodes_per_env: 0,
         every: None,
@@ -313,7 +314,8 @@ impl Experiment {
         Timetable::new(self.schedule.draw_visits(period, rng))
     }
 
-    /// Returns the sequence of seeds that the training environments use one after the other.
+    /// Returns the seeds of the training environments, indexed by the decisions so far or, on
+    /// [`StreamClock::LearnerIterations`], by the iteration.
     pub(crate) fn environment_seeds(&self) -> SeedSequence {
         SeedSequence(self.stream_rng(ENVIRONMENTS))
     }
@@ -334,7 +336,8 @@ fn random_stream(seed: u64, stream: u64) -> ChaCha8Rng {
     rng
 }
 
-/// Random-access sequence of seeds: a resumed run needs the index of the next seed alone.
+/// Sequence of random seeds, of which each can be computed from its index alone, without the
+/// earlier ones.
 #[derive(Clone, Debug)]
 pub(crate) struct SeedSequence(ChaCha8Rng);
 
@@ -374,7 +377,7 @@ mod tests {
     fn a_replay_that_would_keep_a_close_up_once_an_episode_is_refused() {
         let tasks = TaskRegistry::with_standard();
         let mut run = Budget::Smoke.preset_experiment(Method::Clear);
-        run.envs.camera.extra_views = envs::ExtraView::CloseUp;
+        run.envs.camera.extra_views = envs::ExtraViews::CloseUp;
         let message = run.check(&tasks).unwrap_err().to_string();
         assert!(message.contains("`off_policy.still_channels` is 3"), "{message}");
         match &mut run.learner {

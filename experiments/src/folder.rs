@@ -57,7 +57,7 @@ pub(crate) fn crc32_hex(table: &[u8]) -> String {
 /// Names, lengths and modification times of the files of a run, to be compared with a later
 /// snapshot: no clock of another machine decides anything.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FolderStamps(Vec<FileState>);
+pub struct FileStamps(Vec<FileState>);
 
 /// State of one file, without length and time if it was removed since it was listed.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -87,7 +87,7 @@ impl RunFolder {
     /// # Errors
     /// [`RunError::Write`].
     pub fn create(parent: &Path, name: &str) -> Result<Self, RunError> {
-        create_dir_all(parent).map_err(RunError::to_write_error_at(parent))?;
+        create_dir_all(parent).map_err(RunError::write_error_mapper(parent))?;
         let mut attempt = 1;
         loop {
             let suffix = if attempt == 1 { String::new() } else { format!("-{attempt}") };
@@ -119,8 +119,9 @@ impl RunFolder {
         self
     }
 
-    /// Sets the ranks, the processes that compute the run together; the first alone changes files.
-    pub fn on_ranks(self, ranks: ProcessRanks) -> Self {
+    /// Sets the ranks, the processes that compute the run together; on ranks but the first, the
+    /// handle changes no files.
+    pub fn with_process_ranks(self, ranks: ProcessRanks) -> Self {
         let folder = Self { ranks, ..self };
         if folder.ranks.is_first() { folder } else { folder.with_disk(Arc::new(NoDisk)) }
     }
@@ -144,12 +145,12 @@ impl RunFolder {
         Ok((self, Some(lock)))
     }
 
-    /// Returns the state of the folder's files, which changes as long as a process works on the
-    /// run.
+    /// Returns the names, lengths and modification times of the run's files, which change as long
+    /// as a process works on the run.
     ///
     /// # Errors
     /// [`RunError::Read`].
-    pub fn snapshot(&self) -> Result<FolderStamps, RunError> {
+    pub fn file_stamps(&self) -> Result<FileStamps, RunError> {
         let mut files = Vec::new();
         for folder in [self.path.clone(), self.checkpoint_folder()] {
             let read = |error| RunError::cannot_read(&folder, error);
@@ -166,12 +167,12 @@ impl RunFolder {
             }
         }
         files.sort_unstable();
-        Ok(FolderStamps(files))
+        Ok(FileStamps(files))
     }
 
-    /// Removes the lock on the run's folder of a stopped or unreachable process. Should the process
-    /// go on later, its next change of a file fails with [`RunError::TakenOver`] once another
-    /// process has taken the lock.
+    /// Removes the lock on the run's folder without asking its holder, which should be a stopped or
+    /// unreachable process. Should the process go on later, its next change of a file fails with
+    /// [`RunError::TakenOver`] once another process has taken the lock.
     ///
     /// # Errors
     /// [`RunError::Write`].
@@ -180,14 +181,15 @@ impl RunFolder {
         self.remove(&self.file_path(LOCK))
     }
 
-    /// Allows a new run to start in the folder even if it holds another run, whose files are then
-    /// removed.
+    /// Allows a new run to start in the folder even if it holds another run, whose files are
+    /// removed when the new one starts.
     pub fn allow_overwriting(mut self) -> Self {
         self.overwrite = true;
         self
     }
 
-    /// Returns `true` if a new run may start in the folder.
+    /// Returns `true` if a new run may start in the folder: it holds no run, or its run may be
+    /// overwritten; ranks but the first always return `true`.
     pub(crate) fn accepts_new_run(&self) -> Result<bool, RunError> {
         let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
         let is_free = self.overwrite || !self.holds_settings() && checkpoints.is_empty();
@@ -199,7 +201,7 @@ impl RunFolder {
     pub(crate) fn remove_run_files(&self) -> Result<(), RunError> {
         let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
         let sync = |folder: &Path| {
-            self.disk.sync_folder(folder).map_err(RunError::to_write_error_at(folder))
+            self.disk.sync_folder(folder).map_err(RunError::write_error_mapper(folder))
         };
         // The summary first: a run that has ended is not resumed without a checkpoint. Then all
         // checkpoints, synced before anything else goes: after a power cut, none of them may be
@@ -244,7 +246,7 @@ impl RunFolder {
         self.file_path(EXPERIMENT).exists()
     }
 
-    /// Returns `true` if the folder holds a finished run.
+    /// Returns `true` if the folder holds a run and the summary that only finished runs have.
     pub fn is_finished(&self) -> bool {
         self.holds_run() && self.file_path(SUMMARY_FILE).exists()
     }
@@ -262,9 +264,9 @@ impl RunFolder {
             tables: BTreeMap<String, String>,
         }
         let path = self.file_path(SUMMARY_FILE);
-        let summary = std::fs::read(&path).map_err(RunError::to_read_error_at(&path))?;
+        let summary = std::fs::read(&path).map_err(RunError::read_error_mapper(&path))?;
         let summary: Checksums =
-            serde_json::from_slice(&summary).map_err(RunError::to_read_error_at(&path))?;
+            serde_json::from_slice(&summary).map_err(RunError::read_error_mapper(&path))?;
         for name in TABLES {
             let Some(expected) = summary.tables.get(name) else { continue };
             let table_path = self.file_path(name);
@@ -302,7 +304,7 @@ impl RunFolder {
     pub fn write_experiment(&self, experiment: &Experiment) -> Result<(), RunError> {
         let path = self.file_path(EXPERIMENT);
         let text = serde_json::to_string_pretty(experiment)
-            .map_err(RunError::to_write_error_at(&path))?
+            .map_err(RunError::write_error_mapper(&path))?
             + "\n";
         self.replace_file(EXPERIMENT, text.as_bytes())
     }
@@ -312,10 +314,11 @@ impl RunFolder {
         self.path.join("checkpoints")
     }
 
-    /// Loads the learner of the newest intact checkpoint, for acting and recognition.
+    /// Loads the learner of the newest checkpoint, for acting and recognition.
     ///
     /// # Errors
-    /// As [`LearnerSettings::load_for_acting`], and [`RunError::NoCheckpoint`].
+    /// As [`LearnerSettings::load_for_acting`], [`RunError::NoCheckpoint`], and
+    /// [`RunError::DamagedCheckpoint`] if only an older checkpoint is intact.
     pub fn load_learner(
         &self,
         learner: &LearnerSettings,
@@ -325,8 +328,8 @@ impl RunFolder {
         self.load_learner_with_own_policies(learner, spec, labels).map(|loaded| loaded.0)
     }
 
-    /// Loads the learner of the newest intact checkpoint and the own policies of the groups. A
-    /// packed folder has no own policies, since it holds no tables.
+    /// Loads the learner of the newest checkpoint, for acting and recognition, and the index
+    /// of each group's own policy. A packed folder has no own policies, since it holds no tables.
     ///
     /// # Errors
     /// As [`RunFolder::load_learner`].
@@ -350,10 +353,19 @@ impl RunFolder {
             folder: self.path.clone(),
             problems: "there is none yet".to_owned(),
         };
-        found.map(|found| found.contents).ok_or_else(none)
+        let found = found.ok_or_else(none)?;
+        if !found.problems.is_empty() {
+            return Err(RunError::DamagedCheckpoint {
+                folder: self.path.clone(),
+                problems: found.problems.join("; "),
+                intact: found.path,
+            });
+        }
+        Ok(found.contents)
     }
 
-    /// Creates a run folder with settings and one checkpoint, for evaluation and deployment.
+    /// Creates the folder `path`, which must not exist yet, with a run's settings and one
+    /// checkpoint of `learner`, for evaluation and deployment.
     ///
     /// # Errors
     /// As [`Learner::save`]; nothing is created if the learner cannot be saved.
@@ -366,7 +378,7 @@ impl RunFolder {
         let folder = Self::from_path(path);
         let checkpoint = checkpoints::checkpoint_path(&folder.checkpoint_folder(), 0);
         let bytes = learner.to_checkpoint_bytes(&checkpoint, extent, "")?;
-        create_dir(path).map_err(RunError::to_write_error_at(path))?;
+        create_dir(path).map_err(RunError::write_error_mapper(path))?;
         folder.prepare_for_run()?;
         folder.write_experiment(experiment)?;
         write_atomically(folder.disk(), &checkpoint, &bytes)?;
@@ -398,13 +410,13 @@ impl RunFolder {
         // a line torn by a full disk or a power cut must not swallow the next one
         let torn = contents.last().is_some_and(|&last| last != b'\n');
         let line = format!("{}{line}\n", if torn { "\n" } else { "" });
-        self.disk.append(&path, line.as_bytes()).map_err(RunError::to_write_error_at(&path))
+        self.disk.append(&path, line.as_bytes()).map_err(RunError::write_error_mapper(&path))
     }
 
     /// Appends the provenance of a process that works on the run to `provenance.jsonl`.
     pub(crate) fn record_provenance(&self, provenance: &Provenance) -> Result<(), RunError> {
         let line =
-            serde_json::to_string(provenance).map_err(RunError::to_write_error_at(&self.path))?;
+            serde_json::to_string(provenance).map_err(RunError::write_error_mapper(&self.path))?;
         self.append_line(Provenance::FILE_NAME, &line)
     }
 
@@ -454,7 +466,8 @@ impl RunFolder {
 
     /// Writes an image as the PNG file called `name` in the run's folder.
     pub(crate) fn write_png(&self, name: &str, picture: &Picture) -> Result<(), RunError> {
-        let bytes = picture.to_png().map_err(RunError::to_write_error_at(&self.file_path(name)))?;
+        let bytes =
+            picture.to_png().map_err(RunError::write_error_mapper(&self.file_path(name)))?;
         self.replace_file(name, &bytes)
     }
 }

@@ -43,13 +43,13 @@ mod workers;
 
 pub use error::RunError;
 pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
-pub use folder::{FolderStamps, RunFolder, SUMMARY_FILE};
+pub use folder::{FileStamps, RunFolder, SUMMARY_FILE};
 pub use latest_frame::LatestFrame;
 pub use progress::{EvaluationReport, RolloutReport, RunEvent, RunSummary};
 pub use provenance::{Provenance, cpu_instruction_sets, processor_name};
 pub use run::Run;
 pub use run_data::{GroupFilm, RunData};
-pub use run_stats::{AssignmentStats, surviving_policy};
+pub use run_stats::{RunStats, surviving_policy};
 pub use schema::{DormantUnitsRow, RecognitionRow, RolloutRow, ScoreRow, TimingRow};
 pub use stop::{StopSignal, catch_file_size_signal};
 pub use stream::{SwitchableVecEnv, VECTOR_INPUT_SCALING, scale_observation_vectors};

@@ -53,7 +53,7 @@ impl FolderLock {
         }
         let owner = owner();
         let owner_path = folder.join(OWNER);
-        fs::write(&owner_path, &owner).map_err(RunError::to_write_error_at(&owner_path))?;
+        fs::write(&owner_path, &owner).map_err(RunError::write_error_mapper(&owner_path))?;
         let folder = folder.to_owned();
         let claim = Claim { folder, owner };
         Ok(Self { _file: file, claim })

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::error::RunError;
-use crate::evaluation::{DormantUnits, RecognitionCount, VariantScore};
+use crate::evaluation::{DormantUnitCounts, RecognitionCount, VariantScore};
 
 use crate::folder::{RunFolder, SAVED_TIMINGS_FILE, TIMINGS_FILE, crc32_hex};
 use crate::progress::{EvaluationReport, RolloutReport};
@@ -22,7 +22,8 @@ pub(crate) struct RunTables {
 }
 
 impl RunTables {
-    /// Opens a run's tables and restores their contents as they were after `rollouts` rollouts.
+    /// Opens a run's tables and restores their contents as they were after `rollouts` rollouts,
+    /// from `snapshots` and, for the timings, from their files.
     pub fn open(
         folder: &RunFolder,
         rollouts: usize,
@@ -46,7 +47,7 @@ impl RunTables {
         })
     }
 
-    /// Returns the contents of the run's tables, for a checkpoint.
+    /// Returns the contents of the run's tables but the timings, for a checkpoint.
     pub fn snapshot(&self) -> TableSnapshots {
         let text = |table: &CsvFile| String::from_utf8_lossy(table.text()).into_owned();
         TableSnapshots {
@@ -57,7 +58,8 @@ impl RunTables {
         }
     }
 
-    /// Returns the sums of the wall-clock seconds of the rollouts so far, as far as they are known.
+    /// Returns the sums of seconds and decisions over the rollouts so far whose wall-clock seconds
+    /// are known.
     pub fn timing_sums(&self) -> TimingSums {
         TimingSums::of_table(self.timings_csv())
     }
@@ -72,7 +74,7 @@ impl RunTables {
         self.tables().into_iter().try_for_each(CsvFile::sync)
     }
 
-    /// Returns the checksums of all tables by file name.
+    /// Returns the CRC-32 of each table by file name, as eight hexadecimal digits.
     pub fn checksums(&self) -> BTreeMap<String, String> {
         let sum = |table: &CsvFile| (table.name(), crc32_hex(table.text()));
         self.tables().map(sum).into_iter().collect()
@@ -89,12 +91,12 @@ impl RunTables {
     }
 
     /// Appends one evaluation's rows to the tables of scores, dormant units and recognition.
-    pub fn write_scores(&mut self, evaluation: &EvaluationReport) -> Result<(), RunError> {
+    pub fn write_evaluation(&mut self, evaluation: &EvaluationReport) -> Result<(), RunError> {
         let results = &evaluation.results;
         let row = |score| score_row(evaluation, score);
         self.scores.append_rows(results.scores.iter().map(row))?;
         let dormancy_row = |dormancy| units_row(evaluation, dormancy);
-        self.units.append_rows(results.dormant_units().iter().map(dormancy_row))?;
+        self.units.append_rows(results.dormant_unit_counts().iter().map(dormancy_row))?;
         self.recognition.append_rows(results.recognitions.iter().map(recognition_row))
     }
 }
@@ -132,7 +134,7 @@ fn score_row(evaluation: &EvaluationReport, score: &VariantScore) -> ScoreRow {
     }
 }
 
-fn units_row(evaluation: &EvaluationReport, dormancy: &DormantUnits) -> DormantUnitsRow {
+fn units_row(evaluation: &EvaluationReport, dormancy: &DormantUnitCounts) -> DormantUnitsRow {
     DormantUnitsRow {
         rollouts: evaluation.rollouts,
         decisions: evaluation.decisions,

@@ -33,12 +33,12 @@ pub fn run_memory_bytes(experiment: &Experiment) -> u64 {
 }
 
 /// Returns the memory (MiB) to request from a batch system for a run that needs this many bytes: a
-/// quarter more, since needs are estimates.
+/// quarter more, since needs are estimates, rounded up to a multiple of 256.
 pub fn memory_request_mib(run_memory_bytes: u64) -> u64 {
     (run_memory_bytes / 4 * 5).div_ceil(REQUEST_STEP * MEBIBYTE) * REQUEST_STEP
 }
 
-/// Formats a number of bytes in GiB.
+/// Formats a number of bytes in GiB, such as `1.5 GiB`.
 pub fn format_gibibytes(bytes: u64) -> String {
     format!("{:.1} GiB", bytes as f64 / (1_u64 << 30) as f64)
 }
@@ -171,8 +171,8 @@ fn used() -> u64 {
     line_kibibytes(&status, "VmSize").unwrap_or(0) << 10
 }
 
-/// Returns the memory of the machine that programs can take (bytes), with free space of swap;
-/// `None` if the system does not report it.
+/// Returns the memory (bytes) that programs can still take on this machine, free swap space
+/// included; `None` if the system does not report it.
 pub fn available_memory_bytes() -> Option<u64> {
     available(&fs::read_to_string("/proc/meminfo").ok()?)
 }

@@ -22,8 +22,8 @@ impl NewOutputFile {
         if path.exists() { Err(RunError::FileExists { path }) } else { Ok(Self { path }) }
     }
 
-    /// Creates the output file's folder and checks that it can be written to, so that a command
-    /// fails before it works and not after.
+    /// Creates the output file's folder if needed and checks that it can be written to, so that a
+    /// command fails before its work and not after it.
     ///
     /// # Errors
     /// [`RunError::Write`]; [`RunError::FileExists`] for a partial file, which another command is

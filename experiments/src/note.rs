@@ -11,7 +11,7 @@ use learner::read_checkpoint_note;
 
 use crate::checkpoints::rollouts_in_name;
 use crate::rows::TableSnapshots;
-use crate::run_stats::AssignmentStats;
+use crate::run_stats::RunStats;
 
 /// Upper bound on the decisions of a run in a valid checkpoint. Learners discard some rollouts, so
 /// a run may take more decisions than its stream has, but never a thousand times as many.
@@ -22,7 +22,7 @@ const TOO_MANY: usize = 1000 * MAX_STREAM_DECISIONS;
 #[serde(deny_unknown_fields)]
 pub(crate) struct RunState {
     #[serde(rename = "ledger")]
-    pub stats: AssignmentStats,
+    pub stats: RunStats,
     /// Episodes in each environment of an evaluation that is due before the next rollout; 0 for
     /// none.
     #[serde(rename = "due")]
@@ -41,7 +41,8 @@ pub(crate) struct SavedRun {
 }
 
 impl RunState {
-    /// Serialises the run's state and its settings `experiment` as JSON, the note of a checkpoint.
+    /// Serialises the run's state and its settings `experiment`, but for the number of threads, as
+    /// JSON, the note of a checkpoint.
     pub fn into_checkpoint_json(
         self,
         experiment: &Experiment,
@@ -70,7 +71,7 @@ impl SavedRun {
     /// [`RunError::Read`], also for counts and rows that no run has, and for a checkpoint whose
     /// name states another number of rollouts.
     pub fn parse(path: &Path, note: &str) -> Result<Self, RunError> {
-        let saved: Self = serde_json::from_str(note).map_err(RunError::to_read_error_at(path))?;
+        let saved: Self = serde_json::from_str(note).map_err(RunError::read_error_mapper(path))?;
         let wrong = |what: &str| RunError::damaged_file(path, format!("the run's note: {what}"));
         saved.check().map_err(wrong)?;
         let rollouts = saved.state.stats.rollouts;
@@ -87,7 +88,8 @@ impl SavedRun {
         }
     }
 
-    /// Recomputes from the saved tables the rollout counts, which checkpoints leave out.
+    /// Recomputes the rollout counts by group and policy, which checkpoints leave out, from the
+    /// saved tables.
     ///
     /// # Errors
     /// [`RunError::Read`] for rows without group or policy.
@@ -130,11 +132,11 @@ mod tests {
 
     fn note(change: impl FnOnce(&mut RunState)) -> Result<SavedRun, RunError> {
         let mut state = RunState {
-            stats: AssignmentStats {
+            stats: RunStats {
                 rollouts: 2,
                 decisions: 160,
                 correct_assignments: 2,
-                ..AssignmentStats::default()
+                ..RunStats::default()
             },
             due_episodes_per_env: 0,
             tables: tables("rollout,group\n0,a\n1,\"b\nc\"\n"),

@@ -1,8 +1,8 @@
 //! Preset experiments: a method and a budget.
 
 use clap::ValueEnum;
-use envs::{DomainRandomisation, ExtraView, TaskGroup, VecEnvSettings};
-use rl::{NetworkSettings, PpoSettings, SymmetryLoss};
+use envs::{DomainRandomisation, ExtraViews, TaskGroup, VecEnvSettings};
+use rl::{NetworkSettings, PpoSettings, SymmetryLossSettings};
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
 
@@ -22,7 +22,8 @@ const OVERSAMPLING: usize = 3;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// COVERS with PPO, as in the paper: D2-equivariant policies; distances assign rollouts to them.
+    /// COVERS with PPO, as in the paper: D2-equivariant policies; distances assign rollouts to
+    /// them.
     Covers,
     /// COVERS with ground truth: group labels assign rollouts to D2-equivariant policies.
     CoversGt,
@@ -96,7 +97,7 @@ impl Method {
         }
     }
 
-    /// Returns the settings of the method's learner.
+    /// Returns the settings of the method's learner, which no budget but `smoke` changes.
     pub fn learner_settings(self) -> LearnerSettings {
         LearnerSettings::OffPolicy(match self {
             Self::Clear => OffPolicySettings::clear_baseline(),
@@ -162,7 +163,7 @@ impl Method {
         }
         if self.shows_close_ups(budget) {
             envs.camera.oversampling = OVERSAMPLING;
-            envs.camera.extra_views = ExtraView::CloseUp;
+            envs.camera.extra_views = ExtraViews::CloseUp;
         }
         envs
     }
@@ -172,7 +173,7 @@ impl Method {
 /// every decision twice, so each still contributes to at most as many gradients as with other
 /// methods.
 fn symmetrised(ppo: PpoSettings) -> PpoSettings {
-    PpoSettings { epochs: ppo.epochs / 2, symmetry: Some(SymmetryLoss::default()), ..ppo }
+    PpoSettings { epochs: ppo.epochs / 2, symmetry: Some(SymmetryLossSettings::default()), ..ppo }
 }
 
 /// Returns the settings of an ordinary network of half the default width. A kernel between regular
@@ -185,7 +186,7 @@ fn slim() -> NetworkSettings {
     }
 }
 
-/// Size of a preset run: number of training decisions, and of episodes of the evaluations.
+/// Size of a preset run: its task groups, number of training decisions, and evaluations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Budget {
@@ -302,30 +303,26 @@ impl Budget {
 
     fn evaluation(self) -> EvaluationPlan {
         match self {
-            Self::Smoke => {
-                EvaluationPlan { recognition_repeats: 1, ..EvaluationPlan::ONLY_FINAL_EVALUATION }
-            }
-            Self::Short => {
-                EvaluationPlan { episodes_per_env: 2, ..EvaluationPlan::ONLY_FINAL_EVALUATION }
-            }
+            Self::Smoke => EvaluationPlan { recognition_repeats: 1, ..EvaluationPlan::FINAL_ONLY },
+            Self::Short => EvaluationPlan { episodes_per_env: 2, ..EvaluationPlan::FINAL_ONLY },
             Self::Full | Self::ZeroShot => EvaluationPlan {
                 episodes_per_env: 4,
                 // as many as in the end, so that forgetting is measured on the same episodes
                 visit_episodes_per_env: 4,
-                ..EvaluationPlan::ONLY_FINAL_EVALUATION
+                ..EvaluationPlan::FINAL_ONLY
             },
             // an evaluation after each of 20 visits plays all groups seen so far
             Self::Ten | Self::Mt10 | Self::All => EvaluationPlan {
                 episodes_per_env: 2,
                 visit_episodes_per_env: 2,
-                ..EvaluationPlan::ONLY_FINAL_EVALUATION
+                ..EvaluationPlan::FINAL_ONLY
             },
             // 10 rounds of 10 environments give 100 episodes; evaluations between play a fifth
             Self::TableProtocol => EvaluationPlan {
                 episodes_per_env: 10,
                 visit_episodes_per_env: 2,
                 recognition_repeats: 10,
-                ..EvaluationPlan::ONLY_FINAL_EVALUATION
+                ..EvaluationPlan::FINAL_ONLY
             },
         }
     }

@@ -12,7 +12,8 @@ pub fn escape_unprintable(text: &str) -> String {
     escaped_but(text, |_| false)
 }
 
-/// Escapes the control characters of a text with several lines; line ends and tabs stay.
+/// Escapes the characters of a text that [`escape_unprintable`] escapes, but for line feeds and
+/// tabs, which stay.
 pub fn escape_unprintable_lines(text: &str) -> String {
     escaped_but(text, |character| matches!(character, '\n' | '\t'))
 }

@@ -11,8 +11,8 @@ use crate::error::RunError;
 use crate::evaluation::{EvaluationResults, GroupScore, VariantScore};
 use crate::folder::{RunFolder, SUMMARY_FILE};
 
-/// Report of one training iteration: the learner's own, and the ground truth that the learner never
-/// sees.
+/// Report of one training iteration: the learner's own report, the true task groups, which the
+/// learner never sees, and seconds.
 #[derive(Clone, Debug)]
 pub struct RolloutReport {
     /// Index of the rollout in the run, from 0.
@@ -96,7 +96,7 @@ pub struct RunSummary {
     #[serde(rename = "straddled")]
     pub switch_rollouts: usize,
     /// Share of rollouts assigned to the policy of their group, in `[0, 1]`
-    /// ([`AssignmentStats::correct_assignments`](crate::AssignmentStats::correct_assignments)); `None` if all
+    /// ([`RunStats::correct_assignments`](crate::RunStats::correct_assignments)); `None` if all
     /// rollouts span a task switch.
     pub assignment_accuracy: Option<f64>,
     /// Assignment accuracy over rollouts of groups that were visited before; `None` without any.
@@ -116,7 +116,7 @@ impl RunSummary {
     /// Writes the summary to the folder of a run, which marks the run as finished.
     pub(crate) fn write(&self, folder: &RunFolder) -> Result<(), RunError> {
         let text = serde_json::to_string_pretty(self)
-            .map_err(RunError::to_write_error_at(folder.path()))?;
+            .map_err(RunError::write_error_mapper(folder.path()))?;
         folder.replace_file(SUMMARY_FILE, text.as_bytes())
     }
 }

@@ -84,7 +84,7 @@ impl Provenance {
     /// [`RunError::Read`].
     pub fn read(folder: &Path) -> Result<Vec<Self>, RunError> {
         let path = folder.join(Self::FILE_NAME);
-        let text = std::fs::read_to_string(&path).map_err(RunError::to_read_error_at(&path))?;
+        let text = std::fs::read_to_string(&path).map_err(RunError::read_error_mapper(&path))?;
         let lines = text.lines();
         Ok(lines.flat_map(serde_json::from_str).collect())
     }
@@ -104,7 +104,8 @@ pub fn processor_name() -> Option<String> {
     Some(line.split_once(':')?.1.trim().to_owned())
 }
 
-/// Returns the CPU's vector instruction sets that affect speed.
+/// Returns those of the vector instruction sets `avx512f`, `avx2` and `fma`, which affect speed,
+/// that the CPU has.
 #[cfg(target_arch = "x86_64")]
 pub fn cpu_instruction_sets() -> Vec<String> {
     let sets = [

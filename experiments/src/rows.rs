@@ -3,9 +3,10 @@
 use csv::{Reader, StringRecord};
 use serde::{Deserialize, Serialize};
 
-use crate::run_stats::{RolloutCountsByGroup, add_rollout_count};
+use crate::run_stats::{GroupPolicyRolloutCounts, add_rollout_count};
 
-/// Contents of a run's tables at a checkpoint, from which lost or damaged files are restored.
+/// Contents of a run's tables but the timings at a checkpoint, from which lost or damaged files are
+/// restored.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct TableSnapshots {
@@ -32,8 +33,10 @@ struct AssignmentColumns {
 
 impl TableSnapshots {
     /// Counts the rollouts of each group by policy, without those that span a task switch.
-    pub fn count_rollouts_by_group_and_policy(&self) -> Result<RolloutCountsByGroup, csv::Error> {
-        let mut served = RolloutCountsByGroup::default();
+    pub fn count_rollouts_by_group_and_policy(
+        &self,
+    ) -> Result<GroupPolicyRolloutCounts, csv::Error> {
+        let mut served = GroupPolicyRolloutCounts::default();
         for row in Reader::from_reader(self.metrics.as_bytes()).deserialize() {
             let AssignmentColumns { group, spans_switch, policy } = row?;
             if !spans_switch {

@@ -25,7 +25,7 @@ use crate::note::RunState;
 use crate::printable::printable_message;
 use crate::progress::{EvaluationReport, RolloutReport, RunEvent, RunSummary};
 use crate::provenance::Provenance;
-use crate::run_stats::AssignmentStats;
+use crate::run_stats::RunStats;
 use crate::scoring::{StoppableEvaluation, recognition_repeats};
 use crate::start_resume::{self, LockedRun, PreparedRun};
 use crate::stop::StopSignal;
@@ -44,7 +44,7 @@ pub struct Run {
     stream: ClockedStream,
     evaluator: Evaluator,
     learner: Box<dyn Learner>,
-    stats: AssignmentStats,
+    stats: RunStats,
     /// Episodes in each environment of the evaluation that is due before the next rollout; 0 for
     /// none.
     due: usize,
@@ -60,7 +60,8 @@ pub struct Run {
 }
 
 impl Run {
-    /// Starts a run over task groups of the crate `envs`, with `folder` for its files.
+    /// Prepares a new run over task groups of the crate `envs` in `folder`; [`Run::advance`] then
+    /// trains it step by step.
     ///
     /// # Errors
     /// [`RunError::InvalidSetting`], [`RunError::FolderHoldsRun`], [`RunError::Locked`]; errors of
@@ -69,7 +70,8 @@ impl Run {
         Self::start_with_tasks(experiment, TaskRegistry::with_all(), folder)
     }
 
-    /// Starts a run over task groups of the registry `tasks`, with `folder` for its files.
+    /// Prepares a new run over task groups of the registry `tasks` in `folder`, as [`Run::start`]
+    /// does.
     ///
     /// # Errors
     /// As [`Run::start`], and a group that `tasks` does not hold.
@@ -81,9 +83,9 @@ impl Run {
         Self::assemble(start_resume::start(experiment, tasks, folder)?)
     }
 
-    /// Resumes the run in `folder` from its newest intact checkpoint, or starts it again if it has
-    /// no checkpoint yet; [`Run::start_message`] says which. All files but the timings end as in a
-    /// run that was never interrupted, byte for byte.
+    /// Loads the run in `folder` from its newest intact checkpoint, or prepares it from the
+    /// beginning if it has none yet, for [`Run::advance`] to continue; [`Run::start_message`] says
+    /// which. All files but the timings end as in a run that was never interrupted, byte for byte.
     ///
     /// # Errors
     /// [`RunError::NoRun`], [`RunError::NoCheckpoint`], [`learner::LearnerError::NewerFormat`],
@@ -95,8 +97,8 @@ impl Run {
         Self::resume_with_tasks(folder, threads, DeviceChoice::Cpu, tasks)
     }
 
-    /// Resumes a run over task groups of `tasks`, with policies that are updated on `device`; see
-    /// [`Run::resume`].
+    /// Loads a run over task groups of `tasks`, as [`Run::resume`] does, and updates its policies
+    /// on `device` from here on.
     ///
     /// # Errors
     /// As [`Run::resume`], a group that `tasks` does not hold, and errors of
@@ -199,8 +201,9 @@ impl Run {
         &self.folder
     }
 
-    /// Returns the run's statistics so far: rollouts, decisions, and assignments to policies.
-    pub fn stats(&self) -> &AssignmentStats {
+    /// Returns the run's statistics so far: rollouts, decisions, seconds, and assignments to
+    /// policies.
+    pub fn stats(&self) -> &RunStats {
         &self.stats
     }
 
@@ -305,7 +308,7 @@ impl Run {
             group,
             last_group: self
                 .tasks
-                .find(&stream.visit_and_earlier(stream.last_visit_index()).0.group)?,
+                .find(&stream.visit_and_earlier(stream.last_shown_visit_index()).0.group)?,
             spans_switch: stream.spans_switch(),
             iteration,
             warning,
@@ -334,14 +337,14 @@ impl Run {
             decisions: self.stats.decisions,
             results,
         };
-        self.tables.write_scores(&evaluation)?;
+        self.tables.write_evaluation(&evaluation)?;
         self.last_scores.clone_from(&evaluation.results.scores);
         self.due = 0;
         Ok(Some(evaluation))
     }
 
     /// Scores the learner now on all variants of all groups, with `rounds` episodes in each
-    /// environment.
+    /// environment; the run's tables do not record the scores.
     ///
     /// # Errors
     /// Errors of the evaluation.
@@ -376,7 +379,7 @@ impl Run {
         };
         let note = state
             .into_checkpoint_json(&self.experiment)
-            .map_err(RunError::to_write_error_at(&path))?;
+            .map_err(RunError::write_error_mapper(&path))?;
         let bytes = self.learner.to_checkpoint_bytes(&path, CheckpointExtent::Everything, &note)?;
         let checksum = crc32fast::hash(&bytes).into();
         check_equal_on_ranks(&self.folder, "have checkpoints with checksums", checksum)?;

@@ -17,7 +17,7 @@ use crate::provenance::Provenance;
 use crate::scoring::recognition_repeats;
 use itertools::Itertools;
 
-use crate::run_stats::AssignmentStats;
+use crate::run_stats::RunStats;
 use crate::schema::{DormantUnitsRow, RecognitionRow, RolloutRow, ScoreRow, TimingRow};
 
 /// Number of characters of an abbreviated commit hash.
@@ -61,7 +61,8 @@ pub struct GroupFilm {
 }
 
 impl RunData {
-    /// Returns the data of a run without rows in its tables.
+    /// Returns the data of a run that counts as finished, without rows in its tables, provenance
+    /// and films.
     pub fn empty(name: &str, experiment: Experiment) -> Self {
         Self {
             name: name.to_owned(),
@@ -124,7 +125,8 @@ impl RunData {
         })
     }
 
-    /// Reads the complete rows of a run that may be in progress.
+    /// Reads the settings of a run that may be in progress, and its complete rows on rollouts,
+    /// seconds and scores.
     ///
     /// # Errors
     /// [`RunError::NoRun`], [`RunError::Read`], and [`RunError::UnreportableRun`] for a policy
@@ -155,9 +157,9 @@ impl RunData {
         Some(&own.find(|row| !row.spans_switch)?.group)
     }
 
-    /// Returns for each policy the threshold of the rollout's distance to it: the grouping's fixed
-    /// threshold, or the largest distance under permutation, which chance alone can reach. Items
-    /// are `None` for groupings that permute other scores than distances.
+    /// Returns, for each policy that the rollout `row` was compared with, the threshold of its
+    /// distance: the grouping's fixed one, or the largest distance under permutation, which chance
+    /// alone can reach. Items are `None` for groupings that permute other scores than distances.
     pub fn policy_distance_thresholds(&self, row: &RolloutRow) -> Vec<Option<f64>> {
         match self.experiment.learner.grouping() {
             GroupingSettings::Threshold { threshold } => vec![Some(threshold); row.distances.len()],
@@ -172,7 +174,8 @@ impl RunData {
         all.then(|| self.timings.iter().fold(0.0, |sum, row| sum + row.total))
     }
 
-    /// Returns the distinct Git commits that the run was made with; local changes are marked.
+    /// Returns the distinct Git commits that the run was made with, ten digits or `unknown` each;
+    /// `(changed)` marks local changes.
     pub fn git_commits(&self) -> Vec<String> {
         let commits = self.provenance.iter().map(|process| {
             let commit = process.commit.as_deref().unwrap_or("unknown");
@@ -189,7 +192,8 @@ impl RunData {
         self.scores_after(last)
     }
 
-    /// Returns the scores of all variants in the evaluation after `rollouts` rollouts.
+    /// Returns the scores of all variants in the evaluation after `rollouts` rollouts; none if
+    /// there was no such evaluation.
     pub fn scores_after(&self, rollouts: Option<usize>) -> impl Iterator<Item = &ScoreRow> {
         self.scores.iter().filter(move |row| Some(row.rollouts) == rollouts)
     }
@@ -217,7 +221,7 @@ impl RunData {
         rollouts.into_iter()
     }
 
-    /// Returns the names of the task groups, in the order of scoring.
+    /// Returns the names of the task groups in the run's last evaluation, in the order of scoring.
     pub fn scored_groups(&self) -> Vec<&str> {
         self.last_scores().map(|row| row.group.as_str()).unique().collect()
     }
@@ -262,14 +266,16 @@ fn check(
     };
     // each rollout creates one policy at most, so the index of its policy cannot exceed its own
     let sound_rollout = |(rollout, row): (usize, &RolloutRow)| {
-        row.policy <= rollout && numbers(row).into_iter().all(f64::is_finite)
+        row.policy <= rollout
+            && row.success.is_none_or(share)
+            && numbers(row).into_iter().all(f64::is_finite)
     };
     if !rollouts.is_sorted_by_key(|row| row.decisions)
         || !rollouts.iter().enumerate().all(sound_rollout)
     {
         return Err(unfit(
             "metrics.csv holds a row that cannot be: decisions must not decrease, policies must \
-             exist, and numbers must be finite",
+             exist, success must be in [0, 1], and numbers must be finite",
         ));
     }
     let in_order = scores.is_sorted_by_key(|row| row.rollouts);
@@ -293,8 +299,7 @@ fn check_own_policies(
     scores: &[ScoreRow],
 ) -> Result<(), RunError> {
     for evaluation in scores.chunk_by(|one, other| one.rollouts == other.rollouts) {
-        let own =
-            AssignmentStats::from_rollouts(&rollouts[..evaluation[0].rollouts]).own_policies();
+        let own = RunStats::from_rollouts(&rollouts[..evaluation[0].rollouts]).own_policies();
         let is_sound = |row: &ScoreRow| {
             row.own_policy.is_none() || row.own_policy == own.get(&row.group).copied()
         };
@@ -400,14 +405,14 @@ fn unfit(folder: &Path, problem: &str) -> RunError {
 
 /// Returns the last part of a path, also for `.`.
 fn name_of(path: &Path) -> Result<String, RunError> {
-    let whole = path.canonicalize().map_err(RunError::to_read_error_at(path))?;
+    let whole = path.canonicalize().map_err(RunError::read_error_mapper(path))?;
     let name = whole.file_name().unwrap_or(whole.as_os_str());
     Ok(escape_unprintable(&name.to_string_lossy()))
 }
 
 /// Reads all rows of a complete table (CSV) of a run.
 fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
-    let text = std::fs::read(path).map_err(RunError::to_read_error_at(path))?;
+    let text = std::fs::read(path).map_err(RunError::read_error_mapper(path))?;
     // without a line end the last cell may be cut, and pass for another number
     if text.last().is_some_and(|&last| last != b'\n') {
         let problem = "the last row has no line end, as every row of a whole table has: the file \
@@ -442,7 +447,7 @@ fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Option<Vec<R>>, Run
 fn whole_rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>, RunError> {
     let text = match std::fs::read(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Vec::new(),
-        read => read.map_err(RunError::to_read_error_at(path))?,
+        read => read.map_err(RunError::read_error_mapper(path))?,
     };
     let end = text.iter().rposition(|&byte| byte == b'\n');
     let whole = &text[..end.map_or(0, |end| end + 1)];

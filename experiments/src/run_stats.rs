@@ -11,12 +11,13 @@ use crate::schema::RolloutRow;
 
 /// Number of rollouts by task group and by the policy that they were assigned to, without rollouts
 /// that span a task switch.
-pub type RolloutCountsByGroup = BTreeMap<String, BTreeMap<usize, usize>>;
+pub type GroupPolicyRolloutCounts = BTreeMap<String, BTreeMap<usize, usize>>;
 
-/// Statistics of a run from the ground-truth groups, which the learner does not see.
+/// Statistics of a run so far: rollouts, decisions, failures, seconds, and assignments judged by
+/// the true groups, which the learner does not see.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct AssignmentStats {
+pub struct RunStats {
     /// Group that each policy was created for: the group of its first rollout without a task
     /// switch; `None` before such a rollout.
     #[serde(rename = "opened_for")]
@@ -30,7 +31,7 @@ pub struct AssignmentStats {
     /// task switch. Checkpoints leave them out, since the rows of `metrics.csv` in the checkpoint
     /// hold them.
     #[serde(skip)]
-    pub count_rollouts_by_group_and_policy: RolloutCountsByGroup,
+    pub count_rollouts_by_group_and_policy: GroupPolicyRolloutCounts,
     /// Number of rollouts trained on, including those that span a task switch.
     pub rollouts: usize,
     /// Number of decisions taken in training.
@@ -61,8 +62,9 @@ pub struct AssignmentStats {
     pub seconds: f64,
 }
 
-impl AssignmentStats {
-    /// Computes the statistics of a run from the rows of its rollouts so far.
+impl RunStats {
+    /// Computes the assignment statistics of a run from the rows of its rollouts; decisions,
+    /// failures and seconds stay 0.
     pub fn from_rollouts(rollouts: &[RolloutRow]) -> Self {
         let mut stats = Self::default();
         let mut left: Vec<&str> = Vec::new();
@@ -118,8 +120,9 @@ impl AssignmentStats {
         self.switch_rollouts += 1;
     }
 
-    /// Returns the policy that served each task group in most of its rollouts; the lowest index
-    /// wins ties. Merged policies count as the policy that acts for them, and groups may share one.
+    /// Returns for each task group the policy that most of its rollouts were assigned to; the
+    /// lowest index wins ties. Merged policies count as the policy that acts for them, and groups
+    /// may share one.
     pub fn own_policies(&self) -> OwnPolicyByGroup {
         let own = |(group, served): (&String, &BTreeMap<usize, usize>)| {
             let mut acted: BTreeMap<usize, usize> = BTreeMap::new();
@@ -163,14 +166,14 @@ impl AssignmentStats {
         self.created_for_group.resize(policies, None);
     }
 
-    /// Returns the share of rollouts assigned to the policy of their group, in `[0, 1]`; `None` if
-    /// all rollouts span a task switch.
+    /// Returns the share of rollouts without a task switch that were assigned to the policy of
+    /// their group, in `[0, 1]`; `None` if there is no such rollout.
     pub fn assignment_accuracy(&self) -> Option<f64> {
         share(self.correct_assignments, self.rollouts - self.switch_rollouts)
     }
 
-    /// Returns the assignment accuracy over rollouts of groups that were visited before; `None`
-    /// without any.
+    /// Returns the assignment accuracy, in `[0, 1]`, over rollouts without a task switch of groups
+    /// that were visited before; `None` without any.
     pub fn revisit_accuracy(&self) -> Option<f64> {
         share(self.correct_revisits, self.revisits)
     }
@@ -186,7 +189,7 @@ pub fn surviving_policy(merged_into: &[Option<usize>], policy: usize) -> usize {
 }
 
 /// Adds one rollout of `group` that was assigned to `policy` to the counts `served`.
-pub(crate) fn add_rollout_count(served: &mut RolloutCountsByGroup, group: &str, policy: usize) {
+pub(crate) fn add_rollout_count(served: &mut GroupPolicyRolloutCounts, group: &str, policy: usize) {
     let of_group = served.entry(group.to_owned()).or_default();
     *of_group.entry(policy).or_default() += 1;
 }
@@ -202,15 +205,15 @@ mod tests {
     const B: &str = "button-press";
     const D: &str = "drawer-close";
 
-    fn stats(rollouts: &[(&str, bool, usize)]) -> AssignmentStats {
-        let mut stats = AssignmentStats::default();
+    fn stats(rollouts: &[(&str, bool, usize)]) -> RunStats {
+        let mut stats = RunStats::default();
         for &(group, returns, policy) in rollouts {
             stats.record_rollout(group, returns, policy);
         }
         stats
     }
 
-    fn accuracies(stats: &AssignmentStats) -> [Option<f64>; 2] {
+    fn accuracies(stats: &RunStats) -> [Option<f64>; 2] {
         [stats.assignment_accuracy(), stats.revisit_accuracy()]
     }
 
@@ -231,7 +234,7 @@ mod tests {
         stats.record_rollout(D, false, 1);
         assert_eq!(stats.assignment_accuracy(), Some(1.0));
         assert_eq!(stats.created_for_group[1].as_deref(), Some(D));
-        assert_eq!(AssignmentStats::default().assignment_accuracy(), None);
+        assert_eq!(RunStats::default().assignment_accuracy(), None);
     }
 
     /// A merge changes the number of merged policies, but not the groups that policies were created
@@ -275,7 +278,7 @@ mod tests {
 
     #[test]
     fn a_groups_own_policy_served_it_most() {
-        let own = |stats: &AssignmentStats| {
+        let own = |stats: &RunStats| {
             let own = stats.own_policies();
             [B, D].map(|group| own.get(group).copied())
         };
@@ -286,7 +289,7 @@ mod tests {
         assert_eq!(own(&stats), [Some(1), Some(0)]);
         stats.record_merges(&[Some(2), None, None]);
         assert_eq!(own(&stats), [Some(1), Some(2)]);
-        assert_eq!(own(&AssignmentStats::default()), [None, None]);
+        assert_eq!(own(&RunStats::default()), [None, None]);
     }
 
     #[test]

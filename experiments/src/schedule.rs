@@ -8,8 +8,8 @@ use symmetry::D2;
 
 use crate::error::RunError;
 
-/// Largest number of decisions of a training stream, more than a thousand times as many as presets
-/// have.
+/// Largest number of decisions of a training stream, about two hundred times as many as the longest
+/// preset has.
 pub const MAX_STREAM_DECISIONS: usize = 288_000_000;
 
 /// Plan of the training stream: task groups, cycles, order and clock, which the learner does not
@@ -98,8 +98,8 @@ impl TaskSchedule {
         }
     }
 
-    /// Rejects a plan without groups, cycles, decisions or variants, and one with a duplicate group
-    /// or variant.
+    /// Rejects a plan without groups, cycles, decisions or variants, with a duplicate group or
+    /// variant, longer than [`MAX_STREAM_DECISIONS`], or with random switches in a single group.
     ///
     /// # Errors
     /// [`RunError::InvalidSetting`].
@@ -123,7 +123,8 @@ impl TaskSchedule {
         Ok(())
     }
 
-    /// Returns the number of decisions of the whole stream, at most [`MAX_STREAM_DECISIONS`].
+    /// Returns the number of decisions of the whole stream; [`MAX_STREAM_DECISIONS`] if it has
+    /// more, which [`TaskSchedule::check`] rejects.
     pub fn total_decisions(&self) -> usize {
         self.checked_decisions().unwrap_or(MAX_STREAM_DECISIONS)
     }
@@ -168,7 +169,8 @@ impl TaskSchedule {
         })
     }
 
-    /// Returns the index of a task group in the schedule, from which reports derive its colour.
+    /// Returns the index of the task group called `group` in the schedule, from which films and
+    /// views derive its colour; `None` if it is not scheduled.
     pub fn group_index(&self, group: &str) -> Option<usize> {
         self.groups.iter().position(|plan| plan.group == group)
     }

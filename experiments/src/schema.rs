@@ -34,7 +34,7 @@ pub struct RolloutRow {
     /// `true` if that policy was created in this iteration.
     #[serde(default, rename = "created")]
     pub created_policy: bool,
-    /// Number of rollouts that were compared before a policy was chosen, 1 or 2; `None` if the
+    /// Number of rollouts that were compared before a policy was chosen, at least 1; `None` if the
     /// learner does not report it.
     #[serde(default, rename = "looks")]
     pub compared_rollouts: Option<f64>,
@@ -121,7 +121,8 @@ pub struct ScoreRow {
 }
 
 impl ScoreRow {
-    /// Returns `true` if the learner chose another policy than the group's own.
+    /// Returns `true` if the learner chose another policy than the group's own; `false` if either
+    /// is not recorded.
     pub fn is_policy_mismatch(&self) -> bool {
         let both = self.policy.zip(self.own_policy);
         both.is_some_and(|(policy, own)| policy != own)

@@ -11,8 +11,9 @@ use learner::Learner;
 use crate::stop::StopSignal;
 use crate::workers::run_catching_panics;
 
-/// Returns the number of times that the learner is asked for the policy of each variant: 0 for
-/// learners with one policy or with ground truth, whose answers are known.
+/// Returns the number of times that the recognition test after the stream asks about each variant:
+/// that of the settings, but 0 for learners with one policy or with ground truth, whose answers are
+/// known.
 pub(crate) fn recognition_repeats(experiment: &Experiment) -> usize {
     match experiment.learner.recognition_obstacle() {
         Some(_) => 0,
@@ -41,8 +42,9 @@ impl<'a> StoppableEvaluation<'a> {
         Self { pool, learner, evaluator, own, stop }
     }
 
-    /// Scores all variants with `rounds` episodes in each environment, then asks the learner
-    /// `looks` times for the policy of each variant; `None` after a stop.
+    /// Scores all variants with `rounds` episodes in each environment, then asks the learner for
+    /// the policy of each variant, `looks` times with each number of shown episodes; `None` after a
+    /// stop.
     pub fn score(
         &mut self,
         rounds: usize,

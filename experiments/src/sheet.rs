@@ -89,7 +89,8 @@ fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec
         .collect()
 }
 
-/// Draws a green mark over an image `[size, size, 3]` of `table` at a goal observed as a vector.
+/// Draws a green mark over an image `[size, size, 3]` of `table` at the goal if it is observed as a
+/// vector; else nothing.
 pub fn mark_goal(table: &TableTop, rgb: &mut [u8]) {
     if let Some(goal) = table.observable_goal() {
         let camera = table.scene().camera;
@@ -112,14 +113,14 @@ pub fn contact_sheet(settings: &VecEnvSettings, groups: &[TaskGroup]) -> Result<
     for (row, variants) in pictures.iter().enumerate() {
         for (column, picture) in variants.iter().enumerate() {
             let origin = (GAP + row * cell, GAP + column * cell);
-            paste(picture, size, &mut rgb, width, origin);
+            draw_enlarged_picture(picture, size, &mut rgb, width, origin);
         }
     }
     Ok(Picture { width, height, rgb })
 }
 
-/// Crops the first variant of a group from a contact sheet whose images have `size` pixels a side;
-/// `None` if the sheet is too small.
+/// Crops the first variant of the group with index `group` from a contact sheet, four times as
+/// large as the rendered image of `size` pixels a side; `None` if the sheet is too small.
 pub fn crop_first_variant(sheet: &Picture, size: usize, group: usize) -> Option<Picture> {
     let side = size * ENLARGE;
     let (top, left) = (GAP + group * (side + GAP), GAP);
@@ -131,7 +132,13 @@ pub fn crop_first_variant(sheet: &Picture, size: usize, group: usize) -> Option<
     Some(Picture { width: side, height: side, rgb: rows.flatten().copied().collect() })
 }
 
-fn paste(picture: &[u8], size: usize, sheet: &mut [u8], width: usize, origin: (usize, usize)) {
+fn draw_enlarged_picture(
+    picture: &[u8],
+    size: usize,
+    sheet: &mut [u8],
+    width: usize,
+    origin: (usize, usize),
+) {
     for y in 0..size * ENLARGE {
         for x in 0..size * ENLARGE {
             let from = ((y / ENLARGE) * size + x / ENLARGE) * RGB_CHANNELS;

@@ -86,8 +86,8 @@ fn begin(locked: LockedRun, new: bool, start_message: String) -> Result<Prepared
     })
 }
 
-/// Resumes the run in `folder` from its newest intact checkpoint, or starts it again if it has no
-/// checkpoint yet. `threads` is `None` for the number in the run's settings.
+/// Prepares the run in `folder` to continue from its newest intact checkpoint, or from the
+/// beginning if it has none yet. `threads` is `None` for the number in the run's settings.
 pub(crate) fn resume(
     folder: RunFolder,
     threads: Option<usize>,

@@ -11,7 +11,8 @@ use rl::ProcessRanks;
 
 use crate::error::RunError;
 
-/// Request that a run stops at the next moment at which nothing is lost. Clones share one request.
+/// Flag by which a run that it is given to is asked to stop at the next moment at which nothing is
+/// lost. Clones share one request.
 #[derive(Clone, Debug, Default)]
 pub struct StopSignal {
     requested: Arc<AtomicBool>,
@@ -21,8 +22,9 @@ pub struct StopSignal {
 }
 
 impl StopSignal {
-    /// Returns a stop signal that SIGINT (Ctrl-C), SIGTERM and SIGHUP set. The second SIGINT or
-    /// SIGTERM ends the process at once, with 128 plus the signal's number as exit code.
+    /// Installs signal handlers, and returns the stop signal that SIGINT (Ctrl-C), SIGTERM and
+    /// SIGHUP set from then on. The second SIGINT or SIGTERM ends the process at once, with 128
+    /// plus the signal's number as exit code.
     ///
     /// SIGHUP never ends the process at once, since a terminal that closes may send it more than
     /// once. Under `nohup` it stays ignored.
@@ -59,7 +61,7 @@ impl StopSignal {
         Self { ranks, ..self }
     }
 
-    /// Returns `true` once a stop of the run was requested.
+    /// Returns `true` once a stop of the run was requested, on this rank or another one.
     pub fn is_requested(&self) -> bool {
         if !self.was_seen() {
             let own = self.requested.load(Ordering::SeqCst);

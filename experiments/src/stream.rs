@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use envs::{
-    ActionSettings, EnvError, ObservationsMut, StepResultsMut, TaskGroup, VecEnv, VecEnvSettings,
+    ControlSettings, EnvError, ObservationsMut, StepResultsMut, TaskGroup, VecEnv, VecEnvSettings,
 };
 use rl::{BoxedEnvError, EnvSpec, Observations, ProcessRanks, StepOutcome, Transition, VectorEnv};
 use symmetry::D2;
@@ -19,7 +19,8 @@ const MIDDLE_HEIGHT: f32 = 0.2;
 /// Opening of the fingers, in `[0, 1]`, that becomes the network input 0, about its middle value.
 const MIDDLE_APERTURE: f32 = 0.6;
 
-/// Component of the network's vector input, scaled as `(value - offset) * factor`.
+/// Name, unit and scaling, `(value - offset) * factor`, of a component of the network's vector
+/// input.
 pub struct InputScaling {
     pub name: &'static str,
     pub unit: &'static str,
@@ -27,8 +28,9 @@ pub struct InputScaling {
     pub factor: f32,
 }
 
-/// Components of the network's vector input, in order. Components that change sign under a flip
-/// have offset 0, so scaling preserves flips; so have goals, whose zero means hidden.
+/// Names, units and scaling of the components of the network's vector input, in order. Components
+/// that change sign under a flip have offset 0, so scaling preserves flips; so have goals, whose
+/// zero means hidden.
 pub const VECTOR_INPUT_SCALING: [InputScaling; envs::VECTOR_OBSERVATION_DIM] = [
     position("hand x", 0.0),
     position("hand y", 0.0),
@@ -51,8 +53,8 @@ const fn position(name: &'static str, offset: f32) -> InputScaling {
     InputScaling { name, unit: "metre", offset, factor: INPUTS_PER_METRE }
 }
 
-/// Vectorised environments of a run as the learner sees them, with scaled observations. The task
-/// group is set from outside and shows only in the observations.
+/// Vectorised environments of a run as the learner sees them, with scaled observation vectors. The
+/// task group is set from outside and shows only in the observations.
 pub struct SwitchableVecEnv {
     env: VecEnv,
     spec: EnvSpec,
@@ -138,7 +140,7 @@ impl SwitchableVecEnv {
         self.env.reseed(seed)
     }
 
-    /// Returns the wall-clock seconds that the environments took so far.
+    /// Returns the wall-clock seconds that resets and steps of the environments took so far.
     pub fn environment_seconds(&self) -> f64 {
         self.seconds
     }
@@ -186,7 +188,7 @@ impl SwitchableVecEnv {
 }
 
 /// Returns the factor from a return to the paper's scale, for episodes under `control`.
-pub(crate) fn reward_scale(control: &ActionSettings) -> f64 {
+pub(crate) fn reward_scale(control: &ControlSettings) -> f64 {
     PERFECT_EPISODE / control.decisions_per_episode() as f64
 }
 

@@ -24,7 +24,7 @@ impl CsvFile {
     /// Opens a CSV file and makes it hold exactly `text`: later rows are removed, and a lost tail
     /// is restored. A file with other contents is first renamed.
     pub fn open(path: PathBuf, disk: Arc<dyn Disk>, text: Vec<u8>) -> Result<Self, RunError> {
-        let names = header(&text).map_err(RunError::to_read_error_at(&path))?;
+        let names = header(&text).map_err(RunError::read_error_mapper(&path))?;
         let table = Self { path, disk, text, names };
         table.restore()?;
         Ok(table)
@@ -45,7 +45,7 @@ impl CsvFile {
         Ok(())
     }
 
-    /// Returns the contents of the table's file.
+    /// Returns the contents that the table's file has unless another program changed it.
     pub fn text(&self) -> &[u8] {
         &self.text
     }
@@ -67,13 +67,13 @@ impl CsvFile {
         }
         let mut writer = csv::Writer::from_writer(Vec::new());
         if self.names.is_empty() {
-            writer.write_record(&names).map_err(RunError::to_write_error_at(&self.path))?;
+            writer.write_record(&names).map_err(RunError::write_error_mapper(&self.path))?;
             self.names = names;
         } else if self.names != names {
             let (names, known) = (names.join(", "), self.names.join(", "));
             return Err(self.refuse(format!("a row of {names} does not fit the columns {known}")));
         }
-        writer.write_record(&cells).map_err(RunError::to_write_error_at(&self.path))?;
+        writer.write_record(&cells).map_err(RunError::write_error_mapper(&self.path))?;
         self.add(writer)
     }
 
@@ -86,14 +86,14 @@ impl CsvFile {
             csv::WriterBuilder::new().has_headers(self.text.is_empty()).from_writer(Vec::new());
         rows.into_iter()
             .try_for_each(|row| writer.serialize(row))
-            .map_err(RunError::to_write_error_at(&self.path))?;
+            .map_err(RunError::write_error_mapper(&self.path))?;
         self.add(writer)
     }
 
     /// Restores the table's file if another program changed it, and syncs it to the disk.
     pub fn sync(&self) -> Result<(), RunError> {
         self.restore()?;
-        self.disk.sync(&self.path).map_err(RunError::to_write_error_at(&self.path))
+        self.disk.sync(&self.path).map_err(RunError::write_error_mapper(&self.path))
     }
 
     fn add(&mut self, writer: csv::Writer<Vec<u8>>) -> Result<(), RunError> {
@@ -105,7 +105,7 @@ impl CsvFile {
             return self
                 .disk
                 .append(&self.path, &rows)
-                .map_err(RunError::to_write_error_at(&self.path));
+                .map_err(RunError::write_error_mapper(&self.path));
         }
         self.restore()
     }
@@ -128,7 +128,7 @@ impl CsvFile {
 /// Renames a file to a free name with the extension `.old`, `.old2` and so on.
 fn rename_old(disk: &dyn Disk, path: &Path) -> Result<(), RunError> {
     let aside = free_name(path);
-    disk.rename(path, &aside).map_err(RunError::to_write_error_at(&aside))
+    disk.rename(path, &aside).map_err(RunError::write_error_mapper(&aside))
 }
 
 /// Returns the path with the first added extension of `old`, `old2` and so on that is free.

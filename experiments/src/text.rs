@@ -17,8 +17,9 @@ pub fn format_run_event(event: &RunEvent) -> String {
     }
 }
 
-/// Formats a rollout as one line: decisions, true group, assigned policy (`new`, or `2nd` if a
-/// second rollout was needed to choose it), mean reward, success, W1 to each compared policy.
+/// Formats a rollout as one line: decisions so far, true group at its start, assigned policy
+/// (`new`, or `2nd` if a second rollout was needed to choose it), mean reward, success, and
+/// distance to each compared policy with its standard score.
 pub fn format_rollout_line(progress: &RolloutReport) -> String {
     let iteration = &progress.iteration;
     let evidence = iteration.evidence.iter();

@@ -2,7 +2,7 @@
 
 use crate::schema::TimingRow;
 
-/// Sums of training times over the rollouts with known seconds.
+/// Sums of seconds and decisions of training over the rollouts with known seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TimingSums {
     /// Wall-clock seconds of training, summed over the rollouts with known seconds.

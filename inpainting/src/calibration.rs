@@ -16,7 +16,7 @@ const PARTS: usize = 8;
 /// rounding.
 const TOLERANCE: f64 = 1e-6;
 
-/// Calibrated camera with lens distortion.
+/// Calibration of a camera: intrinsics, lens distortion, and pose in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraCalibration {
     /// Intrinsics of the camera: picture size, focal lengths and principal point.
@@ -85,8 +85,8 @@ impl CameraCalibration {
         (seen.z > 0.0 && off < TOLERANCE).then_some(pixel)
     }
 
-    /// Returns the direction in the world that the pixel at a column and row shows; `None` if the
-    /// lens shows nothing there.
+    /// Returns the direction in the world, not of unit length, that the pixel at a column and row
+    /// shows; `None` if the lens shows nothing there.
     pub fn direction_of_pixel(&self, pixel: [f64; 2]) -> Option<DVec3> {
         let [x, y] = self.undistort_pixel(pixel)?;
         Some(self.extrinsics.rotation.transpose() * DVec3::new(x, y, 1.0))

@@ -139,8 +139,8 @@ impl PinholeCamera {
         self.extrinsics.check()
     }
 
-    /// Projects a point of the world. Returns its offset from the principal point, columns to the
-    /// right and rows down (pixels). `None` if it is behind the camera.
+    /// Projects a point of the world to its offset from the principal point, columns to the right
+    /// and rows down (pixels); `None` behind the camera.
     pub fn project(&self, point: DVec3) -> Option<[f64; 2]> {
         let seen = self.world_to_camera(point);
         let [fx, fy] = self.intrinsics.focal_lengths;

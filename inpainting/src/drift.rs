@@ -16,7 +16,8 @@ pub(crate) struct GainDrift {
 }
 
 impl GainDrift {
-    /// Samples the gains of red, green and blue at the time `now` (seconds), which never decreases.
+    /// Samples the gains of red, green and blue at the time `now` (seconds), which must not
+    /// decrease from call to call.
     pub(crate) fn sample_gains(
         &mut self,
         imperfections: &CameraImperfections,

@@ -57,8 +57,9 @@ impl Inpainter {
         })
     }
 
-    /// Writes `image` `[height, width, 3]` without the arm into `out` of the same shape, given the
-    /// positions of the arm's joints and of the gripper (metres, world frame).
+    /// Writes `image` `[height, width, 3]` without the arm and with the gripper's mark into `out`
+    /// of the same shape, given the positions of the arm's joints and of the gripper (metres, world
+    /// frame).
     ///
     /// # Errors
     /// [`InpaintingError::WrongLength`]; [`InpaintingError::InvalidValue`] for a link without its

@@ -22,7 +22,8 @@ pub struct GripperMark {
 }
 
 impl GripperMark {
-    /// Returns a filled disc of `outer_radius` at `reference_depth` (metres).
+    /// Returns a filled disc whose size in the picture is that of `outer_radius` at the distance
+    /// `reference_depth` from the camera (metres).
     pub fn disc(outer_radius: f64, color: [u8; 3], reference_depth: f64) -> Self {
         Self { outer_radius, hole_radius: 0.0, color, reference_depth }
     }

@@ -55,10 +55,10 @@ impl Perception {
         })
     }
 
-    /// Begins an episode with `frame`, a picture of the table and its objects.
+    /// Begins an episode with `frame`, the camera's picture of the table, its objects and the arm
+    /// at `joints` (metres, world frame), as the background.
     ///
-    /// The arm is parked with its joints at `joints` and should hide no object: the area that it
-    /// hides is filled with the empty table.
+    /// The arm should hide no object: the area that it hides is filled with the empty table.
     ///
     /// # Errors
     /// Errors of [`Perception::observe`].

@@ -44,8 +44,8 @@ impl Sensor {
         self.count += 1.0;
     }
 
-    /// Writes the mean of the collected light to `rgb` as levels `[height, width, 3]`, and resets
-    /// the sums.
+    /// Writes the mean of the collected light, with gains and noise, to `rgb` as sRGB levels
+    /// `[height, width, 3]`, and resets the sums.
     ///
     /// Light is multiplied by the gains of the channels, and gets noise of variance
     /// `shot * light + read^2`.

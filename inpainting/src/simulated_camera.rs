@@ -36,8 +36,8 @@ pub struct SimulatedCamera {
 }
 
 impl SimulatedCamera {
-    /// Creates a simulated camera at the pose of `truth`. [`CameraImperfections::distortion`] is
-    /// added to the distortion of `truth`. All random numbers are drawn from `rng`.
+    /// Creates a simulated camera with the calibration `truth`, to whose distortion
+    /// [`CameraImperfections::distortion`] is added. All random numbers are drawn from `rng`.
     ///
     /// # Errors
     /// [`InpaintingError::InvalidValue`], also for a distortion without inverse in the picture.
@@ -85,8 +85,8 @@ impl SimulatedCamera {
         &self.imperfections
     }
 
-    /// Takes a picture `[height, width, 3]` at the time `now` (seconds), which never decreases,
-    /// into `out`.
+    /// Takes a picture `[height, width, 3]` into `out` at the time `now` (seconds), which must not
+    /// decrease from call to call.
     ///
     /// `ideal` are the pictures of [`SimulatedCamera::ideal_camera`] during the exposure.
     ///

@@ -144,7 +144,8 @@ pub fn os_random_u64() -> u64 {
     RandomState::new().build_hasher().finish()
 }
 
-/// Checks that [`write_atomically`] could write `path`, without changing any file.
+/// Checks that [`write_atomically`] could write `path`: creates and removes an empty file beside
+/// it.
 ///
 /// # Errors
 /// [`LearnerError::Write`].
@@ -159,7 +160,7 @@ pub fn check_path_writable(disk: &dyn Disk, path: &Path) -> Result<(), LearnerEr
     tried.map_err(|error| LearnerError::cannot_write(path, error))
 }
 
-/// Returns the parent folder of a file or folder.
+/// Returns the parent folder of a file or folder; `.` for a name alone.
 pub fn parent_folder(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if parent != Path::new("") => parent,

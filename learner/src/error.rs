@@ -111,7 +111,7 @@ pub enum LearnerError {
         problem: String,
     },
     /// Override without a value, where `PATH=VALUE` is expected.
-    #[error("`{text}` sets nothing: expected PATH=VALUE, as covers.ppo.gamma=0.97")]
+    #[error("`{text}` sets nothing: expected PATH=VALUE, as off_policy.sac.gamma=0.97")]
     NotAnOverride {
         /// Text of the override, as given.
         text: String,

@@ -11,7 +11,7 @@ mod threshold;
 pub use evidence::EvidenceGrouping;
 pub use grouping::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Grouping,
-    GroupingDecision, GroupingUpdate, RecognisedPolicy, RolloutEpisodes,
+    GroupingDecision, GroupingUpdateResult, RecognisedPolicy, RolloutEpisodes,
 };
 pub use oracle::{SinglePolicyGrouping, TaskLabel};
 pub use settings::{GroupingSettings, RemovedGroupingSettings};

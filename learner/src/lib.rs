@@ -15,10 +15,10 @@ mod learners;
 pub mod overrides;
 
 pub use error::LearnerError;
-pub use evidence::PolicyTrial;
+pub use evidence::RequiredTrial;
 pub use groupings::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, EvidenceGrouping,
-    Grouping, GroupingDecision, GroupingSettings, GroupingUpdate, RecognisedPolicy,
+    Grouping, GroupingDecision, GroupingSettings, GroupingUpdateResult, RecognisedPolicy,
     RemovedGroupingSettings, RolloutEpisodes, SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
 };
 pub use learners::{

@@ -3,11 +3,11 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use cluster::{AssignedPolicy, Assignment, PolicyEvidence, PolicyVerdict};
+use cluster::{AssignedPolicy, PolicyAssignment, PolicyEvidence, PolicyVerdict};
 use learner::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, CoversLearner,
-    CoversSettings, EpisodeRequirements, Grouping, GroupingDecision, GroupingUpdate, Learner,
-    LearnerError, OffPolicyLearner, OffPolicySettings, PolicyTrial,
+    CoversSettings, EpisodeRequirements, Grouping, GroupingDecision, GroupingUpdateResult, Learner,
+    LearnerError, OffPolicyLearner, OffPolicySettings, RequiredTrial,
 };
 use rand_chacha::ChaCha8Rng;
 use rl::{CriticSettings, SacSettings, VectorEnv};
@@ -102,8 +102,8 @@ impl Grouping for Script {
         &mut self,
         assigned: AssignedEpisodes<'_>,
         _: &mut ChaCha8Rng,
-    ) -> Result<GroupingUpdate, LearnerError> {
-        let mut update = GroupingUpdate::default();
+    ) -> Result<GroupingUpdateResult, LearnerError> {
+        let mut update = GroupingUpdateResult::default();
         match assigned {
             AssignedEpisodes::Rollout { policy, episodes, .. } => {
                 self.iterations += 1;
@@ -143,9 +143,9 @@ impl Grouping for Script {
 /// A decision that demands a trial, also if there is evidence against the policy.
 fn with_trial(decision: AssignedPolicy, is_provisional: bool) -> GroupingDecision {
     let against = PolicyEvidence { distance: 1.0, test: None, verdict: PolicyVerdict::Rejected };
-    let assignment = Assignment { decision, evidence: vec![against; 2] };
+    let assignment = PolicyAssignment { decision, evidence: vec![against; 2] };
     GroupingDecision {
-        trial: PolicyTrial::Episodes,
+        trial: RequiredTrial::Episodes,
         is_provisional: is_provisional && matches!(decision, AssignedPolicy::Existing(_)),
         ..assignment.into()
     }
@@ -290,7 +290,7 @@ fn a_policy_keeps_no_frames_of_the_group_before() {
 }
 
 /// Decision on a trial in which the group has changed.
-fn changed(decision: AssignedPolicy, trial: PolicyTrial) -> GroupingDecision {
+fn changed(decision: AssignedPolicy, trial: RequiredTrial) -> GroupingDecision {
     GroupingDecision { group_changed: true, trial, ..with_trial(decision, false) }
 }
 
@@ -306,7 +306,7 @@ fn no_replay_takes_rollouts_of_an_earlier_group() {
     for named in [AssignedPolicy::New, AssignedPolicy::Existing(1)] {
         // policy 1 has 100 decisions of its own
         let own = if named == AssignedPolicy::New { 0 } else { 100 };
-        let moved = changed(named, PolicyTrial::Rollout);
+        let moved = changed(named, RequiredTrial::Rollout);
         assert_eq!(tried(std::slice::from_ref(&moved)), (250, own + 100));
         assert_eq!(tried(&[passes.clone(), moved]), (350, own + 100));
     }
@@ -317,8 +317,8 @@ fn no_replay_takes_rollouts_of_an_earlier_group() {
 #[test]
 fn a_waived_trial_saves_a_rollout_unless_a_few_episodes_showed_the_change() {
     let passes = with_trial(AssignedPolicy::Existing(0), false);
-    let waived = changed(AssignedPolicy::Existing(1), PolicyTrial::Waived);
-    let back = changed(AssignedPolicy::Existing(0), PolicyTrial::Waived);
+    let waived = changed(AssignedPolicy::Existing(1), RequiredTrial::Waived);
+    let back = changed(AssignedPolicy::Existing(0), RequiredTrial::Waived);
     let created = with_trial(AssignedPolicy::Existing(1), false);
     for (third, expected) in [
         (vec![passes, waived.clone()], (1, 250)),

@@ -12,7 +12,7 @@ use crate::error::ModelSymmetryError;
 use crate::maps::SymmetryMaps;
 use crate::mirror::MirrorPlane;
 use crate::names::{are_mirror_names, is_left};
-use crate::pairs::{MirrorCorrections, MirrorPairs};
+use crate::pairs::{MirrorPairs, PlaneAndPairCorrections};
 use crate::snapshot::{ModelObjectKind, PosedModel};
 
 /// Settings of the symmetry check of a model, [`check_model_symmetry`].
@@ -22,7 +22,7 @@ pub struct ModelSymmetrySettings {
     /// a length in metres.
     pub tolerance: f64,
     /// Corrections of the proposed plane and pairs.
-    pub corrections: MirrorCorrections,
+    pub corrections: PlaneAndPairCorrections,
     /// `true` to simulate the effect on the motion of each difference between left and right.
     pub simulates: bool,
 }
@@ -30,7 +30,7 @@ pub struct ModelSymmetrySettings {
 impl Default for ModelSymmetrySettings {
     /// Returns a tolerance of 0.001 (0.1 %, 0.1 mm, 0.06 degrees), with effects.
     fn default() -> Self {
-        Self { tolerance: 1e-3, corrections: MirrorCorrections::default(), simulates: true }
+        Self { tolerance: 1e-3, corrections: PlaneAndPairCorrections::default(), simulates: true }
     }
 }
 
@@ -38,7 +38,7 @@ impl Default for ModelSymmetrySettings {
 #[derive(Clone, Debug, Serialize)]
 pub struct ModelSymmetryReport {
     /// Plane and counterparts, in the form of a file of corrections.
-    pub corrections: MirrorCorrections,
+    pub corrections: PlaneAndPairCorrections,
     /// Differences, those with the largest effect first.
     pub differences: Vec<MirrorDifference>,
     /// Root mean square by which two copies of the same side diverge after a second of mirrored
@@ -158,13 +158,13 @@ fn corrections_of(
     pairs: &MirrorPairs,
     plane: &MirrorPlane,
     ignore: &[String],
-) -> MirrorCorrections {
+) -> PlaneAndPairCorrections {
     let list = |kind| {
         let pairs = pairs.left_right_pairs(kind, snapshot, plane).into_iter();
         pairs.map(|pair| pair.map(|index| snapshot.object_label(kind, index))).collect::<Vec<_>>()
     };
     let lists = ModelObjectKind::ALL.into_iter().map(|kind| (kind, list(kind))).collect();
-    MirrorCorrections { plane: Some(*plane), pairs: lists, ignore: ignore.to_vec() }
+    PlaneAndPairCorrections { plane: Some(*plane), pairs: lists, ignore: ignore.to_vec() }
 }
 
 impl MirrorDifference {

@@ -16,6 +16,6 @@ pub use compare::{DifferenceMeasure, MirrorDifference};
 pub use error::ModelSymmetryError;
 pub use maps::{SignedPermutation, SymmetryMaps};
 pub use mirror::MirrorPlane;
-pub use pairs::MirrorCorrections;
+pub use pairs::PlaneAndPairCorrections;
 pub use read::read_model;
 pub use snapshot::ModelObjectKind;

@@ -78,8 +78,8 @@ pub(crate) fn quat_values(rotation: DQuat) -> [f64; 4] {
     [rotation.w, rotation.x, rotation.y, rotation.z]
 }
 
-/// Returns the eigenvalues of a symmetric matrix, and the rotation to its principal axes (Jacobi's
-/// method; Golub and Van Loan, "Matrix Computations", section 8.5).
+/// Returns the eigenvalues of a symmetric matrix, and the rotation that turns the coordinate axes
+/// to its principal axes (Jacobi's method; Golub and Van Loan, "Matrix Computations", section 8.5).
 pub(crate) fn principal(mut tensor: DMat3) -> (DVec3, DQuat) {
     let mut axes = DQuat::IDENTITY;
     for _ in 0..50 {

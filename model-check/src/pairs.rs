@@ -23,7 +23,7 @@ type Forced = BTreeMap<(ModelObjectKind, usize), usize>;
 /// Objects are named as reports name them, [left, right]; a name twice is an object in the plane.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct MirrorCorrections {
+pub struct PlaneAndPairCorrections {
     /// Mirror plane; `None` for the proposed one.
     pub plane: Option<MirrorPlane>,
     /// Counterparts of each kind of object.
@@ -32,7 +32,7 @@ pub struct MirrorCorrections {
     pub ignore: Vec<String>,
 }
 
-impl MirrorCorrections {
+impl PlaneAndPairCorrections {
     /// Reads corrections from a JSON file.
     ///
     /// # Errors

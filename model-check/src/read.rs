@@ -8,7 +8,7 @@ use robots::{MjcfSettings, RobotFile};
 
 use crate::error::ModelSymmetryError;
 
-/// Reads an MJCF file with everything that it names, or the URDF of a robot.
+/// Reads and compiles an MJCF file with the files that it names, or the URDF of a robot.
 ///
 /// # Errors
 /// [`ModelSymmetryError::Read`], [`ModelSymmetryError::InvalidFile`],

@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use model_check::{
-    MirrorCorrections, MirrorPlane, ModelSymmetryReport, ModelSymmetrySettings,
+    MirrorPlane, ModelSymmetryReport, ModelSymmetrySettings, PlaneAndPairCorrections,
     check_model_symmetry, read_model,
 };
 use mujoco::{Data, Model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-fn checked(xml: &str, corrections: MirrorCorrections) -> ModelSymmetryReport {
+fn checked(xml: &str, corrections: PlaneAndPairCorrections) -> ModelSymmetryReport {
     let model = Model::from_xml(xml).unwrap();
     check_model_symmetry(
         &model,
@@ -42,9 +42,9 @@ const AHEAD: &str = "xyaxes='0 -1 0 0 0 1'";
 
 #[test]
 fn a_mesh_that_is_not_mirrored_is_named_with_its_inertia() {
-    let sound = checked(&cart(LEFT, RIGHT, AHEAD, "45"), MirrorCorrections::default());
+    let sound = checked(&cart(LEFT, RIGHT, AHEAD, "45"), PlaneAndPairCorrections::default());
     assert_eq!(properties(&sound), [""; 0], "{}", sound.text());
-    let copied = checked(&cart(LEFT, LEFT, AHEAD, "45"), MirrorCorrections::default());
+    let copied = checked(&cart(LEFT, LEFT, AHEAD, "45"), PlaneAndPairCorrections::default());
     let properties = properties(&copied);
     for expected in ["geom position", "body centre of mass", "body inertia"] {
         assert!(properties.contains(&expected.to_owned()), "{expected}: {properties:?}");
@@ -54,14 +54,17 @@ fn a_mesh_that_is_not_mirrored_is_named_with_its_inertia() {
 #[test]
 fn cameras_are_compared_and_can_be_ignored() {
     let narrow = cart(LEFT, RIGHT, AHEAD, "40");
-    let found = checked(&narrow, MirrorCorrections::default());
+    let found = checked(&narrow, PlaneAndPairCorrections::default());
     assert_eq!(properties(&found), ["camera field of view"], "{}", found.text());
     let ignore = vec!["camera eye_r".to_owned()];
-    let ignored = checked(&narrow, MirrorCorrections { ignore, ..MirrorCorrections::default() });
+    let ignored =
+        checked(&narrow, PlaneAndPairCorrections { ignore, ..PlaneAndPairCorrections::default() });
     assert_eq!(properties(&ignored), [""; 0]);
     // both look to the left
-    let aside =
-        checked(&cart(LEFT, RIGHT, "xyaxes='1 0 0 0 0 1'", "45"), MirrorCorrections::default());
+    let aside = checked(
+        &cart(LEFT, RIGHT, "xyaxes='1 0 0 0 0 1'", "45"),
+        PlaneAndPairCorrections::default(),
+    );
     assert_eq!(properties(&aside), ["camera orientation"], "{}", aside.text());
 }
 
@@ -78,7 +81,7 @@ fn a_geom_on_one_side_has_no_counterpart() {
             "<geom type='mesh' mesh='r'/>",
             "<geom type='mesh' mesh='r'/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/>",
         );
-    let found = checked(&padded, MirrorCorrections::default());
+    let found = checked(&padded, PlaneAndPairCorrections::default());
     assert_eq!(found.differences.len(), 1, "{}", found.text());
     let line = found.text();
     assert!(line.contains("geom pad has no counterpart on r"), "{line}");
@@ -136,9 +139,9 @@ fn a_tolerance_or_a_plane_that_would_hide_differences_is_refused() {
             refused(ModelSymmetrySettings { tolerance, ..ModelSymmetrySettings::default() });
         assert!(message.starts_with("the tolerance is"), "{message}");
     }
-    let plane = |normal, offset| MirrorCorrections {
+    let plane = |normal, offset| PlaneAndPairCorrections {
         plane: Some(MirrorPlane { normal, offset }),
-        ..MirrorCorrections::default()
+        ..PlaneAndPairCorrections::default()
     };
     for corrections in
         [plane([0.0, 2.0, 0.0], 0.0), plane([f64::NAN; 3], 0.0), plane([0.0, 1.0, 0.0], f64::NAN)]

@@ -63,8 +63,15 @@ impl Canvas {
         }
     }
 
-    /// Draws a picture of `width` pixels, RGB bytes, each pixel as a square of `enlarge` pixels.
-    pub fn paste(&mut self, picture: &[u8], width: usize, enlarge: usize, [left, top]: [usize; 2]) {
+    /// Draws a picture of RGB bytes and `width` columns with its top left corner at `[left, top]`,
+    /// each pixel as a square with sides of `enlarge` pixels.
+    pub fn draw_enlarged_picture(
+        &mut self,
+        picture: &[u8],
+        width: usize,
+        enlarge: usize,
+        [left, top]: [usize; 2],
+    ) {
         for (pixel, rgb) in picture.as_chunks().0.iter().enumerate() {
             let [x, y] = [pixel % width, pixel / width].map(|at| at * enlarge);
             self.fill_rectangle([left + x, top + y], [enlarge; 2], *rgb);

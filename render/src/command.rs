@@ -13,7 +13,7 @@ use experiments::{RunData, RunFolder, thread_pool};
 
 use super::error::RenderError;
 use super::gif::Film;
-use super::grid::compose_grid;
+use super::grid::compose_film_grid;
 use super::output::OutputFile;
 use super::player::{FilmSettings, FilmedEpisode, PolicyPlayer};
 use super::recorder::FilmView;
@@ -22,8 +22,9 @@ use super::stream_film::film_stream;
 /// Options of `covers render`: the groups, the views and the file of a film.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    covers render runs/covers-seed0 --view perspective --group drawer-close --out policies.gif\n  \
-    covers render runs/covers-seed0 --stream --out stream.gif")]
+    covers render runs/covers-sac-seed0 --view perspective --group drawer-close \
+    --out policies.gif\n  \
+    covers render runs/covers-sac-seed0 --stream --out stream.gif")]
 pub struct RenderOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
@@ -56,7 +57,8 @@ pub struct RenderOptions {
 }
 
 impl RenderOptions {
-    /// Plays one episode of each variant, writes the film and prints to `out`.
+    /// Films one episode of each variant, or the run's whole stream, to the output file, and prints
+    /// the outcomes and the film's size to `out`.
     ///
     /// # Errors
     /// A group that the run was not trained on, a folder without policies, a file that exists, has
@@ -87,7 +89,7 @@ impl RenderOptions {
         bar.finish_and_clear();
         let names = D2::ALL.map(|element| element.to_string());
         let columns = names.each_ref().map(String::as_str);
-        let film = compose_grid(&columns, &player.rows(&settings, &episodes));
+        let film = compose_film_grid(&columns, &player.rows(&settings, &episodes));
         // write before printing: a closed pipe must not lose the film
         target.write(&film)?;
         for episode in &episodes {

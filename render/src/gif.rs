@@ -62,7 +62,7 @@ pub(super) const DELAY_CENTISECONDS: u16 = 8;
 /// Time for which a film's last picture stays before the film repeats, in delays between pictures.
 pub(super) const HOLD_DELAYS: u16 = 12;
 
-/// Film: a sequence of pictures of one size, one for each decision of the policy.
+/// Film: a sequence of pictures of one size, shown at 12.5 pictures per second.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Film {
     /// Width of the film's pictures (pixels).

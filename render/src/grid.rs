@@ -17,7 +17,7 @@ pub(super) const INK: [u8; 3] = [0x1b, 0x1f, 0x24];
 
 /// Film in a cell of a grid. Its last picture stays until the longest film ends.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct GridCell {
+pub struct FilmGridCell {
     /// Width of the cell's pictures (pixels).
     pub width: usize,
     /// Height of the cell's pictures (pixels).
@@ -26,7 +26,7 @@ pub struct GridCell {
     pub frames: Vec<Vec<u8>>,
 }
 
-impl GridCell {
+impl FilmGridCell {
     /// Returns the whole number by which the cell's pictures are enlarged.
     fn enlarge(&self) -> usize {
         ((HEIGHT + self.height / 2) / self.height).max(1)
@@ -39,17 +39,17 @@ impl GridCell {
 }
 
 /// Row of films in a grid, with a title.
-pub struct GridRow {
+pub struct FilmGridRow {
     /// Title above the row of films.
     pub title: String,
     /// Colour of the title (RGB).
     pub colour: [u8; 3],
     /// Films of the grid's row, from left to right.
-    pub cells: Vec<GridCell>,
+    pub cells: Vec<FilmGridCell>,
 }
 
 /// Composes rows of films into one film, with a title over each row and a name over each column.
-pub fn compose_grid(columns: &[&str], rows: &[GridRow]) -> Film {
+pub fn compose_film_grid(columns: &[&str], rows: &[FilmGridRow]) -> Film {
     let layout = GridLayout::of(rows);
     let empty = layout.canvas(columns, rows);
     let lengths = rows.iter().flat_map(|row| &row.cells);
@@ -59,7 +59,12 @@ pub fn compose_grid(columns: &[&str], rows: &[GridRow]) -> Film {
         for (cell, [left, top]) in layout.cells(rows) {
             // a film that has ended keeps its last picture
             if let Some(picture) = cell.frames.get(time).or(cell.frames.last()) {
-                canvas.paste(picture, cell.width, cell.enlarge(), [left + BORDER, top + BORDER]);
+                canvas.draw_enlarged_picture(
+                    picture,
+                    cell.width,
+                    cell.enlarge(),
+                    [left + BORDER, top + BORDER],
+                );
             }
         }
         canvas.rgb
@@ -76,14 +81,17 @@ struct GridLayout {
 }
 
 impl GridLayout {
-    fn of(rows: &[GridRow]) -> Self {
-        let sizes = || rows.iter().flat_map(|row| &row.cells).map(GridCell::size);
+    fn of(rows: &[FilmGridRow]) -> Self {
+        let sizes = || rows.iter().flat_map(|row| &row.cells).map(FilmGridCell::size);
         let [width, height] = [0, 1].map(|side| sizes().map(|size| size[side]).max().unwrap_or(0));
         Self { across: width + GAP, down: height + GAP + LINE }
     }
 
     /// Iterates over the cells of a grid with their top left corners `[x, y]` (pixels).
-    fn cells<'a>(&self, rows: &'a [GridRow]) -> impl Iterator<Item = (&'a GridCell, [usize; 2])> {
+    fn cells<'a>(
+        &self,
+        rows: &'a [FilmGridRow],
+    ) -> impl Iterator<Item = (&'a FilmGridCell, [usize; 2])> {
         let (across, down) = (self.across, self.down);
         rows.iter().enumerate().flat_map(move |(number, row)| {
             let top = GAP + 2 * LINE + number * down;
@@ -93,7 +101,7 @@ impl GridLayout {
     }
 
     /// Draws names, titles and borders of the grid, which are the same in all pictures of the film.
-    fn canvas(&self, columns: &[&str], rows: &[GridRow]) -> Canvas {
+    fn canvas(&self, columns: &[&str], rows: &[FilmGridRow]) -> Canvas {
         let (across, down) = (self.across, self.down);
         let mut canvas = Canvas::new(GAP + columns.len() * across, GAP + LINE + rows.len() * down);
         for (column, name) in columns.iter().enumerate() {
@@ -115,9 +123,9 @@ impl GridLayout {
 mod tests {
     use super::*;
 
-    fn cell(frames: usize) -> GridCell {
+    fn cell(frames: usize) -> FilmGridCell {
         let frame = |number| (0..72 * 48).flat_map(|_| [number as u8, 9, 9]).collect();
-        GridCell { width: 72, height: 48, frames: (0..frames).map(frame).collect() }
+        FilmGridCell { width: 72, height: 48, frames: (0..frames).map(frame).collect() }
     }
 
     fn count(film: &Film, time: usize, rgb: [u8; 3]) -> usize {
@@ -127,9 +135,12 @@ mod tests {
 
     #[test]
     fn cells_are_enlarged_side_by_side_with_borders_and_the_shorter_film_waits() {
-        let row =
-            GridRow { title: String::new(), colour: [0, 0, 255], cells: vec![cell(2), cell(3)] };
-        let film = compose_grid(&["", ""], &[row]);
+        let row = FilmGridRow {
+            title: String::new(),
+            colour: [0, 0, 255],
+            cells: vec![cell(2), cell(3)],
+        };
+        let film = compose_film_grid(&["", ""], &[row]);
         assert_eq!((film.frames.len(), film.width), (3, 6 + 2 * (216 + 12)));
         assert_eq!(film.height, 6 + 20 + 20 + 144 + 12);
         let area = 216 * 144;
@@ -141,9 +152,12 @@ mod tests {
 
     #[test]
     fn titles_have_the_colour_of_their_row_and_stay_on_the_paper() {
-        let row =
-            GridRow { title: "a long title ".repeat(9), colour: [1, 2, 3], cells: vec![cell(1)] };
-        let film = compose_grid(&["seen"], &[row]);
+        let row = FilmGridRow {
+            title: "a long title ".repeat(9),
+            colour: [1, 2, 3],
+            cells: vec![cell(1)],
+        };
+        let film = compose_film_grid(&["seen"], &[row]);
         let dark = |line: usize| {
             let rows =
                 3 * film.width * (GAP + line * LINE)..3 * film.width * (GAP + (line + 1) * LINE);

@@ -17,6 +17,6 @@ mod subprocess;
 pub use command::RenderOptions;
 pub use error::RenderError;
 pub use gif::{Film, encode_gif};
-pub use grid::{GridCell, GridRow, compose_grid};
+pub use grid::{FilmGridCell, FilmGridRow, compose_film_grid};
 pub use player::{PolicyPlayer, film_task_groups};
-pub use recorder::{EpisodeRecorder, FilmView};
+pub use recorder::{EpisodeRecordingEnv, FilmView};

@@ -35,7 +35,7 @@ impl Ffmpeg {
         let made = self.make(film, &scratch).and_then(|()| fs::read(&scratch));
         // fails if `ffmpeg` made no file
         let _ = fs::remove_file(&scratch);
-        made.map_err(RunError::to_write_error_at(path))
+        made.map_err(RunError::write_error_mapper(path))
     }
 
     fn make(&self, film: &Film, to: &Path) -> std::io::Result<()> {

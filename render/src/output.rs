@@ -54,7 +54,7 @@ impl OutputFile {
     pub fn write(&self, film: &Film) -> Result<(), RunError> {
         let path = self.path();
         let bytes = match &self.ffmpeg {
-            None => gif::encode_gif(film).map_err(RunError::to_write_error_at(path))?,
+            None => gif::encode_gif(film).map_err(RunError::write_error_mapper(path))?,
             Some(ffmpeg) => ffmpeg.encode(film, path)?,
         };
         self.file.write(&bytes)

@@ -11,8 +11,8 @@ use experiments::{Experiment, RunError, RunFolder, SwitchableVecEnv, thread_pool
 use learner::{Learner, TaskLabel};
 
 use super::gif::encode_gif;
-use super::grid::{GridCell, GridRow, compose_grid};
-use super::recorder::{EpisodeRecorder, FilmView};
+use super::grid::{FilmGridCell, FilmGridRow, compose_film_grid};
+use super::recorder::{EpisodeRecordingEnv, FilmView};
 
 /// Length, in decisions, of a film of [`film_task_groups`]: three seconds of simulated time.
 const DECISIONS: usize = 24;
@@ -35,7 +35,7 @@ pub(super) struct FilmedEpisode {
     pub policy: usize,
     pub success: bool,
     /// Films of the episode, one for each view.
-    pub cells: Vec<GridCell>,
+    pub cells: Vec<FilmGridCell>,
 }
 
 /// Policies of a run, with the environments in which they are evaluated and filmed.
@@ -83,7 +83,7 @@ impl PolicyPlayer {
         settings: &FilmSettings<'_>,
     ) -> Result<FilmedEpisode, RunError> {
         let FilmSettings { views, decisions, seed, .. } = *settings;
-        let mut recorder = EpisodeRecorder::new(&self.experiment.envs, variant, views, seed)?;
+        let mut recorder = EpisodeRecordingEnv::new(&self.experiment.envs, variant, views, seed)?;
         let (policy, success) = self.play_episode(variant, &mut recorder)?;
         Ok(FilmedEpisode { variant, policy, success, cells: recorder.grid_cells(views, decisions) })
     }
@@ -98,7 +98,7 @@ impl PolicyPlayer {
         variant: TaskVariant,
         env: &mut dyn VectorEnv,
     ) -> Result<(usize, bool), RunError> {
-        let policy = self.evaluator.recognise_variant(&mut *self.learner, variant)?;
+        let policy = self.evaluator.recognise_policy(&mut *self.learner, variant)?;
         let stats = self.learner.evaluate_policy(policy, env, 1)?.stats;
         Ok((policy, stats.success_rate() == Some(1.0)))
     }
@@ -116,14 +116,14 @@ impl PolicyPlayer {
         &self,
         settings: &FilmSettings<'_>,
         episodes: &[FilmedEpisode],
-    ) -> Vec<GridRow> {
+    ) -> Vec<FilmGridRow> {
         let row = |group: TaskGroup, view: usize, mirrored_back: bool| {
             let of_group = episodes.iter().filter(|episode| episode.variant.group == group);
             let cells = of_group.map(|episode| {
                 let cell = &episode.cells[view];
                 if mirrored_back { mirrored(cell, episode.variant.element) } else { cell.clone() }
             });
-            GridRow {
+            FilmGridRow {
                 title: title(group, settings.views, view, mirrored_back),
                 colour: self.colour(group),
                 cells: cells.collect(),
@@ -165,8 +165,8 @@ pub fn film_task_groups(
         };
         let episodes = pool.install(|| player.play(&settings, &bar))?;
         let columns = names.each_ref().map(String::as_str);
-        let film = compose_grid(&columns, &player.rows(&settings, &episodes));
-        let gif = encode_gif(&film).map_err(RunError::to_write_error_at(folder.path()))?;
+        let film = compose_film_grid(&columns, &player.rows(&settings, &episodes));
+        let gif = encode_gif(&film).map_err(RunError::write_error_mapper(folder.path()))?;
         Ok((group.name().to_owned(), gif))
     });
     films.collect()
@@ -186,7 +186,7 @@ fn title(group: TaskGroup, views: &[FilmView], view: usize, mirrored_back: bool)
 
 /// Transforms every picture of a film by `element`. Elements of D2 are their own inverses, so this
 /// mirrors a variant's film back.
-fn mirrored(cell: &GridCell, element: D2) -> GridCell {
+fn mirrored(cell: &FilmGridCell, element: D2) -> FilmGridCell {
     let frames = cell.frames.iter().map(|frame| {
         let mut rows: Vec<&[u8]> = frame.chunks_exact(cell.width * RGB_CHANNELS).collect();
         if element.flips_y() {
@@ -201,7 +201,7 @@ fn mirrored(cell: &GridCell, element: D2) -> GridCell {
         });
         turned.collect()
     });
-    GridCell { frames: frames.collect(), ..*cell }
+    FilmGridCell { frames: frames.collect(), ..*cell }
 }
 
 #[cfg(test)]
@@ -210,8 +210,11 @@ mod tests {
 
     #[test]
     fn a_film_is_mirrored_as_its_variant_is() {
-        let cell =
-            GridCell { width: 2, height: 2, frames: vec![(0..12).collect(), (12..24).collect()] };
+        let cell = FilmGridCell {
+            width: 2,
+            height: 2,
+            frames: vec![(0..12).collect(), (12..24).collect()],
+        };
         let first = |element| mirrored(&cell, element).frames[0].clone();
         assert_eq!(first(D2::Identity), cell.frames[0]);
         assert_eq!(first(D2::FlipX), [3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8]);

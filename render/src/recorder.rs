@@ -15,7 +15,7 @@ use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEn
 use experiments::sheet::{Picture, mark_goal};
 use experiments::{RunError, SwitchableVecEnv, scale_observation_vectors};
 
-use super::grid::GridCell;
+use super::grid::FilmGridCell;
 
 /// View of an episode that a film shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -37,9 +37,9 @@ const SIDE: usize = 144;
 /// Width and height of pictures of [`FilmView::Perspective`] (pixels).
 pub(super) const PERSPECTIVE_SIZE: [usize; 2] = [360, 270];
 
-/// Vectorised environment of one task variant that films its only episode. Observations are those
-/// of training.
-pub struct EpisodeRecorder {
+/// Vector environment with a single environment, of one task variant, that films its only episode.
+/// Observations are those of training.
+pub struct EpisodeRecordingEnv {
     spec: EnvSpec,
     variant: TaskVariant,
     seed: u64,
@@ -66,7 +66,7 @@ struct LargeView {
     mask: Vec<Vec<u8>>,
 }
 
-impl EpisodeRecorder {
+impl EpisodeRecordingEnv {
     /// Creates a recorder of one episode of `variant`, in an environment with the settings of a
     /// run. The placement depends on `seed` alone, so the variants of a group are mirror images of
     /// each other.
@@ -99,13 +99,14 @@ impl EpisodeRecorder {
         })
     }
 
-    /// Returns one film for each view, of at most `decisions` decisions of the episode.
-    pub fn grid_cells(&self, views: &[FilmView], decisions: Option<usize>) -> Vec<GridCell> {
+    /// Returns the film of each of `views`, all requested from [`EpisodeRecordingEnv::new`]: the
+    /// first picture and those after at most `decisions` decisions.
+    pub fn grid_cells(&self, views: &[FilmView], decisions: Option<usize>) -> Vec<FilmGridCell> {
         let cell = |&view| {
             let ([width, height], frames) = self.filmed(view);
             // the first picture comes before any decision
             let length = decisions.map_or(usize::MAX, |decisions| decisions.saturating_add(1));
-            GridCell { width, height, frames: frames.iter().take(length).cloned().collect() }
+            FilmGridCell { width, height, frames: frames.iter().take(length).cloned().collect() }
         };
         views.iter().map(cell).collect()
     }
@@ -115,7 +116,8 @@ impl EpisodeRecorder {
         &self.table
     }
 
-    /// Returns the top-down camera of a view that was requested from [`EpisodeRecorder::new`].
+    /// Returns the top-down camera of a requested view; of the perspective view and of views that
+    /// were not requested, that of the policy's images.
     pub fn camera(&self, view: FilmView) -> Camera {
         let table = match (view, &self.large) {
             (FilmView::Raw | FilmView::Mask, Some(large)) => &large.table,
@@ -224,7 +226,7 @@ impl LargeView {
     }
 }
 
-impl VectorEnv for EpisodeRecorder {
+impl VectorEnv for EpisodeRecordingEnv {
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }

@@ -41,7 +41,8 @@ const WINDOW: usize = 5;
 const RESTING: f32 = 0.12;
 const WHITE: [u8; 3] = [255; 3];
 
-/// Films the stream of a run from its tables. Every visit takes equally long and shows an episode
+/// Films the stream of a run: each visit to a group as one episode, played with the final policies,
+/// beside the rollouts that the run recorded. Every visit takes equally long and shows an episode
 /// of the group, with the policy that the learner chooses after the stream; visits take turns in
 /// showing the group's variants.
 ///
@@ -126,7 +127,7 @@ fn draw(run: &RunData, newest: usize, start: usize, view: &[u8]) -> Canvas {
     let row = &run.rollouts[newest];
     let title = format!("the stream shows {}, without its name", row.group);
     canvas.draw_text(&title, [GAP, GAP], colour(run, &row.group));
-    canvas.paste(view, width, 1, [GAP, TOP]);
+    canvas.draw_enlarged_picture(view, width, 1, [GAP, TOP]);
     let heading = format!("policies after {} decisions", row.decisions);
     canvas.draw_text(&heading, [2 * GAP + width, GAP], INK);
     draw_policies(&mut canvas, run, newest, start);

@@ -93,8 +93,9 @@ fn estimate<'a>(
     IntervalEstimate { name, value: scores.pooled_statistic(statistic), interval }
 }
 
-/// Draws performance profiles as SVG: for each threshold the share of runs and groups whose success
-/// is above it, with a band of pointwise 95 % intervals (Agarwal et al., NeurIPS 2021).
+/// Draws performance profiles of `methods`, whose scores are in the same order, as SVG: for each
+/// threshold the share of runs and groups whose success is above it, with a band of pointwise 95 %
+/// intervals (Agarwal et al., NeurIPS 2021).
 pub fn performance_profile_svg(methods: &[MethodRuns], scores: &[MethodScores]) -> String {
     let mut drawing = SvgPlot::new_half_width(1.0, "success of a run in a group is above")
         .with_side_margins([64.0, 120.0]);

@@ -18,8 +18,8 @@ use super::report::Report;
 #[derive(Clone, Debug, Args)]
 #[command(
     after_help = "Examples:\n  covers report runs/covers-seed* runs/equi-seed* --out report\n  \
-    covers report runs/covers-seed0 --out report --films\n  \
-    covers report runs/covers-seed0 --tensorboard boards"
+    covers report runs/covers-sac-seed0 --out report --films\n  \
+    covers report runs/covers-sac-seed0 --tensorboard boards"
 )]
 pub struct ReportOptions {
     /// The folders of runs, finished or not, named METHOD-seedN as `covers sweep` names them; the

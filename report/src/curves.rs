@@ -11,9 +11,9 @@ use experiments::{RolloutRow, RunData, ScoreRow};
 const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
 /// Ticks of the reward axis, on the paper's scale of `[0, 500]`.
 const REWARD_TICKS: [f64; 3] = [0.0, 250.0, 500.0];
-/// Upper end of the axis of distances over the largest one under permutation. Larger ratios are
-/// drawn at this value.
-const MAX_RATIO: f64 = 4.0;
+/// Lowest and highest drawn distance of a rollout to a policy, in standard deviations.
+const Z_SCORES: [f64; 2] = [-3.0, 20.0];
+const Z_SCORE_TICKS: [f64; 4] = [0.0, 5.0, 10.0, 20.0];
 /// Height of a panel with a curve to read values from (pixels).
 const TALL_PANEL: f64 = 170.0;
 /// Height of a panel that shows the course alone (pixels).
@@ -27,7 +27,7 @@ pub fn decisions_axis_label(what: &str, run: &RunData) -> String {
 
 /// Draws one run as SVG: success and reward, rollouts as lines and evaluations as dots, the
 /// assigned policies, and the distances that the assignment rests on.
-pub fn run_svg(run: &RunData) -> String {
+pub fn run_curves_svg(run: &RunData) -> String {
     let mut drawing = SvgPlot::new(end(run), &decisions_axis_label("decisions", run));
     let groups = run.scored_groups();
     for (number, group) in groups.iter().enumerate() {
@@ -54,31 +54,26 @@ pub fn run_svg(run: &RunData) -> String {
     drawing.into_svg(&format!("Success, reward and policy of {}", run.name))
 }
 
-/// Draws the distance of each rollout to each policy, relative to the largest distance among the
-/// permutations of the test. Above 1 the rollout differs by more than chance produced.
+/// Draws how far each rollout is from each policy, in standard deviations of the distances between
+/// random splits: about 0 for a policy of the same group.
 fn distances(drawing: &mut SvgPlot, run: &RunData) {
-    if run.rollouts.iter().all(|row| row.distances.is_empty()) {
+    let scores = |row: &RolloutRow| row.permutation_z_scores.clone();
+    if run.rollouts.iter().flat_map(scores).flatten().next().is_none() {
         return;
     }
-    let ticks = [0.0, 1.0, 2.0, MAX_RATIO];
-    drawing.begin_panel("distance, of chance", TALL_PANEL, [0.0, MAX_RATIO], &ticks);
+    drawing.begin_panel("distance (sd)", TALL_PANEL, Z_SCORES, &Z_SCORE_TICKS);
     visits(drawing, run);
     let colours = colours_of_policies(run);
     for row in &run.rollouts {
-        let compared = row.distances.iter().zip(&row.permutation_maxima).enumerate();
-        for (policy, (distance, null_maximum)) in compared {
-            let Some((distance, null_maximum)) = distance.zip(*null_maximum) else {
-                continue;
-            };
-            let ratio = distance / null_maximum;
-            let title = format!("policy {policy}: {ratio:.2} of the largest by chance");
-            let point = (row.decisions as f64, ratio.min(MAX_RATIO));
+        for (policy, score) in row.permutation_z_scores.iter().enumerate() {
+            let Some(score) = score else { continue };
+            let title =
+                format!("policy {policy}: {score:.1} standard deviations above random splits");
+            let point = (row.decisions as f64, score.clamp(Z_SCORES[0], Z_SCORES[1]));
             let colour = colours.get(policy).copied().unwrap_or(TEXT_COLOUR);
             drawing.add_dot(point, SMALL_DOT_RADIUS, colour, &title);
         }
     }
-    let end = end(run);
-    drawing.add_line(&[(0.0, 1.0), (end, 1.0)], &LineStyle::solid(TEXT_COLOUR));
 }
 
 /// Returns the colour of each policy: that of the task group that it belongs to, if there is one.
@@ -93,12 +88,13 @@ fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
     colours
 }
 
-/// Draws one SVG for each seed, with a panel for each method that ran with it: success in each
-/// group as dots, and the mean over all groups, visited or not yet visited, as a line. The line of
-/// a method that forgets falls.
+/// Draws one SVG for each seed with more than one evaluation, with a panel for each method that ran
+/// with it: success in each group as dots, and the mean over all groups, visited or not yet visited,
+/// as a line. The line of a method that forgets falls.
 pub fn success_by_seed_svgs(methods: &[MethodRuns]) -> Vec<(u64, String)> {
     let runs = methods.iter().flat_map(|method| &method.runs);
-    let mut seeds: Vec<u64> = runs.map(seed_of).collect();
+    let is_curve = |run: &&RunData| run.rollouts_before_evaluations().count() > 1;
+    let mut seeds: Vec<u64> = runs.filter(is_curve).map(seed_of).collect();
     seeds.sort_unstable();
     seeds.dedup();
     seeds.into_iter().map(|seed| (seed, of_seed(methods, seed))).collect()
@@ -180,7 +176,12 @@ fn visits(drawing: &mut SvgPlot, run: &RunData) {
 fn rollouts(drawing: &mut SvgPlot, run: &RunData, value: fn(&RolloutRow) -> Option<f64>) {
     for (group, _, rows) in visits_of(run) {
         let points = rows.iter().filter_map(|row| Some((row.decisions as f64, value(row)?)));
-        drawing.add_line(&points.collect::<Vec<_>>(), &stroke_of(run, group));
+        let (points, stroke) = (points.collect::<Vec<_>>(), stroke_of(run, group));
+        match points[..] {
+            // a line of one point is invisible
+            [point] => drawing.add_dot(point, SMALL_DOT_RADIUS, stroke.colour, group),
+            _ => drawing.add_line(&points, &stroke),
+        }
     }
 }
 

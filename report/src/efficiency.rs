@@ -51,7 +51,8 @@ impl SampleEfficiency {
     }
 }
 
-/// Returns a point (decisions spent in the group, success in it) for each evaluation of a run.
+/// Returns a point (decisions spent in the group, success in it) for each evaluation of a run that
+/// scored the group.
 pub(super) fn success_curve(run: &RunData, group: &str) -> Vec<(f64, f64)> {
     let point = |rollouts| {
         let (_, success) = run.mean_group_score_after(rollouts, group, |row| row.success)?;

@@ -30,7 +30,8 @@ pub struct MethodRuns {
 }
 
 impl MethodRuns {
-    /// Groups runs by method, in the order in which the methods appear.
+    /// Groups runs by method, the part of a folder's name before `-seed`, in the order in which the
+    /// methods appear.
     ///
     /// # Errors
     /// [`ReportError::IncomparableRuns`] for runs of another stream or evaluation than the first

@@ -1,7 +1,7 @@
 //! Continual-learning metrics of one run, as docs/results/protocol.md defines them.
 
 use experiments::evaluation::mean;
-use experiments::{AssignmentStats, RunData, ScoreRow};
+use experiments::{RunData, RunStats, ScoreRow};
 
 use super::visits;
 
@@ -28,11 +28,11 @@ pub struct RunMetrics {
     /// Metrics of each task group, in the order in which groups are scored.
     pub groups: Vec<GroupMetrics>,
     /// Share of rollouts without a task switch that went to the policy of their group, in `[0, 1]`
-    /// ([`AssignmentStats::correct_assignments`](experiments::AssignmentStats::correct_assignments)).
+    /// ([`RunStats::correct_assignments`](experiments::RunStats::correct_assignments)).
     pub assignment_accuracy: Result<f64, UndefinedReason>,
     /// Share of rollouts that went to the policy of their group, in `[0, 1]`, among rollouts of
     /// groups that were visited before
-    /// ([`AssignmentStats::correct_revisits`](experiments::AssignmentStats::correct_revisits)).
+    /// ([`RunStats::correct_revisits`](experiments::RunStats::correct_revisits)).
     pub revisit_accuracy: Result<f64, UndefinedReason>,
     /// Share of dormant units after the stream over all scored policies together, in `[0, 1]`.
     pub dormant_share: Result<f64, UndefinedReason>,
@@ -58,7 +58,7 @@ pub struct GroupMetrics {
     pub reward: f64,
     /// Number of variants for which the learner chose another policy than the group's own after the
     /// stream, and number of all variants
-    /// ([`AssignmentStats::own_policies`](experiments::AssignmentStats::own_policies)).
+    /// ([`RunStats::own_policies`](experiments::RunStats::own_policies)).
     pub mismatch_and_variant_counts: Result<[usize; 2], UndefinedReason>,
     /// Success rate of the group's own policy after the stream, the mean over episodes, in
     /// `[0, 1]`.
@@ -76,7 +76,7 @@ pub struct GroupMetrics {
 impl RunMetrics {
     /// Computes the metrics of a run from its tables.
     pub fn of_run(run: &RunData) -> Self {
-        let ledger = AssignmentStats::from_rollouts(&run.rollouts);
+        let ledger = RunStats::from_rollouts(&run.rollouts);
         let is_grouped = run.experiment.learner.may_hold_several_policies();
         // a learner with one policy assigns nothing: 0 or 1 would mislead
         let accuracy = |share: Option<f64>| {

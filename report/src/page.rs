@@ -26,7 +26,8 @@ const STYLE: &str = include_str!("page.css");
 /// Script that sorts tables, stops films, and shows the figures behind dots and cells.
 const SCRIPT: &str = include_str!("page.js");
 
-/// Returns the HTML page of a report on these methods, scored on these groups, with these tables.
+/// Returns the self-contained HTML page of a report on these methods, with charts over these
+/// groups, and these tables.
 pub fn html_page(
     methods: &[MethodRuns],
     groups: &[String],
@@ -76,33 +77,44 @@ fn title(methods: &[MethodRuns]) -> String {
     }
 }
 
+/// Returns a number with its noun, which gets an `s` unless the number is 1.
+fn with_plural(number: usize, noun: &str) -> String {
+    let ending = if number == 1 { "" } else { "s" };
+    format!("{number} {noun}{ending}")
+}
+
 /// Returns the first screen: three figures of the first method, all methods with intervals, their
 /// learning curves, and a film.
 fn overview(methods: &[MethodRuns], groups: &[String]) -> String {
     let first = &methods[0];
     let success = first.scores(groups, |group| group.success);
     let (count, seeds) = (groups.len(), first.runs.len());
-    let known = |metric: fn(&RunMetrics) -> Result<f64, UndefinedReason>| {
+    // left out where no run knows it
+    let known = |metric: fn(&RunMetrics) -> Result<f64, UndefinedReason>, meaning: &str| {
         let known: Vec<f64> = first.metrics.iter().filter_map(|run| metric(run).ok()).collect();
-        if known.is_empty() { "–".to_owned() } else { format!("{:.3}", mean(&known)) }
+        (!known.is_empty()).then(|| (format!("{:.3}", mean(&known)), meaning.to_owned()))
     };
     let interval = bracketed_interval(success.bootstrap_interval(mean), 2);
     let figures = [
-        (
+        Some((
             format!("{:.3}", success.pooled_statistic(mean)),
-            format!("success after the stream{interval}, {count} groups, {seeds} seeds"),
-        ),
-        (
-            known(|run| run.assignment_accuracy),
-            "of the rollouts went to the policy of their group".to_owned(),
-        ),
-        (
-            known(|run| run.mean_over_groups(|group| group.forgetting)),
-            "of success was lost after a group's last visit".to_owned(),
+            format!(
+                "success after the stream{interval}, {}, {}",
+                with_plural(count, "group"),
+                with_plural(seeds, "seed")
+            ),
+        )),
+        known(|run| run.assignment_accuracy, "of the rollouts went to the policy of their group"),
+        known(
+            |run| run.mean_over_groups(|group| group.forgetting),
+            "of success was lost after a group's last visit",
         ),
     ];
-    let figures = figures
-        .map(|(figure, meaning)| format!("<div><dt>{meaning}</dt><dd>{figure}</dd></div>\n"));
+    let figures: Vec<String> = figures
+        .into_iter()
+        .flatten()
+        .map(|(figure, meaning)| format!("<div><dt>{meaning}</dt><dd>{figure}</dd></div>\n"))
+        .collect();
     let curves = learning_curves::stream_learning_curves_svg(methods)
         .map_or_else(String::new, |svg| chart_html(&svg));
     let film = methods.iter().flat_map(|method| &method.runs).find_map(|run| run.films.first());
@@ -223,7 +235,7 @@ fn of_run(run: &RunData, settings: &str, open: &str) -> String {
          <h3>Settings</h3>\n<p>{}. All are in the run's <code>experiment.json</code>.</p>\n{}</details>\n",
         escape_xml(&run.name),
         unfinished.unwrap_or_default(),
-        chart_html(&curves::run_svg(run)),
+        chart_html(&curves::run_curves_svg(run)),
         films(run),
         time_bar(&run.timings),
         code_html(settings),

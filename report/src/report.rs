@@ -47,10 +47,10 @@ impl Report {
     /// # Errors
     /// [`RunError::Write`] for a file that cannot be written or removed.
     pub fn write(&self, folder: &Path) -> Result<(), RunError> {
-        std::fs::create_dir_all(folder).map_err(RunError::to_write_error_at(folder))?;
+        std::fs::create_dir_all(folder).map_err(RunError::write_error_mapper(folder))?;
         let write = |name: &str, text: String| {
             let path = folder.join(name);
-            std::fs::write(&path, text).map_err(RunError::to_write_error_at(&path))
+            std::fs::write(&path, text).map_err(RunError::write_error_mapper(&path))
         };
         write("report.html", self.html())?;
         write("report.md", self.markdown())?;
@@ -76,7 +76,7 @@ impl Report {
         let runs = self.methods.iter().flat_map(|method| {
             method.runs.iter().map(|run| {
                 let seed = run.experiment.learner.seed();
-                (format!("{}-seed{seed}", method.name), curves::run_svg(run))
+                (format!("{}-seed{seed}", method.name), curves::run_curves_svg(run))
             })
         });
         let seeds = curves::success_by_seed_svgs(&self.methods)
@@ -96,6 +96,6 @@ impl Report {
 fn remove(path: &Path) -> Result<(), RunError> {
     match std::fs::remove_file(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
-        removed => removed.map_err(RunError::to_write_error_at(path)),
+        removed => removed.map_err(RunError::write_error_mapper(path)),
     }
 }

@@ -86,9 +86,9 @@ impl MethodScores {
         })
     }
 
-    /// Returns the probability that a run of this method scores above a run of the other in the
-    /// same group, averaged over groups, and its 95 % interval by a bootstrap over whole runs.
-    /// Equal scores count one half.
+    /// Returns the share of pairs of runs in which this method scores above the other in the same
+    /// group, averaged over groups, and its 95 % interval by a bootstrap over whole runs. Equal
+    /// scores count one half.
     pub fn probability_of_improvement(&self, other: &Self) -> (f64, Option<BootstrapInterval>) {
         let interval = pair_interval(self, other, probability);
         (probability(self, other), interval)

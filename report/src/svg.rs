@@ -66,8 +66,8 @@ impl SvgPlot {
         }
     }
 
-    /// Sets the margins left and right of the panels (pixels), for texts of such a width. Call it
-    /// first.
+    /// Sets the margins left and right of the panels (pixels), for texts of such a width, before
+    /// anything is drawn.
     pub fn with_side_margins(mut self, sides: [f64; 2]) -> Self {
         self.sides = sides;
         self.legend[0] = sides[0];
@@ -110,8 +110,8 @@ impl SvgPlot {
         self.add(format_args!("<text x=\"{x}\" y=\"{y:.1}\" class=\"figure\">{text}</text>"));
     }
 
-    /// Writes names of curves right of the panel, each with a line to the last point of its curve.
-    /// Does nothing if the panel is too low for so many names.
+    /// Writes names of curves right of the panel, each with a line to the last point of its curve,
+    /// if the panel is high enough for all of them.
     pub fn add_curve_labels(&mut self, curves: &[(&str, (f64, f64), &LineStyle)]) {
         let [top, height] = self.panel;
         if NAME_HEIGHT * curves.len() as f64 > height + NAME_HEIGHT {
@@ -145,7 +145,8 @@ impl SvgPlot {
         }
     }
 
-    /// Fills the background of the panel from one x to another, with a title as tooltip.
+    /// Fills the background of the panel between the x values `from` and `to`, with a title as
+    /// tooltip.
     pub fn shade_span(&mut self, from: f64, to: f64, colour: &str, title: &str) {
         let ([top, height], x) = (self.panel, self.x(from));
         let width = self.x(to) - x;
@@ -193,8 +194,8 @@ impl SvgPlot {
         ));
     }
 
-    /// Adds a name and its stroke to the legend, on a new line if the last one is full. Call it
-    /// before the first [`Self::begin_panel`], which begins below the legend.
+    /// Adds a name and its stroke to the legend above the panels, which must be complete before the
+    /// first [`Self::begin_panel`]. A name that does not fit into the last line begins a new one.
     pub fn add_legend_entry(&mut self, name: &str, stroke: &LineStyle) {
         let [left, right] = self.sides;
         let end = left + self.length + right;

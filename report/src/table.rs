@@ -112,7 +112,8 @@ impl ReportTable {
         )
     }
 
-    /// Returns the table's rows as CSV (RFC 4180), the header first. All cells are quoted.
+    /// Returns the table's rows as CSV (RFC 4180), the header first, without caption and footnotes.
+    /// All cells are quoted.
     pub fn csv(&self) -> String {
         let quoted = |cell: &String| format!("\"{}\"", cell.replace('"', "\"\""));
         let line = |cells: &Vec<String>| cells.iter().map(quoted).collect::<Vec<_>>().join(",");
@@ -120,7 +121,8 @@ impl ReportTable {
         rows.map(|row| line(row) + "\r\n").collect()
     }
 
-    /// Returns the table as a LaTeX `tabular` with the rules of `booktabs`.
+    /// Returns the table as a LaTeX `tabular` with the rules of `booktabs`, and caption and
+    /// footnotes as comments.
     pub fn latex(&self) -> String {
         let line = |cells: &Vec<String>| {
             let cells: Vec<String> = cells.iter().map(|cell| latex(cell)).collect();

@@ -12,8 +12,8 @@ use covers::RunData;
 use crate::episode::{VIEWS, place};
 use crate::recording::{DECISION, ROLLOUTS};
 
-/// Returns the viewer's layout: a tab for the stream if the run has tables, and one for each group,
-/// whose four variants stand side by side. Episodes play in real time.
+/// Returns the viewer's layout: a tab for the stream if the run's tables hold rollouts, and one for
+/// each group, whose four variants stand side by side. Episodes play in real time.
 pub(crate) fn of(run: &RunData, groups: &[TaskGroup]) -> Blueprint {
     let has_stream = !run.rollouts.is_empty();
     let stream = has_stream.then(stream);

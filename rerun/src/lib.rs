@@ -22,7 +22,7 @@ use crate::recording::Recording;
 
 /// Records a run and its policies at work for the Rerun viewer.
 #[derive(Clone, Debug, Parser)]
-#[command(version, after_help = "Example: covers-rerun runs/covers-seed0 --out covers.rrd")]
+#[command(version, after_help = "Example: covers-rerun runs/covers-sac-seed0 --out covers.rrd")]
 pub struct RerunOptions {
     /// The folder of a run, or one that `covers pack` made.
     pub run: PathBuf,
@@ -41,8 +41,8 @@ pub struct RerunOptions {
 }
 
 impl RerunOptions {
-    /// Records the stream from the run's tables and one episode of each variant, and prints the
-    /// outcomes to `out`.
+    /// Writes a recording for the Rerun viewer to the file `self.out`, with the stream from the
+    /// run's tables and one episode of each variant, and prints the episodes' outcomes to `out`.
     ///
     /// # Errors
     /// A group that is not in the run's schedule, a folder without policies, a file that exists,
@@ -66,7 +66,7 @@ impl RerunOptions {
         let variants = groups.iter().flat_map(|group| group.variants());
         let record = |variant| episode::record(variant, self.seed, &mut show, &recording);
         let played = pool.install(|| variants.map(record).collect::<Result<Vec<_>, _>>())?;
-        file.write(&recording.finish()?)?;
+        file.write(&recording.into_bytes()?)?;
         // the file is written first, so that a closed pipe loses no recording
         let hint = "`rerun FILE` opens it; episodes play on the timeline `decision`";
         let lines = played.into_iter().chain([format!("{}: {hint}", path.display())]);

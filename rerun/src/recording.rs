@@ -23,7 +23,8 @@ pub(crate) struct Recording {
 }
 
 impl Recording {
-    /// Creates an empty recording for the file `path`, with `blueprint` as the viewer's layout.
+    /// Creates an empty recording in memory, with `blueprint` as the viewer's layout; `path` is the
+    /// file that the caller will write.
     ///
     /// # Errors
     /// [`RunError::Write`] if Rerun's SDK refuses.
@@ -42,7 +43,7 @@ impl Recording {
         Ok(Self { path, stream, bytes })
     }
 
-    /// Returns the path of the file that the recording will be written to.
+    /// Returns the path of the file that the caller will write the recording to.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -74,11 +75,11 @@ impl Recording {
         logged.map_err(refused(&self.path))
     }
 
-    /// Ends the recording, and returns the bytes of its file.
+    /// Ends the recording and returns the contents of its file, which the caller writes.
     ///
     /// # Errors
     /// [`RunError::Write`] if the recording cannot be encoded.
-    pub fn finish(self) -> Result<Vec<u8>, RunError> {
+    pub fn into_bytes(self) -> Result<Vec<u8>, RunError> {
         self.stream.flush_blocking().map_err(refused(&self.path))?;
         let bytes = self.bytes.read();
         bytes.ok_or_else(|| refused(&self.path)("the recording could not be encoded"))

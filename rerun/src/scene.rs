@@ -20,8 +20,8 @@ pub(crate) struct ShapeRecorder {
 }
 
 impl ShapeRecorder {
-    /// Records the shapes of a table, and the camera above it, whose images are children of its
-    /// path.
+    /// Records the shapes of a table and the camera above it, and returns the recorder of their
+    /// poses. Images of the camera are children of its path.
     pub fn record_shapes(
         place: String,
         table: &TableTop,
@@ -41,7 +41,8 @@ impl ShapeRecorder {
         Ok(Self { place, last })
     }
 
-    /// Records the poses of the shapes that have moved.
+    /// Records the poses of the shapes that have moved since the last call; the first call records
+    /// all.
     pub fn record_moved_poses(
         &mut self,
         table: &TableTop,

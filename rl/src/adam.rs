@@ -63,8 +63,8 @@ impl Adam {
         }
     }
 
-    /// Updates `params` in place by one Adam step against `gradient`. Parameters outside every
-    /// group stay as they are.
+    /// Updates the parameters of `groups` in `params` by one Adam step against `gradient`, each
+    /// group at its own learning rate; all others stay as they are.
     ///
     /// # Panics
     /// If `params`, `gradient` and the moments differ in length, or a group lies outside them.

@@ -110,9 +110,9 @@ impl RolloutBuffer {
             return Err(RlError::BufferFull { steps: self.steps });
         }
         let n = self.spec.num_envs;
-        observations.check(&self.spec, n)?;
+        observations.check_lengths(&self.spec, n)?;
         observations.check_finite(&self.spec)?;
-        decisions.check(&self.spec, n)?;
+        decisions.check_lengths(&self.spec, n)?;
         decisions.check_finite()?;
         transition.check(&self.spec)?;
         check_final_values(&transition.outcomes, final_values)?;
@@ -156,7 +156,7 @@ impl RolloutBuffer {
         }
         check_len("last_values", "[N]", last_values.len(), self.spec.num_envs)?;
         check_all_finite("a value", last_values)?;
-        last.check(&self.spec, self.spec.num_envs)?;
+        last.check_lengths(&self.spec, self.spec.num_envs)?;
         last.check_finite(&self.spec)?;
         self.last_values.copy_from_slice(last_values);
         self.last_observations.clone_from(last);
@@ -177,7 +177,7 @@ impl RolloutBuffer {
         self.check_finished()?;
         let mut decisions = self.decisions.clone();
         policy.evaluate_actions(&self.observations, &mut decisions)?;
-        decisions.check(&self.spec, self.num_samples())?;
+        decisions.check_lengths(&self.spec, self.num_samples())?;
         decisions.check_finite()?;
         let final_values =
             finite_values(policy, &self.final_observations, self.truncated_samples.len())?;
@@ -203,13 +203,13 @@ impl RolloutBuffer {
         self.resize(self.capacity);
     }
 
-    /// Computes the advantages and the returns of all decisions, each `[T, N]`, by [`gae`]; `gamma`
-    /// and `lambda` are in [0, 1].
+    /// Writes the advantages and the returns of all decisions, each `[T, N]`, which [`gae`]
+    /// computes with the discount `gamma` and the decay `lambda`, both in [0, 1].
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::ShapeMismatch`] for wrong
     /// lengths.
-    pub fn advantages(
+    pub fn write_advantages_and_returns(
         &self,
         gamma: f32,
         lambda: f32,
@@ -257,7 +257,8 @@ impl RolloutBuffer {
         &self.spec
     }
 
-    /// Returns T, the number of steps of every environment in a full rollout.
+    /// Returns T, the number of steps of every environment in a full rollout: those allocated, or
+    /// fewer after [`RolloutBuffer::truncate`].
     pub fn steps_per_env(&self) -> usize {
         self.steps
     }
@@ -405,8 +406,9 @@ fn value_truncated<P: ValueFunction>(
 }
 
 impl RolloutBuffer {
-    /// Shortens the rollout to its first `steps` steps, until [`RolloutBuffer::clear`]. Episodes
-    /// that still run at the cut bootstrap from the recorded values of the next step.
+    /// Shortens a finished rollout to its first `steps` steps, until [`RolloutBuffer::clear`]; a
+    /// shorter rollout stays as it is. Episodes that still run at the cut bootstrap from the
+    /// recorded values of the next step.
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::InvalidSetting`] for 0 steps.

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use equivariant::LayerSignature;
 use equivariant::gpu::{
     BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuDevice, GpuError, GpuTensor,
-    KernelDispatch, PassSelection, WorkgroupCount,
+    KernelDispatch, PassesToRun, WorkgroupCount,
 };
 use rand_chacha::ChaCha8Rng;
 
@@ -68,7 +68,8 @@ impl ObservationBuffers {
         }
     }
 
-    /// Copies images `[N, H, W, C]` and vectors `[N, D]` to the GPU.
+    /// Copies images `[N, H, W, C]`, padded to the encoder's input size, and vectors `[N, D]`,
+    /// reordered to irrep-major order, to the GPU; no images without an image encoder.
     pub fn upload(
         self,
         program: &CompiledPlan,
@@ -89,7 +90,7 @@ impl ObservationBuffers {
 }
 
 /// Adds the forward and backward pass of the network, on the observations of a batch, to the
-/// kernels in `plan`.
+/// kernels in `plan`; returns its output tensors.
 pub(crate) fn add_network(
     plan: &mut ComputePlan,
     network: &ActorCritic<f32>,
@@ -143,7 +144,7 @@ fn gather_kernel(
     let [pixels, components] = [image, vector].map(|x| x.map_or(0, |x| x.shape.len()));
     let [x_image, x_vector] =
         [image, vector].map(|x| x.map_or_else(|| plan.add_buffer(0, 0), |x| x.values));
-    KernelDispatch::new("gather", 1, WorkgroupCount::threads_per_sample(pixels + components))
+    KernelDispatch::new("gather", 1, WorkgroupCount::for_threads_per_sample(pixels + components))
         .add_u32_constants([("IMAGE", pixels), ("VECTOR", components)])
         .add_wgsl(SAMPLE_STRUCT_WGSL)
         .add_input_buffer("samples", "Sample", observation_buffers.samples)
@@ -255,7 +256,7 @@ impl GpuPolicy {
         self.observation_buffers.upload(&self.program, network, images, vectors);
         let samples = range.len();
         let batch = BatchUniforms { samples, ..BatchUniforms::default() };
-        self.program.submit_passes(PassSelection::Forward, batch);
+        self.program.submit_passes(PassesToRun::Forward, batch);
         let [mean, value] = self.outputs;
         let requests = [(mean, samples * width), (value, samples)];
         let [means, values] = self.program.read_floats(requests)?;

@@ -13,9 +13,9 @@ use crate::env::choice_ranges;
 use crate::error::{RlError, require};
 
 /// Fills `out` with independent standard normal numbers: Box and Muller, "A note on the generation
-/// of random normal deviates" (Ann. Math. Statist. 29, 1958). Unlike rejection methods, it draws
-/// two uniform numbers for each pair, so the generator's position depends on the length of `out`
-/// alone.
+/// of random normal deviates" (Annals of Mathematical Statistics 29, 1958). Unlike rejection
+/// methods, it draws two uniform numbers for each pair, so the generator's position depends on the
+/// length of `out` alone.
 pub(crate) fn standard_normals(rng: &mut impl Rng, out: &mut [f32]) {
     for pair in out.chunks_mut(2) {
         let (u, v) = (rng.random::<f64>(), rng.random::<f64>());

@@ -7,7 +7,8 @@ use equivariant::hadamard_transform;
 use symmetry::{D2, Group, Irrep};
 
 use crate::error::{
-    BoxedEnvError, NumberLocation, RlError, check_finite_at, check_len, require, require_memory,
+    BoxedEnvError, InvalidNumberLocation, RlError, check_finite_at, check_len, require,
+    require_memory,
 };
 
 /// Largest magnitude accepted for a component of an observation vector; components should be of
@@ -62,9 +63,9 @@ impl EnvSpec {
         starting.zip(ends).map(|(start, end)| start..end)
     }
 
-    /// Changes a discrete action `[A]`, logits of its choices or their gradient between the basis
-    /// of choices and that of `action_irreps`, by an orthonormal transform that is its own inverse.
-    /// Continuous actions stay as they are.
+    /// Changes the basis of a discrete action `[A]`, of its logits or of their gradient, from
+    /// choices to `action_irreps` or back: the orthonormal transform is its own inverse. Continuous
+    /// actions stay as they are.
     pub(crate) fn change_action_basis(&self, action: &mut [f64]) {
         if self.choices.is_empty() {
             return;
@@ -130,8 +131,8 @@ impl EnvSpec {
         require_memory("the rollouts", &[self.num_envs, steps, sample])
     }
 
-    /// Rejects an `other` spec with another image shape or other irreps of vector or action; the
-    /// number of environments may differ.
+    /// Rejects an `other` spec with another image shape, other irreps of vector or action, or other
+    /// choices; the number of environments may differ.
     ///
     /// # Errors
     /// [`RlError::SpecMismatch`] names the field.
@@ -158,7 +159,8 @@ pub(crate) fn choice_ranges(choices: &[usize]) -> impl Iterator<Item = Range<usi
     })
 }
 
-/// One observation of each of N environments. `Debug` prints only the length of the images.
+/// N observations, images and vectors: usually one of each of N environments. `Debug` prints only
+/// the length of the images.
 #[derive(Clone, PartialEq)]
 pub struct Observations {
     /// Pixels `[N, H, W, C]` in 0..=255; pixel row 0 lies at the largest y, pixel column 0 at the
@@ -187,7 +189,7 @@ impl Observations {
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] names the array, what it holds and what it should hold.
-    pub fn check(&self, spec: &EnvSpec, samples: usize) -> Result<(), RlError> {
+    pub fn check_lengths(&self, spec: &EnvSpec, samples: usize) -> Result<(), RlError> {
         check_len("images", "[N, H, W, C]", self.images.len(), samples * spec.image_len())?;
         check_len("vectors", "[N, D]", self.vectors.len(), samples * spec.vector_irreps.len())
     }
@@ -199,7 +201,7 @@ impl Observations {
             0 => self.images.len() / spec.image_len().max(1),
             width => self.vectors.len() / width,
         };
-        self.check(spec, samples)?;
+        self.check_lengths(spec, samples)?;
         Ok(samples)
     }
 
@@ -252,7 +254,7 @@ fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlErr
     let Some(component) = wrong else {
         return Ok(());
     };
-    let location = NumberLocation { env: Some(env), component: Some(component), step: None };
+    let location = InvalidNumberLocation { env: Some(env), component: Some(component), step: None };
     let value = row[component];
     check_finite_at(what, f64::from(value), location)?;
     Err(RlError::ObservationTooLarge { what, location, value, limit: MAX_ABS_OBSERVATION })
@@ -261,7 +263,7 @@ fn check_vector(what: &'static str, env: usize, row: &[f32]) -> Result<(), RlErr
 fn check_rewards(rewards: &[f32]) -> Result<(), RlError> {
     let wrong = rewards.iter().position(|reward| !reward.is_finite());
     wrong.map_or(Ok(()), |env| {
-        let location = NumberLocation { env: Some(env), ..NumberLocation::default() };
+        let location = InvalidNumberLocation { env: Some(env), ..InvalidNumberLocation::default() };
         check_finite_at("a reward", f64::from(rewards[env]), location)
     })
 }
@@ -348,8 +350,8 @@ impl Transition {
     /// environment with `success_at_end` but not `success`.
     pub fn check(&self, spec: &EnvSpec) -> Result<(), RlError> {
         let n = spec.num_envs;
-        self.observations.check(spec, n)?;
-        self.final_observations.check(spec, n)?;
+        self.observations.check_lengths(spec, n)?;
+        self.final_observations.check_lengths(spec, n)?;
         check_len("rewards", "[N]", self.rewards.len(), n)?;
         check_len("outcomes", "[N]", self.outcomes.len(), n)?;
         check_len("success", "[N]", self.success.len(), n)?;

@@ -29,7 +29,8 @@ pub enum RlError {
          prepared for; make a new GpuPolicy"
     )]
     NetworkMismatch,
-    /// A request for a [`SymmetryLoss`](crate::SymmetryLoss) on a GPU, where it is not available.
+    /// A request for a [`SymmetryLossSettings`](crate::SymmetryLossSettings) on a GPU, where it is
+    /// not available.
     #[cfg(feature = "wgpu")]
     #[error(
         "the setting `symmetry` asks for a symmetry loss, which a GPU does not compute; train on \
@@ -238,7 +239,7 @@ pub enum RlError {
     /// A step pushed to a replay buffer that does not continue the episode.
     #[error(
         "the observation of environment {env} differs from the one that its last step led to; \
-         call `ReplayBuffer::cut_episodes` after a reset"
+         call `ReplayBuffer::cut_running_episodes` after a reset"
     )]
     EpisodeNotContinued {
         /// Index of the environment whose step does not continue its episode, in 0..N.
@@ -275,7 +276,7 @@ pub enum RlError {
         /// Name of the quantity that is infinite or NaN.
         what: &'static str,
         /// Environment, component and step of the infinite or NaN number.
-        location: NumberLocation,
+        location: InvalidNumberLocation,
         /// Infinite or NaN value of the quantity.
         value: f64,
     },
@@ -288,7 +289,7 @@ pub enum RlError {
         /// Name of the observed quantity that is too large.
         what: &'static str,
         /// Environment, component and step of the number that is too large.
-        location: NumberLocation,
+        location: InvalidNumberLocation,
         /// Value of the observation's component that is too large.
         value: f32,
         /// Largest magnitude accepted for a component of an observation vector.
@@ -299,9 +300,10 @@ pub enum RlError {
     Environment(#[source] BoxedEnvError),
 }
 
-/// Location of a number in the data: environment, component and step, as far as they are known.
+/// Location in the data of a number that an error reports: environment, component and step, as far
+/// as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct NumberLocation {
+pub struct InvalidNumberLocation {
     /// Index of the environment that the number belongs to, in 0..N.
     pub env: Option<usize>,
     /// Index of the number among the components of an observation vector or an action.
@@ -310,7 +312,7 @@ pub struct NumberLocation {
     pub step: Option<usize>,
 }
 
-impl fmt::Display for NumberLocation {
+impl fmt::Display for InvalidNumberLocation {
     /// Formats the known parts as ` (environment 1, step 3)`; nothing if none is known.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let parts = [("environment", self.env), ("component", self.component), ("step", self.step)];
@@ -373,14 +375,14 @@ pub(crate) fn check_len(
 
 /// Rejects a `value` that is infinite or NaN.
 pub(crate) fn check_finite(what: &'static str, value: f64) -> Result<(), RlError> {
-    check_finite_at(what, value, NumberLocation::default())
+    check_finite_at(what, value, InvalidNumberLocation::default())
 }
 
 /// Rejects a `value` that is infinite or NaN, and reports its `location`.
 pub(crate) fn check_finite_at(
     what: &'static str,
     value: f64,
-    location: NumberLocation,
+    location: InvalidNumberLocation,
 ) -> Result<(), RlError> {
     if value.is_finite() { Ok(()) } else { Err(RlError::NotFinite { what, location, value }) }
 }
@@ -399,8 +401,11 @@ pub(crate) fn check_rows_finite(
 ) -> Result<(), RlError> {
     let wrong = values.iter().position(|value| !value.is_finite());
     wrong.map_or(Ok(()), |index| {
-        let location =
-            NumberLocation { env: Some(index / width), component: Some(index % width), step: None };
+        let location = InvalidNumberLocation {
+            env: Some(index / width),
+            component: Some(index % width),
+            step: None,
+        };
         check_finite_at(what, f64::from(values[index]), location)
     })
 }

@@ -50,7 +50,7 @@ pub enum ExportedActionDistribution {
     },
 }
 
-/// A policy exported as ordinary dense layers.
+/// A policy exported as ordinary layers: convolutions, matrix products, ReLUs and max-pooling.
 ///
 /// ```text
 /// image  [C, H, W], bytes b as b / 255 - 0.5 -> image layers  -> [G n, 1, 1], element-major
@@ -77,7 +77,7 @@ pub struct ExportedPolicy {
     pub critic: Option<(Vec<ExportedLayer>, bool)>,
 }
 
-/// Output of a policy for N observations.
+/// Output of a policy for N observations: mean actions, log_std and state values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyOutput {
     /// Mean actions `[N, A]`, as an evaluation executes them.
@@ -88,7 +88,7 @@ pub struct PolicyOutput {
     pub values: Option<Vec<f32>>,
 }
 
-/// A policy that can be exported as ordinary dense layers.
+/// A policy that can be exported as ordinary layers, which any neural-network library can run.
 pub trait ExportPolicy {
     /// Returns the policy as ordinary layers, whose outputs differ from the policy's by rounding
     /// only.
@@ -101,7 +101,8 @@ pub trait ExportPolicy {
     /// layers is compared.
     ///
     /// # Errors
-    /// [`RlError::ShapeMismatch`] for observations of other environments.
+    /// [`RlError::ShapeMismatch`] for observations of other environments;
+    /// [`RlError::NotExportable`] for a policy whose output depends on earlier observations.
     fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError>;
 }
 

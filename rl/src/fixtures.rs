@@ -70,7 +70,7 @@ pub fn replay_with_newest(newest: usize) -> ReplayBuffer {
     fill_random(&mut rng, &mut now);
     for step in 0..6 {
         if ENVS * (6 - step) == newest {
-            replay.start_newest_experience();
+            replay.mark_newest_from_now();
         }
         fill_random(&mut rng, &mut transition.observations);
         fill_random(&mut rng, &mut transition.final_observations);

@@ -11,8 +11,10 @@
 //! | a new | implements | example |
 //! |---|---|---|
 //! | environment | [`VectorEnv`] | below |
-//! | actor | [`Actor`] and its [`ActorMemory`]; [`OnPolicyActor`] for rollouts | `tests/memory.rs` |
-//! | algorithm | [`Algorithm`]; [`ExperienceBuffer`] for a new buffer | `src/replay.rs`, `src/sac.rs` |
+//! | actor | [`Actor`] and its [`ActorMemory`]; [`OnPolicyActor`] for rollouts | `tests/memory.rs`
+//! |
+//! | algorithm | [`Algorithm`]; [`ExperienceBuffer`] for a new buffer | `src/replay.rs`,
+//! `src/sac.rs` |
 //!
 //! - The policy is exactly equivariant under D2, the group of flips of x and y, or a subgroup of
 //!   choice: if the observation is flipped, the policy's mean action is flipped, and its value and
@@ -71,7 +73,7 @@ pub use buffer::RolloutBuffer;
 pub use device::GpuPolicy;
 pub use encoder::EncoderSettings;
 pub use env::{EnvSpec, MAX_ABS_OBSERVATION, Observations, StepOutcome, Transition, VectorEnv};
-pub use error::{BoxedEnvError, NumberLocation, RlError, SymmetryViolation};
+pub use error::{BoxedEnvError, InvalidNumberLocation, RlError, SymmetryViolation};
 pub use export::{
     ExportPolicy, ExportedActionDistribution, ExportedLayer, ExportedPolicy, PolicyOutput,
 };
@@ -86,17 +88,18 @@ pub use policy::{
 pub use ppo::Ppo;
 pub use ppo::settings::{LearningRateSchedule, PpoSettings};
 pub use ppo::stats::PpoStats;
-pub use ppo::symmetry_loss::SymmetryLoss;
+pub use ppo::symmetry_loss::SymmetryLossSettings;
 pub use ranks::{ProcessCommunicator, ProcessRanks};
 pub use replay::state::{ReplayState, StoredEpisode};
 pub use replay::{ReplayBuffer, ReplaySettings, ReplayStep};
 pub use rollout::{
-    EpisodeStats, ExperienceBuffer, MAX_ABS_RETURN, MIN_ABS_RETURN, RewardWarning, RolloutState,
-    RolloutStats, collect_experience, evaluate_policy, evaluate_policy_with_callback,
+    EpisodeStats, ExperienceBuffer, MAX_RECOMMENDED_ABS_RETURN, MIN_RECOMMENDED_ABS_RETURN,
+    RewardWarning, RolloutState, RolloutStats, collect_experience, evaluate_policy,
+    evaluate_policy_with_callback,
 };
 pub use sac::Sac;
 pub use sac::network::SacNetwork;
 pub use sac::policy::{SacActorMemory, SacPolicy};
-pub use sac::settings::{EntropyTemperature, RecurrentContextSettings, SacSettings};
+pub use sac::settings::{EntropyTemperatureSettings, RecurrentContextSettings, SacSettings};
 pub use sac::stats::SacStats;
 pub use symmetry_check::check_env_symmetry;

@@ -14,8 +14,8 @@ use crate::trunk::{
     HasTrunk, HasTrunkWorkspace, LayerBuffers, ParamAllocator, Trunk, TrunkWorkspace, head,
 };
 
-/// The policy network of COVERS (Liu et al., CoRL 2023, section 4.1, "Policy network
-/// architecture").
+/// The policy network of COVERS, an equivariant actor and an invariant critic on shared features
+/// (Liu et al., CoRL 2023, section 4.1, "Policy network architecture").
 ///
 /// ```text
 /// image  [H, W, C] -> Encoder -----------------------------------------------+
@@ -37,8 +37,8 @@ use crate::trunk::{
 /// an ordinary one of the same width, whose pooling does nothing.
 ///
 /// The network owns no weights. Parameters are one flat slice: the image encoder's
-/// ([`ActorCritic::encoder_param_range`]), then all others ([`ActorCritic::head_param_range`]), the
-/// last A of which are log_std.
+/// ([`ActorCritic::encoder_param_range`]), then all others
+/// ([`ActorCritic::non_encoder_param_range`]), the last A of which are log_std.
 pub struct ActorCritic<T> {
     pub(crate) trunk: Trunk<T>,
     pub(crate) actor: Sequential<T>,
@@ -87,8 +87,8 @@ impl<T: Scalar> ActorCritic<T> {
     }
 
     /// Returns the range of all parameters but those of the image encoder in the flat parameter
-    /// slice.
-    pub fn head_param_range(&self) -> Range<usize> {
+    /// slice: the vector's layer, actor, critic and log_std.
+    pub fn non_encoder_param_range(&self) -> Range<usize> {
         self.encoder_param_range().end..self.num_params()
     }
 
@@ -382,9 +382,12 @@ mod tests {
         assert_eq!(params.len(), network.num_params());
         assert_eq!(
             (network.encoder_param_range().start, network.encoder_param_range().end),
-            (0, network.head_param_range().start)
+            (0, network.non_encoder_param_range().start)
         );
-        assert_eq!((network.head_param_range().end, network.feature_dim()), (params.len(), 64));
+        assert_eq!(
+            (network.non_encoder_param_range().end, network.feature_dim()),
+            (params.len(), 64)
+        );
         assert_eq!(params[params.len() - 4..], [-0.5; 4]);
         let actor_out =
             &params[network.param_ranges().actor.end - 4 * 32..network.param_ranges().actor.end];
@@ -396,7 +399,7 @@ mod tests {
     fn sides() -> [(NetworkSettings, usize, [usize; 2], &'static str); 2] {
         [
             (NetworkSettings::default(), 48, [50, 8], "multiples of 16"),
-            (NetworkSettings::so2_128(), 128, [64, 256], "exactly 128 x 128"),
+            (NetworkSettings::so2_paper_128px(), 128, [64, 256], "exactly 128 x 128"),
         ]
     }
 

@@ -166,15 +166,15 @@ where
     }
 }
 
-/// Rejects parameters of another network, and parameters that are infinite or NaN, which would only
-/// show up later as a loss that is not finite.
+/// Rejects a number of parameters other than `expected`, and parameters that are infinite or NaN,
+/// which would only show up later as a loss that is not finite.
 pub(crate) fn check_saved_params(params: &[f32], expected: usize) -> Result<(), RlError> {
     check_params_fit_network(params.len(), expected)?;
     check_all_finite("a parameter", params)
 }
 
-/// An [`ActorCritic`] with its parameters: a memoryless diagonal Gaussian policy that is exactly
-/// equivariant under the group of its settings.
+/// An [`ActorCritic`] with its parameters: a memoryless policy, Gaussian or of discrete choices,
+/// that is exactly equivariant under the group of its settings.
 pub type ActorCriticPolicy = NetworkPolicy<ActorCritic<f32>, ActorCriticWorkspace<f32>>;
 
 impl ActorCriticPolicy {
@@ -264,7 +264,8 @@ impl ActorCriticPolicy {
         })
     }
 
-    /// Samples actions `[N, A]` around the means in `outputs`.
+    /// Writes actions `[N, A]` that are sampled with `rng` from the action distributions of the
+    /// last forward pass.
     pub(crate) fn write_actions(
         &self,
         samples: usize,
@@ -285,7 +286,7 @@ impl ActorCriticPolicy {
         noise: &[f32],
         out: &mut Decisions,
     ) -> Result<(), RlError> {
-        out.check(self.network().spec(), samples)?;
+        out.check_lengths(self.network().spec(), samples)?;
         check_len("noise", "[N, A]", noise.len(), samples * self.action_dim())?;
         out.actions.copy_from_slice(noise);
         self.sample(&mut out.actions);
@@ -406,7 +407,7 @@ impl EvaluateActions for ActorCriticPolicy {
         decisions: &mut Decisions,
     ) -> Result<(), RlError> {
         let samples = self.run(observations)?;
-        decisions.check(self.network().spec(), samples)?;
+        decisions.check_lengths(self.network().spec(), samples)?;
         self.write_log_probs(decisions);
         Ok(())
     }

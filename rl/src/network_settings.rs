@@ -7,8 +7,9 @@ use symmetry::Group;
 use crate::encoder::{EncoderSettings, num_group_fields};
 use crate::error::{RlError, require_log_std, require_positive, require_width};
 
-/// Layer widths and initial values of the parameters of [`crate::ActorCritic`]. The default is the
-/// network tuned for images of 48 x 48 pixels.
+/// Settings of an [`crate::ActorCritic`] or a [`crate::SacNetwork`]: symmetry group, image encoder,
+/// layer widths, and initial values of the parameters. The default is the network tuned for images
+/// of 48 x 48 pixels.
 ///
 /// In a file, a field that is missing has its default, and one that does not exist is an error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -120,9 +121,10 @@ impl NetworkSettings {
         }
     }
 
-    /// Returns the network settings of D. Wang et al.'s SO(2)-equivariant agents with n = 64, for
-    /// images of 128 x 128 pixels (see [`EncoderSettings::Pooled`]), with the critic of COVERS.
-    pub fn so2_128() -> Self {
+    /// Returns network settings for images of 128 x 128 pixels: the encoder of "SO(2)-equivariant
+    /// reinforcement learning" (ICLR 2022) with n = 64 ([`EncoderSettings::Pooled`]), and the
+    /// pooled critic of COVERS.
+    pub fn so2_paper_128px() -> Self {
         Self {
             encoder: EncoderSettings::Pooled { fields: vec![8, 16, 32, 64], inner: [128, 64] },
             top_fields: 64,

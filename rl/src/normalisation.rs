@@ -4,13 +4,14 @@ use serde::{Deserialize, Serialize};
 use symmetry::Irrep;
 
 use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
-use crate::error::{BoxedEnvError, RlError, check_len, require_positive, require_share};
+use crate::error::{BoxedEnvError, RlError, check_len, require, require_positive, require_share};
 
 /// Share of the root mean square below which a standard deviation does not count, so that a
 /// quantity that hardly varies is not divided by almost zero.
 const MIN_RELATIVE_STD: f64 = 1e-3;
 
-/// Settings of a [`NormalisedEnv`]. Save them with a policy, and the [`NormalisationState`], too.
+/// Settings of a [`NormalisedEnv`]: the numbers that it scales, the discount of returns, and the
+/// clip. Save them with a policy, and the [`NormalisationState`], too.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct NormalisationSettings {
@@ -52,6 +53,18 @@ struct Moments {
 impl Moments {
     fn new(width: usize) -> Self {
         Self { count: 0, means: vec![0.0; width], squares: vec![0.0; width] }
+    }
+
+    /// Rejects moments that no numbers have.
+    fn check(&self) -> Result<(), RlError> {
+        for &mean in &self.means {
+            require("saved mean", mean as f32, "a finite number", mean.is_finite())?;
+        }
+        for &square in &self.squares {
+            let fits = square.is_finite() && square >= 0.0;
+            require("saved sum of squares", square as f32, "a finite number from 0", fits)?;
+        }
+        Ok(())
     }
 
     /// Counts the rows of `values` `[N, width]`.
@@ -97,7 +110,8 @@ pub struct NormalisedEnv<E> {
 }
 
 impl<E: VectorEnv> NormalisedEnv<E> {
-    /// Wraps the environments `env`; the running statistics begin with the first step.
+    /// Wraps the environments `env`; the running statistics begin empty, with the first reset, and
+    /// training is on ([`NormalisedEnv::set_training`]).
     ///
     /// # Errors
     /// [`RlError::InvalidSetting`] for a setting out of range.
@@ -113,7 +127,8 @@ impl<E: VectorEnv> NormalisedEnv<E> {
         Ok(Self { env, settings, state, is_training: true, returns })
     }
 
-    /// Chooses between training, which updates the statistics and scales rewards, and evaluation.
+    /// Chooses between training, which updates the statistics and scales rewards, and evaluation,
+    /// which does neither; observation vectors are normalised in both.
     pub fn set_training(&mut self, is_training: bool) {
         self.is_training = is_training;
     }
@@ -131,7 +146,9 @@ impl<E: VectorEnv> NormalisedEnv<E> {
     /// Replaces the running statistics of the normalisation by saved ones.
     ///
     /// # Errors
-    /// [`RlError::ShapeMismatch`] for statistics of vectors of another length.
+    /// [`RlError::ShapeMismatch`] for statistics of vectors of another length;
+    /// [`RlError::InvalidSetting`] for means that are not finite, and for sums of squares that are
+    /// not finite or are negative.
     pub fn restore_normalisation_state(
         &mut self,
         state: NormalisationState,
@@ -141,6 +158,8 @@ impl<E: VectorEnv> NormalisedEnv<E> {
         check_len("saved squares", "[D]", saved.squares.len(), own.means.len())?;
         check_len("saved returns", "[1]", state.returns.means.len(), 1)?;
         check_len("saved squares of returns", "[1]", state.returns.squares.len(), 1)?;
+        state.observations.check()?;
+        state.returns.check()?;
         self.state = state;
         Ok(())
     }

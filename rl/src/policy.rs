@@ -151,7 +151,7 @@ impl Decisions {
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] names the array, what it holds and what it should hold.
-    pub fn check(&self, spec: &EnvSpec, samples: usize) -> Result<(), RlError> {
+    pub fn check_lengths(&self, spec: &EnvSpec, samples: usize) -> Result<(), RlError> {
         let width = spec.action_irreps.len();
         check_len("actions", "[N, A]", self.actions.len(), samples * width)?;
         check_len("log_probs", "[N]", self.log_probs.len(), samples)?;

@@ -69,7 +69,7 @@ impl Ppo {
     ///
     /// # Errors
     /// Errors of [`Ppo::new`], and [`RlError::UnsupportedOnGpu`] for a
-    /// [`SymmetryLoss`](crate::SymmetryLoss).
+    /// [`SymmetryLossSettings`](crate::SymmetryLossSettings).
     #[cfg(feature = "wgpu")]
     pub fn on_device(
         settings: PpoSettings,
@@ -113,8 +113,8 @@ impl Algorithm for Ppo {
     type Stats = PpoStats;
 
     /// Trains `policy` in several passes over the minibatches of a finished rollout. `rng` gives
-    /// the group elements of a [`SymmetryLoss`](crate::SymmetryLoss), then the order of the
-    /// minibatches. The same inputs give the same bits on any number of threads.
+    /// the group elements of a [`SymmetryLossSettings`](crate::SymmetryLossSettings), then the
+    /// order of the minibatches. The same inputs give the same bits on any number of threads.
     ///
     /// The update stops before the first gradient step whose minibatch has a KL divergence above
     /// [`PpoSettings::kl_stop_threshold`] (Stable-Baselines3, `PPO.train`).
@@ -175,7 +175,12 @@ impl TrainingBatch {
         let (advantages, returns) = (&mut self.advantages, &mut self.returns);
         advantages.resize(buffer.num_samples(), 0.0);
         returns.resize(buffer.num_samples(), 0.0);
-        buffer.advantages(settings.gamma, settings.lambda, advantages, returns)?;
+        buffer.write_advantages_and_returns(
+            settings.gamma,
+            settings.lambda,
+            advantages,
+            returns,
+        )?;
         check_all_finite("a return", returns)?;
         self.actions.clear();
         self.actions.extend(buffer.decisions().actions.iter().map(|&a| f64::from(a)));

@@ -52,7 +52,7 @@ pub struct ReplayBuffer {
 
 impl ReplayBuffer {
     /// Creates an empty replay buffer for the environments of `spec`; their number may change, see
-    /// [`ReplayBuffer::cut_episodes`]. Memory is allocated as steps are recorded.
+    /// [`ReplayBuffer::cut_running_episodes`]. Memory is allocated as steps are recorded.
     ///
     /// # Errors
     /// [`RlError::EmptySpec`] or [`RlError::InvalidSetting`] for sizes out of range.
@@ -88,7 +88,7 @@ impl ReplayBuffer {
         transition: &Transition,
     ) -> Result<(), RlError> {
         let n = self.spec.num_envs;
-        observations.check(&self.spec, n)?;
+        observations.check_lengths(&self.spec, n)?;
         observations.check_finite(&self.spec)?;
         check_len("actions", "[N, A]", actions.len(), n * self.sizes.action)?;
         check_rows_finite("an action", actions, self.sizes.action)?;
@@ -102,10 +102,10 @@ impl ReplayBuffer {
         Ok(())
     }
 
-    /// Cuts the running episodes: the next observations start new ones. Call it before a collection
-    /// that begins with a reset. The last steps count as [`StepOutcome::Running`]. Afterwards, a
-    /// collection may have another number of environments.
-    pub fn cut_episodes(&mut self) {
+    /// Cuts the running episodes: the next observations start new ones, and the last steps still
+    /// count as [`StepOutcome::Running`]. Call it before a collection that begins with a reset.
+    /// Afterwards, a collection may have another number of environments.
+    pub fn cut_running_episodes(&mut self) {
         for number in self.running_episodes.iter_mut().filter_map(Option::take) {
             if let Some(episode) =
                 self.stored_episodes.get_mut((number - self.first_episode) as usize)
@@ -118,7 +118,7 @@ impl ReplayBuffer {
     /// Starts the newest experience, to which all steps recorded from now on belong:
     /// [`ReplayBuffer::sample_indices`] takes a share of its steps from it. Before the first call,
     /// all steps count as newest.
-    pub fn start_newest_experience(&mut self) {
+    pub fn mark_newest_from_now(&mut self) {
         self.mark_newest_steps(0);
     }
 
@@ -128,7 +128,7 @@ impl ReplayBuffer {
     }
 
     /// Samples the indices of `batch` steps with replacement: a share `newest` in [0, 1], rounded,
-    /// from the newest experience ([`ReplayBuffer::start_newest_experience`]), the others from all
+    /// from the newest experience ([`ReplayBuffer::mark_newest_from_now`]), the others from all
     /// steps. If there is no newest experience, all are drawn from all steps.
     ///
     /// # Panics
@@ -397,8 +397,8 @@ impl<'a> ReplayStep<'a> {
     }
 
     /// Returns the state of the episode after the step. After
-    /// [`ReplayBuffer::cut_episodes`](crate::ReplayBuffer::cut_episodes), an episode's last step
-    /// stays [`StepOutcome::Running`].
+    /// [`ReplayBuffer::cut_running_episodes`](crate::ReplayBuffer::cut_running_episodes), an
+    /// episode's last step stays [`StepOutcome::Running`].
     pub fn outcome(&self) -> StepOutcome {
         if self.step + 1 == self.episode.num_steps() {
             self.episode.outcome
@@ -423,8 +423,8 @@ impl<'a> ReplayStep<'a> {
     }
 
     /// Returns the step `count` steps before this one in its episode; `None` if the episode begins
-    /// later. At least 256 dropped steps of an episode longer than the buffer's capacity remain
-    /// available.
+    /// later or that step is no longer stored. At least 256 dropped steps of an episode longer than
+    /// the buffer's capacity remain available.
     pub fn step_before(&self, count: usize) -> Option<Self> {
         let step = self.step.checked_sub(count)?;
         Some(Self { step, ..*self })

@@ -66,9 +66,11 @@ impl RolloutStats {
         self.mean(|e| f64::from(u8::from(e.success_at_end)))
     }
 
-    /// Returns a warning if the returns of episodes are too large or too small to train on.
+    /// Returns a warning if the largest magnitude of an episode's return is above
+    /// [`MAX_RECOMMENDED_ABS_RETURN`], or below [`MIN_RECOMMENDED_ABS_RETURN`] but not zero;
+    /// otherwise `None`.
     pub fn reward_warning(&self) -> Option<RewardWarning> {
-        RewardWarning::for_max_return(self.max_abs_return)
+        RewardWarning::for_max_abs_return(self.max_abs_return)
     }
 
     /// Counts one step of all environments, after which the episodes `ended` are over and the
@@ -86,7 +88,8 @@ impl RolloutStats {
 }
 
 impl<M: ActorMemory> RolloutState<M> {
-    /// Starts an episode in every environment and creates an empty memory for `actor`.
+    /// Resets the environments and returns the state at the beginning of their episodes, with an
+    /// empty memory for `actor`.
     ///
     /// # Errors
     /// [`RlError::Environment`] when the reset fails, [`RlError::ShapeMismatch`] when it changes
@@ -99,7 +102,7 @@ impl<M: ActorMemory> RolloutState<M> {
         spec.check()?;
         let mut observations = Observations::new(&spec);
         env.reset(&mut observations).map_err(RlError::Environment)?;
-        observations.check(&spec, spec.num_envs)?;
+        observations.check_lengths(&spec, spec.num_envs)?;
         observations.check_finite(&spec).map_err(|error| error.with_step(|_| Some(0)))?;
         Ok(Self {
             observations,
@@ -187,7 +190,7 @@ pub fn collect_experience<A: Actor, E: ExperienceBuffer<A>>(
     let steps = experience.steps_per_env();
     require("steps", steps as f32, "at least 1 step", steps > 0)?;
     check_len("episodes", "[N]", state.episodes.len(), spec.num_envs)?;
-    state.observations.check(&spec, spec.num_envs)?;
+    state.observations.check_lengths(&spec, spec.num_envs)?;
     let mut transition = Transition::new(&spec);
     let mut stats = RolloutStats::default();
     experience.begin(&spec)?;
@@ -268,8 +271,8 @@ pub trait ExperienceBuffer<A: Actor> {
     }
 }
 
-/// Resets the environments, runs the first `rounds` episodes of each with the actor's mean actions,
-/// and returns their statistics.
+/// Resets the environments, runs `rounds` episodes in each with the actor's mean actions, and
+/// returns the statistics of these episodes.
 ///
 /// Episodes must end, by termination or a time limit; otherwise the evaluation never returns.
 /// Counting the same number of episodes in every environment keeps short episodes from being
@@ -325,11 +328,11 @@ pub fn evaluate_policy_with_callback<A: Actor>(
 /// Largest magnitude of an episode's undiscounted return without a [`RewardWarning`]. Beyond it,
 /// the gradient of the value function crowds out the policy's, since both are clipped to one common
 /// norm.
-pub const MAX_ABS_RETURN: f64 = 1e3;
+pub const MAX_RECOMMENDED_ABS_RETURN: f64 = 1e3;
 
 /// Smallest non-zero magnitude of an episode's undiscounted return without a [`RewardWarning`].
 /// Below it, the initial errors of the value function exceed the differences between rewards.
-pub const MIN_ABS_RETURN: f64 = 1e-2;
+pub const MIN_RECOMMENDED_ABS_RETURN: f64 = 1e-2;
 
 /// Warning about returns outside the range in which PPO with default settings was measured to
 /// train without a [`NormalisedEnv`](crate::NormalisedEnv).
@@ -347,12 +350,13 @@ pub const MIN_ABS_RETURN: f64 = 1e-2;
 /// bound although their discounted values do not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RewardWarning {
-    /// Undiscounted returns of episodes with magnitudes above [`MAX_ABS_RETURN`].
+    /// Undiscounted returns of episodes with magnitudes above [`MAX_RECOMMENDED_ABS_RETURN`].
     TooLarge {
         /// Largest magnitude of an episode's return so far.
         largest: f64,
     },
-    /// Undiscounted returns of episodes with magnitudes below [`MIN_ABS_RETURN`], though not zero.
+    /// Undiscounted returns of episodes with magnitudes below [`MIN_RECOMMENDED_ABS_RETURN`],
+    /// though not zero.
     TooSmall {
         /// Largest magnitude of an episode's return so far.
         largest: f64,
@@ -362,10 +366,10 @@ pub enum RewardWarning {
 impl RewardWarning {
     /// Returns the warning for the largest magnitude of an episode's return; `None` if it is in
     /// range.
-    pub fn for_max_return(largest: f64) -> Option<Self> {
-        if largest > MAX_ABS_RETURN {
+    pub fn for_max_abs_return(largest: f64) -> Option<Self> {
+        if largest > MAX_RECOMMENDED_ABS_RETURN {
             Some(Self::TooLarge { largest })
-        } else if largest > 0.0 && largest < MIN_ABS_RETURN {
+        } else if largest > 0.0 && largest < MIN_RECOMMENDED_ABS_RETURN {
             Some(Self::TooSmall { largest })
         } else {
             None
@@ -382,7 +386,7 @@ impl fmt::Display for RewardWarning {
         write!(
             f,
             "returns of episodes reach {largest:.1e} in magnitude, expected between \
-             {MIN_ABS_RETURN:e} and {MAX_ABS_RETURN:e}: {effect}; divide rewards by their usual \
+             {MIN_RECOMMENDED_ABS_RETURN:e} and {MAX_RECOMMENDED_ABS_RETURN:e}: {effect}; divide rewards by their usual \
              size in the environment"
         )
     }

@@ -30,7 +30,7 @@ use crate::sac::losses::Losses;
 use crate::sac::minibatch::{SacWorkspace, SampledMinibatch, training_chunk};
 use crate::sac::network::SacNetwork;
 use crate::sac::policy::SacPolicy;
-use crate::sac::settings::{EntropyTemperature, SacSettings};
+use crate::sac::settings::{EntropyTemperatureSettings, SacSettings};
 use crate::sac::stats::{SacStats, SacSums, SacTotals};
 
 // checkpoint names of the state beside the policy's own
@@ -120,8 +120,8 @@ impl Sac {
     /// Returns the temperature alpha, the weight of the entropy: fixed, or as learned so far.
     pub fn temperature(&self) -> f64 {
         match self.settings.temperature {
-            EntropyTemperature::Fixed(alpha) => alpha.into(),
-            EntropyTemperature::Learned { .. } => f64::from(self.log_alpha[0]).exp(),
+            EntropyTemperatureSettings::Fixed(alpha) => alpha.into(),
+            EntropyTemperatureSettings::Learned { .. } => f64::from(self.log_alpha[0]).exp(),
         }
     }
 
@@ -231,7 +231,7 @@ impl Sac {
     /// H is the target entropy (1812.05905, equation 18), with respect to ln alpha, so that alpha
     /// stays positive.
     fn update_alpha(&mut self, policy: &SacPolicy, sums: &SacSums) {
-        let EntropyTemperature::Learned { target, .. } = self.settings.temperature else {
+        let EntropyTemperatureSettings::Learned { target, .. } = self.settings.temperature else {
             return;
         };
         let target_entropy = f64::from(target) * policy.network().spec().action_irreps.len() as f64;
@@ -344,7 +344,7 @@ impl Algorithm for Sac {
             state.tensors.push((TRAINED_PARAMS, &self.trained_params));
         }
         // a fixed temperature has no state, so a state with a learned one does not fit it
-        if matches!(self.settings.temperature, EntropyTemperature::Learned { .. }) {
+        if matches!(self.settings.temperature, EntropyTemperatureSettings::Learned { .. }) {
             state.tensors.extend([
                 (TEMPERATURE, &self.log_alpha[..]),
                 (TEMPERATURE_FIRST, &alpha.first_moment),

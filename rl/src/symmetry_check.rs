@@ -193,7 +193,7 @@ impl TestedQuantities {
         let (spec, n) = (&self.spec, self.spec.num_envs);
         let mut observations = Observations::new(spec);
         env.reset(&mut observations).map_err(RlError::Environment)?;
-        observations.check(spec, n)?;
+        observations.check_lengths(spec, n)?;
         observations.check_finite(spec).map_err(|e| e.with_step(|_| Some(0)))?;
         let mut features: Vec<_> = (0..n).map(|i| self.features_of(&observations, i)).collect();
         let mut running = vec![EpisodeStats::default(); n];

@@ -312,13 +312,14 @@ impl<T: Scalar> TrunkWorkspace<T> {
         &self.pool.x
     }
 
-    /// Returns the invariant features of all slots.
+    /// Returns the invariant features of all slots; those beyond the last pooled samples are of an
+    /// earlier pass.
     pub fn features(&self) -> &[T] {
         &self.pool.y
     }
 
-    /// Returns the array for the gradient of the loss with respect to h, which is written before
-    /// the backward pass.
+    /// Returns the array for the gradient of the loss with respect to h, which the caller writes
+    /// before the backward pass.
     pub fn d_feature_fields(&mut self) -> &mut [T] {
         &mut self.pool.dx
     }

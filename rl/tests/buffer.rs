@@ -50,9 +50,9 @@ fn a_buffer_is_read_only_when_finished() {
     ));
     push(&mut buffer, 2, StepOutcome::Truncated).unwrap();
     let (mut advantages, mut returns) = ([0.0; 4], [0.0; 4]);
-    assert!(buffer.advantages(1.0, 1.0, &mut advantages, &mut returns).is_err());
+    assert!(buffer.write_advantages_and_returns(1.0, 1.0, &mut advantages, &mut returns).is_err());
     buffer.finish(&Observations::new(&spec()), &[-1000.0; 2]).unwrap();
-    buffer.advantages(1.0, 1.0, &mut advantages, &mut returns).unwrap();
+    buffer.write_advantages_and_returns(1.0, 1.0, &mut advantages, &mut returns).unwrap();
     // returns bootstrap the final observations (10, 20), never what came after the reset (-1000)
     assert_eq!(returns, [1.0 + 2.0 + 10.0, 1.0 + 2.0 + 20.0, 2.0 + 10.0, 2.0 + 20.0]);
 }
@@ -83,7 +83,7 @@ fn a_rollout_may_lose_its_end() {
     buffer.truncate(2).unwrap();
     assert_eq!((buffer.steps_per_env(), buffer.num_samples(), buffer.rewards().len()), (2, 4, 4));
     let (mut advantages, mut returns) = ([0.0; 4], [0.0; 4]);
-    buffer.advantages(1.0, 1.0, &mut advantages, &mut returns).unwrap();
+    buffer.write_advantages_and_returns(1.0, 1.0, &mut advantages, &mut returns).unwrap();
     // pay of 1 and 2, and the value 3 of the step that was cut off
     assert_eq!(returns, [6.0, 6.0, 5.0, 5.0]);
     buffer.clear();

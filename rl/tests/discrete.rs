@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, Decisions, EncoderSettings, EnvSpec, EvaluateActions,
     ExportPolicy, NetworkSettings, Observations, Ppo, PpoSettings, RlError, SacPolicy,
-    SymmetryLoss, VectorEnv, check_env_symmetry, evaluate_policy,
+    SymmetryLossSettings, VectorEnv, check_env_symmetry, evaluate_policy,
 };
 use symmetry::{D2, Group, Irrep};
 
@@ -129,7 +129,7 @@ fn what_takes_continuous_actions_alone_and_choices_that_do_not_fit_are_refused()
     let message = SacPolicy::new(&network, None, &spec(1), 0).unwrap_err().to_string();
     assert!(message.starts_with("soft actor-critic takes continuous actions alone"), "{message}");
     let policy = ActorCriticPolicy::new(&network, &spec(1), 0).unwrap();
-    let symmetry = Some(SymmetryLoss::default());
+    let symmetry = Some(SymmetryLossSettings::default());
     let refused = Ppo::new(PpoSettings { symmetry, ..PpoSettings::default() }, &policy);
     assert!(matches!(refused, Err(RlError::DiscreteActions { .. })));
     assert!(matches!(policy.export(), Err(RlError::NotExportable { .. })));

@@ -145,7 +145,7 @@ fn the_standard_deviation_does_not_depend_on_the_state() {
 #[test]
 fn the_network_for_128_pixels_is_equivariant() {
     let spec = EnvSpec { num_envs: 1, image_shape: [128, 128, 6], ..spec() };
-    let settings = NetworkSettings { action_gain: 1.0, ..NetworkSettings::so2_128() };
+    let settings = NetworkSettings { action_gain: 1.0, ..NetworkSettings::so2_paper_128px() };
     let mut policy = ActorCriticPolicy::new(&settings, &spec, 5).unwrap();
     for g in D2::ALL {
         let errors = equivariance_errors(&mut policy, &spec, g);

@@ -52,7 +52,7 @@ fn trained_by_ppo(space: Space, network: &NetworkSettings) -> ActorCriticPolicy 
     }
     run.buffer.reevaluate(&mut run.policy).unwrap();
     let trained = run.policy.network();
-    for own in [trained.encoder_param_range(), trained.head_param_range()] {
+    for own in [trained.encoder_param_range(), trained.non_encoder_param_range()] {
         assert!(own.is_empty() || run.policy.params()[own.clone()] != before[own]);
     }
     run.policy

@@ -97,8 +97,8 @@ proptest! {
         prop_assert!(names(result, "last_values"));
         buffer.finish(&step_arrays().observations, &[0.0; ENVS]).unwrap();
         let (right, wrong) = (&mut [0.0; ENVS], &mut wrong.values);
-        prop_assert!(names(buffer.advantages(0.9, 0.9, wrong, right), "advantages"));
-        prop_assert!(names(buffer.advantages(0.9, 0.9, right, wrong), "returns"));
+        prop_assert!(names(buffer.write_advantages_and_returns(0.9, 0.9, wrong, right), "advantages"));
+        prop_assert!(names(buffer.write_advantages_and_returns(0.9, 0.9, right, wrong), "returns"));
     }
 
     #[test]

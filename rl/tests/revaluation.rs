@@ -59,7 +59,7 @@ fn commented(actor: &mut ActorCriticPolicy, critic: &mut ActorCriticPolicy) -> R
 fn figures(buffer: &RolloutBuffer) -> [Vec<f32>; 4] {
     let (mut advantages, mut returns) =
         (vec![0.0; buffer.num_samples()], vec![0.0; buffer.num_samples()]);
-    buffer.advantages(0.9, 0.8, &mut advantages, &mut returns).unwrap();
+    buffer.write_advantages_and_returns(0.9, 0.8, &mut advantages, &mut returns).unwrap();
     let Decisions { log_probs, values, .. } = buffer.decisions().clone();
     [log_probs, values, advantages, returns]
 }

@@ -3,10 +3,10 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    ActorCriticPolicy, Algorithm, BoxedEnvError, EncoderSettings, EnvSpec, MAX_ABS_RETURN,
-    MIN_ABS_RETURN, NormalisationSettings, NormalisedEnv, Observations, Ppo, PpoSettings,
-    RewardWarning, RolloutBuffer, RolloutState, RolloutStats, Transition, VectorEnv,
-    evaluate_policy,
+    ActorCriticPolicy, Algorithm, BoxedEnvError, EncoderSettings, EnvSpec,
+    MAX_RECOMMENDED_ABS_RETURN, MIN_RECOMMENDED_ABS_RETURN, NormalisationSettings, NormalisedEnv,
+    Observations, Ppo, PpoSettings, RewardWarning, RolloutBuffer, RolloutState, RolloutStats,
+    Transition, VectorEnv, evaluate_policy,
 };
 use symmetry::Irrep;
 
@@ -79,8 +79,8 @@ fn ppo_learns_within_the_bounds_and_is_warned_of_outside() {
     // exploration never shrinks
     for (scale, mean, drawn) in [
         (1.0, 0.9..=1.0, 0.8..=1.0),
-        (MIN_ABS_RETURN as f32 * 1.001, 0.9..=1.0, 0.3..=1.0),
-        (MAX_ABS_RETURN as f32 * 0.99, 0.9..=1.0, 0.3..=1.0),
+        (MIN_RECOMMENDED_ABS_RETURN as f32 * 1.001, 0.9..=1.0, 0.3..=1.0),
+        (MAX_RECOMMENDED_ABS_RETURN as f32 * 0.99, 0.9..=1.0, 0.3..=1.0),
         (1e-6, 0.0..=0.3, 0.0..=0.2),
         (1e6, 0.9..=1.0, 0.0..=0.25),
     ] {
@@ -148,6 +148,10 @@ fn normalised_vectors_have_unit_variance_and_stay_symmetric_and_bad_numbers_are_
         assert!(
             other.unwrap().restore_normalisation_state(env.normalisation_state().clone()).is_err()
         );
+        let mut state = serde_json::to_value(env.normalisation_state()).unwrap();
+        state["observations"]["squares"][0] = (-1.0).into();
+        let refused = env.restore_normalisation_state(serde_json::from_value(state).unwrap());
+        assert!(refused.unwrap_err().to_string().contains("saved sum of squares = -1"));
         let infinite = Spread { env: Bandit::envs(2, 1.0), factor: f32::INFINITY, offset: 0.0 };
         let mut wrong = NormalisedEnv::new(infinite, NormalisationSettings::default()).unwrap();
         let policy = ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), wrong.spec(), 2);

@@ -21,7 +21,7 @@ fn fill(
     for i in 0..count {
         if resets.contains(&i) {
             episodes.reset();
-            replay.cut_episodes();
+            replay.cut_running_episodes();
         }
         all.extend(episodes.record(replay).unwrap());
     }
@@ -88,7 +88,7 @@ proptest! {
         let mut all = fill(&mut episodes, &mut replay, count, &resets);
         check(&replay, &all);
         if mark {
-            replay.start_newest_experience();
+            replay.mark_newest_from_now();
         }
         let mut copy = ReplayBuffer::restore(settings(capacity), &spec(1), &replay.checkpoint_state()).unwrap();
         prop_assert_eq!(copy.checkpoint_state(), replay.checkpoint_state());
@@ -115,7 +115,7 @@ fn a_share_of_a_minibatch_is_the_newest_experience() {
     fill(&mut episodes, &mut replay, 20, &[]);
     // without a mark, all is the newest; right after one, nothing is
     assert_eq!(newest(&replay, 1.0, 0), 200);
-    replay.start_newest_experience();
+    replay.mark_newest_from_now();
     let last_quarter = newest(&replay, 1.0, 30);
     assert!((25..75).contains(&last_quarter), "{last_quarter}");
     fill(&mut episodes, &mut replay, 5, &[]);
@@ -186,7 +186,7 @@ fn a_step_that_does_not_follow_is_refused_until_the_episodes_are_cut() {
     let result = episodes.clone().record(&mut replay);
     assert!(matches!(result, Err(RlError::EpisodeNotContinued { env: 0 })));
     check(&replay, &all);
-    replay.cut_episodes();
+    replay.cut_running_episodes();
     all.extend(fill(&mut episodes, &mut replay, 2, &[]));
     check(&replay, &all);
     // one environment alone leaves its episode

@@ -1,9 +1,9 @@
 //! Updates of soft actor-critic, what they save and refuse, and their settings.
 
 use rl::{
-    Actor, Algorithm, CriticSettings, EncoderSettings, EntropyTemperature, EnvSpec, Metrics,
-    NetworkSettings, Observations, PpoSettings, RecurrentContextSettings, ReplayBuffer, RlError,
-    Sac, SacPolicy, SacSettings, VectorEnv,
+    Actor, Algorithm, CriticSettings, EncoderSettings, EntropyTemperatureSettings, EnvSpec,
+    Metrics, NetworkSettings, Observations, PpoSettings, RecurrentContextSettings, ReplayBuffer,
+    RlError, Sac, SacPolicy, SacSettings, VectorEnv,
 };
 use symmetry::Group;
 
@@ -12,7 +12,8 @@ use crate::common::sac::{ENVS, Run, network, replay_settings, settings};
 use crate::common::steps::joint;
 
 const CONTEXT: RecurrentContextSettings = RecurrentContextSettings { size: 8, length: 3 };
-const LEARNED: EntropyTemperature = EntropyTemperature::Learned { initial: 0.1, target: -1.0 };
+const LEARNED: EntropyTemperatureSettings =
+    EntropyTemperatureSettings::Learned { initial: 0.1, target: -1.0 };
 
 fn strided() -> EncoderSettings {
     EncoderSettings::Strided { fields: vec![3, 4] }
@@ -31,7 +32,7 @@ fn busy() -> Run {
 
 fn learn(run: &mut Run, turns: usize) {
     for _ in 0..turns {
-        run.replay.start_newest_experience();
+        run.replay.mark_newest_from_now();
         run.collect().unwrap();
         run.sac.update(&mut run.policy, &run.replay, &mut run.rng).unwrap();
     }
@@ -63,7 +64,7 @@ fn a_saved_learner_goes_on_to_the_same_bits() {
     learn(&mut run, 2);
     let mut twin = restored(&run);
     for each in [&mut run, &mut twin] {
-        each.replay.start_newest_experience();
+        each.replay.mark_newest_from_now();
         each.collect().unwrap();
     }
     assert_eq!(twin.replay.checkpoint_state(), run.replay.checkpoint_state());
@@ -235,7 +236,7 @@ fn a_memory_of_another_policy_or_other_environments_is_refused() {
 fn a_learned_temperature_approaches_the_entropy_that_is_asked_for() {
     let after = |target| {
         let settings = SacSettings {
-            temperature: EntropyTemperature::Learned { initial: 0.1, target },
+            temperature: EntropyTemperatureSettings::Learned { initial: 0.1, target },
             learning_rate: 1e-3,
             ..settings()
         };

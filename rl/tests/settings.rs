@@ -3,9 +3,9 @@
 use std::fmt::Debug;
 
 use rl::{
-    EncoderSettings, EntropyTemperature, NetworkSettings, Ppo, PpoSettings,
-    RecurrentContextSettings, ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy, SacSettings,
-    SymmetryLoss,
+    EncoderSettings, EntropyTemperatureSettings, LearningRateSchedule, NetworkSettings, Ppo,
+    PpoSettings, RecurrentContextSettings, ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy,
+    SacSettings, SymmetryLossSettings,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -44,6 +44,8 @@ fn settings_of_learners_out_of_range_are_refused_by_name() {
             ("max_kl =", |s| s.max_kl = f32::INFINITY),
             ("epochs =", |s| s.epochs = 0),
             ("minibatch =", |s| s.minibatch = 1),
+            ("schedule.steps =", |s| s.schedule = LearningRateSchedule::Linear { steps: 0 }),
+            ("schedule.steps =", |s| s.schedule = LearningRateSchedule::Cosine { steps: 0 }),
             ("symmetry.weight = -1:", |s| s.symmetry = symmetry_loss(Group::D2, -1.0)),
             ("the order of symmetry.group = 1:", |s| s.symmetry = symmetry_loss(Group::C1, 0.1)),
         ],
@@ -70,7 +72,7 @@ fn settings_of_learners_out_of_range_are_refused_by_name() {
             ("average_rate =", |s| s.average_rate = Some(1.5)),
             ("newest_share =", |s| s.newest_share = 1.1),
             ("cloning_weight =", |s| s.cloning_weight = f32::INFINITY),
-            ("temperature =", |s| s.temperature = EntropyTemperature::Fixed(-0.1)),
+            ("temperature =", |s| s.temperature = EntropyTemperatureSettings::Fixed(-0.1)),
             ("temperature.initial =", |s| s.temperature = learned(0.0, -1.0)),
             ("temperature.target =", |s| s.temperature = learned(1.0, f32::NAN)),
         ],
@@ -86,17 +88,17 @@ fn settings_of_learners_out_of_range_are_refused_by_name() {
     );
 }
 
-fn symmetry_loss(group: Group, weight: f32) -> Option<SymmetryLoss> {
-    Some(SymmetryLoss { group, weight })
+fn symmetry_loss(group: Group, weight: f32) -> Option<SymmetryLossSettings> {
+    Some(SymmetryLossSettings { group, weight })
 }
 
-fn learned(initial: f32, target: f32) -> EntropyTemperature {
-    EntropyTemperature::Learned { initial, target }
+fn learned(initial: f32, target: f32) -> EntropyTemperatureSettings {
+    EntropyTemperatureSettings::Learned { initial, target }
 }
 
 #[test]
 fn settings_of_networks_out_of_range_are_refused_by_name() {
-    NetworkSettings::so2_128().check().unwrap();
+    NetworkSettings::so2_paper_128px().check().unwrap();
     assert_refused(
         &NetworkSettings::default(),
         NetworkSettings::check,
@@ -163,7 +165,7 @@ fn settings_survive_a_file_and_unknown_names_are_refused() {
         group: Group::D1y,
         ..NetworkSettings::default()
     });
-    assert_survives(&NetworkSettings::so2_128());
+    assert_survives(&NetworkSettings::so2_paper_128px());
     let temperature = learned(0.3, -1.0);
     assert_survives(&SacSettings {
         temperature,
@@ -176,7 +178,7 @@ fn settings_survive_a_file_and_unknown_names_are_refused() {
     let plain = NetworkSettings { group: Group::C1, ..NetworkSettings::default() };
     assert_eq!(read::<NetworkSettings>(r#"{"group": "C1"}"#), plain);
     let fixed: SacSettings = read(r#"{"temperature": {"fixed": 0.1}}"#);
-    assert_eq!(fixed.temperature, EntropyTemperature::Fixed(0.1));
+    assert_eq!(fixed.temperature, EntropyTemperatureSettings::Fixed(0.1));
     let papers: RecurrentContextSettings = read("{}");
     assert_eq!((papers.size, papers.length), (30, 5));
     let replay: ReplaySettings = read(r#"{"capacity": 7}"#);

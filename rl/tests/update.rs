@@ -3,7 +3,7 @@
 use rl::{
     Actor, ActorCriticPolicy, Algorithm, Decisions, EncoderSettings, EnvSpec, Metrics,
     NetworkSettings, OnPolicyActor, Ppo, PpoSettings, PpoStats, RlError, RolloutBuffer,
-    SymmetryLoss, VectorEnv, evaluate_policy,
+    SymmetryLossSettings, VectorEnv, evaluate_policy,
 };
 use symmetry::Group;
 
@@ -51,7 +51,7 @@ fn updated(group: Group, settings: PpoSettings) -> (Vec<f32>, PpoStats) {
 /// Settings with a symmetry loss of this weight, whose updates no KL divergence ends.
 fn symmetrised(weight: f32) -> PpoSettings {
     PpoSettings {
-        symmetry: Some(SymmetryLoss { group: Group::D2, weight }),
+        symmetry: Some(SymmetryLossSettings { group: Group::D2, weight }),
         max_kl: 1e9,
         ..PpoSettings::default()
     }

@@ -4,7 +4,7 @@
 use std::env;
 use std::path::Path;
 
-use robots::{Joint, JointMotion, JointPositionSource, Pose, RobotDescription};
+use robots::{Joint, JointMotionSpec, JointPositionSource, Pose, RobotDescription};
 
 fn main() {
     for file in env::args().skip(1) {
@@ -17,7 +17,7 @@ fn main() {
 
 fn facts(robot: &RobotDescription) -> String {
     let postures = [7, 14, 21, 28].map(|seed| {
-        let position = |(index, (_, motion)): (usize, (_, &JointMotion))| {
+        let position = |(index, (_, motion)): (usize, (_, &JointMotionSpec))| {
             let part = (0.618_034 * (index + seed) as f64).fract();
             let [low, high] = motion.range.unwrap_or([-3.0, 3.0]).map(|end| end.clamp(-3.0, 3.0));
             low + part * (high - low)

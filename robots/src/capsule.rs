@@ -95,7 +95,7 @@ impl ConvexHull {
     }
 }
 
-/// Returns the point with the largest `measure`; on a tie the first.
+/// Returns the point with the largest `measure`, on a tie the first; zero without points.
 pub(crate) fn furthest(points: &[DVec3], measure: impl Fn(DVec3) -> f64) -> DVec3 {
     let mut best = (f64::NEG_INFINITY, DVec3::ZERO);
     for &point in points {

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::description::{
-    JointMotion, JointMotionKind, JointPositionSource, RobotDescription, check_length,
+    JointMotionKind, JointMotionSpec, JointPositionSource, RobotDescription, check_length,
 };
 use crate::error::DescriptionError;
 use crate::pose::Pose;
@@ -20,7 +20,7 @@ pub struct Chain {
     tip: Pose,
 }
 
-/// Joint of a [`Chain`].
+/// Free joint of a [`Chain`], with its motion and its index in position vectors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChainJoint {
     /// Name of the joint.
@@ -28,7 +28,7 @@ pub struct ChainJoint {
     /// Index in the position vectors of the [`RobotDescription`].
     pub dof_index: usize,
     /// Kind, axis and limits of the joint's motion.
-    pub motion: JointMotion,
+    pub motion: JointMotionSpec,
     /// Pose in the frame of the preceding joint; for the first joint, in the world.
     before: Pose,
 }
@@ -82,7 +82,8 @@ impl Chain {
         joints.fold(Pose::IDENTITY, frame) * self.tip
     }
 
-    /// Computes the geometric Jacobian and returns the pose of the tip.
+    /// Writes the geometric Jacobian in `configuration` into `columns` and returns the pose of the
+    /// tip.
     ///
     /// Writes the twist of the tip per unit of each joint's velocity into `columns` `[len]`
     /// (Siciliano, Sciavicco, Villani, Oriolo 2009, "Robotics", section 3.1).
@@ -113,7 +114,7 @@ impl Chain {
         let mut base = self.joints[0].before;
         let mut links: Vec<DVec3> =
             self.joints[1..].iter().map(|joint| joint.before.position).collect();
-        if let (JointMotion { kind: JointMotionKind::Hinge, axis, .. }, Some(link)) =
+        if let (JointMotionSpec { kind: JointMotionKind::Hinge, axis, .. }, Some(link)) =
             (self.joints[0].motion, links.first_mut())
         {
             // turning about the axis keeps the distance from each of its points
@@ -157,7 +158,7 @@ fn path_to(description: &RobotDescription, tip: &str) -> Result<Vec<usize>, Desc
     Ok(path)
 }
 
-fn dof(motion: &JointMotion, tip: &str, joint: &str) -> Result<usize, DescriptionError> {
+fn dof(motion: &JointMotionSpec, tip: &str, joint: &str) -> Result<usize, DescriptionError> {
     let JointPositionSource::Free { dof } = motion.drive else {
         let reason = format!("the joint `{joint}` on it follows another joint");
         return Err(chain_error(tip, reason));

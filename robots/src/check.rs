@@ -6,7 +6,9 @@ use serde::Serialize;
 use crate::capsule::Capsule;
 use crate::chain::Chain;
 use crate::control::{TwistControlSettings, TwistController};
-use crate::description::{Inertia, Joint, JointMotion, JointMotionKind, Link, RobotDescription};
+use crate::description::{
+    Inertia, Joint, JointMotionKind, JointMotionSpec, Link, RobotDescription,
+};
 use crate::error::DescriptionError;
 use crate::ik::IkSettings;
 use crate::mjcf::{JointServoSettings, MjcfSettings, TouchingLinkPairs};
@@ -92,7 +94,8 @@ pub struct JointSummary {
 }
 
 impl RobotCheckReport {
-    /// Returns `true` if the robot can be simulated and controlled, and no unit looks wrong.
+    /// Returns `true` if the robot can be simulated and controlled, fingers and direction of its
+    /// hand are clear, and no unit looks wrong.
     pub fn passes(&self) -> bool {
         self.problems.is_empty() && self.unit_warnings.is_empty()
     }
@@ -225,7 +228,7 @@ impl RobotDescription {
 }
 
 fn joint_check(joint: &Joint) -> Option<JointSummary> {
-    let JointMotion { kind, range, max_speed, max_effort, .. } = joint.motion?;
+    let JointMotionSpec { kind, range, max_speed, max_effort, .. } = joint.motion?;
     let follows = !joint.motion?.is_free();
     let slides = kind == JointMotionKind::Slide;
     Some(JointSummary { name: joint.name.clone(), slides, follows, range, max_speed, max_effort })

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
 use crate::chain::{Chain, ChainJoint};
-use crate::description::{JointMotion, JointMotionKind, check_length};
+use crate::description::{JointMotionKind, JointMotionSpec, check_length};
 use crate::error::MAX_NUMBER;
 use crate::error::{ControlError, require_finite};
 use crate::ik::{
@@ -350,7 +350,7 @@ pub(crate) fn check_twist(twist: &Twist) -> Result<(), ControlError> {
 }
 
 /// Returns `displacement`, less whole turns of a hinge without limits: in (-pi, pi] for such a one.
-fn shortest(motion: &JointMotion, displacement: f64) -> f64 {
+fn shortest(motion: &JointMotionSpec, displacement: f64) -> f64 {
     match (motion.kind, motion.range) {
         (JointMotionKind::Hinge, None) => displacement - TAU * (displacement / TAU - 0.5).ceil(),
         _ => displacement,

@@ -6,6 +6,7 @@ use crate::capsule::{Capsule, PlacedShape};
 use crate::error::DescriptionError;
 use crate::error::{check_numbers, require};
 use crate::pose::Pose;
+use crate::urdf::{MAX_LINKS, check_name};
 
 /// Robot as a tree of links, made and validated by [`RobotDescription::from_urdf_file`] and
 /// [`RobotDescription::from_urdf`].
@@ -84,13 +85,13 @@ pub struct Joint {
     /// Pose of the link in its parent's frame, with the joint at zero.
     pub origin: Pose,
     /// Motion of the link; `None` for a fixed joint.
-    pub motion: Option<JointMotion>,
+    pub motion: Option<JointMotionSpec>,
 }
 
-/// Motion of a joint. Units are metres and newtons for a slide, radians and newton metres for a
-/// hinge.
+/// Possible motion of a joint: its kind, axis and limits, and the source of its position. Units are
+/// metres and newtons for a slide, radians and newton metres for a hinge.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct JointMotion {
+pub struct JointMotionSpec {
     /// Turning or sliding.
     pub kind: JointMotionKind,
     /// Unit vector in the joint's frame.
@@ -147,7 +148,7 @@ impl JointPositionSource {
     }
 }
 
-impl JointMotion {
+impl JointMotionSpec {
     /// Returns the joint's position, given the position vector `positions`.
     pub fn position_from_dofs(&self, positions: &[f64]) -> f64 {
         match self.drive {
@@ -211,15 +212,14 @@ impl RobotDescription {
         self.num_dofs
     }
 
-    /// Returns the joints whose positions are in a position vector, in its order.
-    pub fn free_joints(&self) -> impl Iterator<Item = (&Joint, &JointMotion)> {
+    /// Returns the free joints, which move and follow no other, in the order of position vectors.
+    pub fn free_joints(&self) -> impl Iterator<Item = (&Joint, &JointMotionSpec)> {
         let moving = |joint| Joint::motion(joint).map(|motion| (joint, motion));
         let joints = self.joints.iter().filter_map(moving);
         joints.filter(|(_, motion)| motion.is_free())
     }
 
-    /// Returns the free joints whose ranges are smaller than in the file because of joints that
-    /// follow them.
+    /// Returns the reductions of the ranges of free joints, because of joints that follow them.
     pub fn range_restrictions(&self) -> &[JointRangeRestriction] {
         &self.restrictions
     }
@@ -255,12 +255,7 @@ impl RobotDescription {
     /// [`DescriptionError::NumberOutOfRange`] if `base_pose` is not finite, or its rotation no unit
     /// quaternion.
     pub fn with_base_pose(self, base_pose: Pose) -> Result<Self, DescriptionError> {
-        let place = || format!("the base of `{}`", self.name);
-        check_numbers(place, "its position", &base_pose.position.to_array())?;
-        let length = base_pose.rotation.length();
-        let is_unit = (length - 1.0).abs() < 1e-6;
-        let expected = "1, the length of a unit quaternion";
-        require(is_unit, place, "the length of its rotation", length, expected)?;
+        check_pose(|| format!("the base of `{}`", self.name), &base_pose)?;
         Ok(Self { base_pose, ..self })
     }
 
@@ -307,7 +302,9 @@ impl RobotDescription {
     /// in the parent's frame. The joint has the name of the link.
     ///
     /// # Errors
-    /// [`DescriptionError::UnknownLink`], [`DescriptionError::Duplicate`].
+    /// [`DescriptionError::UnknownLink`], [`DescriptionError::Duplicate`],
+    /// [`DescriptionError::InvalidName`], [`DescriptionError::NumberOutOfRange`] for the pose and
+    /// the inertia, [`DescriptionError::CountOutOfRange`] for more than [`MAX_LINKS`] links.
     pub fn with_fixed_link(
         mut self,
         parent: &str,
@@ -324,6 +321,23 @@ impl RobotDescription {
                 return Err(DescriptionError::Duplicate { kind, name });
             }
         }
+        check_name("link", &name)?;
+        let place = || format!("the link `{name}`");
+        check_pose(place, &origin)?;
+        if let Some(Inertia { mass, centre_of_mass, tensor }) = &link.inertia {
+            check_numbers(place, "its mass", &[*mass])?;
+            check_numbers(place, "its centre of mass", &centre_of_mass.to_array())?;
+            check_numbers(place, "its inertia", &tensor.to_cols_array())?;
+        }
+        if self.links.len() >= MAX_LINKS {
+            return Err(DescriptionError::CountOutOfRange {
+                place: format!("the robot `{}`", self.name),
+                kind: "link",
+                count: self.links.len() + 1,
+                least: 1,
+                limit: MAX_LINKS,
+            });
+        }
         // right after its parent, which keeps links in depth-first order
         for joint in self.joints.iter_mut().filter(|joint| joint.parent > parent) {
             joint.parent += 1;
@@ -333,8 +347,8 @@ impl RobotDescription {
         Ok(self)
     }
 
-    /// Returns this robot with `prefix` before the names of all links and joints, so that they
-    /// differ from all names of a scene.
+    /// Returns this robot with `prefix` before the names of all links and joints, to tell them from
+    /// the names of a scene.
     pub fn with_prefix(mut self, prefix: &str) -> Self {
         let links = self.links.iter_mut().map(|link| &mut link.name);
         let joints = self.joints.iter_mut().map(|joint| &mut joint.name);
@@ -363,8 +377,9 @@ impl RobotDescription {
         poses
     }
 
-    /// Returns capsules in the world that enclose all shapes, each with the index of its link.
-    /// [`RobotDescription::missing_collision_shapes`] names shapes that are not among them.
+    /// Returns capsules in the world that enclose all shapes of the robot in `positions`, each with
+    /// the index of its link. [`RobotDescription::missing_collision_shapes`] names shapes that are
+    /// not among them.
     ///
     /// # Panics
     /// If `positions` is not of length [`RobotDescription::num_dofs`].
@@ -379,7 +394,7 @@ impl RobotDescription {
 }
 
 impl Joint {
-    fn motion(&self) -> Option<&JointMotion> {
+    fn motion(&self) -> Option<&JointMotionSpec> {
         self.motion.as_ref()
     }
 }
@@ -388,4 +403,13 @@ impl Joint {
 #[track_caller]
 pub(crate) fn check_length(name: &str, got: usize, expected: usize) {
     assert_eq!(got, expected, "`{name}` has {got} elements, expected {expected}");
+}
+
+/// Rejects a pose with large or non-finite numbers, or whose rotation is no unit quaternion.
+fn check_pose(place: impl Fn() -> String, pose: &Pose) -> Result<(), DescriptionError> {
+    check_numbers(&place, "its position", &pose.position.to_array())?;
+    let length = pose.rotation.length();
+    let is_unit = (length - 1.0).abs() < 1e-6;
+    let expected = "1, the length of a unit quaternion";
+    require(is_unit, place, "the length of its rotation", length, expected)
 }

@@ -391,7 +391,8 @@ impl fmt::Display for MissedTarget {
     }
 }
 
-/// Returns a single error as it is, and several as one [`DescriptionError::Several`].
+/// Returns a single error as it is, several as one [`DescriptionError::Several`], and `Ok` without
+/// errors.
 pub(crate) fn all(mut errors: Vec<DescriptionError>) -> Result<(), DescriptionError> {
     match errors.len() {
         0 => Ok(()),
@@ -430,7 +431,7 @@ pub(crate) fn require(
 /// Largest number accepted in a robot's file, in any unit: larger ones are taken for mistakes.
 pub(crate) const MAX_NUMBER: f64 = 1e6;
 
-/// Rejects numbers that are not finite or exceed [`MAX_NUMBER`].
+/// Rejects numbers that are not finite or exceed [`MAX_NUMBER`] in magnitude.
 pub(crate) fn check_numbers(
     place: impl Fn() -> String,
     what: &'static str,

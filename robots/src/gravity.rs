@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use crate::description::{
-    JointMotion, JointMotionKind, JointPositionSource, Link, RobotDescription,
+    JointMotionKind, JointMotionSpec, JointPositionSource, Link, RobotDescription,
 };
 use crate::pose::Pose;
 
@@ -54,7 +54,7 @@ impl RobotDescription {
 
 /// Returns the force (newtons) or torque (newton metres) of `load` on a joint whose link is at
 /// `pose`.
-fn force_on_joint(load: Load, pose: &Pose, motion: &JointMotion) -> f64 {
+fn force_on_joint(load: Load, pose: &Pose, motion: &JointMotionSpec) -> f64 {
     // the joint's own motion, which `pose` includes, does not change its axis
     let axis = pose.rotation * motion.axis;
     match motion.kind {

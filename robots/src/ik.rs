@@ -195,7 +195,7 @@ impl IkSettings {
     fn check(&self) -> Result<(), ControlError> {
         if self.max_searches == 0 {
             return Err(ControlError::InvalidSetting {
-                name: "searches",
+                name: "max_searches",
                 value: "0".to_owned(),
                 expected: "at least 1 search",
             });
@@ -237,9 +237,9 @@ impl Chain {
     ///
     /// # Errors
     /// [`ControlError::NotFinite`], [`ControlError::JointOutOfRange`] for a seed out of range,
-    /// [`ControlError::ReversedRange`], [`ControlError::InvalidSetting`];
-    /// [`ControlError::OutOfReach`] for a target beyond the length of the arm, and
-    /// [`ControlError::NoSolution`] where no search succeeds.
+    /// [`ControlError::ReversedRange`], [`ControlError::InvalidSetting`], also for a target whose
+    /// rotation is no unit quaternion; [`ControlError::OutOfReach`] for a target beyond the length
+    /// of the arm, and [`ControlError::NoSolution`] where no search succeeds.
     ///
     /// # Panics
     /// If `seed` is not as long as the chain.
@@ -255,6 +255,14 @@ impl Chain {
         settings.check()?;
         let finite = target.position.is_finite() && target.rotation.is_finite();
         require_finite(finite, "the target", format_args!("{target:?}"))?;
+        let length = target.rotation.length();
+        if (length - 1.0).abs() > 1e-6 {
+            return Err(ControlError::InvalidSetting {
+                name: "the length of the target's rotation",
+                value: length.to_string(),
+                expected: "1, the length of a unit quaternion",
+            });
+        }
         check_reach(self, target, settings.orientation)?;
         let mut search = Search {
             chain: self,
@@ -284,8 +292,8 @@ impl Chain {
 
 impl Chain {
     /// Returns configuration `number` of a sequence that is spread evenly over the ranges of the
-    /// joints, of which half a turn (or as many metres) to either side of the middle is used.
-    /// Number 0 is the middle itself, and zero for joints without limits.
+    /// joints, of each at most half a turn (or as many metres) to either side of the middle. Number
+    /// 0 is the middle itself, and zero for joints without limits.
     pub fn quasi_random_configuration(&self, number: usize) -> Vec<f64> {
         let ranges = self.ranges();
         let middle = |range: &Option<[f64; 2]>| range.map_or(0.0, |[low, high]| low.midpoint(high));
@@ -297,13 +305,13 @@ impl Chain {
         self.joints().iter().map(|joint| joint.motion.range).collect()
     }
 
-    /// Returns the speed (m/s) that the tip reaches in every direction in `configuration` `[len]`,
-    /// without turning except where `orientation` leaves it free: the least one of the six along
-    /// the axes of the world. Joints without maximum speed count as infinitely fast.
+    /// Returns the speed (m/s) that the tip can reach in every direction in `configuration`
+    /// `[len]`, without turning except where `orientation` leaves it free: the least of its speeds
+    /// along the axes of the world. Joints without maximum speed count as infinitely fast.
     ///
     /// # Panics
     /// If `configuration` is not as long as the chain.
-    pub fn tip_speed_in_any_direction(
+    pub fn slowest_direction_tip_speed(
         &self,
         configuration: &[f64],
         orientation: OrientationConstraint,
@@ -400,7 +408,8 @@ fn check_reach(
 const REACH_TOLERANCE: f64 = 1e-9;
 
 /// Returns configuration `number`, from 1, of a sequence that is spread evenly over `ranges`, of
-/// which half a turn (or as many metres) to either side of the seed is used.
+/// each the stretch of at most one turn (or as many metres) that is centred on the seed as far as
+/// the limits allow.
 ///
 /// Point `number` of Roberts' sequence with the powers of 1/g, where g^(d + 1) = g + 1 for d joints
 /// (Roberts 2018, "The unreasonable effectiveness of quasirandom sequences").
@@ -456,7 +465,8 @@ pub(crate) fn check_joint_ranges(chain: &Chain, configuration: &[f64]) -> Result
     Ok(())
 }
 
-/// Returns the distance of the tip from `target`, and a joint at the end of its range, if any.
+/// Returns the miss of the tip in `configuration`: its distance and angle from `target`, and a
+/// joint at the end of its range, if any.
 pub(crate) fn tip_miss(
     chain: &Chain,
     orientation: OrientationConstraint,

@@ -24,7 +24,7 @@ impl KinematicArm {
         Self { control, wanted_closing: 0.0, gripper_closure: 0.0 }
     }
 
-    /// Advances the arm's time by `seconds`.
+    /// Moves arm and fingers for `seconds` as they were last commanded.
     ///
     /// # Errors
     /// Errors of [`TwistController::tick`]; the arm stands still then.

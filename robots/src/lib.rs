@@ -28,13 +28,13 @@ pub use chain::{Chain, ChainJoint};
 pub use check::{JointSummary, RobotCheckReport};
 pub use control::{TwistControlSettings, TwistController};
 pub use description::{
-    Inertia, Joint, JointMotion, JointMotionKind, JointPositionSource, JointRangeRestriction, Link,
-    RobotDescription,
+    Inertia, Joint, JointMotionKind, JointMotionSpec, JointPositionSource, JointRangeRestriction,
+    Link, RobotDescription,
 };
 pub use error::{ControlError, DescriptionError, MissedTarget};
 pub use ik::{IkSettings, OrientationConstraint};
 pub use kinematic_arm::KinematicArm;
-pub use mjcf::{ExtraLinkMjcf, JointServoSettings, Mjcf, MjcfSettings, TouchingLinkPairs};
+pub use mjcf::{JointServoSettings, LinkMjcfAddition, Mjcf, MjcfSettings, TouchingLinkPairs};
 pub use pose::Pose;
 pub use robot::{ArmCommand, Robot, RobotState};
 pub use robot_file::RobotFile;

@@ -19,7 +19,7 @@ use serde::Serialize;
 
 use crate::capsule::{PlacedShape, Shape};
 use crate::description::{
-    Inertia, Joint, JointMotion, JointMotionKind, JointPositionSource, Link, RobotDescription,
+    Inertia, Joint, JointMotionKind, JointMotionSpec, JointPositionSource, Link, RobotDescription,
 };
 use crate::error::DescriptionError;
 use crate::error::{all, check_numbers, require};
@@ -60,7 +60,7 @@ impl TouchingLinkPairs {
     }
 }
 
-/// Settings of the conversion to MJCF: additions to the robot itself.
+/// Settings of the conversion to MJCF: servos, default classes and added elements.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MjcfSettings {
     /// Servos of the joints; if `None`, the model has no actuators.
@@ -69,7 +69,7 @@ pub struct MjcfSettings {
     /// below it. The scene must declare the classes.
     pub link_classes: Vec<(String, String)>,
     /// Elements that are added to links.
-    pub additions: Vec<ExtraLinkMjcf>,
+    pub additions: Vec<LinkMjcfAddition>,
 }
 
 /// MJCF elements that are added to a link's body, for instance sites and cameras.
@@ -77,15 +77,16 @@ pub struct MjcfSettings {
 /// Added geoms contribute mass only to a link that has neither mass nor shapes; added bodies have
 /// masses of their own.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ExtraLinkMjcf {
+pub struct LinkMjcfAddition {
     /// Name of the link.
     pub link: String,
     /// MJCF of the elements, which is not checked.
     pub mjcf: String,
 }
 
-/// Servos of the free joints: the force is `stiffness` times the position error plus `damping`
-/// times the speed error, up to the joint's effort.
+/// Servos of the free joints: the force is the position error times the stiffness (effort over
+/// `saturation_error`) plus the speed error times the damping (stiffness times `damping_time`), up
+/// to the joint's effort.
 ///
 /// An actuator has the name of its joint, and takes [`JointServoSettings::control_signal`] as its
 /// control. Its damping needs an implicit integrator (`<option integrator="implicit"/>`); with
@@ -122,7 +123,7 @@ impl JointServoSettings {
     /// Returns the offset of a joint's control that adds `force` (newtons, newton metres), for
     /// instance one of [`RobotDescription::gravity_compensation_forces`]. Zero for a joint without
     /// a known effort, which can have no servo.
-    pub fn feed_forward(&self, motion: &JointMotion, force: f64) -> f64 {
+    pub fn feed_forward(&self, motion: &JointMotionSpec, force: f64) -> f64 {
         motion.max_effort.map_or(0.0, |effort| force * self.saturation_error / effort)
     }
 
@@ -386,7 +387,7 @@ impl RobotDescription {
 
     /// Writes an actuator for each free joint.
     fn servos(&self, servo: &JointServoSettings) -> String {
-        let of_joint = |(joint, motion): (&Joint, &JointMotion)| {
+        let of_joint = |(joint, motion): (&Joint, &JointMotionSpec)| {
             let name = xml_escaped(&joint.name);
             // no servos are written where an effort is unknown
             let effort = motion.max_effort.unwrap_or_default();
@@ -456,7 +457,7 @@ fn inertial(inertia: &Inertia) -> String {
     )
 }
 
-fn moving(name: &str, motion: &JointMotion) -> String {
+fn moving(name: &str, motion: &JointMotionSpec) -> String {
     let kind = match motion.kind {
         JointMotionKind::Hinge => "hinge",
         JointMotionKind::Slide => "slide",

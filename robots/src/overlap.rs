@@ -91,7 +91,8 @@ impl<'a> Solid<'a> {
 }
 
 impl PlacedShape {
-    /// Returns the point of the shape, on a link at pose `link`, that lies furthest in `direction`.
+    /// Returns the point of the shape, on a link at pose `link`, that lies furthest in `direction`,
+    /// both in the world.
     pub fn furthest_point(&self, link: &Pose, direction: DVec3) -> DVec3 {
         let solid = Solid::new(self, link);
         solid.support(direction) + solid.radius * direction.normalize_or_zero()
@@ -170,7 +171,7 @@ impl<'a> Solids<'a> {
         Self { solids, around: Sphere { centre, radius } }
     }
 
-    /// Returns `true` if a shape of one link touches a shape of the other one.
+    /// Returns `true` if a shape of one link comes within 1 mm of a shape of the other one.
     pub(crate) fn touch(&self, other: &Solids) -> bool {
         let near = |solid: &&Solid| !solid.sphere().is_apart(&other.around);
         !self.around.is_apart(&other.around)

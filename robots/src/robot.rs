@@ -45,7 +45,7 @@ pub struct RobotState {
 /// Robot that moves its tip by twists.
 ///
 /// A command stays in force until the next one or until the robot is stopped, as on real arms. A
-/// [`Watchdog`](crate::Watchdog) stops a robot that receives no commands any more.
+/// [`Watchdog`](crate::Watchdog) that is polled stops a robot that receives no commands any more.
 pub trait Robot {
     /// Reads the state of the robot.
     ///

@@ -61,13 +61,13 @@ pub struct RobotFile {
 }
 
 impl RobotFile {
-    /// Returns `true` for names of files that [`RobotFile::read`] takes: `.urdf` and `.json`.
+    /// Returns `true` for names of a URDF (`.urdf`) or of a settings file (`.json`), in any case.
     pub fn has_supported_extension(path: &Path) -> bool {
         is(path, "urdf") || is(path, "json")
     }
 
-    /// Reads a JSON file, or returns the defaults for a URDF. Paths are relative to the working
-    /// directory then.
+    /// Reads the settings in a JSON file; any other file is taken for the URDF itself, unread, with
+    /// default settings. Paths are relative to the working directory then.
     ///
     /// # Errors
     /// [`DescriptionError::Read`], [`DescriptionError::InvalidSettings`].
@@ -91,7 +91,7 @@ impl RobotFile {
         })
     }
 
-    /// Reads the URDF.
+    /// Reads the URDF and the meshes that it names; the settings of hand and base are not applied.
     ///
     /// # Errors
     /// Those of [`RobotDescription::from_urdf_file_with_settings`]; they name the file.
@@ -112,12 +112,14 @@ impl RobotFile {
         })
     }
 
-    /// Returns the name of the hand's link in `robot`.
+    /// Returns the name of the hand's link: that of this file, unchecked, or else the default of
+    /// `robot`.
     pub fn hand_link<'a>(&'a self, robot: &'a RobotDescription) -> &'a str {
         self.hand.as_deref().unwrap_or(robot.default_hand_link())
     }
 
-    /// Returns the names of the links of the hand's two fingers; `None` if nothing moves on it.
+    /// Returns the names of the links of the hand's two fingers: those of this file, unchecked, or
+    /// else the default of `robot`; `None` if nothing moves on the hand.
     ///
     /// # Errors
     /// Those of [`RobotDescription::default_finger_links`].
@@ -131,7 +133,8 @@ impl RobotFile {
         }
     }
 
-    /// Returns the unit vector, in the frame of the hand, that points down at work.
+    /// Returns the unit vector, in the frame of the hand, that points down at work: that of this
+    /// file, or else the default of `robot`.
     ///
     /// # Errors
     /// Those of [`RobotDescription::default_approach_axis`];

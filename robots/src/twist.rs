@@ -89,8 +89,9 @@ impl Default for TwistLimits {
 }
 
 impl TwistLimits {
-    /// Returns the twist that moves the tip by a displacement (metres) and a rotation vector
-    /// (radians), as returned by [`Pose::displacement_to`](crate::Pose::displacement_to).
+    /// Returns the twist with which a tip moves along the remaining displacement (metres) and
+    /// rotation vector (radians), as returned by
+    /// [`Pose::displacement_to`](crate::Pose::displacement_to).
     ///
     /// The speed is the highest from which the tip can still stop at the end, and at most `rate`
     /// (1/s) times the remaining displacement.

@@ -22,6 +22,7 @@ use crate::error::{DescriptionError, all, require};
 use crate::pose::Pose;
 
 pub use names::MAX_LINKS;
+pub(crate) use names::check_name;
 pub use xml::MAX_URDF_BYTES;
 
 /// Settings for reading a URDF file.
@@ -137,8 +138,8 @@ impl RobotDescription {
         Self::parse(&xml::decode(bytes), Some(folder.unwrap_or(Path::new("."))), settings)
     }
 
-    /// Parses a URDF, without its collision meshes. Its root is at the world's origin;
-    /// [`RobotDescription::with_base_pose`] moves it.
+    /// Parses the text of a URDF without its collision meshes, which then count as missing. Its
+    /// root is at the world's origin; [`RobotDescription::with_base_pose`] moves it.
     ///
     /// Reads `<inertial>` and `<collision>` (boxes, cylinders, spheres, capsules) of links, and
     /// everything but `<safety_controller>` and `<calibration>` of joints. Everything else is

@@ -5,13 +5,13 @@ use std::time::Duration;
 use crate::error::ControlError;
 use crate::robot::{ArmCommand, Robot, RobotState};
 
-/// Wrapper that stops a robot if no command arrives within the time-out, if a command is rejected,
-/// and on drop.
+/// Wrapper that stops a robot if a command is rejected, on drop, and, if it is polled, once no
+/// command has arrived within the time-out.
 ///
 /// `clock` defines time. For a real robot use `let start = Instant::now(); move ||
 /// start.elapsed()`; for a simulated one, the simulation's time. A thread, or the loop that reads
-/// the camera, must call [`Watchdog::check_timeout`] or [`Robot::state`], which includes it, more
-/// often than the time-out.
+/// the camera, must call [`Watchdog::stop_if_timed_out`] or [`Robot::state`], which includes it,
+/// more often than the time-out.
 pub struct Watchdog<R: Robot, C: Fn() -> Duration> {
     robot: R,
     clock: C,
@@ -35,22 +35,24 @@ enum Activity {
 const TIMEOUT: Duration = Duration::from_millis(200);
 
 impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
-    /// Wraps `robot`, and stops it 200 ms after its last command.
+    /// Wraps `robot`; the first call of [`Watchdog::stop_if_timed_out`] or [`Robot::state`] 200 ms
+    /// or more after the last command stops it.
     pub fn new(robot: R, clock: C) -> Self {
         Self::with_timeout(robot, clock, TIMEOUT)
     }
 
-    /// Wraps `robot`, and stops it `timeout` after its last command.
+    /// Wraps `robot`; the first call of [`Watchdog::stop_if_timed_out`] or [`Robot::state`]
+    /// `timeout` or more after the last command stops it.
     pub fn with_timeout(robot: R, clock: C, timeout: Duration) -> Self {
         Self { robot, clock, timeout, activity: Activity::Still }
     }
 
-    /// Stops the robot if the last command is as old as the time-out, or if the clock went back
-    /// since. Returns `true` if it stopped the robot.
+    /// Stops the robot if the last command is at least as old as the time-out, if the clock went
+    /// back since, or if an earlier stop failed. Returns `true` if it stopped the robot.
     ///
     /// # Errors
     /// [`ControlError::NotStopped`]; the next call tries again.
-    pub fn check_timeout(&mut self) -> Result<bool, ControlError> {
+    pub fn stop_if_timed_out(&mut self) -> Result<bool, ControlError> {
         let cause = match self.activity {
             Activity::Still => return Ok(false),
             Activity::Commanded(commanded) => match (self.clock)().checked_sub(commanded) {
@@ -87,13 +89,13 @@ impl<R: Robot, C: Fn() -> Duration> Watchdog<R, C> {
 
 impl<R: Robot, C: Fn() -> Duration> Robot for Watchdog<R, C> {
     fn state(&mut self) -> Result<RobotState, ControlError> {
-        self.check_timeout()?;
+        self.stop_if_timed_out()?;
         self.robot.state()
     }
 
     fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         // before the command, which would make an overdue robot look freshly commanded
-        self.check_timeout()?;
+        self.stop_if_timed_out()?;
         let sent = command.check().and_then(|()| self.robot.command(command));
         if let Err(refused) = sent {
             self.halt(|| refused.to_string())?;

@@ -169,6 +169,12 @@ fn an_added_link_moves_with_its_parent_and_nothing_else_moves() {
         assert!(way.iter().all(|part| part.length() < 1e-12), "{way:?}");
         let taken = robot.with_fixed_link("tip", origin, added()).unwrap_err().to_string();
         assert!(taken.contains("called `added`"), "{taken}");
+        let nameless = Link { name: String::new(), ..added() };
+        let refused = bare.clone().with_fixed_link(parent, origin, nameless).unwrap_err();
+        assert!(refused.to_string().contains("it is empty"), "{refused}");
+        let tilted = Pose { rotation: origin.rotation * 2.0, ..origin };
+        let crooked = bare.clone().with_fixed_link(parent, tilted, added()).unwrap_err();
+        assert!(crooked.to_string().contains("the length of its rotation is"), "{crooked}");
     }
     let prefixed = bare.clone().with_prefix("robot/");
     assert_eq!(prefixed.links()[1].name, "robot/column");
@@ -192,7 +198,7 @@ fn a_tip_is_as_fast_as_its_slowest_direction() {
         let robot = RobotDescription::from_urdf(&format!("<robot name=\"r\">{parts}</robot>"));
         let tip = format!("l{}", axes.len());
         let chain = Chain::new(&robot.unwrap(), &tip).unwrap();
-        chain.tip_speed_in_any_direction(&vec![0.0; axes.len()], OrientationConstraint::Full)
+        chain.slowest_direction_tip_speed(&vec![0.0; axes.len()], OrientationConstraint::Full)
     };
     let speed = slides(&[("1 0 0", 0.7), ("0 1 0", 0.5), ("0 0 1", 0.9)]);
     assert!((speed - 0.5).abs() < 1e-5, "{speed}");

@@ -171,6 +171,11 @@ fn targets_without_a_solution_are_told_from_those_out_of_reach() {
         panic!("{error}");
     };
     assert!(miss.distance.max(miss.angle) > 1e-3, "{error}");
+    let stretched = Pose { rotation: tip.rotation * 2.0, ..tip };
+    let refused = chain
+        .solve_ik_with_settings(&stretched, &seed, &settings(OrientationConstraint::Full))
+        .unwrap_err();
+    assert!(refused.to_string().contains("rotation is"), "{refused}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use mujoco::{Data, Model};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{
-    Chain, ExtraLinkMjcf, JointServoSettings, MjcfSettings, Pose, RobotDescription, Twist,
+    Chain, JointServoSettings, LinkMjcfAddition, MjcfSettings, Pose, RobotDescription, Twist,
     TwistControlSettings, TwistController, gen3,
 };
 
@@ -131,7 +131,7 @@ fn a_scene_includes_the_part() {
     let settings = MjcfSettings {
         servo: None,
         link_classes: vec![("base_link".to_owned(), "arm".to_owned())],
-        additions: vec![ExtraLinkMjcf {
+        additions: vec![LinkMjcfAddition {
             link: "tool_link".to_owned(),
             mjcf: "<site name=\"tool\" pos=\"0 0 0.01\"/>".to_owned(),
         }],
@@ -180,7 +180,7 @@ fn neighbours_do_not_collide_and_the_arm_hits_itself() {
 #[test]
 fn additions_to_no_link_are_refused() {
     let settings = MjcfSettings {
-        additions: vec![ExtraLinkMjcf { link: "elbow".to_owned(), mjcf: String::new() }],
+        additions: vec![LinkMjcfAddition { link: "elbow".to_owned(), mjcf: String::new() }],
         ..MjcfSettings::default()
     };
     let refused = gen3::gen3_description().unwrap().to_mjcf(&settings);

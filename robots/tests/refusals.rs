@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use mujoco::{Data, Model};
 use robots::{
-    Chain, JointMotion, JointPositionSource, JointServoSettings, MAX_URDF_BYTES, MjcfSettings,
+    Chain, JointMotionSpec, JointPositionSource, JointServoSettings, MAX_URDF_BYTES, MjcfSettings,
     Pose, RobotDescription, Shape, TwistControlSettings, TwistController, UrdfSettings,
 };
 
@@ -211,7 +211,7 @@ fn reversed_ranges_are_refused_where_they_are_used() {
 }
 
 #[track_caller]
-fn motion_of(arm: &RobotDescription, joint: &str) -> JointMotion {
+fn motion_of(arm: &RobotDescription, joint: &str) -> JointMotionSpec {
     let joint = arm.joints().iter().find(|other| other.name == joint).unwrap();
     joint.motion.unwrap()
 }

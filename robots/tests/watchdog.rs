@@ -54,15 +54,15 @@ fn ms(milliseconds: u64) -> Duration {
 fn it_stops_once_after_two_hundred_milliseconds_without_a_command() {
     let (tape, now) = (Tape::default(), Cell::new(ms(5000)));
     let mut watched = Watchdog::new(Recorded(&tape), || now.get());
-    assert!(!watched.check_timeout().unwrap(), "nobody commanded it yet");
+    assert!(!watched.stop_if_timed_out().unwrap(), "nobody commanded it yet");
     for at in [5000, 5150, 5300] {
         now.set(ms(at));
         watched.command(&ArmCommand::default()).unwrap();
     }
     now.set(ms(5499));
-    assert!(!watched.check_timeout().unwrap());
+    assert!(!watched.stop_if_timed_out().unwrap());
     now.set(ms(5500));
-    assert!(watched.check_timeout().unwrap());
+    assert!(watched.stop_if_timed_out().unwrap());
     now.set(ms(9000));
     watched.state().unwrap();
     assert_eq!(*tape.calls.borrow(), ["command", "command", "command", "stop"]);
@@ -96,8 +96,8 @@ fn a_robot_that_does_not_stop_is_told_again() {
     assert!(message.contains("cable") && message.contains("COULD NOT BE STOPPED"), "{message}");
     assert!(matches!(watched.state(), Err(ControlError::NotStopped { .. })));
     tape.stuck.set(false);
-    assert!(watched.check_timeout().unwrap());
-    assert!(!watched.check_timeout().unwrap());
+    assert!(watched.stop_if_timed_out().unwrap());
+    assert!(!watched.stop_if_timed_out().unwrap());
     assert_eq!(*tape.calls.borrow(), ["command", "stop", "stop", "stop"]);
 }
 
@@ -107,8 +107,8 @@ fn a_clock_that_goes_back_stops_the_robot() {
     let mut watched = Watchdog::new(Recorded(&tape), || now.get());
     watched.command(&ArmCommand::default()).unwrap();
     now.set(ms(0));
-    assert!(watched.check_timeout().unwrap());
-    assert!(!watched.check_timeout().unwrap());
+    assert!(watched.stop_if_timed_out().unwrap());
+    assert!(!watched.stop_if_timed_out().unwrap());
 }
 
 #[test]

@@ -70,8 +70,8 @@ const STEP_DEVIATION: f64 = 5e-12;
 const REPLAY_DEVIATION: f64 = 1e-4;
 
 impl RecordingComparison {
-    /// Returns `true` if something was compared and all deviations are within their bounds; NaN is
-    /// not.
+    /// Returns `true` if rewards, single steps and replay were all compared, success agrees
+    /// everywhere, and deviations are within their bounds; NaN is not.
     pub fn passes(&self) -> bool {
         let steps = [self.reward_steps, self.physics_steps, self.replay_steps];
         !steps.contains(&0)
@@ -89,7 +89,7 @@ impl RecordingComparison {
 /// # Errors
 /// [`RunError::Read`] with the file and the problem; errors of MuJoCo.
 pub fn compare_with_recordings(folder: &Path) -> Result<Vec<RecordingComparison>, RunError> {
-    let paths = npz_files(folder).map_err(RunError::to_read_error_at(folder))?;
+    let paths = npz_files(folder).map_err(RunError::read_error_mapper(folder))?;
     if paths.is_empty() {
         let problem = "no recording in it: expected files named ENGINE_TASK_POLICY.npz";
         return Err(RunError::cannot_read(folder, problem));
@@ -153,7 +153,7 @@ impl Replica {
     fn new(group: TaskGroup) -> Result<Self, EnvError> {
         let (layout, arm) = (Layout::MetaWorld, Embodiment::SAWYER);
         let scene = Arc::new(Scene::new_in_layout(layout, group, arm, Camera::default())?);
-        let mut table = TableTop::new(Arc::clone(&scene), layout.action_settings())?;
+        let mut table = TableTop::new(Arc::clone(&scene), layout.control_settings())?;
         let placement = scene.sample_placement(&mut ChaCha8Rng::seed_from_u64(0));
         table.reset_to(D2::Identity, placement)?;
         let model = &scene.model;

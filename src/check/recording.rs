@@ -287,7 +287,7 @@ mod tests {
         for group in TaskGroup::ALL {
             let scene = Arc::new(scene(group));
             let mut table =
-                TableTop::new(Arc::clone(&scene), scene.layout.action_settings()).unwrap();
+                TableTop::new(Arc::clone(&scene), scene.layout.control_settings()).unwrap();
             let target = scene.model.body("hand_target").unwrap();
             let loose = ["decoy", "loose"].iter().find_map(|name| scene.model.joint(name).ok());
             for recording in recordings(&scene) {

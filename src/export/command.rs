@@ -21,8 +21,8 @@ use super::weights::{reference_outputs, safetensors_weights};
 /// Options of `covers export`.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Examples:\n  \
-    covers export runs/covers-seed0 --policy drawer-close --out drawer\n  \
-    covers export runs/covers-seed0 --policy 2 --out drawer")]
+    covers export runs/covers-sac-seed0 --policy drawer-close --out drawer\n  \
+    covers export runs/covers-sac-seed0 --policy 2 --out drawer")]
 pub struct ExportOptions {
     /// Folder of a run, or a folder that `covers pack` created.
     #[arg(value_name = "RUN")]
@@ -58,13 +58,14 @@ impl ExportOptions {
             Err(_) => policy_of_group(&self.policy, &run, &mut *learner, &own, labels)?,
         };
         let observations = observations(&run)?;
-        let (policy, answers) = learner.export_policy(index, &observations)?;
+        let policy = learner.export_policy(index)?;
+        let answers = learner.policy_output(index, &observations)?;
         let about = policy_description(&policy, index, &run);
         let path = |name: &str| self.out.join(name);
         let weights = safetensors_weights(&policy, &path("policy.safetensors"))?;
         let golden =
             reference_outputs(&policy, &observations, &answers, &path("golden.safetensors"))?;
-        create_dir_all(&self.out).map_err(RunError::to_write_error_at(&self.out))?;
+        create_dir_all(&self.out).map_err(RunError::write_error_mapper(&self.out))?;
         let files = [
             ("policy.onnx", onnx_model(&policy, &about.to_string())),
             ("policy.safetensors", weights),
@@ -98,7 +99,7 @@ fn policy_of_group(
     let variant = run.schedule.select_groups(Some(group), &tasks)?[0].variants()[0];
     match own.get(group) {
         Some(&policy) => Ok(policy),
-        None => Evaluator::for_experiment(run, &tasks, labels)?.recognise_variant(learner, variant),
+        None => Evaluator::for_experiment(run, &tasks, labels)?.recognise_policy(learner, variant),
     }
 }
 

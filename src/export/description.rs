@@ -1,6 +1,6 @@
 //! JSON description of an exported policy's inputs, outputs and layers.
 
-use envs::ExtraView;
+use envs::ExtraViews;
 use rl::{ExportedActionDistribution, ExportedLayer, ExportedPolicy};
 use serde_json::{Map, Value, json};
 
@@ -36,9 +36,9 @@ pub(super) fn policy_description(policy: &ExportedPolicy, index: usize, run: &Ex
 fn inputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
     let camera = &run.envs.camera;
     let beside: &[&str] = match camera.extra_views {
-        ExtraView::First => &["the episode's first"],
-        ExtraView::CloseUp => &["the close-up"],
-        ExtraView::FirstAndCloseUp => &["the episode's first", "the close-up"],
+        ExtraViews::First => &["the episode's first"],
+        ExtraViews::CloseUp => &["the close-up"],
+        ExtraViews::FirstAndCloseUp => &["the episode's first", "the close-up"],
     };
     let pictures = [&["the picture"], beside].concat();
     let pictures = pictures.iter().map(|own| format!("red, green, blue of {own}"));

@@ -10,9 +10,9 @@ use experiments::RunError;
 /// Name, element type, shape and bytes of an exported array.
 type Array = (String, Dtype, Vec<usize>, Vec<u8>);
 
-/// Serialises a policy's weights, named `image.0.weight` and so on: convolutions
-/// `[C_out, C_in, size, size]`, matrices `[C_out, C_in]`. Errors name `path`, the file that will be
-/// written.
+/// Serialises a policy's weights and biases as safetensors, named `image.0.weight` and so on:
+/// convolutions `[C_out, C_in, size, size]`, matrices `[C_out, C_in]`. Errors name `path`, the file
+/// that will be written.
 pub(super) fn safetensors_weights(
     policy: &ExportedPolicy,
     path: &Path,
@@ -45,7 +45,8 @@ pub(super) fn network_parts(
     image.chain(vector).chain(actor).chain(critic).collect()
 }
 
-/// Serialises observations and the policy's outputs for them, as a reference for other programs.
+/// Serialises observations and the policy's outputs for them as safetensors, as a reference for
+/// other programs.
 pub(super) fn reference_outputs(
     policy: &ExportedPolicy,
     observations: &Observations,
@@ -79,5 +80,5 @@ fn serialize(arrays: Vec<Array>, path: &Path) -> Result<Vec<u8>, RunError> {
     let views = views.collect::<Result<Vec<_>, _>>();
     views
         .and_then(|views| safetensors::serialize(views, None))
-        .map_err(RunError::to_write_error_at(path))
+        .map_err(RunError::write_error_mapper(path))
 }

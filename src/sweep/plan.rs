@@ -92,7 +92,8 @@ impl SweepPlan {
         Ok(jobs)
     }
 
-    /// Returns the jobs of the plan in their order without calling [`Experiment::check`].
+    /// Returns the jobs of the plan in their order; checks the plan itself, but does not call
+    /// [`Experiment::check`] on the settings.
     ///
     /// # Errors
     /// As [`SweepPlan::jobs`], without errors of [`Experiment::check`].

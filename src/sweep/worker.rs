@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use envs::TaskRegistry;
 use experiments::cli::print_escaped;
 use experiments::printable::printable_message;
-use experiments::{Experiment, FolderStamps, Run, RunError, RunEvent, RunFolder, StopSignal};
+use experiments::{Experiment, FileStamps, Run, RunError, RunEvent, RunFolder, StopSignal};
 use learner::DeviceChoice;
 use learner::overrides::check_same_settings;
 
@@ -23,7 +23,8 @@ const DISK_RETRY_INTERVALS: [Duration; 4] =
 /// Time between checks of the stop signal while a worker waits.
 const STOP_POLL: Duration = Duration::from_millis(50);
 
-/// Settings of a sweep's worker.
+/// Settings of one worker of a sweep: folder, threads, device, and time until it takes over runs
+/// that stand still.
 #[derive(Clone, Copy, Debug)]
 pub struct SweepWorkerSettings<'a> {
     /// Folder that holds the folders of the runs.
@@ -37,9 +38,10 @@ pub struct SweepWorkerSettings<'a> {
     pub take_over_after: Option<Duration>,
 }
 
-/// Outcome of a sweep's worker.
+/// Outcome of one worker of a sweep: `true` if it was stopped with jobs left, and the jobs that
+/// failed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct SweepOutcome {
+pub struct SweepWorkerOutcome {
     /// `true` if a stop was requested while jobs were left.
     pub stopped: bool,
     /// Names of the jobs that failed; their errors were printed.
@@ -65,13 +67,13 @@ pub fn run_sweep_worker(
     settings: SweepWorkerSettings,
     stop: &StopSignal,
     out: &mut impl Write,
-) -> Result<SweepOutcome, RunError> {
+) -> Result<SweepWorkerOutcome, RunError> {
     let runs = settings.runs;
-    std::fs::create_dir_all(runs).map_err(RunError::to_write_error_at(runs))?;
+    std::fs::create_dir_all(runs).map_err(RunError::write_error_mapper(runs))?;
     let (failed, lost, seen) = Default::default();
     let mut worker = Worker { settings, stop, out, failed, lost, seen };
     let stopped = worker.work(jobs);
-    Ok(SweepOutcome { stopped, failed_jobs: worker.failed })
+    Ok(SweepWorkerOutcome { stopped, failed_jobs: worker.failed })
 }
 
 struct Worker<'a, W> {
@@ -82,7 +84,7 @@ struct Worker<'a, W> {
     /// Names of the jobs that other workers took over from this one.
     lost: Vec<String>,
     /// Files of the runs of other workers by job, and since when they have not changed.
-    seen: BTreeMap<String, (FolderStamps, Instant)>,
+    seen: BTreeMap<String, (FileStamps, Instant)>,
 }
 
 impl<W: Write> Worker<'_, W> {
@@ -200,7 +202,7 @@ impl<W: Write> Worker<'_, W> {
         let Some(limit) = self.settings.take_over_after else {
             return Ok(false);
         };
-        let (now, snapshot) = (Instant::now(), folder.snapshot()?);
+        let (now, snapshot) = (Instant::now(), folder.file_stamps()?);
         let name = &job.folder_name;
         match self.seen.get(name) {
             Some((seen, since)) if *seen == snapshot => {
@@ -261,7 +263,7 @@ fn claim(
 ) -> Result<Run, RunError> {
     let SweepWorkerSettings { threads, device, .. } = settings;
     let path = folder.path();
-    std::fs::create_dir_all(path).map_err(RunError::to_write_error_at(path))?;
+    std::fs::create_dir_all(path).map_err(RunError::write_error_mapper(path))?;
     let resume = || {
         let tasks = TaskRegistry::with_standard();
         Run::resume_with_tasks(folder.clone(), Some(threads), device, tasks)
@@ -345,7 +347,7 @@ mod tests {
             SweepWorkerSettings { runs, threads: 2, device, take_over_after: None }
         }
 
-        fn work(&self, stop: &StopSignal) -> (SweepOutcome, String) {
+        fn work(&self, stop: &StopSignal) -> (SweepWorkerOutcome, String) {
             let mut said = Vec::new();
             let ended = run_sweep_worker(&self.jobs, self.settings(), stop, &mut said).unwrap();
             (ended, String::from_utf8(said).unwrap())
@@ -375,7 +377,7 @@ mod tests {
             assert!(sweep.folder(second).is_finished(), "{}", result.1);
             result
         });
-        assert_eq!(ended, SweepOutcome::default());
+        assert_eq!(ended, SweepWorkerOutcome::default());
         let expected = [
             "equi-seed0: done",
             "equi-seed2: done",
@@ -421,7 +423,7 @@ mod tests {
             });
             sweep.work(&StopSignal::default())
         });
-        assert_eq!(ended, SweepOutcome::default(), "{said}");
+        assert_eq!(ended, SweepWorkerOutcome::default(), "{said}");
         let lines: Vec<&str> = said.lines().collect();
         assert!(lines[0].contains("No space left on device"), "{said}");
         assert!(lines[0].ends_with("; tried again in 2 seconds"), "{said}");

@@ -24,8 +24,8 @@ const EARLY_FILES: [&str; 2] = ["lock", "metrics.csv"];
 
 /// Options of `covers watch`: the run and the output format.
 #[derive(Clone, Debug, Args)]
-#[command(after_help = "Examples:\n  covers watch runs/covers-seed0\n  \
-    covers watch runs/covers-seed0 --json | jq .reward")]
+#[command(after_help = "Examples:\n  covers watch runs/covers-sac-seed0\n  \
+    covers watch runs/covers-sac-seed0 --json | jq .reward")]
 pub struct WatchOptions {
     /// Folder of the run.
     #[arg(value_name = "RUN")]
@@ -36,8 +36,8 @@ pub struct WatchOptions {
 }
 
 impl WatchOptions {
-    /// Shows the run on the terminal until the user quits. If standard output is not a terminal,
-    /// prints a line for each rollout and evaluation until the run is finished. Returns the exit
+    /// Shows the run on the terminal until the user quits; if standard output is not a terminal or
+    /// JSON is requested, prints its events to `out` until the run is finished. Returns the exit
     /// code of the process: 0, or 128 plus the number of the signal that ended it.
     ///
     /// # Errors
@@ -65,7 +65,8 @@ impl WatchOptions {
         Ok(RunSnapshot::open(&self.run_folder)?)
     }
 
-    /// Prints a line for each rollout and evaluation to `out` until the run is finished.
+    /// Prints a line for each rollout and evaluation to `out` until the run is finished, and one
+    /// for its end.
     ///
     /// # Errors
     /// As [`WatchOptions::run`].
@@ -90,6 +91,6 @@ impl WatchOptions {
 
 fn summary(folder: &RunFolder) -> Result<Value, RunError> {
     let path = folder.file_path(SUMMARY_FILE);
-    let text = fs::read(&path).map_err(RunError::to_read_error_at(&path))?;
-    serde_json::from_slice(&text).map_err(RunError::to_read_error_at(&path))
+    let text = fs::read(&path).map_err(RunError::read_error_mapper(&path))?;
+    serde_json::from_slice(&text).map_err(RunError::read_error_mapper(&path))
 }

@@ -47,7 +47,8 @@ impl RunSnapshot {
         Ok(changed)
     }
 
-    /// Returns the time since the latest change of a file; `None` if there are no files yet.
+    /// Returns the time since the latest change of a file that this snapshot holds; `None` if it
+    /// holds none.
     #[cfg(feature = "tui")]
     pub fn time_since_change(&self) -> Option<Duration> {
         let newest = self.stamps.iter().flatten().map(|stamp| stamp.1).max()?;

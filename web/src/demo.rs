@@ -84,7 +84,8 @@ pub struct IterationRecord {
 }
 
 impl WorldsDemo {
-    /// Draws a world of `num_groups` groups and its stream from a seed.
+    /// Draws a world and its stream from a seed; the world has `num_groups` groups, at least 1 and
+    /// at most 16 whatever is given.
     ///
     /// # Errors
     /// Settings that the learner refuses.
@@ -117,7 +118,8 @@ impl WorldsDemo {
         Ok(record)
     }
 
-    /// Returns the images `[T, 4, 48, 48, 3]` of the first four environments in the latest rollout.
+    /// Returns the images `[T, 4, 48, 48, 3]` of the first four environments in the latest rollout,
+    /// at its start and after each decision.
     pub fn rollout_film(&self) -> &[u8] {
         &self.env.film
     }
@@ -135,10 +137,11 @@ impl WorldsDemo {
         Ok(present(&observations.images).collect())
     }
 
-    /// Inserts a visit of `rounds` rollouts to a task group, which begins within two iterations.
+    /// Inserts a visit of `rounds` rollouts to a task group, which begins within two iterations and
+    /// ends the visit that it interrupts.
     ///
     /// # Errors
-    /// [`RlError::Environment`] for a group that the world does not have.
+    /// [`RlError::Environment`] for a group that the world does not have, and for 0 rounds.
     pub fn insert_visit(
         &mut self,
         group: usize,

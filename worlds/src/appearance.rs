@@ -66,7 +66,7 @@ impl Shape {
     }
 }
 
-/// Pattern of an object: parts of it are darker.
+/// Pattern of an object: one colour all over, or with darker parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Texture {
     /// One colour all over the object.

@@ -7,7 +7,7 @@ use symmetry::{D2, Irrep};
 
 use crate::group::TaskGroup;
 use crate::picture::{PICTURE_SIZE, Picture};
-use crate::scene::Scene;
+use crate::scene::SceneSettings;
 
 /// Largest absolute coordinate of the hand, in units of half the side of the picture.
 // Below 1, so that the hand's centre stays in the picture.
@@ -21,7 +21,7 @@ const NEAR: f32 = 0.06;
 #[derive(Clone, Debug)]
 pub(crate) struct Episode {
     group: TaskGroup,
-    scene: Scene,
+    scene: SceneSettings,
     variant: D2,
     hand: [f32; 2],
     object: [f32; 2],
@@ -35,14 +35,19 @@ pub(crate) struct Episode {
 
 impl Episode {
     /// Begins an episode: places the object of `group` at random in a scene.
-    pub fn begin(scene: Scene, group: TaskGroup, variant: Option<D2>, mut rng: ChaCha8Rng) -> Self {
+    pub fn begin(
+        scene: SceneSettings,
+        group: TaskGroup,
+        variant: Option<D2>,
+        mut rng: ChaCha8Rng,
+    ) -> Self {
         // drawn even if the caller chose a variant, so that the rest of the episode stays the same
         let drawn = D2::from_bits(rng.random_range(0..4));
         let [from, to] = scene.object_range;
         let object = [0; 2].map(|_| rng.random_range(from..=to));
         let empty = (scene.decisions_without_object > 0)
-            .then(|| Picture::without_hand(&scene, &group, object, false, &mut rng.clone()));
-        let still = Picture::without_hand(&scene, &group, object, true, &mut rng);
+            .then(|| Picture::render_without_hand(&scene, &group, object, false, &mut rng.clone()));
+        let still = Picture::render_without_hand(&scene, &group, object, true, &mut rng);
         let mut episode = Self {
             group,
             scene,
@@ -79,7 +84,7 @@ impl Episode {
     fn render(&mut self) {
         let empty = self.empty.as_ref().filter(|_| self.scene.decisions_without_object > 0);
         let picture = empty.unwrap_or(&self.still).with_hand(self.hand);
-        self.now = picture.with_camera_noise(self.scene.noise_amplitude, &mut self.rng);
+        self.now = picture.to_noisy_bytes(self.scene.noise_amplitude, &mut self.rng);
     }
 
     /// Returns the action of a scripted expert for `group`, mirrored as the pictures are.

@@ -39,8 +39,8 @@ impl RewardFunction {
         (-DECAY * self.distance_to_full_reward([x, y])).exp()
     }
 
-    /// Returns the distance of a hand from the nearest position of full reward, in units of half
-    /// the picture's side.
+    /// Returns the distance of a hand, at a position relative to the object, from the nearest
+    /// position of full reward, in units of half the picture's side.
     pub fn distance_to_full_reward(&self, [x, y]: [f32; 2]) -> f32 {
         ((x - self.offset[0]).hypot(y - self.offset[1]) - self.radius).abs()
     }
@@ -72,7 +72,7 @@ impl HandDynamics {
         [self.gain * (cos * x - sin * y), self.gain * (sin * x + cos * y)]
     }
 
-    /// Returns the action that causes a displacement of the hand.
+    /// Returns the action that causes a displacement of the hand; it may lie outside `[-1, 1]^2`.
     pub(crate) fn action_for_displacement(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (sin, cos) = self.rotation_rad.sin_cos();
         [(cos * x + sin * y) / self.gain, (cos * y - sin * x) / self.gain]

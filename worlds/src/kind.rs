@@ -12,7 +12,7 @@ use crate::scene::{
 
 /// Property in which the task groups of a world can differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum GroupProperty {
+pub enum TaskGroupProperty {
     /// Colour of the object.
     Colour,
     /// Outline of the object.
@@ -76,7 +76,7 @@ struct Spec {
     name: &'static str,
     /// Least and largest default number of task groups.
     num_groups: [usize; 2],
-    properties: &'static [GroupProperty],
+    properties: &'static [TaskGroupProperty],
     nuisance: Nuisance,
 }
 
@@ -101,8 +101,8 @@ impl WorldKind {
     ];
 
     const fn spec(self) -> Spec {
-        use GroupProperty::{Colour, Dynamics, Form, Ground, Reward, Shape, Target};
-        const APPEARANCE: &[GroupProperty] = &[Colour, Shape, Form, Target];
+        use TaskGroupProperty::{Colour, Dynamics, Form, Ground, Reward, Shape, Target};
+        const APPEARANCE: &[TaskGroupProperty] = &[Colour, Shape, Form, Target];
         let values: (_, _, _, Nuisance) = match self {
             Self::Appearance => ("appearance", [8, 8], APPEARANCE, unchanged),
             Self::Shape => ("shape", [8, 8], &[Shape, Target], unchanged),
@@ -130,11 +130,12 @@ impl WorldKind {
     }
 
     /// Returns the properties in which the task groups of this kind of world differ.
-    pub const fn varying_properties(self) -> &'static [GroupProperty] {
+    pub const fn varying_properties(self) -> &'static [TaskGroupProperty] {
         self.spec().properties
     }
 
-    /// Returns the change of the scene in the course of a stream, which requires no new policies.
+    /// Returns the function that changes the scene in the course of a stream, a change that
+    /// requires no new policies.
     pub(crate) const fn nuisance(self) -> Nuisance {
         self.spec().nuisance
     }
@@ -150,7 +151,7 @@ impl WorldKind {
     pub(crate) const fn max_num_groups(self) -> usize {
         match self.varying_properties() {
             // values of a property are drawn without repetition
-            [property] | [property, GroupProperty::Target] => property.num_values(),
+            [property] | [property, TaskGroupProperty::Target] => property.num_values(),
             _ => 16,
         }
     }
@@ -164,7 +165,7 @@ impl WorldKind {
                 let values = property.draw(number, rng).into_iter();
                 values.map(|value| property.set(common, value)).collect()
             }
-            [property, GroupProperty::Target] => {
+            [property, TaskGroupProperty::Target] => {
                 let mut common = draw_appearance(rng);
                 (common.texture, common.num_copies, common.half_size) = (Texture::Plain, 1, 0.18);
                 let values = property.draw(number, rng).into_iter();
@@ -182,7 +183,7 @@ impl WorldKind {
     }
 }
 
-impl GroupProperty {
+impl TaskGroupProperty {
     /// Returns the number of values that the property can have.
     const fn num_values(self) -> usize {
         match self {

@@ -41,8 +41,8 @@ mod world;
 
 pub use appearance::{Appearance, Shape, Texture};
 pub use group::{HandDynamics, RewardFunction, TaskGroup};
-pub use kind::{GroupProperty, WorldKind};
-pub use scene::Scene;
+pub use kind::{TaskGroupProperty, WorldKind};
+pub use scene::SceneSettings;
 pub use stream::{DEFAULT_HORIZON, GroupVisit, StreamError, TaskStream};
 pub use world::World;
 

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::appearance::{Appearance, Shape, Texture};
 use crate::group::TaskGroup;
-use crate::scene::Scene;
+use crate::scene::SceneSettings;
 
 /// Width and height of a picture in pixels.
 pub(crate) const PICTURE_SIZE: usize = 48;
@@ -29,8 +29,8 @@ pub(crate) struct Picture(Vec<f32>);
 impl Picture {
     /// Paints the scene of a task group without the hand: ground, clutter and, if it is seen, the
     /// object, in the light of one episode.
-    pub fn without_hand(
-        scene: &Scene,
+    pub fn render_without_hand(
+        scene: &SceneSettings,
         group: &TaskGroup,
         object: [f32; 2],
         is_seen: bool,
@@ -58,8 +58,9 @@ impl Picture {
         picture
     }
 
-    /// Returns the camera picture `[48, 48, 3]`, with uniform noise of at most `noise`.
-    pub fn with_camera_noise(&self, noise: f32, rng: &mut ChaCha8Rng) -> Vec<u8> {
+    /// Returns the camera picture `[48, 48, 3]` as bytes, after adding uniform noise of at most
+    /// `noise` levels either way.
+    pub fn to_noisy_bytes(&self, noise: f32, rng: &mut ChaCha8Rng) -> Vec<u8> {
         // one random byte for each value: the noise has 256 levels
         let mut grain = vec![0; self.0.len()];
         rng.fill(&mut grain[..]);

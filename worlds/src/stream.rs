@@ -35,10 +35,10 @@ impl GroupVisit {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StreamError {
-    /// Stream of tasks without visits or without environments.
+    /// Stream of tasks without visits or without environments, or visit without rounds.
     #[error("{what} is 0, expected at least 1")]
     NoVisitsOrEnvs {
-        /// Name of the number that is 0: that of visits or of environments.
+        /// Name of the number that is 0: that of visits, of environments, or of rounds.
         what: &'static str,
     },
     /// Visit of a group that the world does not have.
@@ -97,7 +97,7 @@ impl TaskStream {
             }
         }
         for (index, visit) in visits.iter().enumerate() {
-            check_group(&world, index, visit)?;
+            check_visit(&world, index, visit)?;
         }
         let spec = EnvSpec {
             num_envs,
@@ -117,7 +117,8 @@ impl TaskStream {
         })
     }
 
-    /// Mirrors all episodes of all visits so far by one element of D2 instead of a random one.
+    /// Mirrors all episodes of the visits given so far by one element of D2; visits that are
+    /// inserted later keep their own.
     #[must_use]
     pub fn with_variant(mut self, variant: D2) -> Self {
         for visit in &mut self.visits {
@@ -126,7 +127,7 @@ impl TaskStream {
         self
     }
 
-    /// Sets the length of the stream's episodes in decisions, at least 1.
+    /// Sets the length of the stream's episodes in decisions; 0 counts as 1.
     #[must_use]
     pub fn with_horizon(mut self, horizon: usize) -> Self {
         self.horizon = horizon.max(1);
@@ -138,14 +139,15 @@ impl TaskStream {
         &self.world
     }
 
-    /// Returns the number of rounds (episodes in each environment) that ended so far.
+    /// Returns the number of rounds (episodes in each environment) that ended so far, by their
+    /// horizon or by a reset.
     pub fn num_rounds_ended(&self) -> usize {
         self.round
     }
 
     /// Returns the index of the task group that the stream visits in round `round`, from 0.
     pub fn group_in_round(&self, round: usize) -> usize {
-        self.visit_of_round(round).group
+        self.group_visit_in_round(round).group
     }
 
     /// Inserts a visit that begins after the current round and shortens the visit that it
@@ -155,21 +157,21 @@ impl TaskStream {
     /// [`StreamError::UnknownGroup`] for a group that the world does not have.
     pub fn insert_visit(&mut self, visit: GroupVisit) -> Result<(), StreamError> {
         let next = self.round + usize::from(!self.episodes.is_empty());
-        let index = self.visit_in_round(next);
+        let index = self.visit_index_in_round(next);
         let rounds_before: usize = self.visits[..index].iter().map(|earlier| earlier.rounds).sum();
-        check_group(&self.world, index + 1, &visit)?;
+        check_visit(&self.world, index + 1, &visit)?;
         self.visits[index].rounds = next - rounds_before;
         self.visits.insert(index + 1, visit);
         Ok(())
     }
 
     /// Returns the visit that round `round`, from 0, belongs to.
-    pub fn visit_of_round(&self, round: usize) -> GroupVisit {
-        self.visits[self.visit_in_round(round)]
+    pub fn group_visit_in_round(&self, round: usize) -> GroupVisit {
+        self.visits[self.visit_index_in_round(round)]
     }
 
     /// Returns the index of the visit in round `round`, at most that of the last one.
-    fn visit_in_round(&self, round: usize) -> usize {
+    fn visit_index_in_round(&self, round: usize) -> usize {
         let mut end = 0;
         let visit = self.visits.iter().position(|visit| {
             end += visit.rounds;
@@ -191,8 +193,8 @@ impl TaskStream {
     fn begin(&mut self) {
         self.step = 0;
         let (world, round) = (&self.world, self.round);
-        let scene = world.scene_in_round(round, self.visit_in_round(round));
-        let visit = self.visit_of_round(round);
+        let scene = world.scene_in_round(round, self.visit_index_in_round(round));
+        let visit = self.group_visit_in_round(round);
         let group = world.groups[visit.group].after(round);
         let episodes = (0..self.spec.num_envs).map(|env| {
             let mut rng = ChaCha8Rng::seed_from_u64(world.seed);
@@ -213,8 +215,11 @@ impl TaskStream {
 }
 
 /// Checks that the world has the group of a visit, which has this index in the list of visits.
-fn check_group(world: &World, index: usize, visit: &GroupVisit) -> Result<(), StreamError> {
+fn check_visit(world: &World, index: usize, visit: &GroupVisit) -> Result<(), StreamError> {
     let (group, groups) = (visit.group, world.groups.len());
+    if visit.rounds == 0 {
+        return Err(StreamError::NoVisitsOrEnvs { what: "the number of rounds of a visit" });
+    }
     if group < groups {
         Ok(())
     } else {

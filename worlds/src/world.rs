@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::group::TaskGroup;
 use crate::kind::WorldKind;
-use crate::scene::Scene;
+use crate::scene::SceneSettings;
 
 /// World of synthetic tasks: task groups in one scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,22 +18,22 @@ pub struct World {
     pub groups: Vec<TaskGroup>,
     /// Surroundings of the objects at the beginning of a stream of tasks, before rewards are
     /// scaled.
-    pub scene: Scene,
+    pub scene: SceneSettings,
     /// Surroundings of the objects at the largest change that the nuisance of the kind of world
     /// causes.
-    pub changed_scene: Scene,
+    pub changed_scene: SceneSettings,
 }
 
 impl World {
-    /// Draws a random world with the kind's default number of groups.
+    /// Draws a random world, with a random number of groups in the kind's default range.
     pub fn random(kind: WorldKind, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let number = kind.draw_num_groups(&mut rng);
         Self::with_rng(kind, seed, number, rng)
     }
 
-    /// Draws a random world with `number` task groups, at least 1 and at most the kind's largest
-    /// number, which is 4 for [`WorldKind::Reward`] and up to 16 for others.
+    /// Draws a random world with `number` task groups; fewer than 1 count as 1, and more than the
+    /// kind's maximum, which is 4 to 16, as the maximum.
     pub fn random_with_num_groups(kind: WorldKind, seed: u64, number: usize) -> Self {
         let rng = ChaCha8Rng::seed_from_u64(seed);
         Self::with_rng(kind, seed, number.clamp(1, kind.max_num_groups()), rng)
@@ -48,7 +48,7 @@ impl World {
 
     /// Returns the surroundings of the objects in round `round` of a stream of tasks, which belongs
     /// to visit `visit`.
-    pub fn scene_in_round(&self, round: usize, visit: usize) -> Scene {
+    pub fn scene_in_round(&self, round: usize, visit: usize) -> SceneSettings {
         let (from, to) = (&self.scene, &self.changed_scene);
         // rises to 1 and returns to 0
         let share = 1.0 - (1.0 - (round as f32 / CHANGE_ROUNDS).rem_euclid(2.0)).abs();
@@ -56,7 +56,7 @@ impl World {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         // streams from 0 on drew the world and its episodes
         rng.set_stream(u64::MAX - visit as u64);
-        Scene {
+        SceneSettings {
             ground: std::array::from_fn(|i| mix(from.ground[i], to.ground[i])),
             brightness: mix(from.brightness, to.brightness),
             noise_amplitude: mix(from.noise_amplitude, to.noise_amplitude),
@@ -82,12 +82,12 @@ const CHANGE_ROUNDS: f32 = 250.0;
 
 /// Returns random surroundings; positions of objects range widely for [`WorldKind::Appearance`]
 /// only.
-fn draw_scene(kind: WorldKind, rng: &mut ChaCha8Rng) -> Scene {
+fn draw_scene(kind: WorldKind, rng: &mut ChaCha8Rng) -> SceneSettings {
     // appearance worlds have the widest range, 0.2 to 0.7; others draw a width from 0.05 to 0.5
     let wide = kind == WorldKind::Appearance;
     let width = if wide { 0.5 } else { rng.random_range(0.05..0.5) };
     let from = 0.2 + rng.random_range(0.0..=1.0) * (0.5 - width);
-    Scene {
+    SceneSettings {
         ground: [rng.random_range(90.0..160.0); 3],
         num_clutter_objects: rng.random_range(0..=3),
         brightness: 1.0,

@@ -7,7 +7,8 @@ use std::collections::BTreeSet;
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::D2;
 use worlds::{
-    GroupProperty, GroupVisit, Scene, StreamError, TaskGroup, TaskStream, World, WorldKind,
+    GroupVisit, SceneSettings, StreamError, TaskGroup, TaskGroupProperty, TaskStream, World,
+    WorldKind,
 };
 
 const SEEDS: std::ops::Range<u64> = 1000..1020;
@@ -17,16 +18,16 @@ fn visits(groups: &[usize], rounds: usize) -> Vec<GroupVisit> {
 }
 
 /// Returns each property of a group as text; offset and radius are the target's and the reward's.
-fn properties(group: &TaskGroup) -> [(GroupProperty, String); 7] {
+fn properties(group: &TaskGroup) -> [(TaskGroupProperty, String); 7] {
     let look = &group.appearance;
     [
-        (GroupProperty::Colour, format!("{:?}", look.colour)),
-        (GroupProperty::Shape, format!("{:?}", look.shape)),
-        (GroupProperty::Form, format!("{:?}", (look.half_size, look.texture, look.num_copies))),
-        (GroupProperty::Ground, format!("{:?}", group.ground_tint)),
-        (GroupProperty::Target, format!("{:?}", group.reward.offset)),
-        (GroupProperty::Reward, format!("{:?}", group.reward.radius)),
-        (GroupProperty::Dynamics, format!("{:?}", group.dynamics)),
+        (TaskGroupProperty::Colour, format!("{:?}", look.colour)),
+        (TaskGroupProperty::Shape, format!("{:?}", look.shape)),
+        (TaskGroupProperty::Form, format!("{:?}", (look.half_size, look.texture, look.num_copies))),
+        (TaskGroupProperty::Ground, format!("{:?}", group.ground_tint)),
+        (TaskGroupProperty::Target, format!("{:?}", group.reward.offset)),
+        (TaskGroupProperty::Reward, format!("{:?}", group.reward.radius)),
+        (TaskGroupProperty::Dynamics, format!("{:?}", group.dynamics)),
     ]
 }
 
@@ -42,7 +43,7 @@ fn equal_seeds_draw_equal_worlds_and_groups_differ_where_their_kind_says() {
                 for other in &world.groups[..i] {
                     let both = properties(group).into_iter().zip(properties(other));
                     let differ = both.filter(|(a, b)| a != b).map(|(one, _)| one.0);
-                    let differ: Vec<GroupProperty> = differ.collect();
+                    let differ: Vec<TaskGroupProperty> = differ.collect();
                     // two groups may share some of a long list of properties, not all
                     let few = kind.varying_properties().len() <= 2;
                     assert!(
@@ -91,7 +92,7 @@ fn experts_have_high_rewards_in_their_own_group_alone_where_rewards_differ() {
 }
 
 /// Returns each part of a scene as text, with the kind in which it changes.
-fn parts(scene: &Scene) -> [(WorldKind, String); 5] {
+fn parts(scene: &SceneSettings) -> [(WorldKind, String); 5] {
     [
         (WorldKind::ChangingGround, format!("{:?}", scene.ground)),
         (WorldKind::ChangingLight, format!("{:?}", scene.brightness)),
@@ -195,6 +196,7 @@ fn what_cannot_be_shown_is_refused() {
     let refuse = |visits, envs| TaskStream::new(world.clone(), visits, envs).unwrap_err();
     assert!(matches!(refuse(vec![], 1), StreamError::NoVisitsOrEnvs { .. }));
     assert!(matches!(refuse(visits(&[0], 1), 0), StreamError::NoVisitsOrEnvs { .. }));
+    assert!(matches!(refuse(visits(&[0], 0), 1), StreamError::NoVisitsOrEnvs { .. }));
     let error = refuse(visits(&[0, 9], 1), 1);
     assert!(error.to_string().starts_with("visit 1 is of group 9"), "{error}");
     let mut stream = TaskStream::new(world, visits(&[0], 1), 2).unwrap();
@@ -217,7 +219,7 @@ fn a_visit_is_inserted_after_the_round_that_runs() {
     stream.step(&[0.0; 2], &mut transition).unwrap();
     stream.insert_visit(inserted).unwrap();
     assert_eq!(groups(&stream), [0, 2, 2, 1, 1, 1, 1, 1]);
-    assert_eq!(stream.visit_of_round(1), inserted);
+    assert_eq!(stream.group_visit_in_round(1), inserted);
     // an episode whose first observation was returned belongs to the visit before
     stream.step(&[0.0; 2], &mut transition).unwrap();
     stream.insert_visit(GroupVisit::new(0, 1)).unwrap();

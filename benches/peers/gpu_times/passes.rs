@@ -3,7 +3,7 @@
 use std::error::Error;
 
 use equivariant::gpu::{
-    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuDevice, PassSelection,
+    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuDevice, PassesToRun,
 };
 use equivariant::{Layer, LayerSignature};
 use rand::SeedableRng;
@@ -23,7 +23,7 @@ impl Bench {
     fn new(
         device: &GpuDevice,
         name: &str,
-        passes: PassSelection,
+        passes: PassesToRun,
         samples: usize,
     ) -> Result<Bench, Box<dyn Error>> {
         let (size, fields, pooled): (usize, &[usize], bool) = match name {
@@ -37,7 +37,7 @@ impl Bench {
         let mut plan = ComputePlan::new();
         let x = plan.add_input(network.in_shape());
         let y = plan.add_layer(&network, x)?;
-        let trains = passes == PassSelection::All;
+        let trains = passes == PassesToRun::All;
         let plan = if trains { plan } else { plan.forward_only() };
         let program = CompiledPlan::new(device, &plan, samples)?;
         let mut params = vec![0.0; network.num_params()];
@@ -55,7 +55,8 @@ impl Bench {
     }
 }
 
-/// Returns the mean milliseconds of a training pass or a forward pass of a network on a GPU.
+/// Returns the mean milliseconds of passes through a network on a GPU: forward and backward for the
+/// task `training`, forward alone for `decisions`.
 pub fn time_network_pass(
     device: &GpuDevice,
     network: &str,
@@ -63,8 +64,8 @@ pub fn time_network_pass(
     batch: usize,
 ) -> Result<f64, Box<dyn Error>> {
     let passes = match task {
-        "training" => PassSelection::All,
-        "decisions" => PassSelection::Forward,
+        "training" => PassesToRun::All,
+        "decisions" => PassesToRun::Forward,
         _ => return Err(format!("got the task `{task}`").into()),
     };
     let bench = Bench::new(device, network, passes, batch)?;
@@ -84,15 +85,15 @@ pub fn kernel_times(
     network: &str,
     batch: usize,
 ) -> Result<String, Box<dyn Error>> {
-    let bench = Bench::new(device, network, PassSelection::All, batch)?;
+    let bench = Bench::new(device, network, PassesToRun::All, batch)?;
     milliseconds(|runs| {
         for _ in 0..runs {
-            bench.program.submit_passes(PassSelection::All, bench.batch);
+            bench.program.submit_passes(PassesToRun::All, bench.batch);
         }
         bench.program.read_floats([(bench.last, 1)])?;
         Ok(())
     })?;
-    let times = bench.program.kernel_seconds(PassSelection::All, bench.batch)?;
+    let times = bench.program.time_kernels(PassesToRun::All, bench.batch)?;
     let times = times.iter();
     let words =
         times.map(|(name, seconds)| format!("{} {:.2}", name.replace(' ', "_"), 1e6 * seconds));

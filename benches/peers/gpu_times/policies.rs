@@ -17,8 +17,8 @@ use crate::noise::{HORIZON, RandomEnv, random_env_spec};
 /// Largest number of observations on the device at a time.
 const AT_A_TIME: usize = 512;
 
-/// Returns the mean milliseconds of a PPO update of a policy whose network is `width` times as wide
-/// as the presets'.
+/// Returns the mean milliseconds of a PPO update on the GPU or on `place` CPU threads, with a
+/// network, rollout and minibatches `width` times as large as the presets'.
 pub fn time_ppo_update(
     device: &GpuDevice,
     width: usize,
@@ -53,7 +53,8 @@ pub fn time_ppo_update(
     on(place, &mut run)
 }
 
-/// Returns the mean milliseconds in which a policy decides on `num_envs` observations.
+/// Returns the mean milliseconds in which a policy decides on `num_envs` observations, on the GPU
+/// or on `place` CPU threads.
 pub fn time_decisions(
     device: &GpuDevice,
     num_envs: usize,

@@ -1,13 +1,13 @@
 //! Simple baselines: groupings by one description of first pictures.
 
 use cluster::{
-    AlternativeHypothesis, AssignedPolicy, CandidateFeatures, EvidenceSourceSamples, FrameFeatures,
-    assign_by_threshold, joint_permutation_test,
+    AlternativeHypothesis, AssignedPolicy, EvidenceSourceSamples, FrameFeatures,
+    RolloutAndBufferFeatures, assign_by_threshold, joint_permutation_test,
 };
 use evidence::{RecogniserSettings, Trajectory};
 use learner::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, CoversSettings, EpisodeRequirements,
-    Grouping, GroupingDecision, GroupingUpdate, LearnerError, PolicyCollectionSettings,
+    Grouping, GroupingDecision, GroupingUpdateResult, LearnerError, PolicyCollectionSettings,
     RolloutEpisodes,
 };
 use rand::{RngExt, SeedableRng};
@@ -88,7 +88,7 @@ impl BaselineGrouping {
     /// and `level` for that of the fitted tail.
     fn test(
         &self,
-        clouds: Vec<CandidateFeatures>,
+        clouds: Vec<RolloutAndBufferFeatures>,
         seed: u64,
     ) -> Result<AssignedPolicy, LearnerError> {
         let tests = clouds.into_par_iter().map(|clouds| {
@@ -126,7 +126,7 @@ impl Grouping for BaselineGrouping {
         let rollout = self.describe(data.episodes())?;
         let clouds = self.memories.iter().map(|memory| {
             let buffer = FrameFeatures::new(memory.clone(), 1, rollout.dim())?;
-            Ok(CandidateFeatures { buffer, rollout: rollout.clone() })
+            Ok(RolloutAndBufferFeatures { buffer, rollout: rollout.clone() })
         });
         let clouds = clouds.collect::<Result<Vec<_>, LearnerError>>()?;
         Ok(match self.rule {
@@ -139,7 +139,7 @@ impl Grouping for BaselineGrouping {
         &mut self,
         assigned: AssignedEpisodes<'_>,
         _: &mut ChaCha8Rng,
-    ) -> Result<GroupingUpdate, LearnerError> {
+    ) -> Result<GroupingUpdateResult, LearnerError> {
         if let AssignedEpisodes::Rollout { policy, episodes, .. } = assigned {
             let described = self.describe(episodes)?;
             self.memories.resize(self.memories.len().max(policy + 1), Vec::new());
@@ -148,6 +148,6 @@ impl Grouping for BaselineGrouping {
             let most = self.settings.memory * described.dim();
             memory.drain(..memory.len().saturating_sub(most));
         }
-        Ok(GroupingUpdate::default())
+        Ok(GroupingUpdateResult::default())
     }
 }

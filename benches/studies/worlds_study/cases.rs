@@ -21,7 +21,7 @@ pub enum StudyCase {
     Collapse,
 }
 
-/// Iteration in which a policy suddenly succeeds or collapses.
+/// Training iteration of a policy, from 1, in which it suddenly succeeds or collapses.
 pub const SUDDEN_CHANGE_ITERATION: usize = 8;
 
 impl StudyCase {
@@ -48,8 +48,8 @@ impl StudyCase {
     }
 }
 
-/// Visits of a stream. The default visits last three rollouts to ten, with switches in the middle
-/// of some.
+/// Number and length of the visits of a stream, as command-line options. The default visits last
+/// three rollouts to ten, with switches in the middle of some.
 #[derive(Clone, Debug, Default, PartialEq, clap::Args)]
 pub struct VisitPlan {
     /// Visits of all groups together, for a table of this stream alone [default: two of each group,
@@ -71,8 +71,8 @@ pub fn range(word: &str) -> Result<RangeInclusive<usize>, String> {
 }
 
 impl VisitPlan {
-    /// Returns five plans of streams, whose visits last from one rollout to thirty.
-    pub fn with_fixed_lengths() -> [Self; 5] {
+    /// Returns five plans of streams, each with visits of one length, from one rollout to thirty.
+    pub fn fixed_length_plans() -> [Self; 5] {
         [(60, 1), (240, 1), (60, 2), (60, 3), (16, 30)].map(|(visits, rollouts)| Self {
             visits: Some(visits),
             stay: Some(ROUNDS_PER_ROLLOUT * rollouts..=ROUNDS_PER_ROLLOUT * rollouts),

@@ -18,7 +18,7 @@ use clap::{Parser, ValueEnum};
 use worlds::WorldKind;
 
 use cases::{AssignmentRule, StudyCase, VisitPlan};
-use record::{AssignmentCounts, HEADER, StudyResults, table_row};
+use record::{HEADER, StudyRecord, StudyResults, table_row};
 use trial::StreamTrial;
 
 type Answer<T> = Result<T, Box<dyn Error + Send + Sync>>;
@@ -62,7 +62,7 @@ impl Arguments {
         if self.plan == VisitPlan::default() {
             let few = [WorldKind::Appearance, WorldKind::Target].map(StudyCase::Kind);
             tables
-                .extend(VisitPlan::with_fixed_lengths().iter().map(|plan| self.table(plan, &few)));
+                .extend(VisitPlan::fixed_length_plans().iter().map(|plan| self.table(plan, &few)));
         }
         tables.retain(|jobs| !jobs.is_empty());
         tables
@@ -90,7 +90,7 @@ fn main() -> Answer<()> {
     let results = StudyResults::open(arguments.csv.as_deref())?;
     for jobs in arguments.tables() {
         let records = run_all(&jobs, &results)?;
-        let AssignmentCounts { visits, stay, .. } = AssignmentCounts::new(&jobs[0]);
+        let StudyRecord { visits, stay, .. } = StudyRecord::new(&jobs[0]);
         println!("Visits: {visits}, of {stay} rounds\n\n{HEADER}");
         for job in jobs.iter().filter(|job| job.seed == arguments.first) {
             let own = records.iter().filter(|record| record.shares_row_with(job));
@@ -103,7 +103,7 @@ fn main() -> Answer<()> {
 
 /// Runs the streams of one table on threads of their own, and returns their records. Decisions are
 /// made in rayon's pool and timed.
-fn run_all(jobs: &[Job], results: &StudyResults) -> Answer<Vec<AssignmentCounts>> {
+fn run_all(jobs: &[Job], results: &StudyResults) -> Answer<Vec<StudyRecord>> {
     let next = Mutex::new(jobs.iter());
     let take = || next.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || {
@@ -122,7 +122,7 @@ fn run_all(jobs: &[Job], results: &StudyResults) -> Answer<Vec<AssignmentCounts>
 }
 
 /// Returns the record of one world, from the file if it is there.
-fn run(job: &Job, results: &StudyResults) -> Answer<AssignmentCounts> {
+fn run(job: &Job, results: &StudyResults) -> Answer<StudyRecord> {
     if let Some(record) = results.find(job) {
         return Ok(record.clone());
     }

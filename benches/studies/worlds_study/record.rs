@@ -10,12 +10,14 @@ use crate::cases::AssignmentRule;
 use crate::trial::ROUNDS_PER_ROLLOUT;
 use crate::{Answer, Job};
 
-/// Version of the study. Results of two versions do not belong in one table.
+/// Version of the study, which all records of a results file must have. Results of two versions do
+/// not belong in one table.
 pub const STUDY_VERSION: u32 = 9;
 
-/// Counts of right and wrong assignments in one world, in the order of the file's columns.
+/// Record of one world of the study, in the order of the file's columns: policies, right and wrong
+/// assignments, and the slowest decision.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct AssignmentCounts {
+pub struct StudyRecord {
     pub version: u32,
     pub rule: AssignmentRule,
     pub kind: String,
@@ -46,7 +48,7 @@ pub struct AssignmentCounts {
     pub slowest_us: u128,
 }
 
-impl AssignmentCounts {
+impl StudyRecord {
     /// Creates the record of a job's world, with all counts at zero.
     pub fn new(job: &Job) -> Self {
         let rounds = job.plan.rounds();
@@ -71,11 +73,12 @@ impl AssignmentCounts {
 /// Results of a study, in a file if one is named. A later study with the same file continues it.
 pub struct StudyResults {
     file: Option<Mutex<csv::Writer<File>>>,
-    known: Vec<AssignmentCounts>,
+    known: Vec<StudyRecord>,
 }
 
 impl StudyResults {
-    /// Opens the file and reads its records.
+    /// Opens the file at `path`, created if it is missing, and reads its records; without a path,
+    /// no results are kept.
     pub fn open(path: Option<&Path>) -> Answer<Self> {
         let Some(path) = path else {
             let (file, known) = (None, Vec::new());
@@ -91,7 +94,7 @@ impl StudyResults {
         let file = OpenOptions::new().append(true).create(true).open(path)?;
         let is_new = file.metadata()?.len() == 0;
         let rows = csv::Reader::from_path(path)?.into_deserialize();
-        let rows: Result<Vec<AssignmentCounts>, _> = rows.collect();
+        let rows: Result<Vec<StudyRecord>, _> = rows.collect();
         let known = rows.map_err(|error| rejected(error.to_string()))?;
         if let Some(other) = known.iter().find(|record| record.version != STUDY_VERSION) {
             return Err(rejected(format!("it holds version {}", other.version)).into());
@@ -103,16 +106,15 @@ impl StudyResults {
     }
 
     /// Returns the results that the file already held for this job when it was opened, if any.
-    pub fn find(&self, job: &Job) -> Option<&AssignmentCounts> {
-        let own = AssignmentCounts::new(job);
-        let is_own = |r: &&AssignmentCounts| {
-            (r.seed, &r.visits, &r.stay) == (job.seed, &own.visits, &own.stay)
-        };
+    pub fn find(&self, job: &Job) -> Option<&StudyRecord> {
+        let own = StudyRecord::new(job);
+        let is_own =
+            |r: &&StudyRecord| (r.seed, &r.visits, &r.stay) == (job.seed, &own.visits, &own.stay);
         self.known.iter().filter(is_own).find(|record| record.shares_row_with(job))
     }
 
     /// Appends a record to the results file, if there is one, and flushes it.
-    pub fn add(&self, record: &AssignmentCounts) -> Answer<()> {
+    pub fn add(&self, record: &StudyRecord) -> Answer<()> {
         let Some(file) = &self.file else {
             return Ok(());
         };
@@ -129,19 +131,18 @@ pub const HEADER: &str = "| worlds | rule | number | as many policies as groups 
 |---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
 /// Returns the Markdown line of the results table for one rule in worlds of one kind.
-pub fn table_row(Job { case, rule, .. }: &Job, records: &[&AssignmentCounts]) -> String {
+pub fn table_row(Job { case, rule, .. }: &Job, records: &[&StudyRecord]) -> String {
     let count =
-        |holds: fn(&AssignmentCounts) -> bool| records.iter().filter(|r| holds(r)).count() as f64;
+        |holds: fn(&StudyRecord) -> bool| records.iter().filter(|r| holds(r)).count() as f64;
     let worlds = |holds| 100.0 * count(holds) / records.len().max(1) as f64;
     let sum =
-        |of: fn(&AssignmentCounts) -> usize| records.iter().map(|record| of(record)).sum::<usize>();
+        |of: fn(&StudyRecord) -> usize| records.iter().map(|record| of(record)).sum::<usize>();
     // a share of nothing is a dash
     let share = |part, whole| match sum(whole) {
         0 => "-".to_owned(),
         whole => format!("{:.1} %", 100.0 * sum(part) as f64 / whole as f64),
     };
-    let most =
-        |of: fn(&AssignmentCounts) -> usize| records.iter().map(|r| of(r)).max().unwrap_or(0);
+    let most = |of: fn(&StudyRecord) -> usize| records.iter().map(|r| of(r)).max().unwrap_or(0);
     let cells = [
         case.name().to_owned(),
         format!("{rule:?}"),
@@ -187,12 +188,8 @@ mod tests {
 
     #[test]
     fn the_right_number_of_policies_is_not_enough_to_be_exact() {
-        let record = |policies, exact| AssignmentCounts {
-            groups: 4,
-            policies,
-            exact,
-            ..AssignmentCounts::default()
-        };
+        let record =
+            |policies, exact| StudyRecord { groups: 4, policies, exact, ..StudyRecord::default() };
         let records = [record(4, 1), record(4, 0), record(6, 0), record(3, 0)];
         let line = table_row(&job(None, AssignmentRule::Network, 7), &records.each_ref());
         let start = "| shape | Network | 4 | 50.0 % | 25.0 % | 1 | 2 | 1 | 1 | - |";
@@ -221,7 +218,7 @@ mod tests {
         let results = StudyResults::open(Some(&path)).unwrap();
         let own = job(None, AssignmentRule::Evidence, 7);
         assert_eq!(results.find(&own), None);
-        let record = AssignmentCounts::new(&own);
+        let record = StudyRecord::new(&own);
         results.add(&record).unwrap();
         let again = StudyResults::open(Some(&path)).unwrap();
         assert_eq!(again.find(&own), Some(&record));

@@ -3,7 +3,7 @@
 use std::cmp::Reverse;
 
 use crate::Job;
-use crate::record::AssignmentCounts;
+use crate::record::StudyRecord;
 use crate::trial::{IterationOutcome, StreamOutcome};
 
 /// Turn, with `true` if policy and group belong to each other, and `true` if the group had just
@@ -63,7 +63,7 @@ fn judge(outcome: &StreamOutcome) -> Vec<Judged> {
 }
 
 /// Counts right and wrong assignments in the outcome of one world.
-pub fn count_assignments(job: &Job, outcome: &StreamOutcome) -> AssignmentCounts {
+pub fn count_assignments(job: &Job, outcome: &StreamOutcome) -> StudyRecord {
     let judged = judge(outcome);
     let served = Served::of(outcome);
     let count = |holds: &dyn Fn(&Judged) -> bool| judged.iter().filter(|j| holds(j)).count();
@@ -72,7 +72,7 @@ pub fn count_assignments(job: &Job, outcome: &StreamOutcome) -> AssignmentCounts
         turn.learnt.iter().flatten().map(move |&group| served.is_pair(policy, group))
     });
     let learnt: Vec<bool> = learnt.collect();
-    AssignmentCounts {
+    StudyRecord {
         groups: outcome.distinct,
         policies: outcome.num_remaining_policies(),
         exact: usize::from(is_exact(outcome)),
@@ -86,7 +86,7 @@ pub fn count_assignments(job: &Job, outcome: &StreamOutcome) -> AssignmentCounts
         foreign: learnt.iter().filter(|&&is_own| !is_own).count(),
         merged: outcome.num_merged_policies(),
         slowest_us: outcome.slowest.as_micros(),
-        ..AssignmentCounts::new(job)
+        ..StudyRecord::new(job)
     }
 }
 

@@ -164,7 +164,8 @@ pub struct StreamTrial {
 }
 
 impl StreamTrial {
-    /// Draws a world and its visits, and starts the stream.
+    /// Draws a world and its visits, and creates a learner for their stream, which
+    /// [`StreamTrial::run`] runs.
     pub fn new(job: &Job) -> Answer<Self> {
         let world = job.case.world(job.seed);
         let seed = job.seed ^ 0xdeca;
@@ -260,11 +261,12 @@ pub struct StandInPolicy {
     bed: Option<Shared>,
 }
 
-/// Training of a [`StandInPolicy`], which takes the place of an optimiser.
-pub struct StandInTraining(Option<Shared>);
+/// Trainer of a [`StandInPolicy`], which shows it the groups of the rounds trained on instead of
+/// optimising parameters.
+pub struct StandInTrainer(Option<Shared>);
 
 impl PolicyCollectionSettings for StandInSettings {
-    type Trainer = StandInTraining;
+    type Trainer = StandInTrainer;
 
     fn common(&self) -> CommonSettings {
         CommonSettings {
@@ -294,12 +296,12 @@ impl PolicyCollectionSettings for StandInSettings {
         RolloutBuffer::new(spec, steps)
     }
 
-    fn new_training(&self, _: &EnvSpec, _: &StandInPolicy) -> Result<StandInTraining, RlError> {
-        Ok(StandInTraining(self.bed.clone()))
+    fn new_training(&self, _: &EnvSpec, _: &StandInPolicy) -> Result<StandInTrainer, RlError> {
+        Ok(StandInTrainer(self.bed.clone()))
     }
 }
 
-impl PolicyTrainer for StandInTraining {
+impl PolicyTrainer for StandInTrainer {
     type Policy = StandInPolicy;
     type Rollout = RolloutBuffer;
 

@@ -7,12 +7,12 @@ use crate::error::{ClusterError, Result};
 
 /// Rounding error that the check of a transport plan's optimality allows: a fraction of the whole
 /// mass for masses, otherwise of the largest cost or potential in magnitude, whichever is less.
-pub const RELATIVE_TOLERANCE: f64 = 1e-12;
+pub const CERTIFICATE_RELATIVE_TOLERANCE: f64 = 1e-12;
 
 /// Largest accepted `gap + violation` of a certificate, by which the transport plan's cost may
 /// exceed the optimum, as a fraction of that cost in magnitude. See [`certify_optimality`] for what
 /// negative costs and given weights are held to where that cost is close to zero.
-pub const MAX_RELATIVE_GAP: f64 = 1e-9;
+pub const MAX_RELATIVE_DUALITY_GAP: f64 = 1e-9;
 
 /// Largest magnitude of a potential that is compared with costs: far beyond those of any plan.
 const MAX_POTENTIAL: f64 = 1e300;
@@ -24,7 +24,8 @@ pub(crate) struct Scratch {
     received: Vec<f64>,
 }
 
-/// Checks that `plan` is an optimal transport plan for the row-major matrix `cost` `[n, m]`.
+/// Checks that `plan` is an optimal transport plan for the row-major matrix `cost` `[n, m]`, up to
+/// rounding, and returns the precision of the proof.
 ///
 /// With weights `a_i`, `b_j` and potentials `u_i`, `v_j`, linear-programming duality says
 ///
@@ -35,20 +36,20 @@ pub(crate) struct Scratch {
 /// for each plan `gamma` with these marginals and each pair of potentials with
 /// `u_i + v_j <= c_ij`. Equality therefore proves that both are optimal. Three facts are checked:
 ///
-/// - the marginals, up to [`RELATIVE_TOLERANCE`];
+/// - the marginals, up to [`CERTIFICATE_RELATIVE_TOLERANCE`];
 /// - `u_i + v_j <= c_ij`;
 /// - the equality of the two values.
 ///
-/// The last two hold up to [`RELATIVE_TOLERANCE`] times the largest `|c_ij|`, or the largest
-/// `|u_i|` or `|v_j|` if that is less, plus the smallest positive `f64` for each point. The plan's
-/// own `cost` field is held to the same value.
+/// The last two hold up to [`CERTIFICATE_RELATIVE_TOLERANCE`] times the largest `|c_ij|`, or the
+/// largest `|u_i|` or `|v_j|` if that is less, plus the smallest positive `f64` for each point. The
+/// plan's own `cost` field is held to the same value.
 ///
 /// With potentials far larger than the cost of the plan, these checks alone would prove nothing. So
 /// `gap + violation`, by which the plan's cost may exceed the optimum, must not exceed
-/// [`MAX_RELATIVE_GAP`] times `|cost|`. Two kinds of problems are held to [`RELATIVE_TOLERANCE`]
-/// times another number if that is more: those with negative costs, which may cancel, to the plan's
-/// cost less the least `c_ij`, and those with given weights, whose sums round, to the smallest
-/// positive `c_ij` that carries mass.
+/// [`MAX_RELATIVE_DUALITY_GAP`] times `|cost|`. Two kinds of problems are held to
+/// [`CERTIFICATE_RELATIVE_TOLERANCE`] times another number if that is more: those with negative
+/// costs, which may cancel, to the plan's cost less the least `c_ij`, and those with given weights,
+/// whose sums round, to the smallest positive `c_ij` that carries mass.
 ///
 /// Both are measured in twice the precision of an `f64`, since costs far smaller than the
 /// potentials would otherwise vanish in them.
@@ -83,7 +84,7 @@ pub(crate) fn certify_into(
     let scale = potential.min(largest(cost));
     // sums of subnormal numbers are exact, products round to the last bit whatever their size
     let last_bit = f64::from_bits(1) * (sources.len() + sinks.len()) as f64;
-    let tolerance = RELATIVE_TOLERANCE * scale + last_bit;
+    let tolerance = CERTIFICATE_RELATIVE_TOLERANCE * scale + last_bit;
     let violation = check_reduced_costs(cost, plan, tolerance)?;
     let gap = check_gap(cost, sources, sinks, plan, tolerance)?;
     let equal = matches!((sources, sinks), (PointWeights::Uniform(_), PointWeights::Uniform(_)));
@@ -132,7 +133,7 @@ fn check_side(side: &'static str, carried: &[f64], weights: PointWeights) -> Res
         let expected = weights.get(index) / sum;
         let error = (got - expected).abs();
         // the comparison must fail for NaN, so it is not written as `error > tolerance`
-        if !at_least(RELATIVE_TOLERANCE, error) {
+        if !at_least(CERTIFICATE_RELATIVE_TOLERANCE, error) {
             return Err(ClusterError::Marginal { side, index, got, expected });
         }
         largest = largest.max(error);
@@ -302,11 +303,12 @@ fn check_precision(
     excess: f64,
     last_bit: f64,
 ) -> Result<()> {
-    let relative = MAX_RELATIVE_GAP * plan.cost.abs() + last_bit;
+    let relative = MAX_RELATIVE_DUALITY_GAP * plan.cost.abs() + last_bit;
     if at_least(relative, excess) {
         return Ok(());
     }
-    let tolerance = relative.max(RELATIVE_TOLERANCE * scale_near_zero(cost, plan, equal));
+    let tolerance =
+        relative.max(CERTIFICATE_RELATIVE_TOLERANCE * scale_near_zero(cost, plan, equal));
     if at_least(tolerance, excess) {
         return Ok(());
     }

@@ -5,14 +5,15 @@ use crate::error::{ClusterError, Result};
 
 /// Largest accepted magnitude of a cost in a cost matrix, at which sums of costs along any path
 /// stay far from overflow.
-pub const MAX_COST: f64 = 1e100;
+pub const MAX_ABS_COST: f64 = 1e100;
 
 /// Largest accepted deviation of the sum of given weights from one. Rounding to `f32` moves the sum
 /// by at most 6e-8, and a softmax computed in `f32` adds more, the more points it has: 1e-6 is
 /// enough for a thousand.
 const SUM_TOLERANCE: f64 = 1e-6;
 
-/// Weights of the points on one side of a transport problem, all sources or all sinks.
+/// Weights of the points on one side of a transport problem, all sources or all sinks: equal, or
+/// given for each point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PointWeights<'a> {
     /// Equal weights of as many points as the number says.
@@ -34,7 +35,7 @@ impl PointWeights<'_> {
         }
     }
 
-    /// Returns the weight of point `index`.
+    /// Returns the weight of point `index`, not divided by the sum of the weights.
     pub(crate) fn get(&self, index: usize) -> f64 {
         match self {
             Self::Uniform(points) => 1.0 / *points as f64,
@@ -74,9 +75,9 @@ fn check_shape(cost: &[f64], sources: usize, sinks: usize) -> Result<()> {
     }
 }
 
-/// Checks that all costs are finite and within [`MAX_COST`].
+/// Checks that all costs are finite and within [`MAX_ABS_COST`].
 fn check_costs(cost: &[f64]) -> Result<()> {
-    let accepted = |c: &f64| c.abs() <= MAX_COST;
+    let accepted = |c: &f64| c.abs() <= MAX_ABS_COST;
     // a loop over the whole matrix without an early exit compiles to vector code
     if cost.iter().fold(true, |all, c| all & accepted(c)) {
         return Ok(());
@@ -84,7 +85,7 @@ fn check_costs(cost: &[f64]) -> Result<()> {
     let index = cost.iter().position(|c| !accepted(c)).unwrap_or(0);
     let value = cost[index];
     Err(if value.is_finite() {
-        ClusterError::CostTooLarge { index, value, limit: MAX_COST }
+        ClusterError::CostTooLarge { index, value, limit: MAX_ABS_COST }
     } else {
         ClusterError::NonFinite { what: "cost", index, value }
     })
@@ -121,7 +122,7 @@ pub(crate) fn check_weights_of(a: PointWeights, n: usize, b: PointWeights, m: us
 
 /// Entry of a transport plan: the mass that goes from one source to one sink.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PlanEntry {
+pub struct TransportPlanEntry {
     /// Index of the source, a row of the cost matrix, in `0..n`.
     pub source: usize,
     /// Index of the sink, a column of the cost matrix, in `0..m`.
@@ -138,7 +139,7 @@ pub struct TransportPlan {
     pub cost: f64,
     /// Positive entries of `gamma`, at most `n + m - 1`; each (source, sink) pair occurs at most
     /// once.
-    pub entries: Vec<PlanEntry>,
+    pub entries: Vec<TransportPlanEntry>,
     /// Dual potentials `u` of the sources, `[n]`.
     pub source_potentials: Vec<f64>,
     /// Dual potentials `v` of the sinks, `[m]`; `u_i + v_j <= c_ij` for all pairs.

@@ -4,8 +4,8 @@ use super::basis::Basis;
 use super::certificate::{Scratch, certify_into};
 use super::mass::Balance;
 use super::pricing::Pricing;
-use super::problem::{PlanEntry, TransportPlan};
 use super::problem::{PointWeights, check};
+use super::problem::{TransportPlan, TransportPlanEntry};
 use super::start::Start;
 use crate::error::{ClusterError, Result};
 
@@ -28,9 +28,9 @@ const PIVOTS_PER_NODE: usize = 1000;
 ///
 /// # Errors
 /// An empty side, weights that are negative, not finite or not of sum one, a misshapen matrix, a
-/// cost that is not finite or exceeds [`MAX_COST`](crate::MAX_COST), and an answer that the
+/// cost that is not finite or exceeds [`MAX_ABS_COST`](crate::MAX_ABS_COST), and an answer that the
 /// certificate refuses: [`ClusterError::Imprecise`] where rounding leaves more than
-/// [`MAX_RELATIVE_GAP`](crate::MAX_RELATIVE_GAP) of the cost open.
+/// [`MAX_RELATIVE_DUALITY_GAP`](crate::MAX_RELATIVE_DUALITY_GAP) of the cost open.
 ///
 /// ```
 /// use cluster::{PointWeights, solve_transport};
@@ -76,8 +76,8 @@ impl TransportSolver {
         Self::default()
     }
 
-    /// Solves a transport problem as [`solve_transport`] does. The plan is kept until the next
-    /// problem.
+    /// Solves a transport problem as [`solve_transport`] does; returns the plan, which the next
+    /// call overwrites.
     ///
     /// # Errors
     /// Errors of [`solve_transport`].
@@ -192,7 +192,7 @@ impl TransportSolver {
             // arcs that carry infinitesimals alone are part of the basis, not of the plan
             if flow.units > 0 {
                 let mass = flow.units as f64 / balance.total as f64;
-                plan.entries.push(PlanEntry { source, sink, mass });
+                plan.entries.push(TransportPlanEntry { source, sink, mass });
                 cost_in_units +=
                     flow.units as f64 * cost[source * self.basis.sink_prices().len() + sink];
             }

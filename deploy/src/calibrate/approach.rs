@@ -25,7 +25,8 @@ const PAUSE: Duration = Duration::from_millis(100);
 /// Maximum time until the hand is at rest, and then until a picture of it arrives.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Moves the hand to `target` in a straight line and stops the robot there.
+/// Moves the hand in a straight line to within 3 mm and 0.02 radians of `target`, and stops the
+/// robot there.
 ///
 /// # Errors
 /// [`DeployError::Robot`], [`DeployError::Rig`], [`DeployError::PoseNotReached`]; the arm may be
@@ -55,7 +56,7 @@ pub fn move_hand_to(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), D
     }
 }
 
-/// State of a hand that has come to rest.
+/// State of the arm while its hand rests, and the time since which it rests.
 #[derive(Clone, Debug)]
 pub struct RestingHand {
     /// Time on the rig's clock since which the hand rests.
@@ -64,7 +65,7 @@ pub struct RestingHand {
     pub state: RobotState,
 }
 
-/// Waits until the hand rests and copies a camera picture of it at rest into `rgb`. Returns the
+/// Waits until the hand rests, copies a camera picture of it at rest into `rgb`, and returns the
 /// arm's state.
 ///
 /// # Errors

@@ -21,21 +21,21 @@ const HEIGHT: &[&str] = &["imageheight", "height"];
 const MATRIX: &[&str] = &["cameramatrix", "k", "mtx", "intrinsicmatrix"];
 const LENS: &[&str] = &["distortioncoefficients", "distcoeffs", "distcoeff", "dist", "d"];
 
-/// Reads a camera's intrinsics and lens distortion from a YAML file.
+/// Reads a camera's intrinsics and lens distortion from a YAML file of OpenCV or ROS.
 ///
 /// # Errors
 /// [`RunError::Read`] with the file and the reason.
 pub(super) fn read_camera_intrinsics(
     path: &Path,
 ) -> Result<(Intrinsics, LensDistortion), RunError> {
-    let metadata = std::fs::metadata(path).map_err(RunError::to_read_error_at(path))?;
+    let metadata = std::fs::metadata(path).map_err(RunError::read_error_mapper(path))?;
     let size = metadata.len();
     // a pipe or a device might never end
     if !metadata.is_file() || size > MAX_BYTES {
         let problem = format!("it has {size} bytes, expected a plain file of at most 4 MiB");
         return Err(RunError::damaged_file(path, problem));
     }
-    let text = std::fs::read_to_string(path).map_err(RunError::to_read_error_at(path))?;
+    let text = std::fs::read_to_string(path).map_err(RunError::read_error_mapper(path))?;
     parse(&text).map_err(|problem| RunError::damaged_file(path, problem))
 }
 

@@ -108,8 +108,8 @@ impl CalibrateOptions {
         Ok(print_escaped(out, &simulated)?)
     }
 
-    /// Calibrates the camera of your own rig; `arm` is the model of its robot. `--faults` has no
-    /// effect.
+    /// Calibrates the camera of your own rig, writes the calibration file and prints the result to
+    /// `out`; `arm` is the model of the rig's robot. `--faults` has no effect.
     ///
     /// # Errors
     /// As [`CalibrateOptions::run`], and `--fault`, which only a simulated rig can set.
@@ -187,7 +187,7 @@ impl CalibrateOptions {
                 return Err(RunError::damaged_file(path, problem));
             }
             let checked = CameraCalibration { intrinsics, distortion, ..*known };
-            checked.check().map_err(RunError::to_read_error_at(path))?;
+            checked.check().map_err(RunError::read_error_mapper(path))?;
             Ok((intrinsics, distortion))
         });
         // millimetres on the command line, metres inside

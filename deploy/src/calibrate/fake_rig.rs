@@ -9,10 +9,10 @@ use inpainting::CameraCalibration;
 use rl::BoxedEnvError;
 use robots::{ArmCommand, ControlError, MissedTarget, Pose, Robot, RobotState};
 
-use crate::rig::{Rig, TaskVerdict, Trial, TrialSetUp};
+use crate::rig::{PreparedTrial, Rig, TaskVerdict, Trial};
 use crate::{SimulatedRig, SimulatedRigSettings};
 
-/// Rig with an arm without dynamics over a grey table.
+/// Fake rig for tests: an arm without dynamics over a grey table.
 pub struct KinematicRig {
     pub state: RobotState,
     pub time: Duration,
@@ -70,8 +70,8 @@ impl Robot for KinematicRig {
 }
 
 impl Rig for KinematicRig {
-    fn set_up(&mut self, _: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
-        Ok(TrialSetUp {
+    fn set_up(&mut self, _: &Trial) -> Result<PreparedTrial, BoxedEnvError> {
+        Ok(PreparedTrial {
             background: vec![100; 3 * 640 * 480],
             parked_state: self.state.clone(),
             goal: None,

@@ -14,7 +14,8 @@ use learner::overrides::{parse_json, read_json};
 /// Maximum coordinate of a camera's position (metres); a larger one must be in millimetres.
 const FARTHEST: f64 = 100.0;
 
-/// Contents of `calibration.json`. Lengths are in metres; all else is in pixels or has no unit.
+/// Contents of the JSON file with a camera's calibration that `covers calibrate` writes. Lengths
+/// are in metres; all else is in pixels or has no unit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraCalibrationFile {
@@ -42,7 +43,7 @@ impl CameraCalibrationFile {
     /// [`RunError::Read`] with the file and the reason.
     pub fn read(path: &Path) -> Result<CameraCalibration, RunError> {
         let file: Self = read_json(path)?;
-        file.calibration().map_err(RunError::to_read_error_at(path))
+        file.calibration().map_err(RunError::read_error_mapper(path))
     }
 
     /// Reads a camera's calibration from JSON text.
@@ -63,7 +64,7 @@ impl CameraCalibrationFile {
     /// [`RunError::Write`].
     pub fn write(calibration: &CameraCalibration, path: &Path) -> Result<(), DeployError> {
         let text = serde_json::to_string_pretty(&Self::from(calibration))
-            .map_err(RunError::to_write_error_at(path))?
+            .map_err(RunError::write_error_mapper(path))?
             + "\n";
         Ok(write_atomically(&LocalDisk, path, text.as_bytes())?)
     }

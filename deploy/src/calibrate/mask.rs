@@ -22,7 +22,7 @@ const DIFFERENT: u8 = 18;
 const MAJORITY: usize = 5;
 
 /// Comparison of the computed mask with the arm in a picture, in one pose of the arm, by pixels of
-/// the policy's picture.
+/// the rectified picture, which are finer than those of the policy's.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MaskComparison {
     /// Number of the pose of the arm, counted from 1.
@@ -80,7 +80,7 @@ impl MaskCheck {
     /// [`DeployError::ImplausibleCalibration`], before the arm moves; [`DeployError::Rig`],
     /// [`DeployError::Robot`], [`DeployError::StalePicture`], [`DeployError::CameraClockAhead`];
     /// errors of the perception.
-    pub fn measure(
+    pub fn run_on_rig(
         deployment: &Deployment,
         rig: &mut dyn Rig,
         arm: &Arm,
@@ -160,7 +160,8 @@ impl MaskCheck {
         self.comparisons.len() >= Self::MIN_CHECKED_POSES && self.passes_in_visited_poses()
     }
 
-    /// Returns `true` if the mask fits the arm in the poses that were visited, however few.
+    /// Returns `true` if the mask leaves at most 2 % of the arm uncovered in each compared pose,
+    /// and has a mean overlap of at least 0.5, however few poses were compared.
     pub(super) fn passes_in_visited_poses(&self) -> bool {
         let hidden = |row: &MaskComparison| row.uncovered_share <= Self::MAX_UNCOVERED_ARM_SHARE;
         self.comparisons.iter().all(hidden) && self.mean_iou() >= Self::MIN_MEAN_IOU

@@ -38,11 +38,11 @@ pub struct CheckMaskOptions {
 }
 
 impl CheckMaskOptions {
-    /// Checks the mask on a simulated rig and prints a row for each pose of the arm to `out`.
-    /// Returns `true` if the mask hides the arm.
+    /// Checks the mask on a simulated rig, prints a row for each pose of the arm to `out`, and
+    /// returns `true` if the mask hides the arm.
     ///
     /// # Errors
-    /// As [`MaskCheck::measure`]; folders and an `out` that cannot be written to.
+    /// As [`MaskCheck::run_on_rig`]; folders and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<bool, DeployError> {
         let settings = self.run_and_rig.rig.settings()?;
         let deployment = self.run_and_rig.load_deployment(settings.vision)?;
@@ -53,7 +53,9 @@ impl CheckMaskOptions {
         self.check(&deployment, &mut rig, &arm, out)
     }
 
-    /// Checks the mask on your own rig; `arm` is the model of its robot. `--faults` has no effect.
+    /// Checks the mask on your own rig, prints a row for each pose of the arm to `out`, and returns
+    /// `true` if the mask hides the arm; `arm` is the model of the rig's robot. `--faults` has no
+    /// effect.
     ///
     /// # Errors
     /// As [`CheckMaskOptions::run`], and `--fault`, which only a simulated rig can set.
@@ -78,7 +80,7 @@ impl CheckMaskOptions {
         // the arm moves for minutes, so check first that the files can be written
         self.pictures.as_deref().map_or(Ok(()), prepare)?;
         let trial = Trial::on_empty_table(self.run_and_rig.rig.seed);
-        let check = MaskCheck::measure(deployment, rig, arm, &calibration_poses(arm), &trial);
+        let check = MaskCheck::run_on_rig(deployment, rig, arm, &calibration_poses(arm), &trial);
         let check = self.run_and_rig.camera.name_file_in_error(check)?;
         print_escaped(
             out,
@@ -93,7 +95,7 @@ impl CheckMaskOptions {
 
 /// Creates the folder for the mask's pictures if needed, and checks that it can be written to.
 fn prepare(folder: &Path) -> Result<(), DeployError> {
-    std::fs::create_dir_all(folder).map_err(RunError::to_write_error_at(folder))?;
+    std::fs::create_dir_all(folder).map_err(RunError::write_error_mapper(folder))?;
     Ok(check_path_writable(&LocalDisk, &picture(folder, 1))?)
 }
 
@@ -104,7 +106,7 @@ fn picture(folder: &Path, pose: usize) -> PathBuf {
 fn write(check: &MaskCheck, folder: &Path) -> Result<(), DeployError> {
     for (row, drawn) in check.comparisons.iter().zip(&check.overlays) {
         let path = picture(folder, row.pose_number);
-        let png = drawn.to_png().map_err(RunError::to_write_error_at(&path))?;
+        let png = drawn.to_png().map_err(RunError::write_error_mapper(&path))?;
         write_atomically(&LocalDisk, &path, &png)?;
     }
     Ok(())

@@ -25,7 +25,7 @@ pub struct CameraCalibrationSettings {
     pub lens: Option<(Intrinsics, LensDistortion)>,
 }
 
-/// Pose of the hand that was skipped, with the reason.
+/// Number of a pose of the hand that was skipped, and the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SkippedPose {
     /// Number of the pose of the hand, counted from 1.

@@ -11,8 +11,8 @@ const COLOURS: [[u8; 3]; 3] = [[0, 200, 0], [255, 0, 0], [40, 90, 255]];
 /// Opacity of the colours laid over a picture for mask and arm, out of 256.
 const LAID: u32 = 110;
 
-/// Returns the last picture of `perception`, coloured by its mask and by `arm`, the pixels that
-/// show the arm.
+/// Returns the last rectified picture of `perception`, enlarged four times and coloured by its mask
+/// and by `arm`, the pixels that show the arm.
 pub(super) fn mask_overlay(perception: &Perception, arm: &[bool]) -> Picture {
     let inside = perception.rectified_camera().intrinsics;
     let [width, height] = [inside.width, inside.height].map(|side| side * ENLARGE);

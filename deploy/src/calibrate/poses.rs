@@ -26,7 +26,8 @@ const POSES: [([f64; 3], [f64; 3]); 14] = [
     ([-0.12, 0.1, 0.28], [-12.0, 0.0, -20.0]),
 ];
 
-/// Returns the poses of the hand of `arm` for a calibration, in order.
+/// Returns the 14 poses of the hand of `arm`, in the world, that a camera calibration visits in
+/// this order.
 pub fn calibration_poses(arm: &Arm) -> Vec<Pose> {
     let working = arm.chain().tip_pose(&arm.settings().ready_joint_positions).rotation;
     let pose = |(place, turn): &([f64; 3], [f64; 3])| {

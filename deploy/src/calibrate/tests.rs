@@ -17,7 +17,7 @@ use super::file::CameraCalibrationFile;
 use super::mask::MaskCheck;
 use super::measure::{CameraCalibrationSettings, calibrate_camera};
 use crate::faults::FaultAmount;
-use crate::rig::{Rig, TaskVerdict, Trial, TrialSetUp};
+use crate::rig::{PreparedTrial, Rig, TaskVerdict, Trial};
 use crate::tests::pretrained;
 use crate::{DeployError, FaultPreset, RigOptions, SimulatedRig, SimulatedRigSettings};
 
@@ -97,7 +97,7 @@ impl Robot for Misplaced {
 }
 
 impl Rig for Misplaced {
-    fn set_up(&mut self, trial: &Trial) -> Result<TrialSetUp, BoxedEnvError> {
+    fn set_up(&mut self, trial: &Trial) -> Result<PreparedTrial, BoxedEnvError> {
         self.0.set_up(trial)
     }
 
@@ -170,7 +170,7 @@ fn masks_are_held_to_the_picture() {
     let (first, trial) = (&calibration_poses(&arm)[..1], Trial::on_empty_table(1000));
     for (camera, holds) in [(truth, true), (wrong, false)] {
         let deployment = pretrained("pretrained-robot", Some(camera));
-        let check = MaskCheck::measure(&deployment, &mut rig, &arm, first, &trial).unwrap();
+        let check = MaskCheck::run_on_rig(&deployment, &mut rig, &arm, first, &trial).unwrap();
         assert_eq!((check.comparisons.len(), check.overlays.len()), (1, 1));
         assert_eq!(check.passes_in_visited_poses(), holds, "{:?}", check.comparisons);
         assert!(!check.passes(), "one pose is too few");
@@ -188,7 +188,7 @@ fn masks_do_not_lag_behind_late_pictures() {
         let deployment = pretrained("pretrained-robot", Some(rig.true_calibration()));
         let arm = rig.arm().clone();
         let (two, trial) = (&calibration_poses(&arm)[..2], Trial::on_empty_table(1000));
-        MaskCheck::measure(&deployment, &mut rig, &arm, two, &trial).unwrap()
+        MaskCheck::run_on_rig(&deployment, &mut rig, &arm, two, &trial).unwrap()
     });
     let [at_once, late] = checks.map(|check| check.comparisons[1]);
     for (one, other) in [

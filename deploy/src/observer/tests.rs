@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use envs::{
-    ActionSettings, Camera, Embodiment, ExtraView, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
+    Camera, ControlSettings, Embodiment, ExtraViews, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
     TaskGroup, TaskVariant,
 };
 use rand::SeedableRng;
@@ -24,7 +24,7 @@ const TRIAL: Trial = Trial {
 /// Loads the pretrained policies, which were trained with close-ups.
 fn deployment() -> Deployment {
     let deployment = pretrained("pretrained", None);
-    assert_eq!(deployment.training_camera().extra_views, ExtraView::CloseUp);
+    assert_eq!(deployment.training_camera().extra_views, ExtraViews::CloseUp);
     deployment
 }
 
@@ -35,7 +35,7 @@ fn learnt(camera: Camera) -> [Vec<u8>; 2] {
     let mut rng = ChaCha8Rng::seed_from_u64(TRIAL.seed);
     rng.set_stream(TRIAL.index as u64);
     let placement = scene.sample_placement(&mut rng);
-    let mut table = TableTop::new(Arc::clone(&scene), ActionSettings::default()).unwrap();
+    let mut table = TableTop::new(Arc::clone(&scene), ControlSettings::default()).unwrap();
     table.reset_to(element, placement).unwrap();
     let mut seen = vec![0; camera.size * camera.size * RGB_CHANNELS];
     let mut renderer = SceneRenderer::new(scene).unwrap();

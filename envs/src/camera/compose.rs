@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Camera, ExtraView, RGB_CHANNELS};
+use super::{Camera, ExtraViews, RGB_CHANNELS};
 
 /// Camera pictures that an observation's image is composed of, with the hand's position.
 #[derive(Clone, Copy, Debug)]
@@ -22,14 +22,14 @@ pub struct ObservationPictures<'a> {
 const BEYOND: [u8; RGB_CHANNELS] = [128; RGB_CHANNELS];
 
 impl Camera {
-    /// Returns the side of a rendered picture in pixels.
+    /// Returns the side of a picture as it is rendered, before downsampling (pixels).
     pub fn rendered_size(&self) -> usize {
         self.size * self.oversampling
     }
 
     /// Returns the camera with pictures of `size` pixels a side, no oversampling and no close-ups.
     pub fn with_size(self, size: usize) -> Self {
-        Self { size, oversampling: 1, extra_views: ExtraView::First, ..self }
+        Self { size, oversampling: 1, extra_views: ExtraViews::First, ..self }
     }
 
     /// Downsamples the rendered picture `rendered` `[rendered_size, rendered_size, 3]` to `rgb`
@@ -74,11 +74,11 @@ impl Camera {
         let close_up = || self.close_up(pictures.rendered, pictures.hand);
         write_channels(image, channels, 0, whole(pictures.current));
         match self.extra_views {
-            ExtraView::First => {
+            ExtraViews::First => {
                 write_channels(image, channels, RGB_CHANNELS, whole(pictures.first))
             }
-            ExtraView::CloseUp => write_channels(image, channels, RGB_CHANNELS, close_up()),
-            ExtraView::FirstAndCloseUp => {
+            ExtraViews::CloseUp => write_channels(image, channels, RGB_CHANNELS, close_up()),
+            ExtraViews::FirstAndCloseUp => {
                 write_channels(image, channels, RGB_CHANNELS, whole(pictures.first));
                 write_channels(image, channels, 2 * RGB_CHANNELS, close_up());
             }

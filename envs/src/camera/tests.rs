@@ -40,14 +40,14 @@ fn settings_travel_as_text() {
         background: [0.1, 0.2, 0.3],
         mark: GripperMark { hole: 0.01, ..GripperMark::default() },
         oversampling: 3,
-        extra_views: ExtraView::CloseUp,
+        extra_views: ExtraViews::CloseUp,
         ..Camera::default()
     };
     let text = serde_json::to_string(&camera).unwrap();
     assert_eq!(serde_json::from_str::<Camera>(&text).unwrap(), camera);
     let before = text.replace(r#","beside":"close_up""#, "").replace(r#""oversampling":3,"#, "");
     let before = serde_json::from_str::<Camera>(&before).unwrap();
-    let expected = (1, ExtraView::First);
+    let expected = (1, ExtraViews::First);
     assert_eq!((before.oversampling, before.extra_views), expected);
     let unknown = text.replace("height", "hight");
     let message = serde_json::from_str::<Camera>(&unknown).unwrap_err();

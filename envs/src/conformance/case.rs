@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
-use crate::control::ActionSettings;
+use crate::control::ControlSettings;
 use crate::error::EnvError;
 use crate::scene::Scene;
 use crate::tabletop::{ACTION_DIM, StepResult, TableTop, VECTOR_OBSERVATION_DIM};
@@ -28,7 +28,7 @@ pub(super) struct Case {
 
 impl Case {
     pub(super) fn table(&self) -> Result<TableTop, EnvError> {
-        TableTop::new(Arc::clone(&self.scene), self.scene.layout.action_settings())
+        TableTop::new(Arc::clone(&self.scene), self.scene.layout.control_settings())
     }
 
     /// Returns an environment at the start of the episode of `seed`.
@@ -43,13 +43,13 @@ impl Case {
     }
 
     pub(super) fn decisions_per_episode(&self) -> usize {
-        self.scene.layout.action_settings().decisions_per_episode()
+        self.scene.layout.control_settings().decisions_per_episode()
     }
 
     /// Returns the layout's action settings, changed to one decision in each control step.
-    pub(super) fn fine_control(&self) -> ActionSettings {
-        let control = self.scene.layout.action_settings();
-        ActionSettings {
+    pub(super) fn fine_control(&self) -> ControlSettings {
+        let control = self.scene.layout.control_settings();
+        ControlSettings {
             action_repeat: 1,
             displacement: control.displacement / control.action_repeat as f64,
             ..control
@@ -57,13 +57,13 @@ impl Case {
     }
 
     pub(super) fn random_actions(&self, seed: u64) -> RandomActions {
-        RandomActions::new(seed, &self.scene.layout.action_settings())
+        RandomActions::new(seed, &self.scene.layout.control_settings())
     }
 }
 
 impl RandomActions {
     /// Creates random actions for an environment with the action settings `control`.
-    pub(super) fn new(seed: u64, control: &ActionSettings) -> Self {
+    pub(super) fn new(seed: u64, control: &ControlSettings) -> Self {
         Self {
             rng: ChaCha8Rng::seed_from_u64(seed),
             action: [0.0; ACTION_DIM],

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 use symmetry::D2;
 
-use crate::control::ActionSettings;
+use crate::control::ControlSettings;
 use crate::error::{EnvError, require};
 use crate::scene::Scene;
 use crate::tabletop::TableTop;
@@ -85,7 +85,7 @@ impl ExpertResult {
 pub fn measure_expert(
     scene: &Arc<Scene>,
     element: D2,
-    control: ActionSettings,
+    control: ControlSettings,
     seeds: u64,
 ) -> Result<ExpertResult, EnvError> {
     check_seeds(seeds)?;

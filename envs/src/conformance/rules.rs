@@ -5,7 +5,7 @@ use std::sync::Arc;
 use symmetry::D2;
 
 use crate::camera::Camera;
-use crate::control::ActionSettings;
+use crate::control::ControlSettings;
 use crate::embodiment::Embodiment;
 use crate::error::EnvError;
 use crate::layout::Layout;
@@ -18,7 +18,7 @@ use super::experts::measure_expert;
 use super::scene_rules;
 use super::symmetry::measure_symmetry;
 
-/// Violation of a conformance rule by a task group, or a check that failed.
+/// Violation of a conformance rule by a task group, or an error that ended the check.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConformanceError {
@@ -65,8 +65,8 @@ const OF_VARIANTS: [Rule; 6] = [
 const OF_MIRRORED_VARIANTS: [Rule; 2] =
     [("the expert solves it", solution), ("it mirrors its canonical twin", mirror)];
 
-/// Checks `group` against every conformance rule: all variants, standard embodiments and layouts.
-/// Takes some seconds.
+/// Checks `group` against every conformance rule, in each layout that it supports, with the
+/// standard embodiments and in all variants. Takes some seconds.
 ///
 /// The scene compiles without a warning and everything in it has a name. In every control step
 /// observations, rewards, their terms and the expert's commands are finite and in range. Only the
@@ -78,7 +78,7 @@ const OF_MIRRORED_VARIANTS: [Rule; 2] =
 ///
 /// # Errors
 /// The first [`ConformanceError`].
-pub fn check_conformance(group: TaskGroup) -> Result<(), ConformanceError> {
+pub fn check_task_conformance(group: TaskGroup) -> Result<(), ConformanceError> {
     for layout in Layout::ALL {
         if layout == Layout::MetaWorld && group.identity_task().meta_world_spec().is_none() {
             continue;
@@ -276,7 +276,7 @@ fn idleness(case: &Case) -> RuleResult {
 }
 
 fn solution(case: &Case) -> RuleResult {
-    let row = measure_expert(&case.scene, case.element, ActionSettings::default(), 2)?;
+    let row = measure_expert(&case.scene, case.element, ControlSettings::default(), 2)?;
     Ok(unless(row.passes(), || format!("{row:?}")))
 }
 

@@ -67,14 +67,15 @@ fn moving_mark(case: &Case) -> RuleResult {
     let mut table = case.started(1)?;
     let before = picture(&mut renderer, &mut table)?;
     // as long in either layout: 200 control steps
-    let decisions = 200 / case.scene.layout.action_settings().action_repeat;
+    let decisions = 200 / case.scene.layout.control_settings().action_repeat;
     run(&mut table, &mut case.random_actions(6), decisions)?;
     let after = picture(&mut renderer, &mut table)?;
     Ok(unless(before != after, || "nothing changes".to_owned()))
 }
 
-/// Checks that the variants of the task differ. A placement on an axis would make two variants
-/// equal, and so would objects that pictures do not show.
+/// Checks that the variants differ: placements keep to one quadrant, and start pictures differ
+/// unless the goal is observable. A placement on an axis would make two variants equal, and so
+/// would objects that pictures do not show.
 pub(super) fn distinct_variants(case: &Case) -> RuleResult {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let placements: Vec<Placement> =

@@ -68,8 +68,8 @@ impl SymmetryDeviation {
     }
 }
 
-/// Runs the variant `element` and its canonical twin in parallel, on the placements of the seeds
-/// `0..seeds`.
+/// Compares the motion, pictures and returns of the variant `element` with those of its canonical
+/// twin, on the placements of the seeds `0..seeds`.
 ///
 /// Open loop, the variant gets the twin's actions mirrored: first those of the twin's expert, then
 /// random ones. Closed loop, each has its own expert.
@@ -111,7 +111,7 @@ enum Driver {
 
 impl Twins {
     fn new(scene: Arc<Scene>, element: D2, of_actions: D2) -> Result<Self, EnvError> {
-        let control = scene.layout.action_settings();
+        let control = scene.layout.control_settings();
         let pixels = scene.camera.size * scene.camera.size * RGB_CHANNELS;
         let row = SymmetryDeviation {
             variant: VariantName::new(&scene, element),
@@ -169,7 +169,7 @@ impl Twins {
     ) -> Result<(), EnvError> {
         self.reset(placement)?;
         let mut action = [0.0; ACTION_DIM];
-        for decision in 0..self.canonical.action_settings().decisions_per_episode() {
+        for decision in 0..self.canonical.control_settings().decisions_per_episode() {
             match driver {
                 Driver::Expert => action = self.canonical.expert_action()?,
                 Driver::Random if decision % HELD == 0 => {
@@ -244,7 +244,7 @@ mod tests {
 
     use super::*;
     use crate::camera::Camera;
-    use crate::control::ActionSettings;
+    use crate::control::ControlSettings;
     use crate::embodiment::Embodiment;
     use crate::task::TaskGroup;
 
@@ -268,7 +268,8 @@ mod tests {
     fn every_point_and_the_sides_of_the_pads_count() {
         let scene =
             Scene::new(TaskGroup::PEG_INSERT_SIDE, Embodiment::FLOATING_HAND, Camera::default());
-        let mut table = TableTop::new(Arc::new(scene.unwrap()), ActionSettings::default()).unwrap();
+        let mut table =
+            TableTop::new(Arc::new(scene.unwrap()), ControlSettings::default()).unwrap();
         table.reset(D2::FlipY, &mut ChaCha8Rng::seed_from_u64(0)).unwrap();
         let good = table.task_state().unwrap();
         assert_eq!(deviation(&good, &good), 0.0);

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 use robots::{
-    Capsule, Chain, ExtraLinkMjcf, IkSettings, JointServoSettings, MjcfSettings, Pose,
+    Capsule, Chain, IkSettings, JointServoSettings, LinkMjcfAddition, MjcfSettings, Pose,
     RobotDescription, RobotState, TwistControlSettings, TwistController,
 };
 
 use crate::actuation::{
-    FingerDrive, HandActuation, JointPositions, ServoController, ServoSettings,
+    FingerDrive, HandActuation, NamedJointPositions, ServoArmController, ServoSettings,
 };
 use crate::embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec, OPEN_APERTURE};
 use crate::error::{EnvError, require};
@@ -59,7 +59,7 @@ pub struct ArmSettings {
     /// that is slow or blocked.
     pub max_target_lead: f64,
     /// Additional bodies on its links, for instance a ball for calibrating a camera.
-    pub additions: Vec<ExtraLinkMjcf>,
+    pub additions: Vec<LinkMjcfAddition>,
 }
 
 /// Gripper of an arm.
@@ -180,7 +180,8 @@ impl Arm {
         }
     }
 
-    /// Returns the time in which the fingers close (seconds); `None` for fingers that do not move.
+    /// Returns the time in which open fingers close at their maximum speed (seconds); `None` for
+    /// fingers that do not move.
     pub fn closing_seconds(&self) -> Option<f64> {
         let finger = self.finger?;
         Some(finger.travel() / finger.max_speed)
@@ -227,7 +228,7 @@ fn finger(
 
 fn mjcf_settings(settings: &ArmSettings) -> MjcfSettings {
     let fingers = settings.gripper.fingers.iter().zip(["right", "left"]);
-    let finger = |(finger, side): (&Finger, &str)| ExtraLinkMjcf {
+    let finger = |(finger, side): (&Finger, &str)| LinkMjcfAddition {
         link: finger.link.clone(),
         mjcf: format!(
             "<body name=\"{side}_claw\" pos=\"{}\"/>\n<site name=\"{side}_tip\" pos=\"{}\"/>\n",
@@ -235,7 +236,7 @@ fn mjcf_settings(settings: &ArmSettings) -> MjcfSettings {
             numbers(finger.tip_point)
         ),
     };
-    let hand = ExtraLinkMjcf {
+    let hand = LinkMjcfAddition {
         link: settings.hand_link.clone(),
         mjcf: "<body name=\"hand\"/>\n".to_owned(),
     };
@@ -271,7 +272,7 @@ impl EmbodimentSpec for Arm {
         })
     }
 
-    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError> {
+    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<NamedJointPositions, EnvError> {
         let ready = &self.settings.ready_joint_positions;
         let rotation = self.chain.tip_pose(ready).rotation;
         let target = Pose { position: hand_target, rotation };
@@ -306,6 +307,6 @@ impl EmbodimentSpec for Arm {
             orientation: control.orientation,
         };
         let control = TwistController::new(self.chain.clone(), ready, control)?;
-        Ok(HandActuation::Servos(Box::new(ServoController::new(servos, control))))
+        Ok(HandActuation::Servos(Box::new(ServoArmController::new(servos, control))))
     }
 }

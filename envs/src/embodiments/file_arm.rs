@@ -12,7 +12,7 @@ use robots::{
 use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
 use super::kinova_gen3::{ACCELERATION, LEAD};
 use super::placing::{BasePlacementSearch, gripper_rotation};
-use crate::actuation::{HandActuation, JointPositions};
+use crate::actuation::{HandActuation, NamedJointPositions};
 use crate::embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec, OPEN_APERTURE};
 use crate::error::{EnvError, require};
 
@@ -38,7 +38,7 @@ pub(crate) struct FileArm {
 }
 
 impl FileArm {
-    /// Creates the embodiment of the arm in the file `name`.
+    /// Creates the embodiment of the arm in the file at the path `name`, without reading the file.
     pub fn new(name: String) -> Self {
         Self { name, arm: OnceLock::new() }
     }
@@ -65,7 +65,7 @@ impl EmbodimentSpec for FileArm {
         self.arm()?.parts()
     }
 
-    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError> {
+    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<NamedJointPositions, EnvError> {
         self.arm()?.initial_joint_positions(hand_target)
     }
 
@@ -75,9 +75,10 @@ impl EmbodimentSpec for FileArm {
 }
 
 impl Arm {
-    /// Builds the arm `name` of a robot's file. If nothing moves on its hand, it gets a gripper
-    /// with two fixed claws, 0.1 m apart. Its base stands where the hand, pointing down, reaches
-    /// all positions of the four groups of the paper; links and joints have the prefix `robot/`.
+    /// Builds an arm called `name` from the robot that `file` describes, with its base placed at
+    /// the table. If nothing moves on its hand, it gets a gripper with two fixed claws, 0.1 m
+    /// apart. Its base stands where the hand, pointing down, reaches all positions of the four
+    /// groups of the paper; links and joints have the prefix `robot/`.
     ///
     /// # Errors
     /// [`EnvError::Robot`] for a robot that cannot be read or simulated, [`EnvError::OutOfReach`],

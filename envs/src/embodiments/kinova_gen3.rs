@@ -7,12 +7,12 @@ use glam::DVec3;
 use robots::{JointServoSettings, Pose, TwistControlSettings, TwistLimits, gen3};
 
 use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
-use crate::actuation::{HandActuation, JointPositions};
+use crate::actuation::{HandActuation, NamedJointPositions};
 use crate::embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec};
 use crate::error::EnvError;
 
-/// Kinova Gen3 with a Robotiq 2F-85 gripper, on a pedestal behind the table's centre. Its hand is
-/// `tool_link`, which points down, and its fingers open along y, like the Sawyer arm's.
+/// Kinova Gen3 with a Robotiq 2F-85 gripper, on a pedestal 0.44 m behind the table's centre. Its
+/// hand is `tool_link`, which points down, and its fingers open along y, like the Sawyer arm's.
 #[derive(Clone, Copy, Debug)]
 pub struct KinovaGen3;
 
@@ -102,7 +102,7 @@ impl EmbodimentSpec for KinovaGen3 {
         made()?.parts()
     }
 
-    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<JointPositions, EnvError> {
+    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<NamedJointPositions, EnvError> {
         made()?.initial_joint_positions(hand_target)
     }
 

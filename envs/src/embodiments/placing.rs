@@ -57,7 +57,7 @@ pub(super) struct BasePlacement {
     slowest_tip_speed: f64,
 }
 
-/// Search for the place of an arm's base, and its options.
+/// Inputs of a search for the place of an arm's base at the table.
 pub(super) struct BasePlacementSearch<'a> {
     /// Robot with its base at the origin.
     pub robot: &'a RobotDescription,
@@ -72,8 +72,8 @@ pub(super) struct BasePlacementSearch<'a> {
 }
 
 impl BasePlacementSearch<'_> {
-    /// Returns the placement from which the hand reaches all required positions: one behind the
-    /// table if there is one, and the one where the hand is fastest.
+    /// Returns the best placement from which the hand reaches all required positions: if possible
+    /// behind the table, then without turns of the hand, then where the hand is fastest.
     ///
     /// # Errors
     /// [`EnvError::OutOfReach`] with the placement from which it reaches the most;
@@ -161,7 +161,7 @@ impl BasePlacementSearch<'_> {
             let mut placement = BasePlacement {
                 base: robot.base_pose(),
                 quarter_turns,
-                slowest_tip_speed: chain.tip_speed_in_any_direction(&ready, orientation),
+                slowest_tip_speed: chain.slowest_direction_tip_speed(&ready, orientation),
                 ready,
                 orientation,
                 reached: 0,
@@ -190,7 +190,7 @@ impl BasePlacement {
             let solved = solve(chain, position, rotation, &self.ready, self.orientation);
             let above = solved.filter(|joints| lowest(robot, chain, joints) > MIN_JOINT_HEIGHT);
             let speed = above
-                .map_or(0.0, |joints| chain.tip_speed_in_any_direction(&joints, self.orientation));
+                .map_or(0.0, |joints| chain.slowest_direction_tip_speed(&joints, self.orientation));
             self.slowest_tip_speed = self.slowest_tip_speed.min(speed);
             // a hand that cannot move in some direction is at the end of its reach
             if speed > 0.0 {

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use robots::{ArmCommand, ControlError, Robot, RobotState};
 use symmetry::D2;
 
-use crate::actuation::{HandActuation, ServoController, control_step_seconds};
-use crate::control::ActionSettings;
+use crate::actuation::{HandActuation, ServoArmController, control_step_seconds};
+use crate::control::ControlSettings;
 use crate::error::{EnvError, require};
 use crate::scene::Scene;
 use crate::task::{Placement, StepReward};
@@ -52,7 +52,7 @@ impl SimulatedArm {
         let driven = matches!(actuation, HandActuation::Servos(_));
         let expected = "an arm with servos, for instance kinova_gen3";
         require(driven, "embodiment", &embodiment, expected)?;
-        let table = TableTop::new(scene, ActionSettings::default())?;
+        let table = TableTop::new(scene, ControlSettings::default())?;
         let delay = (latency / control_step_seconds(&table.data)).round() as usize;
         Ok(Self { table, delay, steps: 0, sent: VecDeque::new(), fault: None })
     }
@@ -68,7 +68,8 @@ impl SimulatedArm {
         self.table.reset_to(element, placement)
     }
 
-    /// Simulates one control step of 12.5 ms and returns its reward and success.
+    /// Executes the commands that are due, simulates one control step of 12.5 ms, and returns its
+    /// reward and success.
     ///
     /// # Errors
     /// [`EnvError::NotReset`]; [`EnvError::Simulation`] if the simulation diverges, which ends the
@@ -91,7 +92,7 @@ impl SimulatedArm {
         &self.table
     }
 
-    fn controller(&mut self) -> Result<&mut ServoController, ControlError> {
+    fn controller(&mut self) -> Result<&mut ServoArmController, ControlError> {
         let episode = self.table.episode.as_mut();
         let controller = episode.and_then(|episode| episode.controller.as_mut());
         controller.ok_or_else(not_started)

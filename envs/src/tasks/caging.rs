@@ -96,8 +96,8 @@ pub(super) fn come_down(hand: DVec3, aim: DVec3, clearance: f64) -> Option<DVec3
     }
 }
 
-/// Returns `true` if the hand is within `reach` (metres) of `aim` horizontally, and at most 3 cm
-/// above it.
+/// Returns `true` if the hand is within `reach` (metres) of `aim` horizontally, and less than 3 cm
+/// above it or lower.
 pub(super) fn is_down_at(hand: DVec3, aim: DVec3, reach: f64) -> bool {
     (hand - aim).truncate().length() < reach && hand.z - aim.z < HEIGHT_TOLERANCE
 }

@@ -11,7 +11,7 @@ use super::{angle_to, draw_at, scene, spec};
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
     TaskState,
 };
 
@@ -117,7 +117,7 @@ impl Task for DoorOpen {
         TaskSceneParts { handed: true, ..scene(part!("door.xml").1, "handle", DVec3::ZERO) }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
+    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
         Some(spec("door-open", |rng| place(draw_meta_world_cabinet(rng), OPEN_TARGET)))
     }
 }
@@ -164,8 +164,8 @@ impl Task for DoorClose {
         TaskSceneParts { start_joints: &[("hinge", OPEN)], ..DoorOpen.parts() }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
-        Some(MetaWorldSpec {
+    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+        Some(MetaWorldTaskSpec {
             hand_target: META_WORLD_HAND_FAR_LEFT,
             ..spec("door-close", |rng| place(draw_meta_world_cabinet(rng), SHUT_TARGET))
         })

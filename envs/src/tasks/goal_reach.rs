@@ -9,7 +9,7 @@ use super::{CANONICAL_X, META_WORLD_X, draw_apart, draw_at, draw_in, hand_for_ti
 use crate::mjcf::part;
 use crate::reward::long_tail_reward;
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
     TaskState,
 };
 
@@ -69,8 +69,8 @@ impl Task for GoalReach {
         TaskSceneParts { goal_observable: true, ..TaskSceneParts::default() }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
-        Some(MetaWorldSpec {
+    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+        Some(MetaWorldTaskSpec {
             extra_mjcf: Some(part!("decoy.xml" in "metaworld").1),
             ..spec("reach", place_meta_world)
         })

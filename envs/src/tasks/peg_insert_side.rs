@@ -10,7 +10,7 @@ use super::{draw_apart, draw_at, draw_in, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
     TaskState,
 };
 
@@ -134,7 +134,7 @@ impl Task for PegInsertSide {
         }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
+    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
         Some(spec("peg-insert-side", place_meta_world))
     }
 }

@@ -9,7 +9,7 @@ use super::{CANONICAL_X, META_WORLD_X, draw_at, scene, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldSpec, Placement, StepReward, Task, TaskSceneParts,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
     TaskState,
 };
 
@@ -91,7 +91,7 @@ impl Task for PlateSlide {
         scene(part!("plate_slide.xml").1, "puck", DVec3::ZERO)
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldSpec<'_>> {
+    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
         Some(spec("plate-slide", |rng| place(META_WORLD_X, rng)))
     }
 }

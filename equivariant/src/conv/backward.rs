@@ -33,8 +33,9 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, is_blocked: bool) -> us
 }
 
 impl<'a, T: Real> ConvBackward<'a, T> {
-    /// Adds a convolution's parameter gradients and writes the input's gradient, by im2col panels
-    /// of folded patches (signed sums over orbits of taps), for a group of `G` elements.
+    /// Adds a convolution's parameter gradients and, if it is needed, writes the input's gradient,
+    /// by im2col panels of folded patches (signed sums over orbits of taps), for a group of `G`
+    /// elements.
     #[inline(always)]
     pub(crate) fn run_panels<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (conv, patches) = (self.conv, &self.conv.patches);
@@ -141,7 +142,7 @@ impl<T: Real, L: Lanes<T>> BackwardPanels<'_, T, L> {
                 let panel = &mut buffers.panel[..rows.num_folds() * windows.len()];
                 let step = windows.len();
                 let fold = OrbitBlock { orbit, block: c };
-                patches.gather(self.lanes, fold, self.blocked, windows, panel, step);
+                patches.gather_folds(self.lanes, fold, self.blocked, windows, panel, step);
                 products.add_weight_gradient(&rows, buffers);
                 if let Some(gradient) = gradient.as_deref_mut() {
                     products.add_input_gradient(&rows, buffers, gradient);
@@ -272,7 +273,9 @@ impl FoldedOrbit<'_> {
         let folds = fold_gradients::<T, L, G, R, N>(lanes, dy, self.windows.len(), row, w);
         let windows = &self.windows[row..];
         let patches = &self.conv.patches;
-        patches.scatter::<T, L, R, N>(lanes, self.orbit, folds, gradient, windows, self.c);
+        patches.scatter_fold_gradients::<T, L, R, N>(
+            lanes, self.orbit, folds, gradient, windows, self.c,
+        );
     }
 
     #[inline(always)]
@@ -286,7 +289,13 @@ impl FoldedOrbit<'_> {
         let patches = &self.conv.patches;
         for (row, &window) in self.windows.iter().enumerate() {
             let [[fold]] = fold_gradients::<T, L, G, 1, 1>(lanes, dy, self.windows.len(), row, w);
-            patches.scatter_replicated(lanes, self.orbit, fold, gradient, window + self.c * LANES);
+            patches.scatter_replicated_gradient(
+                lanes,
+                self.orbit,
+                fold,
+                gradient,
+                window + self.c * LANES,
+            );
         }
     }
 }

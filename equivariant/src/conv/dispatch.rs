@@ -2,7 +2,7 @@
 
 use crate::chunks::runs_one_of_many_chunks;
 use crate::conv::operands::{ConvBackward, ConvForward};
-use crate::conv::pool::{PoolBackward, PoolForward};
+use crate::conv::pool::{MaxPoolBackward, MaxPoolForward};
 use crate::conv::r2_conv::R2Conv;
 use crate::conv::{backward, forward};
 use crate::real::Real;
@@ -16,7 +16,7 @@ const MIN_PRODUCTS_TO_SPLIT: usize = 1 << 18;
 /// Floating-point type for which the passes of convolutions and poolings are compiled. The trait is
 /// implemented for two types rather than generically, so that passes are compiled once and with
 /// this crate's settings.
-pub trait ConvPasses: Real {
+pub trait ConvScalar: Real {
     /// Runs the forward pass of a convolution in this precision.
     fn forward(pass: ConvForward<Self>);
 
@@ -24,13 +24,13 @@ pub trait ConvPasses: Real {
     fn backward(pass: ConvBackward<Self>);
 
     /// Runs the forward pass of a max-pooling in this precision.
-    fn max_pool_forward(pass: PoolForward<Self>);
+    fn max_pool_forward(pass: MaxPoolForward<Self>);
 
     /// Runs the backward pass of a max-pooling in this precision.
-    fn max_pool_backward(pass: PoolBackward<Self>);
+    fn max_pool_backward(pass: MaxPoolBackward<Self>);
 }
 
-impl ConvPasses for f32 {
+impl ConvScalar for f32 {
     fn forward(pass: ConvForward<f32>) {
         let widest = pass.conv.widest_instruction_set;
         run_f32(pass, widest);
@@ -41,18 +41,18 @@ impl ConvPasses for f32 {
         run_f32(pass, widest);
     }
 
-    fn max_pool_forward(pass: PoolForward<f32>) {
+    fn max_pool_forward(pass: MaxPoolForward<f32>) {
         let widest = pass.pool.widest_instruction_set;
         run_f32(pass, widest);
     }
 
-    fn max_pool_backward(pass: PoolBackward<f32>) {
+    fn max_pool_backward(pass: MaxPoolBackward<f32>) {
         let widest = pass.pool.widest_instruction_set;
         run_f32(pass, widest);
     }
 }
 
-impl ConvPasses for f64 {
+impl ConvScalar for f64 {
     fn forward(pass: ConvForward<f64>) {
         pass.run(Portable);
     }
@@ -61,23 +61,23 @@ impl ConvPasses for f64 {
         pass.run(Portable);
     }
 
-    fn max_pool_forward(pass: PoolForward<f64>) {
+    fn max_pool_forward(pass: MaxPoolForward<f64>) {
         pass.run(Portable);
     }
 
-    fn max_pool_backward(pass: PoolBackward<f64>) {
+    fn max_pool_backward(pass: MaxPoolBackward<f64>) {
         pass.run(Portable);
     }
 }
 
-/// Returns the length of the scratch memory for both passes of a convolution, in values;
-/// `is_blocked` is `true` if the input is in the blocked layout already.
+/// Returns the length, in values, of scratch memory that is large enough for either pass of a
+/// convolution; `is_blocked` is `true` if the input is in the blocked layout already.
 pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, is_blocked: bool) -> usize {
     let forward = forward::scratch_len(conv, samples, is_blocked);
     forward.max(backward::scratch_len(conv, samples, is_blocked))
 }
 
-impl<T: ConvPasses> ConvForward<'_, T> {
+impl<T: ConvScalar> ConvForward<'_, T> {
     /// Runs the forward pass of a convolution, in two halves for a large single image if the
     /// current rayon pool may have a free thread. The bits are the same either way.
     pub(crate) fn run_on_threads(self) {

@@ -61,8 +61,8 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
         }
     }
 
-    /// Writes `count` output pixels of a convolution from pixel `first` on, at most [`PANEL_ROWS`]
-    /// of them.
+    /// Adds the bias to the weighted sums of `count` output pixels, at most [`PANEL_ROWS`], applies
+    /// the ReLU if there is one, and writes them from pixel `first` of the pass on.
     #[inline(always)]
     pub fn write_outputs(&mut self, sums: &[Block<T>], first: usize, count: usize) {
         let width = self.blocks_per_pixel;

@@ -34,8 +34,8 @@ pub(crate) enum FeatureMapsMut<'a, T> {
 }
 
 impl<T: Real> ConvInput<'_, T> {
-    /// Returns some of the images in the blocked layout; `own` is the buffer
-    /// for images in another layout.
+    /// Returns the images `images` in the blocked layout, converted into the buffer `own` if they
+    /// have another layout.
     #[inline(always)]
     pub fn blocked_images<'b, L: Lanes<T>>(
         &'b self,
@@ -107,7 +107,8 @@ impl PixelCursor {
         }
     }
 
-    /// Returns the index of the current pixel in blocked images, in values.
+    /// Returns the position, in values, of the current pixel in blocked images of `blocked` values
+    /// each; `offsets` holds the position of every pixel in one image.
     #[inline(always)]
     pub fn blocked_index(&self, offsets: &[usize], blocked: usize) -> usize {
         self.image * blocked + offsets[self.pixel]
@@ -125,7 +126,7 @@ impl<'a, T: Real> Arena<'a, T> {
         Arena { rest: scratch.as_chunks_mut().0 }
     }
 
-    /// Splits `len` values, a multiple of a block, off the arena.
+    /// Splits `len` values, a multiple of a block, off the arena; they may hold anything.
     pub fn take_values(&mut self, len: usize) -> &'a mut [T] {
         self.take_blocks(len / LANES).as_flattened_mut()
     }

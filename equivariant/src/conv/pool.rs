@@ -34,8 +34,8 @@ pub(crate) struct FusedMaxPool {
 }
 
 impl FusedMaxPool {
-    /// Creates the max-pooling of a convolution's output. Returns `None` if the windows overlap,
-    /// leave pixels out or are too large, or if the channels are not regular fields.
+    /// Creates the max-pooling of a convolution's output; `None` if it cannot be fused: the windows
+    /// overlap, leave pixels out or are too large, or the channels are not regular fields.
     pub fn after_conv(conv: &R2Conv, kernel: SlidingWindow) -> Option<FusedMaxPool> {
         let image = conv.out_shape;
         let size = kernel.size;
@@ -78,7 +78,7 @@ impl FusedMaxPool {
 }
 
 /// Operands of the forward pass of a fused max-pooling.
-pub struct PoolForward<'a, T> {
+pub struct MaxPoolForward<'a, T> {
     pub(crate) pool: &'a FusedMaxPool,
     pub(crate) samples: usize,
     /// Input of the max-pooling, in the blocked layout.
@@ -88,7 +88,7 @@ pub struct PoolForward<'a, T> {
 }
 
 /// Operands of the backward pass of a fused max-pooling.
-pub struct PoolBackward<'a, T> {
+pub struct MaxPoolBackward<'a, T> {
     pub(crate) pool: &'a FusedMaxPool,
     pub(crate) samples: usize,
     /// Input of the max-pooling in the forward pass, in the blocked layout.
@@ -100,7 +100,7 @@ pub struct PoolBackward<'a, T> {
     pub(crate) scratch: &'a mut [T],
 }
 
-impl<T: Real> WithLanes<T> for PoolForward<'_, T> {
+impl<T: Real> WithLanes<T> for MaxPoolForward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
         with_const_order!(
@@ -110,7 +110,7 @@ impl<T: Real> WithLanes<T> for PoolForward<'_, T> {
     }
 }
 
-impl<T: Real> PoolForward<'_, T> {
+impl<T: Real> MaxPoolForward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
         let (pool, own) = (self.pool, self.pool.patches.blocked_scale());
@@ -174,7 +174,7 @@ fn window_maximum<T: Real, L: Lanes<T>, const G: usize>(
     }
 }
 
-impl<T: Real> WithLanes<T> for PoolBackward<'_, T> {
+impl<T: Real> WithLanes<T> for MaxPoolBackward<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
         with_const_order!(
@@ -184,7 +184,7 @@ impl<T: Real> WithLanes<T> for PoolBackward<'_, T> {
     }
 }
 
-impl<T: Real> PoolBackward<'_, T> {
+impl<T: Real> MaxPoolBackward<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(self, lanes: L) {
         let (pool, own) = (self.pool, self.pool.patches.blocked_scale());

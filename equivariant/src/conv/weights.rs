@@ -92,7 +92,7 @@ impl WeightLayout {
     }
 
     /// Returns the weights in the packed order of the CPU kernels: the parameters themselves if
-    /// they can be read in place.
+    /// they have this order and `may_read_in_place` is `true`, otherwise a copy in the arena.
     pub fn packed_weights<'a, T: Real>(
         &self,
         params: &'a [T],

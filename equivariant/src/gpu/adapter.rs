@@ -38,7 +38,7 @@ impl fmt::Display for GpuAdapterKind {
 
 /// Description of a GPU adapter, as its driver reports it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct GpuAdapter {
+pub struct GpuAdapterInfo {
     /// Name of the adapter's hardware, such as `NVIDIA H100 80GB HBM3`.
     pub name: String,
     /// Kind of the adapter's hardware.
@@ -60,7 +60,7 @@ pub struct GpuAdapter {
     pub subgroup_sizes: [u32; 2],
 }
 
-impl fmt::Display for GpuAdapter {
+impl fmt::Display for GpuAdapterInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [binding, buffer] =
             [self.max_binding_bytes, self.max_buffer_bytes].map(|bytes| bytes >> 20);
@@ -78,8 +78,9 @@ impl fmt::Display for GpuAdapter {
     }
 }
 
-/// Returns the adapters that can run networks, real GPUs first; empty if no driver is installed.
-pub fn available_gpu_adapters() -> Vec<GpuAdapter> {
+/// Returns all Vulkan adapters of this machine, real GPUs before software drivers; empty if no
+/// driver is installed.
+pub fn available_gpu_adapters() -> Vec<GpuAdapterInfo> {
     wgpu_adapters().iter().map(describe_adapter).collect()
 }
 
@@ -93,10 +94,10 @@ pub(crate) fn wgpu_adapters() -> Vec<wgpu::Adapter> {
     found
 }
 
-/// Converts wgpu's information about a GPU adapter into a [`GpuAdapter`].
-pub(crate) fn describe_adapter(adapter: &wgpu::Adapter) -> GpuAdapter {
+/// Converts wgpu's information about a GPU adapter into a [`GpuAdapterInfo`].
+pub(crate) fn describe_adapter(adapter: &wgpu::Adapter) -> GpuAdapterInfo {
     let (info, limits) = (adapter.get_info(), adapter.limits());
-    GpuAdapter {
+    GpuAdapterInfo {
         kind: kind(info.device_type),
         backend: info.backend.to_string(),
         driver: format!("{} {}", info.driver, info.driver_info),

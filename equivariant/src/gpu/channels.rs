@@ -51,14 +51,14 @@ impl ChannelLayout {
         self
     }
 
-    /// Returns the layout of these fields in the direct sum of two maps, if they are those of its
-    /// first map; the sum's own layout is `sum`.
+    /// Returns the layout of these fields within a direct sum of two maps whose layout is `sum` and
+    /// whose first map they form.
     pub fn as_first_summand(&self, sum: &ChannelLayout) -> ChannelLayout {
         self.clone().with_component_starts(sum.dim, sum.starts.clone())
     }
 
-    /// Returns the layout of these fields in the direct sum of two maps, if they are those of its
-    /// second map; the sum's own layout is `sum`.
+    /// Returns the layout of these fields within a direct sum of two maps whose layout is `sum` and
+    /// whose second map they form.
     pub fn as_second_summand(&self, sum: &ChannelLayout) -> ChannelLayout {
         let ends = sum.starts.iter().zip(&sum.counts).map(|(start, count)| start + count);
         let starts = ends.zip(&self.counts).map(|(end, count)| end - count);
@@ -75,21 +75,21 @@ impl ChannelLayout {
         self.counts.len()
     }
 
-    /// Adds an input feature map to a kernel, and the WGSL function `load_NAME(pixel, field)` that
-    /// reads a field of it.
-    pub fn add_input_map(
+    /// Adds an input feature map of this layout to a kernel, and the WGSL function
+    /// `load_NAME(pixel, field)` that reads a field of it.
+    pub fn add_input_to_kernel(
         &self,
         kernel: KernelDispatch,
         name: &str,
         slot: BufferSlot,
     ) -> KernelDispatch {
         let kernel = kernel.add_input_buffer(name, "f32", slot);
-        self.add_load_function(kernel, name, name)
+        self.add_load_to_kernel(kernel, name, name)
     }
 
     /// Adds the WGSL function `load_NAME(pixel, field)`, which reads a field from a buffer that the
     /// kernel has already.
-    pub fn add_load_function(
+    pub fn add_load_to_kernel(
         &self,
         kernel: KernelDispatch,
         buffer: &str,
@@ -100,21 +100,21 @@ impl ChannelLayout {
         kernel.add_wgsl(&format!("{head} {body} return v; }}"))
     }
 
-    /// Adds an output feature map to a kernel, and the WGSL function `store_NAME(pixel, field, v)`
-    /// that writes a field of it.
-    pub fn add_output_map(
+    /// Adds an output feature map of this layout to a kernel, and the WGSL function
+    /// `store_NAME(pixel, field, v)` that writes a field of it.
+    pub fn add_output_to_kernel(
         &self,
         kernel: KernelDispatch,
         name: &str,
         slot: BufferSlot,
     ) -> KernelDispatch {
         let kernel = kernel.add_output_buffer(name, "f32", slot);
-        self.add_store_function(kernel, name, name)
+        self.add_store_to_kernel(kernel, name, name)
     }
 
     /// Adds the WGSL function `store_NAME(pixel, field, v)`, which writes a field to a buffer that
     /// the kernel has already.
-    pub fn add_store_function(
+    pub fn add_store_to_kernel(
         &self,
         kernel: KernelDispatch,
         buffer: &str,

@@ -4,13 +4,13 @@ use std::collections::HashMap;
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use crate::gpu::adapter::{GpuAdapter, describe_adapter, wgpu_adapters};
+use crate::gpu::adapter::{GpuAdapterInfo, describe_adapter, wgpu_adapters};
 use crate::gpu::error::GpuError;
 
 /// Opened GPU adapter, on which networks run. Clones share one device.
 #[derive(Clone)]
 pub struct GpuDevice {
-    adapter: GpuAdapter,
+    adapter: GpuAdapterInfo,
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     /// Compiled kernels by their WGSL text.
@@ -28,8 +28,8 @@ const OPTIONAL_FEATURES: wgpu::Features =
 type FirstError = Arc<Mutex<Option<GpuError>>>;
 
 impl GpuDevice {
-    /// Opens the first adapter whose name contains `name`, ignoring case. Without a name it opens
-    /// the first of [`available_gpu_adapters`](crate::gpu::available_gpu_adapters), which is real
+    /// Opens the first adapter whose name contains `name`, ignoring case, or, without a name, the
+    /// first of [`available_gpu_adapters`](crate::gpu::available_gpu_adapters), which is real
     /// hardware if there is any.
     ///
     /// # Errors
@@ -74,12 +74,12 @@ impl GpuDevice {
     }
 
     /// Returns the description of the opened adapter.
-    pub fn adapter(&self) -> &GpuAdapter {
+    pub fn adapter(&self) -> &GpuAdapterInfo {
         &self.adapter
     }
 
     /// Returns `true` if newly compiled kernels use subgroup operations; they do if the adapter has
-    /// them.
+    /// them, unless they were turned off.
     pub fn uses_subgroup_operations(&self) -> bool {
         self.subgroups
     }

@@ -19,24 +19,24 @@ pub(crate) const WORKGROUP_THREADS: usize = 64;
 
 impl WorkgroupCount {
     /// Returns the number of workgroups of a kernel with `each` threads for every sample.
-    pub fn threads_per_sample(each: usize) -> WorkgroupCount {
+    pub fn for_threads_per_sample(each: usize) -> WorkgroupCount {
         WorkgroupCount { each, fixed: 0, tile: WORKGROUP_THREADS, times: 1 }
     }
 
     /// Returns the number of workgroups of a kernel with `fixed` threads, independent of the number
     /// of samples.
-    pub fn fixed_threads(fixed: usize) -> WorkgroupCount {
+    pub fn for_fixed_threads(fixed: usize) -> WorkgroupCount {
         WorkgroupCount { each: 0, fixed, tile: WORKGROUP_THREADS, times: 1 }
     }
 
     /// Returns the number of workgroups of a kernel with `each` workgroups for every sample.
-    pub fn workgroups_per_sample(each: usize) -> WorkgroupCount {
+    pub fn for_workgroups_per_sample(each: usize) -> WorkgroupCount {
         WorkgroupCount { each, fixed: 0, tile: 1, times: 1 }
     }
 
     /// Returns the number of workgroups of a kernel with `fixed` workgroups, independent of the
     /// number of samples.
-    pub fn fixed_workgroups(fixed: usize) -> WorkgroupCount {
+    pub fn for_fixed_workgroups(fixed: usize) -> WorkgroupCount {
         WorkgroupCount { each: 0, fixed, tile: 1, times: 1 }
     }
 
@@ -56,8 +56,7 @@ impl WorkgroupCount {
     }
 }
 
-/// Size along an axis that may grow with the batch: a number for each sample, or one for the whole
-/// batch.
+/// Size along an axis of a matrix: a multiple of the number of samples in the batch, or fixed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum DynamicDim {
     PerSample(usize),
@@ -192,7 +191,7 @@ mod tests {
 
     #[test]
     fn only_kernels_that_sum_values_have_operations_on_subgroups() {
-        let kernel = || KernelDispatch::new("some", 4, WorkgroupCount::fixed_workgroups(1));
+        let kernel = || KernelDispatch::new("some", 4, WorkgroupCount::for_fixed_workgroups(1));
         let has =
             |made: KernelDispatch, subgroups| made.wgsl_source(subgroups).contains("subgroup");
         assert!(

@@ -47,8 +47,8 @@ impl ComputePlan {
         y
     }
 
-    /// Duplicates a feature map of the compute plan for two layers that read it. Each copy has its
-    /// own gradient, and the backward pass adds the two.
+    /// Returns two handles to a feature map of the compute plan, for two layers that read it. Both
+    /// share its values, each has its own gradient, and the backward pass adds the two gradients.
     pub fn add_fork(&mut self, x: GpuTensor) -> [GpuTensor; 2] {
         let readers = [(); 2].map(|()| GpuTensor {
             gradient: x.gradient.map(|_| self.add_buffer(0, x.shape.len())),

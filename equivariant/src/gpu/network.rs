@@ -6,7 +6,7 @@ use crate::gpu::device::GpuDevice;
 use crate::gpu::error::GpuError;
 use crate::gpu::kernel_dispatch::BufferSlot;
 use crate::gpu::plan::{ComputePlan, GpuTensor};
-use crate::gpu::program::{BatchUniforms, CompiledPlan, PassSelection};
+use crate::gpu::program::{BatchUniforms, CompiledPlan, PassesToRun};
 use crate::layers::layer::Layer;
 
 /// Layer on a GPU, with memory for the passes of a batch. It computes the same as
@@ -24,7 +24,7 @@ pub struct GpuLayer {
     last_samples: usize,
 }
 
-/// Gradients of a network on a GPU, from one backward pass.
+/// Gradients from one backward pass of a [`GpuLayer`], read back to the CPU.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayerGradients {
     /// Gradient with respect to the input, `[N, H, W, C]` (samples, height, width, channels).
@@ -66,7 +66,7 @@ impl GpuLayer {
         })
     }
 
-    /// Returns the maximum number of samples of a batch that the network has memory for.
+    /// Returns the maximum number of samples of a batch that the layer has memory for.
     pub fn max_samples(&self) -> usize {
         self.program.max_samples()
     }
@@ -77,11 +77,11 @@ impl GpuLayer {
     }
 
     /// Returns the number of GPU kernels of a forward pass and of a backward pass.
-    pub fn num_kernels(&self) -> [usize; 2] {
-        self.plan.num_kernels()
+    pub fn num_kernels_per_pass(&self) -> [usize; 2] {
+        self.plan.num_kernels_per_pass()
     }
 
-    /// Copies the network's parameters, in the layer's order, to the GPU.
+    /// Copies the layer's parameters, in its own order, to the GPU.
     ///
     /// # Panics
     /// When there are more or fewer than the layer's.
@@ -110,7 +110,7 @@ impl GpuLayer {
         );
         self.last_samples = got / each;
         self.program.write_floats(self.x.values, x);
-        self.submit(PassSelection::Forward);
+        self.submit(PassesToRun::Forward);
         let len = self.last_samples * self.y.shape.len();
         let [y] = self.program.read_floats([(self.y.values, len)])?;
         Ok(y)
@@ -127,7 +127,7 @@ impl GpuLayer {
         self.check_len("dy", dy.len(), self.last_samples * self.y.shape.len());
         let [into, out_of] = self.gradients;
         self.program.write_floats(out_of, dy);
-        self.submit(PassSelection::Backward);
+        self.submit(PassesToRun::Backward);
         let input = (into, self.last_samples * self.x.shape.len());
         let params = (self.plan.params_gradient_buffer(), self.plan.num_device_params());
         let [input, params] = self.program.read_floats([input, params])?;
@@ -135,7 +135,7 @@ impl GpuLayer {
         Ok(LayerGradients { input, params })
     }
 
-    fn submit(&self, passes: PassSelection) {
+    fn submit(&self, passes: PassesToRun) {
         let batch = BatchUniforms { samples: self.last_samples, ..BatchUniforms::default() };
         self.program.submit_passes(passes, batch);
     }

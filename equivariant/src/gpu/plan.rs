@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use crate::gpu::adapter::GpuAdapter;
+use crate::gpu::adapter::GpuAdapterInfo;
 use crate::gpu::error::GpuError;
 use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch};
 use crate::shape::Shape;
@@ -29,7 +29,8 @@ impl BufferLength {
     }
 }
 
-/// Feature map of a batch on a GPU, with its gradient.
+/// Feature map of a [`ComputePlan`]: its shape, and the slots of the buffers of its values and, if
+/// it is needed, of its gradient.
 #[derive(Clone, Copy, Debug)]
 pub struct GpuTensor {
     /// Shape of one sample of the tensor.
@@ -116,7 +117,7 @@ impl ComputePlan {
 
     /// Returns two numbers of GPU kernels: those of the forward pass, and those of the backward
     /// pass with the ones that run after it.
-    pub fn num_kernels(&self) -> [usize; 2] {
+    pub fn num_kernels_per_pass(&self) -> [usize; 2] {
         [self.forward.len(), self.backward_kernels().count()]
     }
 
@@ -172,8 +173,9 @@ impl ComputePlan {
         GpuTensor { gradient: Some(self.add_buffer(0, shape.len())), ..self.add_input(shape) }
     }
 
-    /// Reserves `len` parameters on the GPU, where the layer's parameters have the positions
-    /// `param_positions`, and returns the index of the first.
+    /// Reserves `len` places for a layer's parameters on the GPU and returns the index of the
+    /// first; `param_positions` holds for each of the layer's parameters, in order, its position
+    /// among these places.
     pub fn reserve_params(
         &mut self,
         len: usize,
@@ -247,7 +249,7 @@ impl ComputePlan {
     /// samples.
     pub(crate) fn check_limits(
         &self,
-        adapter: &GpuAdapter,
+        adapter: &GpuAdapterInfo,
         samples: usize,
     ) -> Result<(), GpuError> {
         let largest =
@@ -284,7 +286,7 @@ mod tests {
         let mut plan = ComputePlan::new();
         let x = plan.add_tensor(conv.in_shape());
         let y = plan.add_layer(&conv, x).unwrap();
-        let ([forward, backward], params) = (plan.num_kernels(), plan.num_device_params());
+        let ([forward, backward], params) = (plan.num_kernels_per_pass(), plan.num_device_params());
         assert!(forward > 0 && backward > 0);
         let words = |planned: &ComputePlan, slot: BufferSlot| {
             let BufferLength { fixed_len, len_per_sample } = planned.buffer_lengths[slot.0];
@@ -294,7 +296,7 @@ mod tests {
         let gradients = [dx, dy, GRADIENT, PARTIAL, FOLDED];
         assert!(gradients.iter().all(|&slot| words(&plan, slot) > 0));
         let plan = plan.forward_only();
-        assert_eq!(plan.num_kernels(), [forward, 0]);
+        assert_eq!(plan.num_kernels_per_pass(), [forward, 0]);
         assert_eq!(plan.num_device_params(), params);
         assert_eq!(gradients.map(|slot| words(&plan, slot)), [0; 5]);
         let values = [x.values, y.values, PARAMS];

@@ -26,7 +26,7 @@ pub struct BatchUniforms {
 
 /// Selection of the network passes that a [`CompiledPlan`] runs on the GPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PassSelection {
+pub enum PassesToRun {
     /// Forward pass of the networks only.
     Forward,
     /// Backward pass, and the kernels of the compute plan that run after it.
@@ -35,7 +35,7 @@ pub enum PassSelection {
     All,
 }
 
-/// Compute plan that is compiled for a GPU, with memory for batches of up to some number of
+/// Compute plan that is compiled for a GPU, with memory for batches of up to a chosen number of
 /// samples.
 pub struct CompiledPlan {
     device: GpuDevice,
@@ -78,12 +78,12 @@ impl CompiledPlan {
         Ok(program)
     }
 
-    /// Returns the GPU device that the program runs on.
+    /// Returns the GPU device that the plan runs on.
     pub fn device(&self) -> &GpuDevice {
         &self.device
     }
 
-    /// Returns the maximum number of samples of a batch that the program has memory for.
+    /// Returns the maximum number of samples of a batch that the plan has memory for.
     pub fn max_samples(&self) -> usize {
         self.samples
     }
@@ -130,7 +130,7 @@ impl CompiledPlan {
     ///
     /// # Panics
     /// When the batch has more samples than there is memory for.
-    pub fn submit_passes(&self, passes: PassSelection, batch: BatchUniforms) {
+    pub fn submit_passes(&self, passes: PassesToRun, batch: BatchUniforms) {
         let (got, most) = (batch.samples, self.samples);
         assert!(got <= most, "got a batch of {got} samples, expected at most {most}");
         self.write_batch(batch);
@@ -141,7 +141,8 @@ impl CompiledPlan {
         self.device.queue.submit([encoder.finish()]);
     }
 
-    /// Waits for all submitted commands and reads the first numbers of some GPU buffers.
+    /// Waits for all submitted commands and returns the first numbers of GPU buffers; each request
+    /// names a buffer and how many numbers to read.
     ///
     /// # Errors
     /// [`GpuError::DeviceLost`] and [`GpuError::CommandFailed`], also for earlier errors.
@@ -179,9 +180,9 @@ impl CompiledPlan {
     ///
     /// # Panics
     /// When the batch has more samples than there is memory for.
-    pub fn kernel_seconds(
+    pub fn time_kernels(
         &self,
-        passes: PassSelection,
+        passes: PassesToRun,
         batch: BatchUniforms,
     ) -> Result<Vec<(&'static str, f64)>, GpuError> {
         assert!(
@@ -202,11 +203,11 @@ impl CompiledPlan {
         Ok(commands.iter().map(|c| c.label()).zip(seconds).collect())
     }
 
-    fn kernels(&self, passes: PassSelection) -> impl Iterator<Item = &CompiledKernel> {
+    fn kernels(&self, passes: PassesToRun) -> impl Iterator<Item = &CompiledKernel> {
         let (forward, backward) = match passes {
-            PassSelection::Forward => (&self.forward[..], &[][..]),
-            PassSelection::Backward => (&[][..], &self.backward[..]),
-            PassSelection::All => (&self.forward[..], &self.backward[..]),
+            PassesToRun::Forward => (&self.forward[..], &[][..]),
+            PassesToRun::Backward => (&[][..], &self.backward[..]),
+            PassesToRun::All => (&self.forward[..], &self.backward[..]),
         };
         forward.iter().chain(backward)
     }

@@ -30,7 +30,8 @@ impl<T: Scalar> TestLayer<T> {
     }
 }
 
-/// Returns the largest relative error of f(g x) = g f(x) over the elements of the output's group.
+/// Returns the largest relative error of f(g x) = g f(x) over random inputs x and the elements g of
+/// the output's group.
 ///
 /// Samples `trials` inputs of one sample each with normal entries; `f(x, y)` writes the output `y`
 /// of a sample `x`. The group of the output's type acts on pixels and channels according to the two
@@ -103,13 +104,13 @@ fn relative_error<T: Scalar>(got: &[T], expected: &[T]) -> f64 {
     error / scale
 }
 
-/// Sums the absolute outputs of every ReLU unit over the samples `x` `[N, H, W, C]`.
+/// Sums the absolute outputs of every ReLU unit over all samples and pixels of the input `x`,
+/// `[N, H, W, C]`.
 ///
 /// Returns a list for each ReLU of a chain, in order, except for those inside a
 /// [`BranchSum`](crate::BranchSum). A unit is a channel of a ReLU in the basis in which it is
-/// pointwise: |G| of them for a regular field. Sums are over samples and pixels. The layers of the
-/// chain run one by one, so nothing is fused and every map is allocated: the function is meant for
-/// occasional diagnostics.
+/// pointwise: |G| of them for a regular field. The layers of the chain run one by one, so nothing
+/// is fused and every map is allocated: the function is meant for occasional diagnostics.
 ///
 /// # Panics
 /// When a slice has a length other than the layer's shapes imply.

@@ -55,8 +55,8 @@ impl Concat {
         self.sum
     }
 
-    /// Writes the direct sum of both maps, which concatenates their channels, for N samples into
-    /// `y`.
+    /// Writes the direct sum of both maps, which concatenates their channels irrep by irrep, for N
+    /// samples into `y`.
     ///
     /// # Panics
     /// When the lengths of the slices do not agree.

@@ -8,10 +8,10 @@
 use std::fmt;
 use std::ops::Range;
 
-use crate::conv::dispatch::{self, ConvPasses};
+use crate::conv::dispatch::{self, ConvScalar};
 use crate::conv::maps::{Arena, ConvInput, FeatureMaps, FeatureMapsMut};
 use crate::conv::operands::{ConvBackward, ConvForward, ConvOutput};
-use crate::conv::pool::{FusedMaxPool, PoolBackward, PoolForward};
+use crate::conv::pool::{FusedMaxPool, MaxPoolBackward, MaxPoolForward};
 use crate::conv::r2_conv::R2Conv;
 use crate::layers::layer::{Layer, LayerSignature, Scalar};
 use crate::scratch::{BackwardArgs, take_back_padded};
@@ -122,7 +122,7 @@ impl FusedChain {
     }
 
     /// Writes the output of the chain for `samples` samples; `x` holds channels or bytes.
-    pub fn forward_from_input<T: ConvPasses>(
+    pub fn forward_from_input<T: ConvScalar>(
         &self,
         params: &[T],
         samples: usize,
@@ -151,9 +151,9 @@ impl FusedChain {
         self.last().forward(params, samples, input, y, own, rest);
     }
 
-    /// Adds the gradients with respect to the parameters and writes those with respect to the input
-    /// `x`, which replaces `args.x`.
-    pub fn backward_to_input<T: ConvPasses>(
+    /// Adds the gradients with respect to the parameters and, if it is needed, writes the gradient
+    /// with respect to the input; `x` replaces `args.x`.
+    pub fn backward_to_input<T: ConvScalar>(
         &self,
         samples: usize,
         x: ConvInput<T>,
@@ -177,7 +177,7 @@ impl FusedChain {
             };
             if let Some(pool) = &fused.pool {
                 let pool_gradient = &mut input_gradient[..pool_input.len()];
-                T::max_pool_backward(PoolBackward {
+                T::max_pool_backward(MaxPoolBackward {
                     pool,
                     samples,
                     x: pool_input,
@@ -227,7 +227,7 @@ impl FusedConv {
     }
 
     /// Splits the buffers of this convolution with its ReLU and pooling off the saved values.
-    fn take_saved<'a, T: ConvPasses>(
+    fn take_saved<'a, T: ConvScalar>(
         &self,
         samples: usize,
         saved: &mut Arena<'a, T>,
@@ -238,7 +238,7 @@ impl FusedConv {
         }
     }
 
-    fn forward<T: ConvPasses>(
+    fn forward<T: ConvScalar>(
         &self,
         params: &[T],
         samples: usize,
@@ -252,10 +252,10 @@ impl FusedConv {
         };
         let before = FeatureMapsMut::Blocked(&pool.patches, &mut *saved.pool_input);
         self.convolve(params, samples, x, before, saved.masks, scratch);
-        T::max_pool_forward(PoolForward { pool, samples, x: saved.pool_input, y, scratch });
+        T::max_pool_forward(MaxPoolForward { pool, samples, x: saved.pool_input, y, scratch });
     }
 
-    fn convolve<T: ConvPasses>(
+    fn convolve<T: ConvScalar>(
         &self,
         params: &[T],
         samples: usize,

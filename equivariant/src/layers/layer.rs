@@ -6,7 +6,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use rand::Rng;
 
-use crate::conv::dispatch::ConvPasses;
+use crate::conv::dispatch::ConvScalar;
 use crate::conv::r2_conv::R2Conv;
 use crate::scratch::{BackwardArgs, Scratch, ScratchOrigin};
 use crate::shape::{MAX_VALUES, Shape};
@@ -19,7 +19,7 @@ const RELU_GAIN: f64 = std::f64::consts::SQRT_2;
 
 /// Floating-point type of a layer's values: `f32` for training, `f64` for gradient checks.
 /// [`Real`](crate::Real) has the arithmetic.
-pub trait Scalar: ConvPasses {}
+pub trait Scalar: ConvScalar {}
 
 impl Scalar for f32 {}
 impl Scalar for f64 {}
@@ -221,7 +221,7 @@ impl<'a, T: Scalar> LayerKind<'a, T> {
     }
 }
 
-/// Layer without parameters; implements [`Layer`] in both precisions.
+/// Layer without parameters; every type that implements it is a [`Layer`] in both precisions.
 pub(crate) trait Parameterless: LayerSignature {
     /// Returns the kind of the layer, as [`Layer::kind`] does.
     fn kind<T: Scalar>(&self) -> LayerKind<'_, T> {

@@ -27,8 +27,8 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// Creates the linear map between two field types; an output irrep that the input lacks is
-    /// zero.
+    /// Creates the linear map between two field types; output channels of an irrep that the input
+    /// lacks are zero, up to the bias.
     ///
     /// # Errors
     /// When the groups of the types differ, or one of them has no channels.

@@ -129,7 +129,7 @@ impl FoldedLines {
 
     /// Applies the transpose of [`fold_image`](FoldedLines::fold_image), which takes gradients of
     /// the folded lines to the gradient of one image, and overwrites `image` with it.
-    pub fn fold_image_transpose<T: Real>(&self, lines: &[T], image: &mut [T]) {
+    pub fn fold_image_backward<T: Real>(&self, lines: &[T], image: &mut [T]) {
         let len = self.row_len();
         image.fill(T::ZERO);
         for oy in 0..self.out_height {
@@ -190,7 +190,7 @@ const BYTE_SCALE: f64 = 1.0 / 255.0;
 /// Number subtracted from a pixel's scaled byte, which centres the range at zero.
 const BYTE_OFFSET: f64 = 0.5;
 
-/// Returns the number that a byte of an image stands for, in [-0.5, 0.5].
+/// Returns the number that a byte of an image stands for, byte / 255 - 0.5.
 #[inline(always)]
 pub fn pixel_byte_to_float<T: Real>(byte: u8) -> T {
     T::from_f64(f64::from(byte)) * T::from_f64(BYTE_SCALE) - T::from_f64(BYTE_OFFSET)

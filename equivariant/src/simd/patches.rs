@@ -194,7 +194,8 @@ impl PatchGeometry {
         (lines * line + beyond).next_multiple_of(LANES)
     }
 
-    /// Writes the positions of consecutive pixels in blocked images, in blocks.
+    /// Writes the positions of consecutive pixels, from pixel `first` on, in blocked images, in
+    /// blocks.
     #[inline(always)]
     pub fn write_block_offsets(&self, first: usize, places: &mut [usize]) {
         let pixels = self.pixel_starts.len();
@@ -289,7 +290,7 @@ impl PatchGeometry {
     #[inline(always)]
     pub fn read_blocked_gradient<T: Real>(&self, blocked: &[T], image: &mut [T]) {
         if let Some(lines) = &self.folded_lines {
-            return lines.fold_image_transpose(blocked, image);
+            return lines.fold_image_backward(blocked, image);
         }
         let order = self.image_shape.fields.group().order();
         with_const_order!(G = order, self.read_blocked_groups::<T, G>(blocked, image));

@@ -36,7 +36,7 @@ pub struct OrdinaryConv<'a> {
 /// Steerable kernel that is closest to a dense kernel, with the share of the dense kernel that is
 /// lost.
 #[derive(Clone, Debug, PartialEq)]
-pub struct KernelProjection<T> {
+pub struct ProjectedKernel<T> {
     /// Parameters of the layer with the closest kernel; the biases are zero.
     pub params: Vec<T>,
     /// Share of the dense kernel that is not steerable, in [0, 1]: the Euclidean norm of the rest
@@ -66,7 +66,8 @@ impl OrdinaryConv<'_> {
         [self.out_type().dim(), self.in_type().dim(), size, size]
     }
 
-    /// Returns the dense kernel `[C_out, C_in, size, size]` in the irrep basis.
+    /// Returns the dense kernel `[C_out, C_in, size, size]` of the layer with the parameters
+    /// `params`, in the irrep basis.
     ///
     /// # Panics
     /// When `params` does not hold the layer's parameters.
@@ -97,7 +98,7 @@ impl OrdinaryConv<'_> {
     ///
     /// # Panics
     /// As [`kernel`](OrdinaryConv::kernel).
-    pub fn regular_kernel<T: Real>(&self, params: &[T]) -> Vec<T> {
+    pub fn regular_basis_kernel<T: Real>(&self, params: &[T]) -> Vec<T> {
         let mut kernel = self.kernel(params);
         self.change_basis(&mut kernel);
         kernel
@@ -107,7 +108,7 @@ impl OrdinaryConv<'_> {
     ///
     /// # Panics
     /// As [`kernel`](OrdinaryConv::kernel).
-    pub fn regular_bias<T: Real>(&self, params: &[T]) -> Vec<T> {
+    pub fn regular_basis_bias<T: Real>(&self, params: &[T]) -> Vec<T> {
         let mut bias = self.bias(params);
         change_channels(self.out_type(), &mut bias, 1);
         bias
@@ -118,7 +119,7 @@ impl OrdinaryConv<'_> {
     ///
     /// # Panics
     /// When `kernel` is not of the [`kernel_shape`](OrdinaryConv::kernel_shape).
-    pub fn project_kernel<T: Real>(&self, kernel: &[T]) -> KernelProjection<T> {
+    pub fn project_kernel<T: Real>(&self, kernel: &[T]) -> ProjectedKernel<T> {
         let shape = self.kernel_shape();
         assert_eq!(
             kernel.len(),
@@ -134,7 +135,7 @@ impl OrdinaryConv<'_> {
         let pairs = kernel.iter().zip(&projected);
         let rest: f64 = pairs.map(|(a, b)| square(a.to_f64() - b.to_f64())).sum();
         // a kernel of zeros has a residual of 0 instead of 0 / 0
-        KernelProjection { params, lost_share: (rest / total.max(f64::MIN_POSITIVE)).sqrt() }
+        ProjectedKernel { params, lost_share: (rest / total.max(f64::MIN_POSITIVE)).sqrt() }
     }
 
     /// Returns the steerable kernel that is closest to the dense kernel `kernel`, which is in the
@@ -142,7 +143,7 @@ impl OrdinaryConv<'_> {
     ///
     /// # Panics
     /// As [`project_kernel`](OrdinaryConv::project_kernel).
-    pub fn project_regular_kernel<T: Real>(&self, kernel: &[T]) -> KernelProjection<T> {
+    pub fn project_regular_basis_kernel<T: Real>(&self, kernel: &[T]) -> ProjectedKernel<T> {
         // the change of basis is orthonormal and its own inverse
         let mut kernel = kernel.to_vec();
         self.change_basis(&mut kernel);

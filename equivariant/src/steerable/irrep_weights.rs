@@ -72,7 +72,8 @@ impl IrrepWeights {
         }
     }
 
-    /// Adds the sum of the trivial channels of `dy` to the gradient of the bias.
+    /// Adds each trivial channel of `dy`, summed over the output vectors, to the gradient of its
+    /// bias.
     pub fn add_bias_gradient<T: Real>(&self, dy: &[T], dparams: &mut [T]) {
         let dbias = &mut dparams[self.bias_range()];
         for row in dy.chunks_exact(self.out.dim().max(1)) {

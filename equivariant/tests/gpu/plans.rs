@@ -1,7 +1,7 @@
 //! Networks that branch and join, and kernels of other crates.
 
 use equivariant::gpu::{
-    BatchUniforms, CompiledPlan, ComputePlan, KernelDispatch, PassSelection, WorkgroupCount,
+    BatchUniforms, CompiledPlan, ComputePlan, KernelDispatch, PassesToRun, WorkgroupCount,
 };
 use equivariant::{Group, LayerSignature, Linear, Shape};
 
@@ -28,7 +28,7 @@ fn sums_of_maps_and_their_gradients_are_those_of_the_cpu() {
         program.write_floats(inputs[0].values, &x_a);
         program.write_floats(inputs[1].values, &x_b);
         program.write_floats(y.gradient.unwrap(), &dy);
-        program.submit_passes(PassSelection::All, batch());
+        program.submit_passes(PassesToRun::All, batch());
         let mut expected = vec![0.0; dy.len()];
         concat.forward(&x_a, &x_b, &mut expected);
         let [sum] = program.read_floats([(y.values, dy.len())]).unwrap();
@@ -59,7 +59,7 @@ fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
     for y in ends {
         program.write_floats(y.gradient.unwrap(), &dy);
     }
-    program.submit_passes(PassSelection::All, batch());
+    program.submit_passes(PassesToRun::All, batch());
     let slots = [x, first].map(|x| (x.gradient.unwrap(), SAMPLES * 8));
     let [sum, branch_gradient] = program.read_floats(slots).unwrap();
     assert!(branch_gradient.iter().any(|&d| d.abs() > 0.1));
@@ -72,7 +72,7 @@ fn the_gradient_of_a_map_with_two_readers_is_the_sum_of_theirs() {
 fn a_kernel_of_somebody_else_sees_the_batch() {
     let mut plan = ComputePlan::new();
     let y = plan.add_input(Shape::vector(Group::C1.trivial_type(1)));
-    let kernel = KernelDispatch::new("mine", 1, WorkgroupCount::threads_per_sample(1))
+    let kernel = KernelDispatch::new("mine", 1, WorkgroupCount::for_threads_per_sample(1))
         .add_output_buffer("y", "f32", y.values);
     let kernel = kernel.add_wgsl(
         "@compute @workgroup_size(THREADS)
@@ -86,7 +86,7 @@ fn a_kernel_of_somebody_else_sees_the_batch() {
     for (samples, start) in [(100, 7), (70, 20)] {
         let extra_numbers = [0.0, 0.0, 0.0, 0.5];
         let batch = BatchUniforms { samples, start, extra_numbers, ..BatchUniforms::default() };
-        program.submit_passes(PassSelection::Backward, batch);
+        program.submit_passes(PassesToRun::Backward, batch);
     }
     let [y] = program.read_floats([(y.values, 100)]).unwrap();
     assert_eq!([y[0], y[69], y[70], y[99]], [20.5, 89.5, 77.5, 106.5]);

@@ -121,11 +121,11 @@ fn a_relu_after_weights_takes_no_kernel_of_its_own() {
     let first = conv(Group::D2.trivial_type(3), Group::D2.regular_type(2), [4, 2, 1], [8, 8]);
     let relu = boxed(Relu::new(first.out_shape()));
     let alone = GpuLayer::new(device(), relu.as_ref(), 1).unwrap();
-    assert_eq!(alone.num_kernels(), [1, 1]);
+    assert_eq!(alone.num_kernels_per_pass(), [1, 1]);
     let net = Sequential::new(vec![first, relu]).unwrap();
     // fold and product; the gradient of the weights and its sum; that of the patches and the unfold
     let fused = GpuLayer::new(device(), &net, 1).unwrap();
-    assert_eq!(fused.num_kernels(), [2, 4]);
+    assert_eq!(fused.num_kernels_per_pass(), [2, 4]);
 }
 
 #[test]

@@ -4,7 +4,7 @@
 
 use evidence::{
     EpisodeSummariser, EpisodeSummary, ImageFeatureCache, Recogniser, RecogniserSettings,
-    RolloutContext, RolloutDecision, Trajectory,
+    RolloutDecision, RolloutDecisionContext, Trajectory,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -94,13 +94,16 @@ pub fn assign(
 ) -> RolloutDecision {
     recogniser
         .clone()
-        .assign_rollout(seen, RolloutContext::collected_by_policy(collector), &mut rng())
+        .assign_rollout(seen, RolloutDecisionContext::collected_by_policy(collector), &mut rng())
         .unwrap()
 }
 
 /// Context of a rollout that must be decided.
-pub fn must_decide(collector: usize) -> RolloutContext<'static> {
-    RolloutContext { allow_undecided: false, ..RolloutContext::collected_by_policy(collector) }
+pub fn must_decide(collector: usize) -> RolloutDecisionContext<'static> {
+    RolloutDecisionContext {
+        allow_undecided: false,
+        ..RolloutDecisionContext::collected_by_policy(collector)
+    }
 }
 
 /// Decision of a recogniser on a rollout that it must decide. It does not remember the rollout.
@@ -116,7 +119,7 @@ pub fn settle(
 pub fn review(
     recogniser: &Recogniser,
     seen: &[EpisodeSummary],
-    context: RolloutContext,
+    context: RolloutDecisionContext,
 ) -> RolloutDecision {
     recogniser.clone().review_policy(seen, context, &mut rng()).unwrap()
 }

@@ -10,9 +10,10 @@ use serde::Serialize;
 /// deep reinforcement learning", ICML 2023, section 3).
 pub const DORMANCY_THRESHOLD: f64 = 0.025;
 
-/// Number of dormant units (mean output almost zero) of one policy's network in an evaluation.
+/// Numbers of rectified units, and of dormant ones among them (mean output almost zero), of one
+/// policy's network in an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct DormantUnits {
+pub struct DormantUnitCounts {
     /// Index of the policy whose network units are counted.
     pub policy: usize,
     /// Number of rectified units (ReLU) of the policy's network.
@@ -34,12 +35,13 @@ impl UnitActivities {
         self.0.entry(policy).or_default().add(activity);
     }
 
-    /// Counts the dormant units of each policy; networks without rectified units are left out.
-    pub fn dormant_units(&self) -> Vec<DormantUnits> {
+    /// Returns the numbers of units and of dormant units of each policy; networks without rectified
+    /// units are left out.
+    pub fn dormant_unit_counts(&self) -> Vec<DormantUnitCounts> {
         self.0
             .iter()
             .filter(|(_, activity)| activity.num_units() > 0)
-            .map(|(&policy, activity)| DormantUnits {
+            .map(|(&policy, activity)| DormantUnitCounts {
                 policy,
                 unit_count: activity.num_units(),
                 dormant_count: activity.num_dormant_units(DORMANCY_THRESHOLD),

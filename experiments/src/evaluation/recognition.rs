@@ -13,8 +13,8 @@ use learner::Learner;
 
 use super::Evaluator;
 
-/// Numbers of episodes from whose first frames the learner must name the policy of a task group.
-/// With each number it is asked
+/// Numbers of episodes that the recognition test shows: from their first frames the learner must
+/// name the policy of a task variant. With each number it is asked
 /// [`EvaluationPlan::recognition_repeats`](crate::EvaluationPlan::recognition_repeats) times.
 pub const RECOGNITION_EPISODE_COUNTS: [usize; 3] = [1, 4, 20];
 
@@ -41,8 +41,8 @@ pub struct RecognitionCount {
 
 impl Evaluator {
     /// Shows the learner the first frames of 1, 4 and 20 episodes of a variant, `looks` times each,
-    /// and counts how often it names each policy. Each time the episodes are different; they depend
-    /// on the evaluation's seed alone.
+    /// and counts how often it names each policy or none. Each time the episodes are different;
+    /// they depend on the evaluation's seed alone.
     ///
     /// # Errors
     /// Errors of the environments or the learner.

@@ -8,8 +8,9 @@ use symmetry::D2;
 
 use itertools::Itertools;
 
-/// Own policy of each group, by the group's name: the policy that served it in most of its training
-/// rollouts. [`AssignmentStats`](crate::AssignmentStats) counts them; learners never see the group's name.
+/// Index of each group's own policy, by the group's name: the policy that most of its training
+/// rollouts were assigned to. [`RunStats`](crate::RunStats) counts them; learners
+/// never see the group's name.
 pub type OwnPolicyByGroup = BTreeMap<String, usize>;
 
 /// Results of the learner in one task variant, over the episodes of an evaluation.
@@ -51,7 +52,8 @@ pub struct PolicyScore {
 }
 
 impl VariantScore {
-    /// Returns `true` if the learner chose another policy than the group's own.
+    /// Returns `true` if the learner chose another policy than the group's own; `false` if the
+    /// group has none yet.
     pub fn is_policy_mismatch(&self) -> bool {
         self.own_policy_score.is_some_and(|own| own.policy != self.policy)
     }

@@ -28,7 +28,7 @@ fn all_budgets_but_that_of_the_table_show_close_ups() {
         let camera = budget.preset_experiment(Method::Covers).envs.camera;
         let table = *budget == Budget::TableProtocol;
         assert_eq!(camera == Camera::default(), table, "{budget:?}");
-        assert_eq!(camera.extra_views == ExtraView::CloseUp, !table);
+        assert_eq!(camera.extra_views == ExtraViews::CloseUp, !table);
     }
     for method in [Method::Clear, Method::ThreeRl, Method::CoversRandomised] {
         let camera = Budget::Full.preset_experiment(method).envs.camera;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::LazyLock;
 
 use covers::presets::{Budget, Method};
-use covers::{AssignmentStats, RunFolder};
+use covers::{RunFolder, RunStats};
 use serde_json::{Value, json};
 
 use super::tensors::sealed;
@@ -43,29 +43,23 @@ fn read(input: &[u8]) -> Option<Reading> {
 }
 
 fn notes() -> Vec<Vec<u8>> {
-    let ledger = AssignmentStats {
+    let ledger = RunStats {
         created_for_group: vec![Some("goal-reach".to_owned()), None],
         rollouts: 2,
         decisions: 240,
         switch_rollouts: 1,
         correct_assignments: 1,
-        ..AssignmentStats::default()
+        ..RunStats::default()
     };
     let metrics = "rollout,group\n0,goal-reach\n1,goal-reach\n";
-    let begun = note(Method::Covers, &AssignmentStats::default(), 1, "", "");
+    let begun = note(Method::Covers, &RunStats::default(), 1, "", "");
     let others = [Method::CoversGt, Method::Equi, Method::ThreeRl, Method::EquiSac];
     let others = others.map(|method| note(method, &ledger, 0, metrics, "rollouts,group\n"));
     let notes = [begun].into_iter().chain(others);
     notes.map(|note| note.to_string().into_bytes()).collect()
 }
 
-fn note(
-    method: Method,
-    ledger: &AssignmentStats,
-    due: usize,
-    metrics: &str,
-    scores: &str,
-) -> Value {
+fn note(method: Method, ledger: &RunStats, due: usize, metrics: &str, scores: &str) -> Value {
     json!({
         "experiment": Budget::Smoke.preset_experiment(method),
         "note": {

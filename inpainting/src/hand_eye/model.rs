@@ -74,7 +74,7 @@ impl<'a> HandEyeFit<'a> {
         HandEyeFit::at(self.calibration, self.settings, self.guess, sightings)
     }
 
-    /// Returns the camera that was fitted.
+    /// Returns the estimated calibration of the camera.
     pub fn calibration(&self) -> CameraCalibration {
         self.calibration
     }
@@ -99,14 +99,15 @@ impl<'a> HandEyeFit<'a> {
         self.cost
     }
 
-    /// Returns a copy of the fit in which the ball's offset is held at its estimate.
+    /// Returns a copy of the estimate, not fitted again, in which the ball's offset is held at its
+    /// value.
     pub fn with_known_offset(&self) -> Self {
         let offset = BallOffsetInHand::Known(self.guess);
         Self { settings: HandEyeSettings { ball_offset: offset, ..self.settings }, ..self.clone() }
     }
 
-    /// Returns a copy of the fit in which the focal length is an unknown if `estimate_focal`, else
-    /// held.
+    /// Returns a copy of the estimate, not fitted again, in which the focal length is an unknown if
+    /// `estimate_focal`, else held.
     pub fn with_focal_estimation(&self, estimate_focal: bool) -> Self {
         Self {
             settings: HandEyeSettings { estimate_focal_length: estimate_focal, ..self.settings },
@@ -307,7 +308,7 @@ pub struct BallSighting {
     pub ball_pixel: [f64; 2],
 }
 
-/// Position of the ball in the hand's frame (metres).
+/// Position of the ball in the hand's frame: known (metres), or unknown and to be solved for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum BallOffsetInHand {
     /// Known offset of the ball in the hand's frame (metres).

@@ -1,10 +1,10 @@
 //! Grouping by images, motion and returns of whole episodes, instead of features that a policy has
 //! learnt.
 
-use cluster::{AssignedPolicy, Assignment};
+use cluster::{AssignedPolicy, PolicyAssignment};
 use evidence::{
-    EpisodeSummariser, EpisodeSummary, ImageFeatureCache, PolicyTest, Recogniser,
-    RecogniserSettings, RolloutContext, RolloutDecision,
+    EpisodeSummariser, EpisodeSummary, ImageFeatureCache, PolicyTestResult, Recogniser,
+    RecogniserSettings, RolloutDecision, RolloutDecisionContext,
 };
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
@@ -13,7 +13,7 @@ use crate::error::LearnerError;
 
 use super::grouping::{
     AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Grouping,
-    GroupingDecision, GroupingUpdate, RolloutEpisodes,
+    GroupingDecision, GroupingUpdateResult, RolloutEpisodes,
 };
 use super::threshold::nearest_policy;
 
@@ -49,7 +49,7 @@ impl EvidenceGrouping {
         let summariser = EpisodeSummariser::new(spec.image_shape, vector, action, filters)?;
         let mut summaries = summariser.summarise(trajectories, &mut self.cache)?;
         if policy != collector {
-            summaries.iter_mut().for_each(EpisodeSummary::keep_first_observation);
+            summaries.iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
         }
         Ok(summaries)
     }
@@ -63,7 +63,7 @@ impl EvidenceGrouping {
         data: &mut dyn AssignmentData,
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
-        let found = self.recogniser.recognise(summaries, rng)?;
+        let found = self.recogniser.task_group_probabilities(summaries, rng)?;
         let best = match found.most_probable_policy().filter(|_| found.fits_any_policy()) {
             Some(policy) => policy,
             None => {
@@ -84,7 +84,7 @@ impl From<RolloutDecision> for GroupingDecision {
             AssignedPolicy::Existing(_) => decision.accepted_policies(),
             AssignedPolicy::New | AssignedPolicy::Undecided => Vec::new(),
         };
-        let evidence = decision.tests.iter().map(PolicyTest::evidence).collect();
+        let evidence = decision.tests.iter().map(PolicyTestResult::evidence).collect();
         Self {
             changepoint: decision.changepoint,
             group_changed: decision.group_changed,
@@ -92,7 +92,7 @@ impl From<RolloutDecision> for GroupingDecision {
             is_provisional: decision.is_provisional,
             rejected: decision.rejected,
             accepted,
-            ..Assignment { decision: decision.policy, evidence }.into()
+            ..PolicyAssignment { decision: decision.policy, evidence }.into()
         }
     }
 }
@@ -111,17 +111,17 @@ impl Grouping for EvidenceGrouping {
     ) -> Result<GroupingDecision, LearnerError> {
         let collector = data.episodes().collector;
         let summaries = self.summarise(data.episodes(), collector)?;
-        let context = RolloutContext::collected_by_policy(collector);
+        let context = RolloutDecisionContext::collected_by_policy(collector);
         let decision = match request {
             AssignmentRequest::Recognise => return self.recognise(&summaries, data, rng),
             AssignmentRequest::Assign { allow_undecided } => {
-                let context = RolloutContext { allow_undecided, ..context };
+                let context = RolloutDecisionContext { allow_undecided, ..context };
                 self.recogniser.assign_rollout(&summaries, context, rng)?
             }
             AssignmentRequest::Confirm { proposal, allow_undecided } => {
                 let (rejected, is_provisional) = (&proposal.rejected, proposal.is_provisional);
                 let context =
-                    RolloutContext { rejected, is_provisional, allow_undecided, ..context };
+                    RolloutDecisionContext { rejected, is_provisional, allow_undecided, ..context };
                 self.recogniser.review_policy(&summaries, context, rng)?
             }
         };
@@ -134,13 +134,13 @@ impl Grouping for EvidenceGrouping {
         &mut self,
         assigned: AssignedEpisodes<'_>,
         rng: &mut ChaCha8Rng,
-    ) -> Result<GroupingUpdate, LearnerError> {
+    ) -> Result<GroupingUpdateResult, LearnerError> {
         let (mut changepoint, mut probe) = (None, None);
         match assigned {
             AssignedEpisodes::Rollout { policy, accepted, episodes } => {
                 let summaries = self.summarise(episodes, policy)?;
                 changepoint = self.recogniser.record_training(policy, &summaries, rng)?;
-                probe = self.recogniser.find_duplicate(policy, accepted);
+                probe = self.recogniser.find_possible_duplicate(policy, accepted);
             }
             AssignedEpisodes::Probes { policy, probes: &[first] } => {
                 let duplicate = first.collector;
@@ -153,11 +153,11 @@ impl Grouping for EvidenceGrouping {
                 let duplicate = first.collector;
                 let of_duplicate = self.summarise(first, duplicate)?;
                 let again = self.summarise(again, policy)?;
-                self.recogniser.merge_policies(policy, duplicate, &of_duplicate, &again, rng)?;
+                self.recogniser.recheck_and_merge(policy, duplicate, &of_duplicate, &again, rng)?;
             }
             AssignedEpisodes::Probes { probes: &[], .. } => {}
         }
-        Ok(GroupingUpdate { changepoint, probe, merged_into: self.recogniser.merged_into() })
+        Ok(GroupingUpdateResult { changepoint, probe, merged_into: self.recogniser.merged_into() })
     }
 
     fn state(&self) -> Value {

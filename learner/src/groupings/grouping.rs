@@ -1,7 +1,10 @@
 //! Trait of all groupings, with their requests and decisions.
 
-use cluster::{AssignedPolicy, Assignment, CandidateFeatures, PolicyEvidence, TwoPolicyComparison};
-use evidence::{PolicyTrial, Trajectory};
+use cluster::{
+    AssignedPolicy, PolicyAssignment, PolicyEvidence, RolloutAndBufferFeatures,
+    TwoPolicyComparisonInputs,
+};
+use evidence::{RequiredTrial, Trajectory};
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
 use serde_json::Value;
@@ -40,8 +43,8 @@ pub trait Grouping: Send {
         &mut self,
         _: AssignedEpisodes<'_>,
         _: &mut ChaCha8Rng,
-    ) -> Result<GroupingUpdate, LearnerError> {
-        Ok(GroupingUpdate::default())
+    ) -> Result<GroupingUpdateResult, LearnerError> {
+        Ok(GroupingUpdateResult::default())
     }
 
     /// Returns the state of the grouping for a checkpoint, as JSON. The default has none.
@@ -85,7 +88,7 @@ pub enum AssignmentRequest<'a> {
     /// Request for the policy that fits one or more episodes, which are not used for training.
     Recognise,
     /// Request to confirm the policy that a decision proposed, from episodes that it collected
-    /// itself. It only follows a decision that demands a [`PolicyTrial`].
+    /// itself. It only follows a decision that demands a [`RequiredTrial`].
     Confirm {
         /// Earlier decision, which proposed the policy on trial.
         proposal: &'a GroupingDecision,
@@ -103,7 +106,7 @@ pub trait AssignmentData {
     ///
     /// # Errors
     /// Errors of a network.
-    fn clouds(&mut self) -> Result<Vec<CandidateFeatures>, LearnerError>;
+    fn clouds(&mut self) -> Result<Vec<RolloutAndBufferFeatures>, LearnerError>;
 
     /// Returns two comparisons of the rollout with two policies, by their first frames of at most
     /// `most` episodes each: in the current features of the first policy, and in those of the
@@ -115,13 +118,13 @@ pub trait AssignmentData {
         &mut self,
         policies: [usize; 2],
         most: usize,
-    ) -> Result<[TwoPolicyComparison; 2], LearnerError>;
+    ) -> Result<[TwoPolicyComparisonInputs; 2], LearnerError>;
 
     /// Returns the whole episodes of the rollout.
     fn episodes(&self) -> RolloutEpisodes<'_>;
 }
 
-/// Whole episodes of one or two rollouts, with the policy that acted in them.
+/// Episodes of one or more rollouts, unfinished ones included, with the policy that acted in them.
 #[derive(Clone, Copy, Debug)]
 pub struct RolloutEpisodes<'a> {
     /// Specification of the environments in which the episodes ran.
@@ -150,7 +153,7 @@ pub struct GroupingDecision {
     pub group_changed: bool,
     /// Trial that the named policy must pass, with episodes that it collects, before the decision
     /// is final.
-    pub trial: PolicyTrial,
+    pub trial: RequiredTrial,
     /// `true` if the named policy is provisional: there is evidence against it, so it must not
     /// train before its trial.
     pub is_provisional: bool,
@@ -162,9 +165,9 @@ pub struct GroupingDecision {
     pub accepted: Vec<usize>,
 }
 
-impl From<Assignment> for GroupingDecision {
+impl From<PolicyAssignment> for GroupingDecision {
     /// Converts an assignment into a final decision on the whole rollout.
-    fn from(assignment: Assignment) -> Self {
+    fn from(assignment: PolicyAssignment) -> Self {
         Self {
             nearest: assignment.best_candidate(),
             evidence: assignment.evidence,
@@ -182,7 +185,7 @@ impl GroupingDecision {
             evidence: Vec::new(),
             changepoint: None,
             group_changed: false,
-            trial: PolicyTrial::None,
+            trial: RequiredTrial::None,
             is_provisional: false,
             rejected: Vec::new(),
             accepted: Vec::new(),
@@ -202,8 +205,8 @@ pub enum AssignedEpisodes<'a> {
         /// Episodes of the rollout that the policy trains on.
         episodes: RolloutEpisodes<'a>,
     },
-    /// Episodes of the policies that [`GroupingUpdate::probe`] asked for, in the task group of
-    /// `policy`.
+    /// Episodes of the policies that [`GroupingUpdateResult::probe`] asked for, in the task group
+    /// of `policy`.
     Probes {
         /// Index of the policy that trained on the task group.
         policy: usize,
@@ -215,7 +218,7 @@ pub enum AssignedEpisodes<'a> {
 /// Result of [`Grouping::update`]: the usable part of a rollout, a policy that must act as a probe,
 /// and merged policies.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct GroupingUpdate {
+pub struct GroupingUpdateResult {
     /// Changepoint, in decisions of all environments since the start of the rollout, if its end
     /// shows another task group; later steps must not be used for training.
     pub changepoint: Option<usize>,
@@ -228,7 +231,7 @@ pub struct GroupingUpdate {
     pub merged_into: Vec<Option<usize>>,
 }
 
-/// Policy that was recognised as the best fit of some episodes.
+/// Policy that fits some episodes best, whether or not the evidence accepts it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecognisedPolicy {
     /// Index of the policy that fits the episodes best.

@@ -11,7 +11,8 @@ use serde_json::Value;
 use crate::error::LearnerError;
 
 use super::grouping::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, Grouping, GroupingDecision, GroupingUpdate,
+    AssignedEpisodes, AssignmentData, AssignmentRequest, Grouping, GroupingDecision,
+    GroupingUpdateResult,
 };
 
 /// Grouping with a single policy for all rollouts: the paper's baselines Equi and CNN.
@@ -29,7 +30,8 @@ impl Grouping for SinglePolicyGrouping {
     }
 }
 
-/// Ground-truth label of the current task group: a run writes it, and an oracle grouping reads it.
+/// Ground-truth label of the current task group, shared by all clones: a run writes it, and an
+/// oracle grouping reads it.
 #[derive(Clone, Debug, Default)]
 pub struct TaskLabel(Arc<Mutex<Option<String>>>);
 
@@ -87,11 +89,11 @@ impl Grouping for OracleGrouping {
         &mut self,
         _: AssignedEpisodes<'_>,
         _: &mut ChaCha8Rng,
-    ) -> Result<GroupingUpdate, LearnerError> {
+    ) -> Result<GroupingUpdateResult, LearnerError> {
         if self.known.is_empty() {
             self.known.push(self.labels.get().unwrap_or_default());
         }
-        Ok(GroupingUpdate::default())
+        Ok(GroupingUpdateResult::default())
     }
 
     fn state(&self) -> Value {
@@ -118,7 +120,7 @@ pub(super) fn unlabelled() -> LearnerError {
 
 #[cfg(test)]
 mod tests {
-    use cluster::{CandidateFeatures, TwoPolicyComparison};
+    use cluster::{RolloutAndBufferFeatures, TwoPolicyComparisonInputs};
     use rand::SeedableRng;
 
     use super::*;
@@ -130,7 +132,7 @@ mod tests {
     struct Blind;
 
     impl AssignmentData for Blind {
-        fn clouds(&mut self) -> Result<Vec<CandidateFeatures>, LearnerError> {
+        fn clouds(&mut self) -> Result<Vec<RolloutAndBufferFeatures>, LearnerError> {
             panic!("an oracle does not compare")
         }
 
@@ -138,7 +140,7 @@ mod tests {
             &mut self,
             _: [usize; 2],
             _: usize,
-        ) -> Result<[TwoPolicyComparison; 2], LearnerError> {
+        ) -> Result<[TwoPolicyComparisonInputs; 2], LearnerError> {
             panic!("an oracle does not compare")
         }
 

@@ -10,7 +10,7 @@ use super::grouping::Grouping;
 use super::oracle::{OracleGrouping, SinglePolicyGrouping, TaskLabel, unlabelled};
 use super::threshold::ThresholdGrouping;
 
-/// Choice of a grouping, which assigns rollouts to policies.
+/// Choice of a grouping, which assigns rollouts to policies, with its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum GroupingSettings {

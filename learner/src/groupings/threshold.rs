@@ -8,7 +8,8 @@ use crate::error::LearnerError;
 use super::grouping::{AssignmentData, AssignmentRequest, Grouping, GroupingDecision};
 
 /// Grouping of the paper: compares a rollout's first frames (`O`) with those that each policy keeps
-/// (`B`), in that policy's features, and takes the nearest policy within a threshold.
+/// (`B`), in that policy's features, and takes the nearest policy within a threshold, or else a new
+/// one.
 #[derive(Clone, Copy, Debug)]
 pub struct ThresholdGrouping {
     threshold: f64,
@@ -41,8 +42,8 @@ impl Grouping for ThresholdGrouping {
 /// bounds the time of the networks.
 const MAX_COMPARED: usize = 40;
 
-/// Returns the index of the policy whose first frames are nearest to those of the rollout; 0 if
-/// `policies` is empty.
+/// Returns the index of the policy in `policies` whose first frames are nearest to those of the
+/// rollout; 0 if `policies` is empty.
 ///
 /// A frame unlike all remembered ones, for example of another camera, may by chance be less distant
 /// in the features of a wrong policy. So every two policies are compared in the features of both,
@@ -66,7 +67,7 @@ pub(super) fn nearest_policy(
 
 #[cfg(test)]
 mod tests {
-    use cluster::{CandidateFeatures, FrameFeatures, TwoPolicyComparison};
+    use cluster::{FrameFeatures, RolloutAndBufferFeatures, TwoPolicyComparisonInputs};
     use rand::{RngExt, SeedableRng};
 
     use super::*;
@@ -98,7 +99,7 @@ mod tests {
     }
 
     impl AssignmentData for TwoFeatures {
-        fn clouds(&mut self) -> Result<Vec<CandidateFeatures>, LearnerError> {
+        fn clouds(&mut self) -> Result<Vec<RolloutAndBufferFeatures>, LearnerError> {
             panic!("two policies at a time are compared")
         }
 
@@ -106,8 +107,8 @@ mod tests {
             &mut self,
             policies: [usize; 2],
             _: usize,
-        ) -> Result<[TwoPolicyComparison; 2], LearnerError> {
-            Ok(policies.map(|policy| TwoPolicyComparison {
+        ) -> Result<[TwoPolicyComparisonInputs; 2], LearnerError> {
+            Ok(policies.map(|policy| TwoPolicyComparisonInputs {
                 rollout: self.frames(policy, &[self.seen]),
                 policies: policies.map(|other| self.frames(policy, &self.known(other))),
             }))

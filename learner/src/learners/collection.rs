@@ -13,7 +13,7 @@ pub use settings::{
     CommonSettings, NewPolicyInit, PolicyCollectionSettings, PolicyTrainer, RolloutHandover,
 };
 
-use cluster::{CandidateFeatures, Reservoir, TwoPolicyComparison};
+use cluster::{Reservoir, RolloutAndBufferFeatures, TwoPolicyComparisonInputs};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, RlError, RolloutState, RolloutStats, VectorEnv};
@@ -49,8 +49,8 @@ struct PolicyEntry<S: PolicyCollectionSettings> {
 }
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
-    /// Creates a learner with one randomly initialised policy, no frames, and the grouping that the
-    /// settings name.
+    /// Creates a learner with one randomly initialised policy, which keeps no frames yet, and the
+    /// grouping that the settings name.
     ///
     /// # Errors
     /// A setting out of range, a grouping that needs labels, or an image size that the network
@@ -60,8 +60,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Self::with_grouping(settings, spec, grouping)
     }
 
-    /// Creates a learner with one randomly initialised policy, no frames, and the caller's
-    /// grouping.
+    /// Creates a learner with one randomly initialised policy, which keeps no frames yet, and the
+    /// caller's grouping in place of that of the settings.
     ///
     /// # Errors
     /// A setting out of range, or an image size that the network cannot keep exactly symmetric.
@@ -161,9 +161,9 @@ impl<'a, S: PolicyCollectionSettings> CandidateClouds<'a, S> {
 }
 
 impl<S: PolicyCollectionSettings> AssignmentData for CandidateClouds<'_, S> {
-    fn clouds(&mut self) -> Result<Vec<CandidateFeatures>, LearnerError> {
+    fn clouds(&mut self) -> Result<Vec<RolloutAndBufferFeatures>, LearnerError> {
         let clouds = self.policies.iter_mut().map(|entry| {
-            Ok(CandidateFeatures {
+            Ok(RolloutAndBufferFeatures {
                 buffer: embed_first_frames(&mut entry.policy, entry.buffer.episodes())?,
                 rollout: embed_first_frames(&mut entry.policy, self.frames)?,
             })
@@ -175,7 +175,7 @@ impl<S: PolicyCollectionSettings> AssignmentData for CandidateClouds<'_, S> {
         &mut self,
         indices: [usize; 2],
         most: usize,
-    ) -> Result<[TwoPolicyComparison; 2], LearnerError> {
+    ) -> Result<[TwoPolicyComparisonInputs; 2], LearnerError> {
         let (mut policies, buffers): (Vec<_>, Vec<_>) = self
             .policies
             .iter_mut()
@@ -184,10 +184,10 @@ impl<S: PolicyCollectionSettings> AssignmentData for CandidateClouds<'_, S> {
                 (&mut entry.policy, &kept[..kept.len().min(most)])
             })
             .unzip();
-        let mut compare = |index: usize| -> Result<TwoPolicyComparison, LearnerError> {
+        let mut compare = |index: usize| -> Result<TwoPolicyComparisonInputs, LearnerError> {
             let policy = &mut *policies[index];
             let [first, second] = indices.map(|other| embed_first_frames(policy, buffers[other]));
-            Ok(TwoPolicyComparison {
+            Ok(TwoPolicyComparisonInputs {
                 rollout: embed_first_frames(policy, self.frames)?,
                 policies: [first?, second?],
             })

@@ -86,7 +86,7 @@ impl CoversSettings {
     /// pixels: set the camera's size, too, or put another network.
     pub fn paper() -> Self {
         Self {
-            network: NetworkSettings::so2_128(),
+            network: NetworkSettings::so2_paper_128px(),
             ppo: PpoSettings::paper(),
             grouping: GroupingSettings::PAPER,
             first_frames: 4,

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use cluster::{PermutationTest, PolicyEvidence};
+use cluster::{PermutationTestResult, PolicyEvidence};
 use rand_chacha::ChaCha8Rng;
 use rl::{ExportedPolicy, Observations, PolicyOutput, RolloutStats, UnitActivity, VectorEnv};
 
@@ -53,17 +53,27 @@ pub trait Learner: Send {
         None
     }
 
-    /// Returns policy `index` as ordinary neural-network layers, and its output for `observations`.
+    /// Returns policy `index` as ordinary neural-network layers.
     ///
     /// # Errors
     /// [`LearnerError::InvalidSetting`] for a policy that does not exist,
     /// [`rl::RlError::NotExportable`] for one that other programs have no layers for,
     /// [`LearnerError::Unexportable`] for learners that write none.
-    fn export_policy(
+    fn export_policy(&self, _index: usize) -> Result<ExportedPolicy, LearnerError> {
+        Err(LearnerError::Unexportable)
+    }
+
+    /// Returns the output of policy `index` for `observations`, its mean actions among it.
+    ///
+    /// # Errors
+    /// [`LearnerError::InvalidSetting`] for a policy that does not exist, errors of
+    /// [`rl::ExportPolicy::reference_output`], and [`LearnerError::Unexportable`] for learners
+    /// that return none.
+    fn policy_output(
         &mut self,
         _index: usize,
         _observations: &Observations,
-    ) -> Result<(ExportedPolicy, PolicyOutput), LearnerError> {
+    ) -> Result<PolicyOutput, LearnerError> {
         Err(LearnerError::Unexportable)
     }
 
@@ -217,7 +227,7 @@ const MERGED_INTO: &str = "heirs";
 
 /// Name of a log column with one number for each policy, and the function that reads the number
 /// from a permutation test.
-type TestColumn = (&'static str, fn(&PermutationTest) -> f64);
+type TestColumn = (&'static str, fn(&PermutationTestResult) -> f64);
 
 const TEST_COLUMNS: [TestColumn; 5] = [
     ("null_means", |test| test.null.mean),

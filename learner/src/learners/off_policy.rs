@@ -9,9 +9,9 @@ mod staged_rollout;
 
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    Algorithm, AlgorithmState, EntropyTemperature, EnvSpec, Metrics, NetworkSettings, PpoSettings,
-    ProcessRanks, RecurrentContextSettings, ReplayBuffer, ReplaySettings, RlError, Sac, SacPolicy,
-    SacSettings,
+    Algorithm, AlgorithmState, EntropyTemperatureSettings, EnvSpec, Metrics, NetworkSettings,
+    PpoSettings, ProcessRanks, RecurrentContextSettings, ReplayBuffer, ReplaySettings, RlError,
+    Sac, SacPolicy, SacSettings,
 };
 use serde::{Deserialize, Serialize};
 use symmetry::Group;
@@ -23,7 +23,7 @@ use super::collection::{
     CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, PolicyTrainer,
     RolloutHandover,
 };
-use super::tensor_file::{Tensor, TensorFile};
+use super::tensor_file::{CheckpointTensor, TensorFile};
 use staged_rollout::StagedRollout;
 
 /// Learner with a growing collection of policies, or a single one, trained by soft actor-critic.
@@ -155,7 +155,7 @@ impl OffPolicySettings {
                 encoder_learning_rate: Some(2e-4),
                 // what is trained still moves when the group is learnt, and its average moves less
                 average_rate: Some(0.02),
-                temperature: EntropyTemperature::Learned { initial: 0.02, target: 0.3 },
+                temperature: EntropyTemperatureSettings::Learned { initial: 0.02, target: 0.3 },
                 // gradients of equivariant networks are the same for every image of a step
                 augmentation: Group::C1,
                 ..equi.sac
@@ -245,7 +245,7 @@ impl PolicyTrainer for SacTrainer {
 
     fn prepare_rollout(&self, rollout: &mut StagedRollout) {
         let recorded = self.replay.total_recorded_steps();
-        rollout.draw_uniform_actions(self.warm_up.saturating_sub(recorded));
+        rollout.schedule_uniform_actions(self.warm_up.saturating_sub(recorded));
     }
 
     /// Does nothing: a replay takes steps of any policy unchanged.
@@ -272,7 +272,7 @@ impl PolicyTrainer for SacTrainer {
         self.sac.restore(state)
     }
 
-    fn extra_tensors(&self, prefix: &str) -> Vec<Tensor> {
+    fn extra_tensors(&self, prefix: &str) -> Vec<CheckpointTensor> {
         replay_checkpoint::replay_buffer_tensors(&self.replay, prefix)
     }
 

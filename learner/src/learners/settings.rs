@@ -28,7 +28,7 @@ macro_rules! each {
     };
 }
 
-/// Settings of a learner, of one of two kinds.
+/// Settings of a learner of one of two kinds: trained by PPO, or by soft actor-critic from replays.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum LearnerSettings {
@@ -104,7 +104,7 @@ impl LearnerSettings {
         each!(self, settings => settings.seed = seed);
     }
 
-    /// Changes the symmetry group that networks are equivariant under, at equal width.
+    /// Changes the symmetry group that networks are equivariant under; their widths stay.
     pub fn set_symmetry_group(&mut self, group: Group) {
         each!(self, settings => settings.network.group = group);
     }
@@ -179,7 +179,8 @@ impl LearnerSettings {
         self.grouping() != GroupingSettings::Single
     }
 
-    /// Returns the reason why the learner cannot name the policy of a task group; `None` if it can.
+    /// Returns the reason why the learner has no task groups to recognise by itself: one policy for
+    /// all, or given labels; `None` if it recognises them.
     pub fn recognition_obstacle(&self) -> Option<&'static str> {
         match self.grouping() {
             GroupingSettings::Single => Some("there is one policy for everything"),

@@ -35,14 +35,14 @@ struct Format {
 }
 
 /// Named array of numbers or bytes in a checkpoint file.
-pub struct Tensor {
+pub struct CheckpointTensor {
     name: String,
     dtype: Dtype,
     shape: Vec<usize>,
     bytes: Vec<u8>,
 }
 
-impl Tensor {
+impl CheckpointTensor {
     /// Creates a named array of single-precision numbers for a checkpoint.
     pub fn from_floats(name: String, shape: Vec<usize>, values: &[f32]) -> Self {
         let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
@@ -88,7 +88,7 @@ impl Tensor {
 pub(super) fn encode_tensor_file(
     path: &Path,
     header: &impl Serialize,
-    tensors: &[Tensor],
+    tensors: &[CheckpointTensor],
 ) -> Result<Vec<u8>, LearnerError> {
     tensors.iter().try_for_each(|tensor| tensor.check(path))?;
     let envelope = Envelope { format: FORMAT_VERSION, header };
@@ -98,8 +98,8 @@ pub(super) fn encode_tensor_file(
 }
 
 /// Returns the bytes of a checkpoint file, with zeros in place of the checksum.
-fn serialize(tensors: &[Tensor], header: String) -> Result<Vec<u8>, SafeTensorError> {
-    let space = Tensor::from_bytes(CHECKSUM.to_owned(), vec![4], vec![0; 4]);
+fn serialize(tensors: &[CheckpointTensor], header: String) -> Result<Vec<u8>, SafeTensorError> {
+    let space = CheckpointTensor::from_bytes(CHECKSUM.to_owned(), vec![4], vec![0; 4]);
     let mut views = Vec::with_capacity(tensors.len() + 1);
     for tensor in tensors.iter().chain([&space]) {
         let view = TensorView::new(tensor.dtype, tensor.shape.clone(), &tensor.bytes)?;
@@ -253,8 +253,8 @@ mod tests {
 
     fn written() -> Vec<u8> {
         let tensors = [
-            Tensor::from_floats("a".to_owned(), vec![3], &[1.0, -2.0, 0.5]),
-            Tensor::from_bytes("z".to_owned(), vec![2, 2], vec![1, 2, 3, 4]),
+            CheckpointTensor::from_floats("a".to_owned(), vec![3], &[1.0, -2.0, 0.5]),
+            CheckpointTensor::from_bytes("z".to_owned(), vec![2, 2], vec![1, 2, 3, 4]),
         ];
         encode_tensor_file(Path::new("file"), &"a note", &tensors).unwrap()
     }
@@ -294,7 +294,8 @@ mod tests {
 
     #[test]
     fn numbers_that_are_not_finite_are_not_written() {
-        let tensors = [Tensor::from_floats("weights".to_owned(), vec![2], &[1.0, f32::NAN])];
+        let tensors =
+            [CheckpointTensor::from_floats("weights".to_owned(), vec![2], &[1.0, f32::NAN])];
         let error = encode_tensor_file(Path::new("file"), &"", &tensors).unwrap_err();
         assert!(error.to_string().contains("`weights`[1] is NaN"), "{error}");
     }

@@ -55,13 +55,13 @@ fn name(run: &Path) -> Result<OsString, RunError> {
         return Err(RunError::NoRun { folder: run.to_owned() });
     }
     // a path such as `.` or `runs/..` has no name of its own
-    let path = run.canonicalize().map_err(RunError::to_read_error_at(run))?;
+    let path = run.canonicalize().map_err(RunError::read_error_mapper(run))?;
     Ok(path.file_name().unwrap_or(path.as_os_str()).to_owned())
 }
 
 fn write(run: &Path, own: &Path) -> Result<PathBuf, RunError> {
     let bytes = events(&RunFolder::from_path(run))?;
-    fs::create_dir_all(own).map_err(RunError::to_write_error_at(own))?;
+    fs::create_dir_all(own).map_err(RunError::write_error_mapper(own))?;
     let path = own.join(FILE);
     write_atomically(&LocalDisk, &path, &bytes)?;
     Ok(path)
@@ -151,7 +151,7 @@ fn picture(run: &RunFolder, file: &mut EventFile) -> Result<(), RunError> {
     };
     let reader = png::Decoder::new(std::io::Cursor::new(&png))
         .read_info()
-        .map_err(RunError::to_read_error_at(&path))?;
+        .map_err(RunError::read_error_mapper(&path))?;
     let sides = [reader.info().height, reader.info().width];
     file.add_image(START, "variants", sides, &png);
     Ok(())

@@ -4,7 +4,7 @@
 use crc::{CRC_32_ISCSI, Crc};
 use prost::Message;
 
-/// Time of a TensorBoard event, as decisions and seconds of learning.
+/// Time of a TensorBoard event: decisions, its step, and seconds of learning, its wall-clock time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct EventTime {
     /// Decisions since the run began.

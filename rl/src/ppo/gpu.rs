@@ -1,7 +1,7 @@
 //! PPO updates on a GPU: a plan of kernels for the network, the loss and the optimiser.
 
 use equivariant::gpu::{
-    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuError, KernelDispatch, PassSelection,
+    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuError, KernelDispatch, PassesToRun,
     WorkgroupCount,
 };
 use rand_chacha::ChaCha8Rng;
@@ -162,7 +162,7 @@ impl CompiledUpdate {
                 index,
                 extra_numbers: [encoder / first, heads / first, second.sqrt(), 0.0],
             };
-            self.program.submit_passes(PassSelection::All, batch);
+            self.program.submit_passes(PassesToRun::All, batch);
         }
     }
 
@@ -330,7 +330,7 @@ fn loss(
     let components: Vec<String> = order.iter().map(|i| format!("{i}u")).collect();
     let (count, components) = (order.len(), components.join(", "));
     let list = format!("array<u32, {count}>");
-    let kernel = KernelDispatch::new("loss", 1, WorkgroupCount::fixed_workgroups(1))
+    let kernel = KernelDispatch::new("loss", 1, WorkgroupCount::for_fixed_workgroups(1))
         .add_u32_constants([("ACTION", count), ("LOG_STD", outputs.log_std_start)])
         .add_f32_constant("CLIP", settings.clip.into())
         .add_f32_constant("VALUE", settings.value_weight.into())
@@ -362,17 +362,17 @@ fn norms(
     buffers: UpdateBuffers,
     squares: BufferSlot,
 ) -> [KernelDispatch; 2] {
-    let sums =
-        KernelDispatch::new("squares", 1, WorkgroupCount::fixed_workgroups(NUM_PARTIAL_SQUARES))
-            .add_u32_constants([
-                ("PARAMS", plan.num_device_params()),
-                ("GROUPS", NUM_PARTIAL_SQUARES),
-            ])
-            .add_input_buffer("gradient", "f32", plan.params_gradient_buffer())
-            .add_output_buffer("squares", "f32", squares)
-            .add_workgroup_sum()
-            .add_wgsl(include_str!("wgsl/squares.wgsl"));
-    let norm = KernelDispatch::new("norm", 1, WorkgroupCount::fixed_workgroups(1))
+    let sums = KernelDispatch::new(
+        "squares",
+        1,
+        WorkgroupCount::for_fixed_workgroups(NUM_PARTIAL_SQUARES),
+    )
+    .add_u32_constants([("PARAMS", plan.num_device_params()), ("GROUPS", NUM_PARTIAL_SQUARES)])
+    .add_input_buffer("gradient", "f32", plan.params_gradient_buffer())
+    .add_output_buffer("squares", "f32", squares)
+    .add_workgroup_sum()
+    .add_wgsl(include_str!("wgsl/squares.wgsl"));
+    let norm = KernelDispatch::new("norm", 1, WorkgroupCount::for_fixed_workgroups(1))
         .add_f32_constant("MAX_NORM", settings.max_grad_norm.into())
         .add_wgsl(include_str!("wgsl/log.wgsl"))
         .add_input_buffer("squares", "f32", squares)
@@ -393,7 +393,7 @@ fn optimiser(
     let action = outputs.mean.shape.len();
     // only for the decays: the CPU's Adam is the single source of these constants
     let Adam { betas, epsilon, .. } = Adam::new(0, settings.adam_epsilon);
-    KernelDispatch::new("adam", 1, WorkgroupCount::fixed_threads(plan.num_device_params()))
+    KernelDispatch::new("adam", 1, WorkgroupCount::for_fixed_threads(plan.num_device_params()))
         .add_u32_constants([
             ("PARAMS", plan.num_device_params()),
             ("HEADS", outputs.head_params_start),
@@ -435,6 +435,6 @@ mod tests {
         let network = ActorCritic::new(&NetworkSettings::default(), &spec).unwrap();
         let size = UpdateSize { rollout: 500, samples: 6000, minibatches: 96 };
         let update_plan = UpdatePlan::new(&network, &PpoSettings::default(), size).unwrap();
-        assert_eq!(update_plan.plan.num_kernels(), [19, 32]);
+        assert_eq!(update_plan.plan.num_kernels_per_pass(), [19, 32]);
     }
 }

@@ -66,8 +66,8 @@ pub(super) struct TrainingBatch {
     pub advantages: Vec<f32>,
     pub returns: Vec<f32>,
     pub actions: Vec<f64>,
-    /// Transformed samples of the rollout for a [`SymmetryLoss`](crate::SymmetryLoss); not kept
-    /// between updates.
+    /// Transformed samples of the rollout for a
+    /// [`SymmetryLossSettings`](crate::SymmetryLossSettings); not kept between updates.
     pub augmented: Option<AugmentedSamples>,
 }
 
@@ -80,7 +80,7 @@ impl<'a> Update<'a> {
         let (network, settings) = (self.policy.network(), self.settings);
         [
             group(network.encoder_param_range(), settings.encoder_learning_rate),
-            group(network.head_param_range(), settings.head_learning_rate),
+            group(network.non_encoder_param_range(), settings.head_learning_rate),
         ]
     }
 
@@ -149,9 +149,8 @@ pub(super) struct Minibatch<'a> {
 }
 
 impl Minibatch<'_> {
-    /// Runs the network forward and backward on the decisions at positions `range` of the
-    /// minibatch. Adds their share of the gradient of the mean loss to `gradient` and returns the
-    /// sums of their loss terms.
+    /// Adds the share that the decisions at positions `range` of the minibatch have in the gradient
+    /// of its mean loss to `gradient`, and returns the sums of their loss terms.
     pub fn accumulate_chunk_gradients<T: Scalar>(
         &self,
         network: &ActorCritic<T>,

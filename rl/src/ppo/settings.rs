@@ -6,7 +6,7 @@ use crate::error::{
     RlError, require, require_count, require_log_std, require_positive, require_share,
     require_weight,
 };
-use crate::ppo::symmetry_loss::SymmetryLoss;
+use crate::ppo::symmetry_loss::SymmetryLossSettings;
 
 /// Settings of [`crate::Ppo`]. [`PpoSettings::tuned`] is the default.
 ///
@@ -52,7 +52,7 @@ pub struct PpoSettings {
     pub min_log_std: f32,
     /// Additional loss for outputs of the policy that break a symmetry; none by default. Needs the
     /// CPU, and a second forward and backward pass for every decision.
-    pub symmetry: Option<SymmetryLoss>,
+    pub symmetry: Option<SymmetryLossSettings>,
 }
 
 /// Factor of the learning rates as a function of the gradient steps that the optimiser has taken.
@@ -77,9 +77,18 @@ pub enum LearningRateSchedule {
 }
 
 impl LearningRateSchedule {
+    fn check(self) -> Result<(), RlError> {
+        match self {
+            Self::Constant => Ok(()),
+            Self::Linear { steps } | Self::Cosine { steps } => {
+                require_count("schedule.steps", steps as usize, 1, "at least 1")
+            }
+        }
+    }
+
     /// Returns the factor in [0, 1] of the learning rates after `step` gradient steps.
     pub fn factor(self, step: u64) -> f32 {
-        let left = |steps: u64| 1.0 - (step as f64 / steps.max(1) as f64).min(1.0);
+        let left = |steps: u64| 1.0 - (step as f64 / steps as f64).min(1.0);
         let factor = match self {
             Self::Constant => 1.0,
             Self::Linear { steps } => left(steps),
@@ -156,6 +165,7 @@ impl PpoSettings {
         require_positive("encoder_learning_rate", self.encoder_learning_rate)?;
         require_positive("adam_epsilon", self.adam_epsilon)?;
         self.symmetry.map_or(Ok(()), |symmetry| symmetry.check())?;
+        self.schedule.check()?;
         require_log_std("min_log_std", self.min_log_std)?;
         require_count("epochs", self.epochs, 1, "at least 1")?;
         require_count("minibatch", self.minibatch, 2, "at least 2")

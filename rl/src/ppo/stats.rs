@@ -41,7 +41,8 @@ pub struct PpoStats {
     pub epochs: usize,
     /// Logarithm of every action component's standard deviation after the update, `[A]`.
     pub log_std: Vec<f32>,
-    /// Unweighted symmetry loss; `None` without a [`SymmetryLoss`](crate::SymmetryLoss).
+    /// Unweighted symmetry loss; `None` without a
+    /// [`SymmetryLossSettings`](crate::SymmetryLossSettings).
     pub symmetry_loss: Option<f64>,
 }
 

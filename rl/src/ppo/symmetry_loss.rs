@@ -12,11 +12,11 @@ use crate::error::{RlError, require, require_weight};
 use crate::network::{ActorCritic, ActorCriticWorkspace};
 use crate::ppo::stats::LossWeights;
 
-/// Loss for a policy whose outputs break a symmetry: the regularisers of data-regularised
-/// actor-critic (DrAC; Raileanu et al., "Automatic data augmentation for generalization in deep
-/// reinforcement learning", NeurIPS 2021, equations 3 to 5), for transformations that act on
-/// actions, too. The PPO surrogate uses only untransformed samples, so it stays an estimate of the
-/// policy's own gradient.
+/// Settings of a loss for a policy whose outputs break a symmetry: the regularisers of
+/// data-regularised actor-critic (DrAC; Raileanu et al., "Automatic data augmentation for
+/// generalization in deep reinforcement learning", NeurIPS 2021, equations 3 to 5), for
+/// transformations that act on actions, too. The PPO surrogate uses only untransformed samples, so
+/// it stays an estimate of the policy's own gradient.
 ///
 /// For a decision with mean m and value v and a group element g, with m' and v' for the transformed
 /// observation, it is `weight * (sum((m' - g m)^2 / (2 sigma^2)) + value_weight * (v' - v)^2)`. The
@@ -25,7 +25,7 @@ use crate::ppo::stats::LossWeights;
 /// policy is 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct SymmetryLoss {
+pub struct SymmetryLossSettings {
     /// Symmetry group that the loss draws transformations from, any but C1. One element other than
     /// the identity is drawn for each decision and update.
     pub group: Group,
@@ -33,14 +33,14 @@ pub struct SymmetryLoss {
     pub weight: f32,
 }
 
-impl Default for SymmetryLoss {
+impl Default for SymmetryLossSettings {
     /// Returns D2 with a weight of 0.1, from the paper's table of hyper-parameters.
     fn default() -> Self {
         Self { group: Group::D2, weight: 0.1 }
     }
 }
 
-impl SymmetryLoss {
+impl SymmetryLossSettings {
     pub(super) fn check(&self) -> Result<(), RlError> {
         let order = self.group.order();
         require(
@@ -75,8 +75,9 @@ pub(super) struct AugmentedSamples {
 }
 
 impl AugmentedSamples {
-    /// Runs the network forward on the transformed observations at `indices`, after a forward pass
-    /// over the original ones, whose transformed outputs stay in `d_mean` and `d_value` as targets.
+    /// Stores the outputs of the last forward pass, over the original observations, transformed in
+    /// `d_mean` and `d_value` as targets, then runs the network forward on the transformed
+    /// observations at `indices`.
     pub fn forward<T: Scalar>(
         &self,
         network: &ActorCritic<T>,
@@ -147,7 +148,7 @@ mod tests {
     const B: usize = 12;
     const WEIGHTS: LossWeights =
         LossWeights { clip_coef: 0.2, vf_coef: 0.3, ent_coef: 0.0, symmetry: 0.7 };
-    const ALL: SymmetryLoss = SymmetryLoss { group: Group::D2, weight: 0.7 };
+    const ALL: SymmetryLossSettings = SymmetryLossSettings { group: Group::D2, weight: 0.7 };
 
     fn spec() -> EnvSpec {
         EnvSpec { num_envs: B, ..fixtures::spec() }

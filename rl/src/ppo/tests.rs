@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::Group;
 
 use super::minibatch::Minibatch;
-use super::symmetry_loss::SymmetryLoss;
+use super::symmetry_loss::SymmetryLossSettings;
 use super::*;
 use crate::distributions::{ActionDistribution, log_prob};
 use crate::encoder::EncoderSettings;
@@ -211,7 +211,7 @@ fn a_symmetry_loss_is_a_sum_over_decisions() {
     let params = network.init_params(&mut rng);
     let buffer = rollout(&network, &params, 0.5, &mut rng);
     let actions = actions(&buffer);
-    let symmetry = SymmetryLoss::default();
+    let symmetry = SymmetryLossSettings::default();
     let (augmented, returns) = (symmetry.augment(&buffer, &mut rng), uniform(&mut rng, B));
     let weights = LossWeights { symmetry: 0.7, ..WEIGHTS };
     let run = |indices: &[usize], ends: &[usize]| {

@@ -14,7 +14,7 @@ pub struct ReplayState<'a> {
     /// Number of steps ever recorded, dropped ones included.
     pub total_recorded_steps: u64,
     /// Number of recorded steps older than the newest experience
-    /// ([`ReplayBuffer::start_newest_experience`]).
+    /// ([`ReplayBuffer::mark_newest_from_now`]).
     pub num_before_newest: u64,
     /// Index in `stored_episodes` of each environment's running episode, `[N]`; `None` where none
     /// is running.

@@ -50,7 +50,7 @@ pub(crate) struct ContextSteps {
 impl ContextSteps {
     /// Removes all steps, and prepares for `samples` observations with at most `length` steps
     /// before each.
-    pub fn clear(&mut self, length: usize, samples: usize) {
+    pub fn reset(&mut self, length: usize, samples: usize) {
         self.input_indices.clear();
         self.input_indices.resize(length * samples, 0);
         self.lengths.clear();
@@ -128,7 +128,7 @@ impl ContextReader {
     }
 
     /// Resizes `gru_inputs` to the GRU inputs of `count` steps, all zeros.
-    pub fn clear_gru_inputs<T: Scalar>(&self, count: usize, gru_inputs: &mut GruInputs<T>) {
+    pub fn reset_gru_inputs<T: Scalar>(&self, count: usize, gru_inputs: &mut GruInputs<T>) {
         let width = self.context.as_ref().map_or(0, Context::gru_input_len);
         gru_inputs.0.clear();
         gru_inputs.0.resize(count * width, T::ZERO);

@@ -35,8 +35,8 @@ pub(super) struct Losses<'a, T> {
 }
 
 impl<T: Scalar> Losses<'_, T> {
-    /// Runs the network forward and backward on the steps at positions `range` of the minibatch.
-    /// Adds their share of the gradient to `gradient` and returns the sums of their loss terms.
+    /// Adds the share that the steps at positions `range` of the minibatch have in the gradient of
+    /// its mean losses to `gradient`, and returns the sums of their loss terms.
     pub fn accumulate_chunk_gradients(
         &self,
         range: Range<usize>,
@@ -260,7 +260,7 @@ impl<'a, T: Scalar> Losses<'a, T> {
         transform_vector(g, step.action(), &self.network.spec().action_irreps)
     }
 
-    /// Returns the weight of one step in a mean over the minibatch.
+    /// Returns the weight of one step in a mean over the B steps of the minibatch, 1 / B.
     pub fn step_weight(&self) -> f64 {
         1.0 / self.minibatch.steps.len() as f64
     }
@@ -313,9 +313,9 @@ impl<'a, T: Scalar> Losses<'a, T> {
         let reader = &network.reader;
         let width = network.trunk.out_type().dim();
         let [now, next] = &mut w.context_steps;
-        now.clear(reader.max_steps(), n);
-        next.clear(reader.max_steps(), n);
-        reader.clear_gru_inputs(w.observation_keys.len(), &mut w.gru_inputs);
+        now.reset(reader.max_steps(), n);
+        next.reset(reader.max_steps(), n);
+        reader.reset_gru_inputs(w.observation_keys.len(), &mut w.gru_inputs);
         let (current, others) = (w.current.feature_fields(), w.others.feature_fields());
         let fields_of = |source: usize| match source.checked_sub(n) {
             Some(slot) => &others[slot * width..(slot + 1) * width],

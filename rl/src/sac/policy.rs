@@ -117,7 +117,8 @@ impl SacForwardBuffers {
         }
     }
 
-    /// Runs the actor on the loaded observations of a range of environments and their memory.
+    /// Computes the actor's outputs for the loaded observations of a range of environments and the
+    /// steps that `memory` holds of their episodes.
     pub(super) fn decide(&mut self, chunk: &Chunk<SacNetwork<f32>>, memory: &SacActorMemory) {
         let Chunk { network, range, .. } = chunk;
         let (ranges, n) = (network.param_ranges(), range.len());
@@ -137,8 +138,8 @@ impl SacForwardBuffers {
         let (reader, range) = (&chunk.network.reader, chunk.range.clone());
         let episodes = || memory.envs.iter().skip(range.start).take(range.len());
         let count = episodes().map(|episode| episode.past_steps.len()).sum();
-        reader.clear_gru_inputs(count, &mut self.gru_inputs);
-        self.context_steps.clear(reader.max_steps(), range.len());
+        reader.reset_gru_inputs(count, &mut self.gru_inputs);
+        self.context_steps.reset(reader.max_steps(), range.len());
         let mut index = 0;
         for (slot, episode) in episodes().enumerate() {
             for step in episode.past_steps.iter().rev() {
@@ -215,13 +216,22 @@ impl Actor for SacPolicy {
     }
 }
 
+impl SacPolicy {
+    /// Rejects a policy with a context: its output depends on earlier observations.
+    fn check_without_context(&self) -> Result<(), RlError> {
+        match self.network().context_settings() {
+            Some(_) => {
+                Err(RlError::NotExportable { part: "a context, which remembers an episode," })
+            }
+            None => Ok(()),
+        }
+    }
+}
+
 impl ExportPolicy for SacPolicy {
     fn export(&self) -> Result<ExportedPolicy, RlError> {
+        self.check_without_context()?;
         let (network, params) = (self.network(), self.params());
-        if network.context_settings().is_some() {
-            let part = "a context, which remembers an episode,";
-            return Err(RlError::NotExportable { part });
-        }
         let trunk = export_trunk(&network.trunk, params)?;
         let group = network.settings().group;
         let bases = [trunk.joined, ChannelBasis::Environment(&network.output_order)];
@@ -240,12 +250,13 @@ impl ExportPolicy for SacPolicy {
     }
 
     fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
+        self.check_without_context()?;
         let samples = observations.checked_num_samples(self.network().spec())?;
         let width = self.action_dim();
         let mut actions = vec![0.0; samples * width];
         let mut memory = self.new_memory(samples);
         self.mean_actions(observations, &mut memory, &mut actions)?;
-        let rows = self.outputs.chunks_exact(self.outputs.len() / samples.max(1));
+        let rows = self.outputs.chunks_exact((self.outputs.len() / samples.max(1)).max(1));
         let raws = rows.flat_map(|row| &row[width..2 * width]);
         Ok(PolicyOutput {
             actions,

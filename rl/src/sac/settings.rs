@@ -24,7 +24,7 @@ pub struct SacSettings {
     /// Number of consecutive steps of an episode in each window of a minibatch, a divisor of
     /// `batch`. The first step is drawn; an episode's last held step is followed by its first, so
     /// that every step is drawn equally often. A window of the newest steps of an episode with a
-    /// [`ReplayBuffer::start_newest_experience`](crate::ReplayBuffer::start_newest_experience) may
+    /// [`ReplayBuffer::mark_newest_from_now`](crate::ReplayBuffer::mark_newest_from_now) may
     /// thus reach back before the mark. Steps of a window share observations, each of which is
     /// encoded once: a window of w steps takes w + 1 observations, or w + 1 + L with a context of L
     /// steps, instead of 2 w or (2 + L) w.
@@ -57,10 +57,10 @@ pub struct SacSettings {
     /// gradient step (Polyak averaging). If null, the policy's are the trained ones.
     pub average_rate: Option<f32>,
     /// Temperature alpha, the weight of the entropy in the actor's objective: fixed or learned.
-    pub temperature: EntropyTemperature,
+    pub temperature: EntropyTemperatureSettings,
     /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
     /// the last
-    /// [`ReplayBuffer::start_newest_experience`](crate::ReplayBuffer::start_newest_experience); the
+    /// [`ReplayBuffer::mark_newest_from_now`](crate::ReplayBuffer::mark_newest_from_now); the
     /// others are drawn from all. Rounded to whole windows: for 512 steps in windows of four, to a
     /// multiple of 1 / 128.
     pub newest_share: f32,
@@ -75,7 +75,7 @@ pub struct SacSettings {
 /// Temperature alpha, the weight of the entropy in the actor's objective: fixed or learned.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
-pub enum EntropyTemperature {
+pub enum EntropyTemperatureSettings {
     /// Constant temperature alpha, at least 0.
     Fixed(f32),
     /// Learned temperature alpha, adjusted so that the entropy of actions is `target` nats for each
@@ -109,7 +109,7 @@ impl SacSettings {
             // SAC's (arXiv 1801.01290, table 1)
             tau: 0.005,
             average_rate: None,
-            temperature: EntropyTemperature::Fixed(0.005),
+            temperature: EntropyTemperatureSettings::Fixed(0.005),
             // CLEAR's even split of new and replayed experience (Rolnick et al., NeurIPS 2019,
             // section 4)
             newest_share: 0.5,
@@ -155,7 +155,7 @@ impl SacSettings {
     }
 }
 
-impl EntropyTemperature {
+impl EntropyTemperatureSettings {
     /// Returns the initial temperature alpha if it is learned, otherwise 1, whose logarithm is 0.
     pub(super) fn initial(self) -> f32 {
         match self {

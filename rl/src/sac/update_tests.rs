@@ -55,7 +55,7 @@ fn settings() -> SacSettings {
         learning_rate: 1e-2,
         max_gradient: 0.05,
         tau: 0.1,
-        temperature: EntropyTemperature::Learned { initial: 0.2, target: -1.0 },
+        temperature: EntropyTemperatureSettings::Learned { initial: 0.2, target: -1.0 },
         cloning_weight: 0.3,
         ..SacSettings::default()
     }
@@ -277,7 +277,7 @@ fn a_share_of_the_windows_begins_with_the_newest_steps() {
             newest += begin.filter(|(index, _)| *index >= 8).count();
         }
         // nothing has come since
-        replay.start_newest_experience();
+        replay.mark_newest_from_now();
         minibatch.sample(&settings, &replay, &mut rng);
         assert_eq!(minibatch.steps.len(), 6);
         newest as f64 / SAMPLES as f64

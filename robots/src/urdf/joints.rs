@@ -8,7 +8,7 @@ use urdf_rs::{JointType, Mimic};
 use super::links::pose;
 use super::tree::Tree;
 use super::{Report, UrdfSettings};
-use crate::description::{Joint, JointMotion, JointMotionKind, JointPositionSource};
+use crate::description::{Joint, JointMotionKind, JointMotionSpec, JointPositionSource};
 use crate::error::{DescriptionError, MAX_NUMBER};
 
 /// Converts the joints of a URDF, in the tree's order, and looks up the joints that others follow.
@@ -48,7 +48,7 @@ pub(super) fn joints(
         let line = lines[follower];
         match leader(&stated, &index, follower) {
             Ok((leader, multiplier, offset)) => match joints[leader].motion {
-                Some(JointMotion { drive: JointPositionSource::Free { dof }, .. }) => {
+                Some(JointMotionSpec { drive: JointPositionSource::Free { dof }, .. }) => {
                     let drive = JointPositionSource::Follows { dof, multiplier, offset };
                     let motion = joints[follower].motion.as_mut();
                     motion.into_iter().for_each(|motion| motion.drive = drive);
@@ -111,7 +111,7 @@ fn motion(
     settings: &UrdfSettings,
     line: usize,
     report: &mut Report,
-) -> Option<JointMotion> {
+) -> Option<JointMotionSpec> {
     let (kind, limited) = match joint.joint_type {
         JointType::Revolute => (JointMotionKind::Hinge, true),
         JointType::Continuous => (JointMotionKind::Hinge, false),
@@ -133,7 +133,7 @@ fn motion(
         stated.or(default)
     };
     let dynamics = joint.dynamics.clone().unwrap_or_default();
-    Some(JointMotion {
+    Some(JointMotionSpec {
         kind,
         axis: DVec3::from_array(*joint.axis.xyz).normalize(),
         range: (limited && !endless).then_some(range),

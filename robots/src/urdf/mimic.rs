@@ -1,6 +1,6 @@
 //! Ranges of joints that others follow, reduced so that the followers stay within their own.
 
-use crate::description::{Joint, JointMotion, JointPositionSource, JointRangeRestriction};
+use crate::description::{Joint, JointMotionSpec, JointPositionSource, JointRangeRestriction};
 use crate::error::MAX_NUMBER;
 
 /// Rounding of a file's numbers (radians, metres): a follower may leave its range by this much, and
@@ -37,7 +37,7 @@ pub(super) fn restrict(
         let Some(range) = narrowed(whole, own, multiplier, offset) else {
             let ([low, high], leader) = (own, &leader.name);
             note(index, format!("it follows `{leader}` and cannot stay from {low} to {high}"));
-            joints[index].motion = Some(JointMotion { range: None, ..motion });
+            joints[index].motion = Some(JointMotionSpec { range: None, ..motion });
             continue;
         };
         if range == whole {

@@ -13,7 +13,8 @@ const MAX_SHAPES: usize = 1000;
 /// Maximum length of a name (bytes).
 const MAX_NAME: usize = 200;
 
-/// Rejects files with too many links, joints or shapes, which could exhaust the memory.
+/// Rejects files without links, and with so many links, joints or shapes that they could exhaust
+/// the memory.
 pub(super) fn check_counts(file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
     let check = |place: &str, kind, count, least, limit| {
         let place = place.to_owned();
@@ -58,6 +59,13 @@ fn unique<'a>(
 }
 
 fn usable(kind: &'static str, name: &str, line: usize, report: &mut Report) {
+    if let Err(error) = check_name(kind, name) {
+        report.reject(line, error);
+    }
+}
+
+/// Rejects a name that is empty, too long or unprintable.
+pub(crate) fn check_name(kind: &'static str, name: &str) -> Result<(), DescriptionError> {
     let reason = if name.is_empty() {
         "it is empty"
     } else if name.len() > MAX_NAME {
@@ -65,9 +73,9 @@ fn usable(kind: &'static str, name: &str, line: usize, report: &mut Report) {
     } else if name.chars().any(char::is_control) {
         "it holds a control character"
     } else {
-        return;
+        return Ok(());
     };
     // cut, because it becomes part of a message
     let name = name.chars().take(MAX_NAME).collect();
-    report.reject(line, DescriptionError::InvalidName { kind, name, reason });
+    Err(DescriptionError::InvalidName { kind, name, reason })
 }

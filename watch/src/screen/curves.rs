@@ -43,7 +43,8 @@ struct Line {
     kind: GraphType,
 }
 
-/// Draws the curve of a quantity over the decisions of the whole stream.
+/// Draws a quantity over the decisions of the whole stream: a line for each visit to a group, and a
+/// dot for each evaluation of a group.
 pub fn draw_curve(figure: &CurveQuantity, run: &RunData, frame: &mut Frame, area: Rect) {
     let stream = StreamProgress::after_rollouts(run, 0).total_decisions as f64;
     let newest = run.rollouts.last().map_or(0.0, |row| row.decisions as f64);

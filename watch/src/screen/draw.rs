@@ -13,7 +13,7 @@ use experiments::sheet::Picture;
 use experiments::text::format_number;
 
 use super::panels::{
-    draw_groups_table, draw_picture, draw_rollout_strips, fit_picture, group_colour,
+    draw_groups_table, draw_picture, draw_rollout_strips, fitted_picture_area, group_colour,
     groups_table_width, policy_colour,
 };
 use super::{StreamProgress, curves, distances};
@@ -146,7 +146,7 @@ fn large(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     let inner = block.inner(right);
     frame.render_widget(block, right);
     if let Some((_, picture)) = &shown.picture {
-        draw_picture(picture, fit_picture(picture, inner), frame.buffer_mut());
+        draw_picture(picture, fitted_picture_area(picture, inner), frame.buffer_mut());
     }
 }
 

@@ -172,7 +172,7 @@ fn ratios(run: &RunData, policy: usize) -> Vec<(f64, f64)> {
 
 /// Returns the largest part of a terminal area that has the aspect ratio of a picture. A cell shows
 /// two pixels, one above the other.
-pub fn fit_picture(picture: &Picture, area: Rect) -> Rect {
+pub fn fitted_picture_area(picture: &Picture, area: Rect) -> Rect {
     let (width, height) = (picture.width.max(1), picture.height.max(1));
     let (across, down) = (usize::from(area.width), 2 * usize::from(area.height));
     let (across, down) = if across * height <= down * width {
@@ -184,7 +184,7 @@ pub fn fit_picture(picture: &Picture, area: Rect) -> Rect {
 }
 
 /// Draws a picture with half-block characters, two pixels in each. It is stretched to the area, so
-/// the area should be that of [`fit_picture`].
+/// the area should be that of [`fitted_picture_area`].
 pub fn draw_picture(picture: &Picture, area: Rect, buffer: &mut Buffer) {
     let (across, down) = (usize::from(area.width), 2 * usize::from(area.height));
     for y in 0..down / 2 {

@@ -20,7 +20,7 @@ use experiments::{LatestFrame, Run, RunError, StopSignal};
 
 use super::RunSnapshot;
 use super::draw::{ScreenContents, draw_run_screen};
-use super::terminal::{Screen, terminal_error};
+use super::terminal::{FullScreenTerminal, terminal_error};
 
 /// Polling interval of keys, signals and the run's tables.
 const TICK: Duration = Duration::from_millis(200);
@@ -41,7 +41,7 @@ const HUNG_UP: u8 = (SIGNALLED + SIGHUP as usize) as u8;
 /// A terminal that is gone, tables that cannot be read.
 pub(crate) fn watch_run(mut snapshot: RunSnapshot) -> Result<u8, RunError> {
     let (quit, sheet) = (QuitListener::listen()?, contact_sheet(&snapshot));
-    let mut screen = Screen::open()?;
+    let mut screen = FullScreenTerminal::open()?;
     loop {
         let picture = current_group(&snapshot, sheet.as_ref());
         show(&mut screen, &snapshot, picture, "q quits", quit.explained.get())?;
@@ -63,7 +63,7 @@ pub fn train_with_screen(run: &mut Run) -> Result<(), RunError> {
     let viewer = Viewer {
         quit: QuitListener::listen()?,
         snapshot: RunSnapshot::open(run.folder().path())?,
-        screen: Screen::open()?,
+        screen: FullScreenTerminal::open()?,
         stop,
         latest_frame,
     };
@@ -98,11 +98,11 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// Screen of a run that trains in this process, with the means to stop the run.
+/// FullScreenTerminal of a run that trains in this process, with the means to stop the run.
 struct Viewer {
     quit: QuitListener,
     snapshot: RunSnapshot,
-    screen: Screen,
+    screen: FullScreenTerminal,
     stop: StopSignal,
     latest_frame: LatestFrame,
 }
@@ -158,7 +158,7 @@ impl Drop for StopOnDrop {
 }
 
 fn show(
-    screen: &mut Screen,
+    screen: &mut FullScreenTerminal,
     snapshot: &RunSnapshot,
     picture: Option<(String, Picture)>,
     keys: &str,

@@ -21,14 +21,14 @@ type PanicMessages = Arc<Mutex<Option<Vec<String>>>>;
 
 /// Terminal in full-screen mode. Dropping it restores the former contents, then prints the messages
 /// of panics that happened meanwhile, so that a caught panic does not garble the screen.
-pub struct Screen {
+pub struct FullScreenTerminal {
     /// Backend that is never dropped: its destructor prints to a terminal that may be gone, and
     /// would panic.
     terminal: ManuallyDrop<Terminal<CrosstermBackend<Stdout>>>,
     messages: PanicMessages,
 }
 
-impl Screen {
+impl FullScreenTerminal {
     /// Switches the terminal of standard output to full-screen mode.
     ///
     /// # Errors
@@ -55,7 +55,7 @@ impl Screen {
     }
 }
 
-impl Drop for Screen {
+impl Drop for FullScreenTerminal {
     fn drop(&mut self) {
         // errors mean that the terminal is gone, and then there is nothing to restore
         let _ = disable_raw_mode();

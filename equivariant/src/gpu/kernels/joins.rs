@@ -32,7 +32,7 @@ fn copy(
     pixels: usize,
 ) -> KernelDispatch {
     let kernel = kernel_per_field("copy", from, pixels);
-    let kernel = to.add_output_map(from.add_input_map(kernel, "x", x), "y", y);
+    let kernel = to.add_output_to_kernel(from.add_input_to_kernel(kernel, "x", x), "y", y);
     kernel.add_wgsl(include_str!("../wgsl/copy.wgsl"))
 }
 
@@ -44,7 +44,8 @@ pub(super) fn fork(plan: &mut ComputePlan, x: &GpuTensor, readers: &[GpuTensor; 
     };
     let channels = ChannelLayout::for_single_channel_fields(x.shape.fields.dim());
     let kernel = kernel_per_field("add", &channels, x.shape.num_pixels());
-    let kernel = channels.add_input_map(channels.add_input_map(kernel, "a", first), "b", second);
-    let kernel = channels.add_output_map(kernel, "y", dx);
+    let kernel =
+        channels.add_input_to_kernel(channels.add_input_to_kernel(kernel, "a", first), "b", second);
+    let kernel = channels.add_output_to_kernel(kernel, "y", dx);
     plan.add_kernels(Vec::new(), vec![kernel.add_wgsl(include_str!("../wgsl/add.wgsl"))]);
 }

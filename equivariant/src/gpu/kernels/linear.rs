@@ -114,7 +114,7 @@ impl<'a> Linear<'a> {
                 .add_wgsl(include_str!("../wgsl/fold_trivial.wgsl"))
         } else {
             self.input
-                .add_input_map(kernel, "x", self.x.values)
+                .add_input_to_kernel(kernel, "x", self.x.values)
                 .add_wgsl(&tap_reader("Field", "load_x(u32(pixel), field)"))
                 .add_wgsl(include_str!("../wgsl/fold.wgsl"))
         }
@@ -142,7 +142,7 @@ impl<'a> Linear<'a> {
                 .add_wgsl(&function("folded[row * ENTRIES + entry]")),
             None => self
                 .input
-                .add_input_map(kernel, "x", self.x.values)
+                .add_input_to_kernel(kernel, "x", self.x.values)
                 .add_wgsl(&function("load_x(row, entry)")),
         }
         .add_u32_constants([("ENTRIES", self.folds.fields_per_patch)])
@@ -158,7 +158,8 @@ impl<'a> Linear<'a> {
         let (rows, cols) = (DynamicDim::PerSample(self.out_pixels()), self.output.num_fields());
         let product = self.product(rows, cols, DynamicDim::Fixed(self.folds.fields_per_patch));
         let kernel = self.add_patch_reader(product.kernel_dispatch("forward"));
-        let kernel = self.output.add_output_map(self.add_weights(kernel, plan), "y", self.y.values);
+        let kernel =
+            self.output.add_output_to_kernel(self.add_weights(kernel, plan), "y", self.y.values);
         let kernel = kernel.add_wgsl(
             "fn left_at(r: u32, d: u32) -> Field { return input_at(r, d); }
              fn right_at(d: u32, c: u32) -> Field { return weights[BASE + d * COLS + c]; }
@@ -182,7 +183,7 @@ impl<'a> Linear<'a> {
     /// Adds the WGSL function `d_output(row, field)`, which reads the output gradient, back through
     /// the ReLU.
     fn add_gradient_reader(&self, kernel: KernelDispatch, dy: BufferSlot) -> KernelDispatch {
-        let kernel = self.output.add_input_map(kernel, "dy", dy);
+        let kernel = self.output.add_input_to_kernel(kernel, "dy", dy);
         match self.masks {
             None => {
                 kernel.add_wgsl("fn d_output(r: u32, c: u32) -> Field { return load_dy(r, c); }")
@@ -257,7 +258,7 @@ impl<'a> Linear<'a> {
             );
         let put = |to| format!("fn put(slice: u32, r: u32, c: u32, v: Field) {{ {to}; }}");
         if self.folded.is_none() {
-            let kernel = self.input.add_output_map(kernel, "dx", dx);
+            let kernel = self.input.add_output_to_kernel(kernel, "dx", dx);
             return vec![kernel.add_wgsl(&put("store_dx(r, c, v)"))];
         }
         let folded = self.out_pixels() * self.folds.fields_per_patch * self.order;
@@ -286,7 +287,7 @@ impl<'a> Linear<'a> {
                 .add_wgsl(include_str!("../wgsl/unfold_trivial.wgsl"))
         } else {
             self.input
-                .add_output_map(kernel, "sum", dx)
+                .add_output_to_kernel(kernel, "sum", dx)
                 .add_wgsl(include_str!("../wgsl/unfold.wgsl"))
         }
     }

@@ -14,7 +14,7 @@ pub(super) fn sum_partial_gradients(
     parts: DynamicDim,
     params: Range<usize>,
 ) -> KernelDispatch {
-    KernelDispatch::new("sum", 1, WorkgroupCount::fixed_threads(params.len()))
+    KernelDispatch::new("sum", 1, WorkgroupCount::for_fixed_threads(params.len()))
         .add_u32_constants([("BASE", params.start), ("LEN", params.len())])
         .add_wgsl(&dim_function("parts", parts))
         .add_input_buffer("partial", "f32", partial)

@@ -5,7 +5,8 @@ use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupCount};
 use crate::gpu::plan::{ComputePlan, GpuTensor};
 use crate::steerable::hadamard::permuted_field_order_and_count;
 
-/// Returns a GPU kernel that runs one thread per pixel and field of a feature map.
+/// Returns a GPU kernel, still without buffers and operation, that runs one thread per pixel and
+/// field of a feature map.
 pub(super) fn kernel_per_field(
     label: &'static str,
     channels: &ChannelLayout,
@@ -14,7 +15,7 @@ pub(super) fn kernel_per_field(
     KernelDispatch::new(
         label,
         channels.components_per_field(),
-        WorkgroupCount::threads_per_sample(pixels * channels.num_fields()),
+        WorkgroupCount::for_threads_per_sample(pixels * channels.num_fields()),
     )
     .add_u32_constants([("PIXELS", pixels), ("FIELDS", channels.num_fields())])
     .add_wgsl(include_str!("../wgsl/each_field.wgsl"))
@@ -47,10 +48,14 @@ impl<'a> Map<'a> {
 /// from x, the second the gradient with respect to x from x and the gradient with respect to y.
 pub(super) fn passes(plan: &mut ComputePlan, x: Map, y: Map, kernels: [KernelDispatch; 2]) {
     let [forward, backward] =
-        kernels.map(|kernel| x.channels.add_input_map(kernel, "x", x.tensor.values));
-    let forward = y.channels.add_output_map(forward, "y", y.tensor.values);
+        kernels.map(|kernel| x.channels.add_input_to_kernel(kernel, "x", x.tensor.values));
+    let forward = y.channels.add_output_to_kernel(forward, "y", y.tensor.values);
     let backward = gradients(x.tensor, y.tensor).map(|[dx, dy]| {
-        x.channels.add_output_map(y.channels.add_input_map(backward, "dy", dy), "dx", dx)
+        x.channels.add_output_to_kernel(
+            y.channels.add_input_to_kernel(backward, "dy", dy),
+            "dx",
+            dx,
+        )
     });
     plan.add_kernels(vec![forward], backward.into_iter().collect());
 }

@@ -58,7 +58,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
                 self.discard(&mut iteration);
                 continue;
             }
-            observed.drop_before_changepoint(decision.changepoint);
+            observed.drop_frames_before_changepoint(decision.changepoint);
 
             // Lines 11 and 12: a new random policy with B = O; lines 13 and 14: the nearest policy,
             // whose B takes O. Extension: D of another policy is off-policy, so the one that was
@@ -126,14 +126,18 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         Ok(PolicyEvaluation { stats, activity })
     }
 
-    fn export_policy(
+    fn export_policy(&self, index: usize) -> Result<ExportedPolicy, LearnerError> {
+        let index = self.check_policy(index)?;
+        Ok(self.policies[index].policy.export()?)
+    }
+
+    fn policy_output(
         &mut self,
         index: usize,
         observations: &Observations,
-    ) -> Result<(ExportedPolicy, PolicyOutput), LearnerError> {
+    ) -> Result<PolicyOutput, LearnerError> {
         let index = self.check_policy(index)?;
-        let policy = &mut self.policies[index].policy;
-        Ok((policy.export()?, policy.reference_output(observations)?))
+        Ok(self.policies[index].policy.reference_output(observations)?)
     }
 
     fn policy_parameters(&self, index: usize) -> Option<&[f32]> {
@@ -178,14 +182,15 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         }
     }
 
-    /// Returns the first frames of the collected rollout's episodes (line 6 of Algorithm 1).
+    /// Returns the first frames of the collected rollout's episodes (line 6 of Algorithm 1), and
+    /// their trajectories if the grouping needs them; rejects a rollout with too few.
     pub(super) fn observe_rollout(&self) -> Result<ObservedEpisodes, LearnerError> {
         let observed = self.observed_episodes_in(&self.rollout);
         self.check_episodes(observed.frames.len())?;
         Ok(observed)
     }
 
-    /// Returns the first frames of a rollout's episodes, and the whole episodes if the grouping
+    /// Returns the first frames of a rollout's episodes, and their trajectories if the grouping
     /// needs them.
     pub(super) fn observed_episodes_in(&self, rollout: &CollectionRollout<S>) -> ObservedEpisodes {
         ObservedEpisodes {
@@ -194,7 +199,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         }
     }
 
-    /// Returns the whole episodes of a rollout if the grouping needs them, else none.
+    /// Returns the trajectories of a rollout's episodes, unfinished ones included, if the grouping
+    /// needs them, else none.
     pub(super) fn trajectories_in(&self, rollout: &CollectionRollout<S>) -> Vec<Trajectory> {
         if self.grouping.requirements().whole_episodes { trajectories(rollout) } else { Vec::new() }
     }
@@ -212,7 +218,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         })
     }
 
-    /// Asks the grouping which policy a rollout belongs to (lines 8 to 10 of Algorithm 1).
+    /// Asks the grouping which policy a rollout belongs to (lines 8 to 10 of Algorithm 1); the very
+    /// first rollout belongs to policy 0.
     pub(super) fn assign(
         &mut self,
         request: AssignmentRequest<'_>,

@@ -14,7 +14,7 @@ use serde_json::Value;
 use crate::error::LearnerError;
 use crate::groupings::{Grouping, TaskLabel};
 use crate::learners::learner::CheckpointExtent;
-use crate::learners::tensor_file::{Tensor, TensorFile, encode_tensor_file};
+use crate::learners::tensor_file::{CheckpointTensor, TensorFile, encode_tensor_file};
 use crate::overrides::check_same_settings;
 
 use super::episodes::FirstFrames;
@@ -25,9 +25,9 @@ use super::{Generators, PolicyCollection, PolicyEntry};
 // Not in the header: that of a safetensors file has at most 100 MB, and a note grows with its run.
 const NOTE: &str = "note";
 
-fn note_tensor(note: &str) -> Tensor {
+fn note_tensor(note: &str) -> CheckpointTensor {
     let bytes = note.as_bytes().to_vec();
-    Tensor::from_bytes(NOTE.to_owned(), vec![bytes.len()], bytes)
+    CheckpointTensor::from_bytes(NOTE.to_owned(), vec![bytes.len()], bytes)
 }
 
 /// Reads the note, a text that the caller stored with the learner, from the checkpoint at `path`.
@@ -80,7 +80,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         };
         self.check_extent(extent)?;
         let entries = self.policies.iter().enumerate();
-        let mut tensors: Vec<Tensor> =
+        let mut tensors: Vec<CheckpointTensor> =
             entries.flat_map(|(index, entry)| entry.tensors(index, &self.spec, extent)).collect();
         tensors.push(note_tensor(note));
         encode_tensor_file(path, &header, &tensors)
@@ -112,7 +112,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     }
 
     /// Reads a learner and the caller's note from a checkpoint that
-    /// [`Learner::save`](crate::Learner::save) wrote; `grouping` assigns its rollouts.
+    /// [`Learner::save`](crate::Learner::save) wrote, with `grouping` in place of the one that the
+    /// settings name.
     ///
     /// # Errors
     /// Errors of [`PolicyCollection::load`].
@@ -228,10 +229,15 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
         }
     }
 
-    fn tensors(&self, index: usize, spec: &EnvSpec, extent: CheckpointExtent) -> Vec<Tensor> {
+    fn tensors(
+        &self,
+        index: usize,
+        spec: &EnvSpec,
+        extent: CheckpointExtent,
+    ) -> Vec<CheckpointTensor> {
         let name = |what: &str| format!("policy.{index}.{what}");
         let flat = |what: &str, values: &[f32]| {
-            Tensor::from_floats(name(what), vec![values.len()], values)
+            CheckpointTensor::from_floats(name(what), vec![values.len()], values)
         };
         let mut tensors = vec![flat("params", S::params(&self.policy))];
         if extent == CheckpointExtent::Everything {
@@ -245,10 +251,14 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
         let observations = episodes.iter().map(FirstFrames::observations);
         let images = observations.clone().flat_map(|o| o.images.iter().copied());
         let images = images.collect();
-        tensors.push(Tensor::from_bytes(name("images"), shape(&spec.image_shape), images));
+        tensors.push(CheckpointTensor::from_bytes(
+            name("images"),
+            shape(&spec.image_shape),
+            images,
+        ));
         let vectors: Vec<f32> = observations.flat_map(|o| o.vectors.clone()).collect();
         let vector = shape(&[spec.vector_irreps.len()]);
-        tensors.push(Tensor::from_floats(name("vectors"), vector, &vectors));
+        tensors.push(CheckpointTensor::from_floats(name("vectors"), vector, &vectors));
         tensors
     }
 }

@@ -51,9 +51,9 @@ impl ObservedEpisodes {
         self.trajectories.extend(later.trajectories);
     }
 
-    /// Removes first frames of episodes that began before a changepoint, which belong to the
-    /// earlier task group. If all episodes began before it, all stay.
-    pub fn drop_before_changepoint(&mut self, changepoint: Option<usize>) {
+    /// Removes the first frames of episodes that began before a changepoint, which belong to the
+    /// earlier task group; trajectories stay. If all episodes began before it, all stay.
+    pub fn drop_frames_before_changepoint(&mut self, changepoint: Option<usize>) {
         // `None` is less than any `Some`, so without a changepoint all frames are later
         let is_later = |episode: &FirstFrames| Some(episode.began) >= changepoint;
         if self.frames.iter().any(is_later) {
@@ -147,7 +147,7 @@ fn episode_spans<R: Rollout>(rollout: &R) -> Vec<EpisodeSpan> {
     spans
 }
 
-/// Returns the first `k` observations of every episode of a rollout that has at least `k`.
+/// Returns the first `k` observations of each of a rollout's episodes that has at least `k`.
 pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames> {
     let (envs, mut episodes) = (rollout.spec().num_envs, Vec::new());
     for EpisodeSpan { env, steps, .. } in episode_spans(rollout) {

@@ -2,13 +2,13 @@
 //! policies before they train, rollouts of two groups, and merges of policies.
 
 use cluster::AssignedPolicy;
-use evidence::{PolicyTrial, Trajectory};
+use evidence::{RequiredTrial, Trajectory};
 use rl::{ExperienceBuffer as _, VectorEnv};
 use web_time::Instant;
 
 use crate::error::LearnerError;
 use crate::groupings::{
-    AssignedEpisodes, AssignmentRequest, GroupingDecision, GroupingUpdate, RolloutEpisodes,
+    AssignedEpisodes, AssignmentRequest, GroupingDecision, GroupingUpdateResult, RolloutEpisodes,
 };
 use crate::learners::learner::{IterationReport, IterationSeconds};
 
@@ -19,7 +19,8 @@ use super::settings::{
 };
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
-    /// Discards a rollout that the grouping left undecided.
+    /// Discards the stored rollouts, which the grouping left undecided, and counts one in
+    /// `iteration`.
     pub(super) fn discard(&mut self, iteration: &mut IterationReport) {
         self.rollout.keep_latest(0);
         iteration.discarded += 1;
@@ -54,7 +55,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                 self.rollout.keep_latest(0);
             }
             let mut passes = true;
-            if decision.trial == PolicyTrial::Episodes
+            if decision.trial == RequiredTrial::Episodes
                 && !iteration.policy_created
                 && let Some(probe) = self.probe(env, iteration)?
             {
@@ -64,12 +65,12 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             if passes {
                 let actor = self.current;
                 self.roll_out(env, iteration)?;
-                let is_final = decision.trial == PolicyTrial::None
+                let is_final = decision.trial == RequiredTrial::None
                     || (iteration.policy_created && !iteration.may_discard());
                 if is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)? {
                     return Ok(Some(actor));
                 }
-                if decision.trial == PolicyTrial::Waived {
+                if decision.trial == RequiredTrial::Waived {
                     // earlier collections are of another group
                     self.rollout.keep_latest(1);
                     self.adapt_rollout()?;
@@ -153,7 +154,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         collector: usize,
         decision: &GroupingDecision,
         seconds: &mut IterationSeconds,
-    ) -> Result<GroupingUpdate, LearnerError> {
+    ) -> Result<GroupingUpdateResult, LearnerError> {
         let clock = Instant::now();
         let trajectories = self.trajectories_in(&self.rollout);
         let assigned = AssignedEpisodes::Rollout {
@@ -176,7 +177,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     pub(super) fn merge_duplicates(
         &mut self,
         env: &mut dyn VectorEnv,
-        mut update: GroupingUpdate,
+        mut update: GroupingUpdateResult,
         iteration: &mut IterationReport,
     ) -> Result<(), LearnerError> {
         let policy = self.current;

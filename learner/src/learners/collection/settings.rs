@@ -10,11 +10,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::LearnerError;
 use crate::groupings::GroupingSettings;
-use crate::learners::tensor_file::{Tensor, TensorFile};
+use crate::learners::tensor_file::{CheckpointTensor, TensorFile};
 
 use super::episodes::Rollout;
 
-/// Settings of a learner that is a collection of policies.
+/// Settings of a collection of policies, which also create its policies, their trainers and its
+/// storage for rollouts.
 pub trait PolicyCollectionSettings:
     Clone + PartialEq + Serialize + DeserializeOwned + Send + 'static
 {
@@ -108,7 +109,7 @@ pub trait PolicyTrainer: Sized + Send + 'static {
 
     /// Returns the arrays besides [`PolicyTrainer::algorithm_state`] that a checkpoint needs, under
     /// names that begin with `prefix`.
-    fn extra_tensors(&self, _prefix: &str) -> Vec<Tensor> {
+    fn extra_tensors(&self, _prefix: &str) -> Vec<CheckpointTensor> {
         Vec::new()
     }
 

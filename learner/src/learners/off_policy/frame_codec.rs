@@ -8,7 +8,7 @@
 // A shorter gap costs less than the two lengths of another run.
 const GAP: [u8; 4] = [0; 4];
 
-/// Sizes in bytes of the pictures of an episode, which are compressed together.
+/// Lossless codec for the pictures of an episode, which are compressed together, by their sizes.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameCodec {
     /// Size of one picture in bytes.
@@ -33,8 +33,8 @@ impl FrameCodec {
         encode_runs(pictures, out);
     }
 
-    /// Decompresses the pictures of an episode from the front of `packed` and returns the rest of
-    /// `packed`; `None` if the data does not fit.
+    /// Decompresses the pictures of an episode from the front of `packed` into `pictures` and
+    /// returns the rest of `packed`; `None` if the data does not fit.
     pub fn unpack<'a>(self, packed: &'a [u8], pictures: &mut [u8]) -> Option<&'a [u8]> {
         let rest = decode_runs(packed, pictures)?;
         let first = self.picture_bytes.min(pictures.len());

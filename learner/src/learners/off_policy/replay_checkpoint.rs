@@ -3,7 +3,7 @@
 use rl::{ReplayBuffer, ReplayState, StepOutcome, StoredEpisode};
 
 use crate::error::LearnerError;
-use crate::learners::tensor_file::{Tensor, TensorFile};
+use crate::learners::tensor_file::{CheckpointTensor, TensorFile};
 
 use super::frame_codec::FrameCodec;
 
@@ -17,16 +17,16 @@ const MAX_CONTEXT_FRAMES: usize = 100_000;
 const FIELDS: usize = 4;
 
 /// Returns the contents of a replay buffer as arrays whose names begin with `prefix`.
-pub fn replay_buffer_tensors(replay: &ReplayBuffer, prefix: &str) -> Vec<Tensor> {
+pub fn replay_buffer_tensors(replay: &ReplayBuffer, prefix: &str) -> Vec<CheckpointTensor> {
     let state = replay.checkpoint_state();
     let name = |what: &str| format!("{prefix}replay.{what}");
     let integers = |what, width, values: &[u64]| {
         let shape = vec![values.len() / width, width];
-        Tensor::from_integers(name(what), shape, values)
+        CheckpointTensor::from_integers(name(what), shape, values)
     };
     let floats = |what, of: for<'a> fn(&StoredEpisode<'a>) -> &'a [f32]| {
         let all: Vec<f32> = state.stored_episodes.iter().flat_map(of).copied().collect();
-        Tensor::from_floats(name(what), vec![all.len()], &all)
+        CheckpointTensor::from_floats(name(what), vec![all.len()], &all)
     };
     let running = state.running_episodes.iter();
     let running: Vec<u64> = running.map(|n| n.map_or(NO_EPISODE, u64::from)).collect();
@@ -39,7 +39,7 @@ pub fn replay_buffer_tensors(replay: &ReplayBuffer, prefix: &str) -> Vec<Tensor>
         integers("running", 1, &running),
         integers("order", 2, &order),
         integers("episodes", FIELDS, &episodes),
-        Tensor::from_bytes(name("pictures"), vec![pictures.len()], pictures),
+        CheckpointTensor::from_bytes(name("pictures"), vec![pictures.len()], pictures),
         floats("vectors", |episode| episode.vectors),
         floats("actions", |episode| episode.actions),
         floats("rewards", |episode| episode.rewards),

@@ -30,8 +30,9 @@ impl StagedRollout {
         Self { spec: spec.clone(), steps, uniform: 0, rollouts: Vec::new(), actions: Vec::new() }
     }
 
-    /// Makes the actions of the next `decisions` decisions uniformly random in [-1, 1].
-    pub fn draw_uniform_actions(&mut self, decisions: u64) {
+    /// Makes the actions of the next `decisions` decisions, all environments together, uniformly
+    /// random in [-1, 1] instead of the policy's.
+    pub fn schedule_uniform_actions(&mut self, decisions: u64) {
         self.uniform = decisions;
     }
 
@@ -39,7 +40,7 @@ impl StagedRollout {
     pub fn commit_to(&mut self, replay: &mut ReplayBuffer) -> Result<(), RlError> {
         for steps in self.rollouts.drain(..) {
             // each rollout began with a reset, which ends the running episodes of the replay
-            replay.cut_episodes();
+            replay.cut_running_episodes();
             ExperienceBuffer::<SacPolicy>::begin(replay, &self.spec)?;
             for step in steps {
                 replay.push(&step.observations, &step.actions, &step.transition)?;
