@@ -6,8 +6,9 @@ use std::sync::Arc;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use envs::{
-    ACTION_DIM, Camera, ControlSettings, DomainRandomisation, Embodiment, EnvError, RGB_CHANNELS,
-    Scene, SceneRenderer, StaticBackdrop, StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, ControlSettings, Embodiment, EnvError, RGB_CHANNELS, Scene, SceneRenderer,
+    StaticBackdrop, StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
+    VisualDomainRandomisation,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -69,7 +70,7 @@ fn one_table(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
 fn vector(
     c: &mut Criterion,
     task: TaskGroup,
-    (name, randomisation): (&str, Option<DomainRandomisation>),
+    (name, randomisation): (&str, Option<VisualDomainRandomisation>),
 ) -> Result<(), EnvError> {
     let settings = VecEnvSettings {
         num_envs: ENVS,
@@ -102,7 +103,7 @@ fn vector(
 fn measure(c: &mut Criterion, task: TaskGroup) -> Result<(), EnvError> {
     one_table(c, task)?;
     vector(c, task, ("vec_env_step", None))?;
-    let nominal = Some(DomainRandomisation::NOMINAL);
+    let nominal = Some(VisualDomainRandomisation::NOMINAL);
     vector(c, task, ("vec_env_step_randomised", nominal))
 }
 

@@ -11,7 +11,7 @@ pub const HORIZON: usize = 50;
 pub fn random_env_spec() -> EnvSpec {
     EnvSpec {
         num_envs: 20,
-        image_shape: [48, 48, envs::ExtraViews::First.num_channels()],
+        image_shape: [48, 48, envs::ExtraViews::First.num_total_channels()],
         vector_irreps: envs::VECTOR_OBSERVATION_IRREPS.to_vec(),
         action_irreps: envs::ACTION_IRREPS.to_vec(),
         choices: vec![],

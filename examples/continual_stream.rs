@@ -6,7 +6,7 @@ use std::io::{Write, stderr, stdout};
 use std::process::ExitCode;
 
 use clap::Parser;
-use covers::cli::{ContinualStreamOptions, run_name};
+use covers::cli::{ContinualStreamExampleOptions, run_name};
 use covers::commands::{CommandOutcome, summarise_or_checkpoint};
 use covers::experiments::text::{ROLLOUT_LINE_HEADER, format_rollout_line};
 use covers::presets::Method;
@@ -14,7 +14,7 @@ use covers::{CoversError, Run, RunEvent, StopSignal};
 use envs::TaskRegistry;
 
 fn main() -> ExitCode {
-    let options = ContinualStreamOptions::parse();
+    let options = ContinualStreamExampleOptions::parse();
     match learn(&options) {
         Ok(outcome) => ExitCode::from(outcome.exit_code()),
         Err(error) => {
@@ -24,7 +24,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn learn(options: &ContinualStreamOptions) -> Result<CommandOutcome, CoversError> {
+fn learn(options: &ContinualStreamExampleOptions) -> Result<CommandOutcome, CoversError> {
     let experiment = options.budget.preset_experiment(Method::default());
     let experiment = options.run_options.settings.apply_to_experiment(experiment)?;
     experiment.check(&TaskRegistry::with_all())?;

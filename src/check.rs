@@ -23,7 +23,7 @@ use deploy::CheckMaskOptions;
 use experiments::RunError;
 use experiments::cli::progress_bar;
 
-pub use parity::{RecordingComparison, compare_with_recordings};
+pub use parity::{MetaWorldComparison, compare_meta_world_recordings};
 
 /// Subcommands of `covers check`.
 #[derive(Clone, Debug, Subcommand)]
@@ -85,8 +85,8 @@ impl CheckCommand {
         match *self {
             Self::Mask(ref options) => Ok(options.run(out)?),
             Self::Parity { ref folder, json } => {
-                let rows = compare_with_recordings(folder)?;
-                Ok(print(&rows, json, out, parity_line, RecordingComparison::passes)?)
+                let rows = compare_meta_world_recordings(folder)?;
+                Ok(print(&rows, json, out, parity_line, MetaWorldComparison::passes)?)
             }
             Self::Experts { embodiment, ref tasks, seeds, json } => {
                 let embodiments = embodiment.map_or(Embodiment::STANDARD.to_vec(), |one| vec![one]);
@@ -192,7 +192,7 @@ fn symmetry_line(row: &SymmetryDeviation) -> String {
     )
 }
 
-fn parity_line(row: &RecordingComparison) -> String {
+fn parity_line(row: &MetaWorldComparison) -> String {
     format!(
         "{:<34} rewards {:>8.1e}, {} successes differ ({} steps)  \
          single steps median {:>8.1e}, p99 {:>8.1e}, max {:>8.1e} ({})  replay {:>8.1e} m ({})",

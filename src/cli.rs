@@ -142,7 +142,7 @@ pub struct RunOptions {
 /// Trains COVERS on an unlabelled stream of table-top tasks.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "covers", version)]
-pub struct ContinualStreamOptions {
+pub struct ContinualStreamExampleOptions {
     /// Length of the run.
     #[arg(long, value_enum, default_value = "short")]
     pub budget: Budget,

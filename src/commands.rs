@@ -24,7 +24,7 @@ use rl::ProcessRanks;
 
 /// Subcommands that work on learners.
 #[derive(Clone, Debug, Subcommand)]
-pub enum LearnerCommand {
+pub enum TrainingRunCommand {
     /// Trains on a stream, and writes settings, metrics, scores and checkpoints to a folder.
     Train(TrainOptions),
     /// Resumes an interrupted run from its newest intact checkpoint.
@@ -97,7 +97,7 @@ pub struct PackOptions {
     pub episodes: usize,
 }
 
-impl LearnerCommand {
+impl TrainingRunCommand {
     /// Runs the command and prints to `out`.
     ///
     /// # Errors
@@ -312,6 +312,6 @@ fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), RunError> {
     let learner = from.load_learner(learner, &spec, &labels)?;
     let episodes = options.episodes;
     let extent = CheckpointExtent::Policies { episodes_per_policy: episodes };
-    let to = RunFolder::create_packed(&options.folder, &experiment, &*learner, extent)?;
+    let to = RunFolder::create_with_learner(&options.folder, &experiment, &*learner, extent)?;
     print_escaped(out, &format!("{} policies in {}", learner.policy_count(), to.path().display()))
 }

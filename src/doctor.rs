@@ -168,7 +168,7 @@ fn the_memory(threads: usize) -> MachineCheckResult {
             "raise the limit of this process",
         );
     }
-    let Some(free) = memory::available_memory_bytes() else {
+    let Some(free) = memory::available_machine_memory_bytes() else {
         return MachineCheckResult::good("memory", "unknown");
     };
     let needs = |method: Method| {

@@ -51,12 +51,12 @@ pub use experiments::{
 pub use learner::disk::{Disk, LocalDisk};
 pub use learner::overrides::{SettingOverride, apply_overrides};
 pub use learner::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, CommonSettings,
-    CoversLearner, CoversSettings, DeviceChoice, EpisodeRequirements, EvidenceGrouping, Grouping,
-    GroupingDecision, GroupingSettings, GroupingUpdateResult, IterationReport, IterationSeconds,
-    Learner, LearnerError, LearnerSettings, LearningDevice, MetricValue, Metrics, NewPolicyInit,
-    OffPolicyLearner, OffPolicySettings, PolicyCollection, PolicyCollectionSettings,
-    PolicyEvaluation, RecognisedPolicy, RequiredTrial, RolloutEpisodes, RolloutHandover,
-    SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
+    AssignmentData, AssignmentPurpose, CheckpointExtent, CommonSettings, CoversLearner,
+    CoversSettings, DeviceChoice, EpisodeRequirements, EvidenceGrouping, Grouping,
+    GroupingDecision, GroupingSettings, GroupingUpdateInput, GroupingUpdateResult, IterationReport,
+    IterationSeconds, Learner, LearnerError, LearnerSettings, LearningDevice, MetricValue, Metrics,
+    NewPolicyInit, OffPolicyLearner, OffPolicySettings, PolicyCollection, PolicyCollectionSettings,
+    PolicyEvaluationResult, ReassignedRolloutHandling, RecognisedPolicy, RequiredTrial,
+    RolloutEpisodes, SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
 };
 pub use {deploy, experiments, render, report, watch};

@@ -15,13 +15,13 @@ use report::ReportTable;
 /// Options of `covers list`.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Examples:\n  covers list\n  covers list /data/runs")]
-pub struct ListOptions {
+pub struct ListRunsOptions {
     /// Folder of runs, which may lie in folders of their own.
     #[arg(default_value = "runs")]
     pub folder: PathBuf,
 }
 
-impl ListOptions {
+impl ListRunsOptions {
     /// Prints a table of the runs in the folder and all folders inside it: method, state, number of
     /// policies, success and size.
     ///

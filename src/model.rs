@@ -21,12 +21,12 @@ pub enum ModelCommand {
     #[command(after_help = "Examples:\n  covers model check robot.xml\n  \
         covers model check robot.xml --write-pairs pairs.json\n  \
         covers model check robot.xml --pairs pairs.json --maps maps.json")]
-    Check(CheckModelOptions),
+    Check(ModelCheckOptions),
 }
 
 /// Options of `covers model check`.
 #[derive(Clone, Debug, Args)]
-pub struct CheckModelOptions {
+pub struct ModelCheckOptions {
     /// MJCF file that MuJoCo 2.2.2 loads, or a URDF of a robot.
     #[arg(value_name = "MODEL")]
     pub model: PathBuf,

@@ -6,11 +6,11 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::CoversError;
 use crate::check::CheckCommand;
-use crate::commands::LearnerCommand;
+use crate::commands::TrainingRunCommand;
 use crate::completions::CompletionsOptions;
 use crate::doctor::DoctorOptions;
 use crate::export::ExportOptions;
-use crate::list::ListOptions;
+use crate::list::ListRunsOptions;
 use crate::manual::ManualOptions;
 use crate::model::ModelCommand;
 use crate::preset_list::PresetsOptions;
@@ -44,13 +44,13 @@ pub struct CoversCli {
 #[derive(Debug, Subcommand)]
 enum Subcommands {
     #[command(flatten)]
-    Learner(LearnerCommand),
+    Learner(TrainingRunCommand),
     /// Runs the policies of a run on a robot with a camera.
     Deploy(DeployOptions),
     /// Calibrates a robot's camera with a ball that the arm carries.
     Calibrate(CalibrateOptions),
     /// Lists the runs of a folder with their state, success and size.
-    List(ListOptions),
+    List(ListRunsOptions),
     /// Shows a run in progress: learning curves, groups and policies, distances.
     Watch(WatchOptions),
     /// Renders policies in action, as a GIF or an mp4.
@@ -115,7 +115,7 @@ impl CoversCli {
             | Subcommands::Render(_)
             | Subcommands::Export(_)
             | Subcommands::Check(_) => true,
-            Subcommands::Learner(LearnerCommand::Report(report)) => report.films,
+            Subcommands::Learner(TrainingRunCommand::Report(report)) => report.films,
             // runs and evaluations check what their threads need, and the doctor reports it
             Subcommands::Learner(_)
             | Subcommands::Doctor(_)

@@ -22,7 +22,7 @@ use learner::disk::{LocalDisk, write_atomically};
 pub enum RobotCommand {
     /// Prints what was read of a robot, and fails if it cannot be simulated or looks wrong.
     #[command(after_help = "Example: covers robot check arm.urdf")]
-    Check(CheckRobotOptions),
+    Check(RobotCheckOptions),
     /// Writes the MJCF with which MuJoCo 2.2.2 simulates a robot.
     #[command(after_help = "Example: covers robot mjcf arm.urdf --out arm.xml")]
     Mjcf(RobotMjcfOptions),
@@ -30,7 +30,7 @@ pub enum RobotCommand {
 
 /// Options of `covers robot check`.
 #[derive(Clone, Debug, Args)]
-pub struct CheckRobotOptions {
+pub struct RobotCheckOptions {
     /// URDF, or a JSON file of settings that names one.
     #[arg(value_name = "ARM")]
     pub robot: PathBuf,
@@ -69,7 +69,7 @@ impl RobotCommand {
     }
 }
 
-impl CheckRobotOptions {
+impl RobotCheckOptions {
     fn run(&self, out: &mut impl Write) -> Result<bool, RunError> {
         let file = RobotFile::read(&self.robot).map_err(EnvError::from)?;
         let check = file.check_report().map_err(EnvError::from)?;

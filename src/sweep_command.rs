@@ -125,7 +125,15 @@ impl SweepOptions {
             sweep::run_sweep_worker(chosen, settings, &StopSignal::from_os_signals()?, out)?;
         let SweepWorkerOutcome { stopped, failed_jobs: failed } = ended;
         match (stopped, failed.is_empty()) {
-            (false, true) => Ok(CommandOutcome::Done),
+            (false, true) => {
+                if self.job.is_none() {
+                    let program = std::env::args().next().unwrap_or_else(|| "covers".to_owned());
+                    let runs = self.runs.display();
+                    let next = format!("next:  {program} report {runs}/* --out report --films");
+                    print_escaped(out, &next)?;
+                }
+                Ok(CommandOutcome::Done)
+            }
             (false, false) => Err(CoversError::SweepJobsFailed { failed_jobs: failed }),
             (true, true) => Ok(CommandOutcome::Interrupted),
             // the exit code says that the sweep can be continued, so failures are only printed
@@ -167,7 +175,7 @@ impl SweepOptions {
             std::env::current_exe().map_err(RunError::read_error_mapper(Path::new("covers")))?;
         let array = ArrayJob { plan: &plan, runs: &runs, ..array };
         Ok(if self.hyperqueue {
-            array.hyperqueue_program(&program)
+            array.hyperqueue_python_script(&program)
         } else {
             array.slurm_script(&program, self.time.as_deref())
         })

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use clap::Parser;
-use covers::cli::ContinualStreamOptions;
+use covers::cli::ContinualStreamExampleOptions;
 use covers::program::CoversCli;
 
 use crate::pages::{on_any_page, pages};
@@ -88,7 +88,7 @@ fn wrong_command(words: &[&str]) -> Option<String> {
             let example = cargo.iter().position(|word| *word == "--example");
             match example.map(|at| cargo[at + 1]) {
                 None => refused::<CoversCli>(arguments),
-                Some("continual_stream") => refused::<ContinualStreamOptions>(arguments),
+                Some("continual_stream") => refused::<ContinualStreamExampleOptions>(arguments),
                 Some(name) => {
                     let folders = [
                         "examples",

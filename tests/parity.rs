@@ -5,7 +5,7 @@ use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::Path;
 
-use covers::check::{RecordingComparison, compare_with_recordings};
+use covers::check::{MetaWorldComparison, compare_meta_world_recordings};
 use envs::TaskGroup;
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
@@ -37,7 +37,7 @@ const LOOSE: [(&str, f64); 3] = [
 /// The bounds are the figures of `envs/README.md`.
 #[test]
 fn rewards_steps_and_replays_are_meta_worlds() {
-    let rows = compare_with_recordings(Path::new(RECORDINGS)).unwrap();
+    let rows = compare_meta_world_recordings(Path::new(RECORDINGS)).unwrap();
     assert_eq!(rows.len(), 2 * TaskGroup::ALL.len());
     for row in rows {
         assert!(row.passes(), "{row:?}");
@@ -82,8 +82,8 @@ fn start(bytes: &[u8]) -> usize {
     10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]))
 }
 
-fn only_row(folder: &Scratch) -> RecordingComparison {
-    let mut rows = compare_with_recordings(&folder.0).unwrap();
+fn only_row(folder: &Scratch) -> MetaWorldComparison {
+    let mut rows = compare_meta_world_recordings(&folder.0).unwrap();
     assert_eq!(rows.len(), 1);
     rows.remove(0)
 }
@@ -119,7 +119,7 @@ fn another_motion_is_noticed() {
 }
 
 fn message(folder: &Path) -> String {
-    compare_with_recordings(folder).unwrap_err().to_string()
+    compare_meta_world_recordings(folder).unwrap_err().to_string()
 }
 
 #[test]

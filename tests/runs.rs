@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use clap::Parser;
-use covers::cli::ContinualStreamOptions;
+use covers::cli::ContinualStreamExampleOptions;
 use covers::presets::{Budget, Method};
 use covers::{
     CoversLearner, CoversSettings, DeviceChoice, Experiment, LearnerSettings, Run, RunFolder,
@@ -33,8 +33,8 @@ fn smoke() -> Experiment {
     Budget::Smoke.preset_experiment(Method::Covers)
 }
 
-/// A run over three groups with visits of 4 and 5 rollouts, evaluated after each visit and after every
-/// third turn.
+/// A run over three groups with visits of 4 and 5 rollouts, evaluated after each visit and after
+/// every third turn.
 fn experiment(seed: u64, threads: usize) -> Experiment {
     let mut experiment = smoke().with_seed(seed).with_threads(threads);
     experiment.schedule.groups.truncate(3);
@@ -368,7 +368,7 @@ fn a_folder_that_cannot_be_made_is_named() {
 fn options_are_checked_and_named() {
     let refuse = |arguments: &[&str]| {
         let all = [&["continual_stream"], arguments].concat();
-        ContinualStreamOptions::try_parse_from(all).unwrap_err().to_string()
+        ContinualStreamExampleOptions::try_parse_from(all).unwrap_err().to_string()
     };
     assert!(refuse(&["--budgit", "short"]).contains("--budgit"));
     assert!(
@@ -390,7 +390,7 @@ fn options_are_checked_and_named() {
 #[test]
 fn changes_reach_the_experiment() {
     let line = "continual_stream --embodiment hand --group C1 --set off_policy.sac.gamma=0.97";
-    let options = ContinualStreamOptions::parse_from(line.split(' '));
+    let options = ContinualStreamExampleOptions::parse_from(line.split(' '));
     let experiment = options
         .run_options
         .settings

@@ -64,7 +64,7 @@ fn deviations(map: impl Fn(D2) -> D2) -> Vec<f32> {
     let size = settings.camera.size;
     let spec = EnvSpec {
         num_envs: 1,
-        image_shape: [size, size, ExtraViews::First.num_channels()],
+        image_shape: [size, size, ExtraViews::First.num_total_channels()],
         vector_irreps: VECTOR_OBSERVATION_IRREPS.to_vec(),
         action_irreps: ACTION_IRREPS.to_vec(),
         choices: vec![],

@@ -13,7 +13,7 @@ use std::io::{BufRead, Write, stdin, stdout};
 use std::time::Instant;
 
 use equivariant::{Layer, LayerError, LayerSignature, ParallelChunks, Scratch, Sequential};
-use networks::build_network;
+use networks::build_d2_conv_network;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 const CHUNK: usize = 8;
@@ -37,7 +37,7 @@ const SPECS: [Spec; 4] = [
 
 impl Spec {
     fn build(&self) -> Result<Sequential<f32>, LayerError> {
-        build_network(self.size, self.fields, self.pooled)
+        build_d2_conv_network(self.size, self.fields, self.pooled)
     }
 }
 

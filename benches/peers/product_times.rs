@@ -15,7 +15,7 @@ use std::time::Instant;
 use equivariant::{Layer, LayerError, LayerSignature, Scratch, Sequential};
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
-use networks::{HALVING_WINDOW, IMAGE_CHANNELS, build_network};
+use networks::{HALVING_CONV_WINDOW, IMAGE_CHANNELS, build_d2_conv_network};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
 const IMAGES: usize = 64;
@@ -70,9 +70,9 @@ fn multiply(to: &mut Mat<f32>, a: MatRef<f32>, b: MatRef<f32>) {
 fn products(fields: [usize; 4]) -> Vec<Product> {
     let (mut channels, mut size) = (IMAGE_CHANNELS, SIZE);
     let layers = fields.iter().enumerate().flat_map(|(layer, &fields)| {
-        size /= HALVING_WINDOW.stride;
+        size /= HALVING_CONV_WINDOW.stride;
         // a fourth of the patch for each irrep
-        let folded = HALVING_WINDOW.size * HALVING_WINDOW.size * channels / IRREPS;
+        let folded = HALVING_CONV_WINDOW.size * HALVING_CONV_WINDOW.size * channels / IRREPS;
         channels = IRREPS * fields;
         [(); IRREPS].map(|()| Product::new(CHUNK * size * size, folded, fields, layer == 0))
     });
@@ -91,7 +91,7 @@ struct Passes {
 
 impl Passes {
     fn new(fields: [usize; 4]) -> Result<Passes, LayerError> {
-        let net = build_network(SIZE, &fields, false)?;
+        let net = build_d2_conv_network(SIZE, &fields, false)?;
         let mut params = vec![0.0; net.num_params()];
         net.init(&mut ChaCha8Rng::seed_from_u64(0), &mut params);
         let pixels = 0..CHUNK * net.in_shape().len();

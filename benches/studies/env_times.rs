@@ -114,7 +114,7 @@ impl Subject {
             let (low, high) = (DVec3::new(-0.3, -0.3, 0.05), DVec3::new(0.3, 0.3, 0.35));
             *target = (*target + CONTROL.displacement * DVec3::new(x, y, z)).clamp(low, high);
             data.set_mocap_position(hand_target, target.to_array())?;
-            data.set_ctrl(&[finger, -finger])?;
+            data.set_all_ctrl(&[finger, -finger])?;
             Ok(data.step(5)?)
         })
     }

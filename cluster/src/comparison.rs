@@ -7,7 +7,7 @@ use crate::frames::FrameFeatures;
 /// Inputs of the comparison of a rollout with two policies: frames (feature vectors) of the rollout
 /// and of both policies' buffers, in one feature space.
 #[derive(Clone, Debug, PartialEq)]
-pub struct TwoPolicyComparisonInputs {
+pub struct NearerPolicyInputs {
     /// Frames of the rollout.
     pub rollout: FrameFeatures,
     /// Frames of the buffers of the two policies.
@@ -28,17 +28,15 @@ pub struct TwoPolicyComparisonInputs {
 ///
 /// # Errors
 /// No comparison, or frames of one comparison that cannot be compared.
-pub fn energy_distance_margin(comparisons: &[TwoPolicyComparisonInputs]) -> Result<f64> {
+pub fn nearer_policy_margin(comparisons: &[NearerPolicyInputs]) -> Result<f64> {
     match comparisons {
         [] => Err(ClusterError::Empty { what: "comparisons" }),
-        comparisons => {
-            comparisons.iter().map(TwoPolicyComparisonInputs::energy_distance_margin).sum()
-        }
+        comparisons => comparisons.iter().map(NearerPolicyInputs::nearer_policy_margin).sum(),
     }
 }
 
-impl TwoPolicyComparisonInputs {
-    fn energy_distance_margin(&self) -> Result<f64> {
+impl NearerPolicyInputs {
+    fn nearer_policy_margin(&self) -> Result<f64> {
         let (x, [y, z]) = (&self.rollout, &self.policies);
         let (within_y, within_z) = (within(y)?, within(z)?);
         let scale = (within_y + within_z + 2.0 * between(y, z)?) / 4.0;
@@ -76,9 +74,9 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    fn comparison(rollout: &[f32], policies: [&[f32]; 2]) -> TwoPolicyComparisonInputs {
+    fn comparison(rollout: &[f32], policies: [&[f32]; 2]) -> NearerPolicyInputs {
         let frames = |features: &[f32]| FrameFeatures::new(features.to_vec(), 1, 1).unwrap();
-        TwoPolicyComparisonInputs { rollout: frames(rollout), policies: policies.map(frames) }
+        NearerPolicyInputs { rollout: frames(rollout), policies: policies.map(frames) }
     }
 
     /// From 0: distances 1 and 1 to {-1, 1}, 2 to {2, 2}; within them 2, and 0; between them 2 on
@@ -91,13 +89,12 @@ mod tests {
         // in another unit, and with both votes
         let doubled = comparison(&[0.0], [&[-2.0, 2.0], &[4.0, 4.0]]);
         assert!(
-            (energy_distance_margin(&[one.clone(), doubled]).unwrap() - 2.0 * expected).abs()
-                < 1e-12
+            (nearer_policy_margin(&[one.clone(), doubled]).unwrap() - 2.0 * expected).abs() < 1e-12
         );
         let turned = comparison(&[0.0], [policies[1], policies[0]]);
-        assert!(energy_distance_margin(&[one, turned]).unwrap().abs() < 1e-12);
+        assert!(nearer_policy_margin(&[one, turned]).unwrap().abs() < 1e-12);
         let still = comparison(&[1.0], [&[1.0, 1.0], &[1.0]]);
-        assert_eq!(energy_distance_margin(&[still]).unwrap(), 0.0);
+        assert_eq!(nearer_policy_margin(&[still]).unwrap(), 0.0);
     }
 
     /// A frame from a wide cloud around 0 is farther from it on average than from a narrow cloud
@@ -108,7 +105,7 @@ mod tests {
         let narrow = [4.0, 4.1, 4.2];
         let mean = |x: f32, cloud: &[f32]| cloud.iter().map(|y| (x - y).abs()).sum::<f32>();
         assert!(mean(0.0, &wide) / 41.0 > mean(0.0, &narrow) / 3.0);
-        assert!(energy_distance_margin(&[comparison(&[0.0], [&wide, &narrow])]).unwrap() > 0.0);
+        assert!(nearer_policy_margin(&[comparison(&[0.0], [&wide, &narrow])]).unwrap() > 0.0);
     }
 
     /// Eight episodes and a hundred of one distribution, two frames each of which are alike.
@@ -120,11 +117,9 @@ mod tests {
             FrameFeatures::new(features.collect(), 2, 1).unwrap()
         };
         let margins = (0..400).map(|_| {
-            let comparison = TwoPolicyComparisonInputs {
-                rollout: episodes(1),
-                policies: [8, 100].map(&mut episodes),
-            };
-            energy_distance_margin(&[comparison]).unwrap()
+            let comparison =
+                NearerPolicyInputs { rollout: episodes(1), policies: [8, 100].map(&mut episodes) };
+            nearer_policy_margin(&[comparison]).unwrap()
         });
         // with the distance of a frame to itself it was -0.09; chance moves it by some 0.03
         let mean = margins.sum::<f64>() / 400.0;
@@ -133,10 +128,10 @@ mod tests {
 
     #[test]
     fn what_cannot_be_compared_is_refused() {
-        assert!(energy_distance_margin(&[]).is_err());
+        assert!(nearer_policy_margin(&[]).is_err());
         let mut other = comparison(&[0.0], [&[0.0], &[1.0]]);
         other.policies[1] = FrameFeatures::new(vec![0.0, 1.0], 1, 2).unwrap();
-        let message = energy_distance_margin(&[other]).unwrap_err().to_string();
+        let message = nearer_policy_margin(&[other]).unwrap_err().to_string();
         assert!(message.contains("dim") && message.contains('2'), "{message}");
     }
 }

@@ -10,7 +10,7 @@
 //!   [`certify_optimality`] checks the proof before the answer is returned.
 //! - Comparison. [`joint_permutation_test`] is a permutation test of several sources of evidence,
 //!   by whole episodes, and [`changepoint_test`] one for a changepoint. [`assign_by_threshold`] is
-//!   the paper's rule of assignment. [`energy_distance_margin`] compares two groups from as little
+//!   the paper's rule of assignment. [`nearer_policy_margin`] compares two groups from as little
 //!   as one frame.
 //! - Memory. [`Reservoir`] keeps a bounded uniform sample of the episodes of a group.
 
@@ -31,7 +31,7 @@ pub use assignment::{
     AssignedPolicy, PolicyAssignment, PolicyEvidence, PolicyVerdict, assign_by_threshold,
 };
 pub use change::{ChangepointTestResult, changepoint_candidates, changepoint_test};
-pub use comparison::{TwoPolicyComparisonInputs, energy_distance_margin};
+pub use comparison::{NearerPolicyInputs, nearer_policy_margin};
 pub use error::ClusterError;
 pub use euclidean::EuclideanDistances;
 pub use frames::{FrameFeatures, RolloutAndBufferFeatures};

@@ -170,7 +170,7 @@ impl DeployOptions {
     fn groups(&self) -> Result<Vec<TaskGroup>, RunError> {
         let schedule =
             RunFolder::from_path(&self.run_and_rig.run_folder).read_experiment()?.schedule;
-        schedule.select_groups(self.task.as_deref(), &TaskRegistry::with_all())
+        schedule.resolve_group_or_all(self.task.as_deref(), &TaskRegistry::with_all())
     }
 
     fn simulated(

@@ -79,7 +79,7 @@ impl ActionController {
     }
 
     /// Returns `true` if a decision lasts a whole number of command periods of 25 ms.
-    pub fn decision_fits_command_period(control: &ControlSettings) -> bool {
+    pub fn supports_decision_duration(control: &ControlSettings) -> bool {
         let ticks = control.decision_seconds() / COMMAND_PERIOD.as_secs_f64();
         ticks >= 1.0 && ticks.fract() == 0.0
     }
@@ -95,7 +95,7 @@ impl ActionController {
     }
 
     /// Returns the time that computing and sending the commands of the last decision took.
-    pub fn last_decision_command_time(&self) -> Duration {
+    pub fn last_decision_send_duration(&self) -> Duration {
         self.command_time
     }
 

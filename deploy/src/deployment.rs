@@ -237,7 +237,7 @@ pub(super) fn check_training_conditions(
     if envs.layout != Layout::Symmetric {
         return refuse("envs.layout", envs.layout.to_string(), "`symmetric`");
     }
-    if !ActionController::decision_fits_command_period(&envs.control) {
+    if !ActionController::supports_decision_duration(&envs.control) {
         return refuse(
             "envs.control.action_repeat",
             envs.control.action_repeat.to_string(),

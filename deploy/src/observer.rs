@@ -65,7 +65,7 @@ impl RigPerception {
     }
 
     /// Returns the arm's last recorded state.
-    pub fn arm_state(&self) -> &RobotState {
+    pub fn last_arm_state(&self) -> &RobotState {
         self.history.last()
     }
 
@@ -90,7 +90,7 @@ impl RigPerception {
     ) -> Result<(), DeployError> {
         // pictures come late: mask the arm where it was when the picture was taken
         let joints = joints(arm, &self.history.state_at(self.taken));
-        let gripper = self.arm_state().tip.position;
+        let gripper = self.last_arm_state().tip.position;
         self.perception.observe(&self.picture, &joints, gripper, &mut self.painted)?;
         self.camera.downsample(&self.painted, out);
         self.camera.draw_gripper_mark(&self.camera.mark, gripper, out);
@@ -104,7 +104,7 @@ impl RigPerception {
             current,
             first,
             rendered: &self.painted,
-            hand: self.arm_state().tip.position,
+            hand: self.last_arm_state().tip.position,
         };
         self.camera.compose_observation(&pictures, image);
     }

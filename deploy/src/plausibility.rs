@@ -95,10 +95,10 @@ fn shift(file: &CameraCalibration, known: &CameraCalibration) -> Shift {
         let parts = [index % POINTS, index / POINTS].map(|i| i as f64 / (POINTS - 1) as f64);
         let pixel = [0, 1].map(|axis| parts[axis] * size[axis] as f64);
         // a lens may leave the corners of its picture dark
-        let Some(way) = known.direction_of_pixel(pixel) else {
+        let Some(way) = known.world_direction_of_pixel(pixel) else {
             continue;
         };
-        let Some([column, row]) = bent.project_direction(way) else {
+        let Some([column, row]) = bent.project_world_direction(way) else {
             return Shift::Hidden(pixel);
         };
         largest = largest.max((column - pixel[0]).hypot(row - pixel[1]));
@@ -175,7 +175,7 @@ mod tests {
         for radial in [[-0.37, 0.0], [-0.4, 0.0], [-0.49, -0.49]] {
             let lens = bent(radial);
             check_plausibility(&lens, &lens).unwrap();
-            assert!(lens.direction_of_pixel([640.0, 480.0]).is_none());
+            assert!(lens.world_direction_of_pixel([640.0, 480.0]).is_none());
         }
         check_plausibility(&bent([-0.35, 0.0]), &bent([-0.35, 0.0])).unwrap();
         let message = check_plausibility(&known(), &bent([-0.4, 0.0])).unwrap_err().to_string();

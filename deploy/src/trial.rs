@@ -96,8 +96,8 @@ impl TrialEnv<'_> {
             self.first_picture.clone_from(&picture);
         }
         self.observer.compose_observation(&picture, &self.first_picture, &mut out.images);
-        let (hand, goal) = (self.observer.arm_state().tip.position, self.goal);
-        let aperture = self.arm.aperture(self.observer.arm_state());
+        let (hand, goal) = (self.observer.last_arm_state().tip.position, self.goal);
+        let aperture = self.arm.aperture(self.observer.last_arm_state());
         let vector =
             envs::vector_observation(hand, aperture, goal, self.controller.target_position());
         out.vectors.copy_from_slice(&vector);
@@ -113,7 +113,7 @@ impl TrialEnv<'_> {
         self.actions.push(action);
         self.controller.execute_action(self.rig, &mut self.observer, action)?;
         self.latencies
-            .record(DecisionStage::SendCommands, self.controller.last_decision_command_time());
+            .record(DecisionStage::SendCommands, self.controller.last_decision_send_duration());
         let verdict = self.rig.verdict().map_err(|source| DeployError::Rig { source })?;
         self.observe(&mut out.observations)?;
         out.final_observations.clone_from(&out.observations);

@@ -142,7 +142,7 @@ impl ServoArmController {
         let seconds = control_step_seconds(data);
         self.follow(target, seconds)?;
         self.close(finger, seconds);
-        Ok(data.set_ctrl(&self.controls(&self.positions(data)))?)
+        Ok(data.set_all_ctrl(&self.controls(&self.positions(data)))?)
     }
 
     /// Replaces the command that the controller follows.
@@ -175,7 +175,7 @@ impl ServoArmController {
             (way * drive.travel() / (drive.max_speed * seconds)).clamp(-1.0, 1.0)
         });
         self.close(finger, seconds);
-        data.set_ctrl(&self.controls(&self.positions(data)))?;
+        data.set_all_ctrl(&self.controls(&self.positions(data)))?;
         Ok((finger, stopped))
     }
 
@@ -250,7 +250,7 @@ impl ServoArmController {
             controls[drive.dof] = drive.position_at_closure(self.gripper_closure);
         }
         for (dof, (_, motion)) in arm.free_joints().enumerate() {
-            controls[dof] += servo.feed_forward(motion, forces[dof]);
+            controls[dof] += servo.control_offset_for_force(motion, forces[dof]);
         }
         controls
     }

@@ -259,7 +259,7 @@ pub enum ExtraViews {
 
 impl ExtraViews {
     /// Returns the number of channels of an observation's image: 6 or 9.
-    pub const fn num_channels(self) -> usize {
+    pub const fn num_total_channels(self) -> usize {
         match self {
             Self::First | Self::CloseUp => 2 * RGB_CHANNELS,
             Self::FirstAndCloseUp => 3 * RGB_CHANNELS,

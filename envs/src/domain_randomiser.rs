@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::camera::{Camera, RGB_CHANNELS, for_each_ring_pixel};
 use crate::homography::Homography;
-use crate::randomisation::DomainRandomisation;
+use crate::randomisation::VisualDomainRandomisation;
 
 /// Number of the first random stream for camera errors of pictures. Placements use the streams
 /// below it, so randomised pictures do not change them.
@@ -45,8 +45,8 @@ impl CameraErrors {
 }
 
 /// Randomiser that applies the errors of a [`CameraErrors`] to the pictures of a perfect camera.
-pub(crate) struct DomainRandomiser {
-    amounts: DomainRandomisation,
+pub(crate) struct VisualDomainRandomiser {
+    amounts: VisualDomainRandomisation,
     camera: Camera,
     /// Pixels `[size, size]` of the picture that is being processed, and a second buffer for the
     /// next step.
@@ -54,9 +54,9 @@ pub(crate) struct DomainRandomiser {
     spare: Vec<Pixel>,
 }
 
-impl DomainRandomiser {
+impl VisualDomainRandomiser {
     /// Creates a randomiser for pictures of `camera`.
-    pub fn new(amounts: DomainRandomisation, camera: Camera) -> Self {
+    pub fn new(amounts: VisualDomainRandomisation, camera: Camera) -> Self {
         let room = vec![Pixel::default(); camera.size * camera.size];
         Self { amounts, camera, levels: room.clone(), spare: room }
     }
@@ -102,7 +102,8 @@ impl DomainRandomiser {
         let (middle, last) = (size as f32 / 2.0 - 0.5, (size - 1) as f32);
         for (row, out) in self.levels.chunks_exact_mut(size).enumerate() {
             for (column, target) in out.iter_mut().enumerate() {
-                let [x, y] = view.map_to_nominal([column as f32 - middle, middle - row as f32]);
+                let [x, y] =
+                    view.map_offset_to_nominal([column as f32 - middle, middle - row as f32]);
                 let (source_row, source_column) = (middle - y, middle + x);
                 let (top, down) = split(source_row.clamp(0.0, last), size);
                 let (left, across) = split(source_column.clamp(0.0, last), size);

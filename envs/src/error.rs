@@ -111,7 +111,7 @@ pub enum EnvError {
     /// Task group that the layout does not support.
     #[error(
         "the layout `{layout}` does not support {group}: \
-         use the layout `symmetric`, or implement `Task::meta_world_spec` for the task"
+         use the layout `symmetric`, or implement `Task::meta_world_settings` for the task"
     )]
     NoSuchLayout {
         /// Name of the layout.

@@ -23,8 +23,8 @@ impl Homography {
     /// of `turn` (radians) about its direction.
     ///
     /// The camera's pixel (u, v) looks along R (u, v, -f), from a height larger by `position.z`.
-    /// [`Homography::map_to_nominal`] returns the nominal camera's pixel for the point where that
-    /// ray meets the table.
+    /// [`Homography::map_offset_to_nominal`] returns the nominal camera's pixel for the point where
+    /// that ray meets the table.
     pub fn new(camera: &Camera, position: DVec3, turn: DVec3) -> Self {
         // the table is `height` away, so a metre on it is as long as one in the focal plane
         let focal = camera.millimetres_to_pixels(1e3 * camera.height);
@@ -45,7 +45,7 @@ impl Homography {
 
     /// Returns the offset (right, up) in the nominal picture of the point that the misplaced camera
     /// shows at the offset (u, v); both from the picture's centre, in pixels.
-    pub fn map_to_nominal(&self, [u, v]: [f32; 2]) -> [f32; 2] {
+    pub fn map_offset_to_nominal(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         let [x, y, divisor] = self.rows.map(|[a, b, c]| a * u + b * v + c);
         // one division for both coordinates of every pixel
         let scale = 1.0 / divisor;
@@ -76,7 +76,7 @@ mod tests {
         for point in [[0.0, 0.0], [0.3, -0.2], [-0.4, 0.35]] {
             let point = DVec3::new(point[0], point[1], 0.0);
             let seen = projected(&camera, position, turn, point);
-            let place = view.map_to_nominal(seen.map(|offset| offset as f32));
+            let place = view.map_offset_to_nominal(seen.map(|offset| offset as f32));
             let right = camera.project(point);
             for axis in 0..2 {
                 let off = (f64::from(place[axis]) - right[axis]).abs();
@@ -90,7 +90,7 @@ mod tests {
         let view = Homography::new(&Camera::default(), DVec3::ZERO, DVec3::ZERO);
         assert_eq!(view, Homography::IDENTITY);
         for offset in [[0.5, -23.5], [-7.5, 11.5]] {
-            assert_eq!(view.map_to_nominal(offset), offset);
+            assert_eq!(view.map_offset_to_nominal(offset), offset);
         }
     }
 
@@ -99,11 +99,11 @@ mod tests {
     fn a_tilt_moves_the_picture_and_a_height_scales_it() {
         let camera = Camera::default();
         let tilt = Homography::new(&camera, DVec3::ZERO, 0.5_f64.to_radians() * DVec3::Y);
-        let [x, y] = tilt.map_to_nominal([0.0; 2]);
+        let [x, y] = tilt.map_offset_to_nominal([0.0; 2]);
         let moved = camera.millimetres_to_pixels(1500.0 * 0.5_f64.to_radians().tan()) as f32;
         assert!((x + moved).abs() < 1e-4 && y == 0.0, "{x} {y} {moved}");
         let high = Homography::new(&camera, 0.15 * DVec3::Z, DVec3::ZERO);
-        let [high_x, high_y] = high.map_to_nominal([10.0, -20.0]);
+        let [high_x, high_y] = high.map_offset_to_nominal([10.0, -20.0]);
         assert!((high_x - 11.0).abs() < 1e-4 && (high_y + 22.0).abs() < 1e-4, "{high_x} {high_y}");
     }
 }

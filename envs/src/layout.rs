@@ -9,7 +9,7 @@ use crate::control::ControlSettings;
 use crate::embodiment_spec::EmbodimentSpec;
 use crate::error::EnvError;
 use crate::mjcf::{Mjcf, parts};
-use crate::task::{MetaWorldTaskSpec, TaskGroup};
+use crate::task::{MetaWorldTaskSettings, TaskGroup};
 
 /// Position of the hand's target at the start of every episode of the symmetric layout (metres):
 /// above the centre, clear of an open drawer.
@@ -102,12 +102,12 @@ impl Layout {
     }
 
     /// Returns Meta-World's settings of the task of `group`; `None` in the symmetric layout.
-    pub(crate) fn meta_world_spec(
+    pub(crate) fn meta_world_settings(
         self,
         group: TaskGroup,
-    ) -> Result<Option<MetaWorldTaskSpec<'static>>, EnvError> {
+    ) -> Result<Option<MetaWorldTaskSettings<'static>>, EnvError> {
         let layout = self.name();
-        match (self, group.identity_task().meta_world_spec()) {
+        match (self, group.identity_task().meta_world_settings()) {
             (Self::Symmetric, _) => Ok(None),
             (Self::MetaWorld, Some(spec)) => Ok(Some(spec)),
             (Self::MetaWorld, None) => Err(EnvError::NoSuchLayout { layout, group }),

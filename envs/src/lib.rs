@@ -74,7 +74,7 @@ pub use error::{EnvError, ReachShortfall};
 pub use layout::{HAND_TARGET_START, Layout};
 pub use messages::{EnvCommand, EnvFailure, EnvSnapshot};
 pub use mujoco::{self, StaticBackdrop};
-pub use randomisation::DomainRandomisation;
+pub use randomisation::VisualDomainRandomisation;
 pub use registry::TaskRegistry;
 pub use renderer::{PerspectiveRenderer, SceneRenderer, ViewRenderer, ViewSettings};
 pub use robots;
@@ -86,7 +86,7 @@ pub use tabletop::{
     vector_observation,
 };
 pub use task::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskGroup,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task, TaskGroup,
     TaskSceneParts, TaskState, TaskVariant,
 };
 pub use vec_env::VecEnv;

@@ -19,7 +19,7 @@ const MAX_BLUR: f64 = 4.0;
 /// All distributions are symmetric under D2, so pictures of all variants are equally hard.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct DomainRandomisation {
+pub struct VisualDomainRandomisation {
     /// Largest distance of the camera from its nominal position (mm, 0 to 100). The distance is
     /// uniform up to it, in a uniform direction.
     pub max_position_error_mm: f64,
@@ -43,7 +43,7 @@ pub struct DomainRandomisation {
     pub patch_color_sd: f64,
 }
 
-impl DomainRandomisation {
+impl VisualDomainRandomisation {
     /// Amounts for pictures without any randomisation: all zero.
     pub const OFF: Self = Self {
         max_position_error_mm: 0.0,
@@ -103,7 +103,7 @@ impl DomainRandomisation {
     }
 }
 
-impl DomainRandomisation {
+impl VisualDomainRandomisation {
     /// Returns `true` if the corners of a picture stay well below the horizon, whatever the
     /// rotation.
     fn sees_the_table(&self, camera: &Camera) -> bool {
@@ -112,7 +112,7 @@ impl DomainRandomisation {
     }
 }
 
-impl Default for DomainRandomisation {
+impl Default for VisualDomainRandomisation {
     fn default() -> Self {
         Self::NOMINAL
     }
@@ -128,9 +128,9 @@ mod tests {
     #[test]
     fn amounts_out_of_range_are_refused_by_name() {
         let camera = Camera::default();
-        DomainRandomisation::OFF.check(&camera).unwrap();
-        DomainRandomisation::NOMINAL.check(&camera).unwrap();
-        type Change = fn(&mut DomainRandomisation);
+        VisualDomainRandomisation::OFF.check(&camera).unwrap();
+        VisualDomainRandomisation::NOMINAL.check(&camera).unwrap();
+        type Change = fn(&mut VisualDomainRandomisation);
         let changes: [(Change, &str); 9] = [
             (|of| of.max_position_error_mm = 101.0, "`max_position_error_mm` is 101"),
             (|of| of.max_angle_error_deg = -1.0, "`max_angle_error_deg` is -1"),
@@ -143,7 +143,7 @@ mod tests {
             (|of| of.patch_color_sd = 256.0, "`patch_color_sd` is 256"),
         ];
         for (change, says) in changes {
-            let mut amounts = DomainRandomisation::NOMINAL;
+            let mut amounts = VisualDomainRandomisation::NOMINAL;
             change(&mut amounts);
             let message = amounts.check(&camera).unwrap_err().to_string();
             assert!(message.contains(says), "{message}");
@@ -152,21 +152,24 @@ mod tests {
 
     #[test]
     fn a_wide_camera_may_turn_by_less() {
-        let turned =
-            DomainRandomisation { max_angle_error_deg: 10.0, ..DomainRandomisation::NOMINAL };
+        let turned = VisualDomainRandomisation {
+            max_angle_error_deg: 10.0,
+            ..VisualDomainRandomisation::NOMINAL
+        };
         turned.check(&Camera::default()).unwrap();
         let wide = Camera { height: 0.6, half_extent: 2.0, ..Camera::default() };
         let message = turned.check(&wide).unwrap_err().to_string();
         assert!(message.contains("below the horizon"), "{message}");
-        DomainRandomisation::NOMINAL.check(&wide).unwrap();
+        VisualDomainRandomisation::NOMINAL.check(&wide).unwrap();
     }
 
     #[test]
     fn what_is_missing_in_a_file_is_nominal_and_what_is_unknown_is_refused() {
-        let read = serde_json::from_str::<DomainRandomisation>;
-        assert_eq!(read("{}").unwrap(), DomainRandomisation::NOMINAL);
+        let read = serde_json::from_str::<VisualDomainRandomisation>;
+        assert_eq!(read("{}").unwrap(), VisualDomainRandomisation::NOMINAL);
         let little = read(r#"{"noise_sd": 0.5}"#).unwrap();
-        let expected = DomainRandomisation { noise_sd: 0.5, ..DomainRandomisation::NOMINAL };
+        let expected =
+            VisualDomainRandomisation { noise_sd: 0.5, ..VisualDomainRandomisation::NOMINAL };
         assert_eq!(little, expected);
         let message = read(r#"{"nois": 1}"#).unwrap_err().to_string();
         assert!(message.contains("nois"), "{message}");

@@ -58,7 +58,7 @@ impl TaskGroup {
 
     /// Ten of the task groups in which the gripper never has to hold an object: first the four
     /// [`TaskGroup::STANDARD`].
-    pub const TEN: [Self; 10] = [
+    pub const TEN_WITHOUT_GRASPING: [Self; 10] = [
         Self::GOAL_REACH,
         Self::BUTTON_PRESS,
         Self::DRAWER_CLOSE,
@@ -92,7 +92,7 @@ impl TaskGroup {
     /// Sets of task groups by name: `standard`, `ten`, `mt10` and `all`.
     pub const TASK_SETS: [(&str, &[Self]); 4] = [
         ("standard", &Self::STANDARD),
-        ("ten", &Self::TEN),
+        ("ten", &Self::TEN_WITHOUT_GRASPING),
         ("mt10", &Self::MT10),
         ("all", &Self::ALL),
     ];

@@ -15,7 +15,7 @@ use crate::error::{EnvError, require};
 use crate::instance_id::InstanceId;
 use crate::layout::{HAND_TARGET_START, Layout, SettlingSettings};
 use crate::mjcf::{Mjcf, part};
-use crate::task::{MetaWorldTaskSpec, Placement, TaskGroup, TaskSceneParts};
+use crate::task::{MetaWorldTaskSettings, Placement, TaskGroup, TaskSceneParts};
 
 /// Number of the MuJoCo geom group of the arm's and the gripper's geoms, which learners do not see.
 pub const ARM_GEOM_GROUP: usize = 3;
@@ -55,7 +55,7 @@ pub struct Scene {
     /// Lowest and highest corner of the box that holds the hand's target (metres).
     pub(crate) target_bounds: [DVec3; 2],
     /// Meta-World's settings of the task, if the layout follows them.
-    meta_world: Option<MetaWorldTaskSpec<'static>>,
+    meta_world: Option<MetaWorldTaskSettings<'static>>,
     pub(crate) hand: BodyId,
     pub(crate) claw_bodies: [BodyId; 2],
     pub(crate) tip_sites: [SiteId; 2],
@@ -109,7 +109,7 @@ impl Scene {
         camera.check()?;
         group.check_name()?;
         embodiment.check_name()?;
-        let meta_world = layout.meta_world_spec(group)?;
+        let meta_world = layout.meta_world_settings(group)?;
         let hand_target_start = meta_world.map_or(HAND_TARGET_START, |spec| spec.hand_target);
         let mut target_bounds = layout.hand_target_bounds();
         if let Some(spec) = &meta_world {
@@ -244,7 +244,7 @@ fn compile(
     embodiment: Embodiment,
     camera: &Camera,
 ) -> Result<Model, EnvError> {
-    let addition = layout.meta_world_spec(group)?.and_then(|spec| spec.extra_mjcf);
+    let addition = layout.meta_world_settings(group)?.and_then(|spec| spec.extra_mjcf);
     let embodiment_parts = embodiment.spec().parts()?;
     let meta_world_mjcf = layout.meta_world_mjcf(embodiment.spec());
     let mut parts: Vec<Mjcf<'_>> =
@@ -320,7 +320,7 @@ fn addresses(model: &Model, joints: &[(&str, f64)]) -> Result<Vec<(usize, f64)>,
 
 /// Returns the address in `qpos` of the loose cylinder of Meta-World's reach task, if the scene has
 /// it. A task's own joint called `decoy` is left alone.
-fn decoy(model: &Model, spec: &MetaWorldTaskSpec<'_>) -> Option<usize> {
+fn decoy(model: &Model, spec: &MetaWorldTaskSettings<'_>) -> Option<usize> {
     spec.extra_mjcf?;
     let joint = model.joint("decoy").ok()?;
     Some(model.joint_qpos_address(joint))
@@ -342,7 +342,7 @@ fn settle(
     data.set_mocap_position(model.mocap_body("hand_target")?, hand_target)?;
     let controller = match actuation {
         HandActuation::Weld => {
-            data.set_ctrl(&OPEN_FINGERS)?;
+            data.set_all_ctrl(&OPEN_FINGERS)?;
             data.step(settling.steps)?;
             None
         }

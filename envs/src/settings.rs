@@ -7,7 +7,7 @@ use crate::control::ControlSettings;
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::layout::Layout;
-use crate::randomisation::DomainRandomisation;
+use crate::randomisation::VisualDomainRandomisation;
 
 /// Largest number of worker threads; a typing error in a file must not start a million.
 pub const MAX_THREADS: usize = 1024;
@@ -30,7 +30,7 @@ pub struct VecEnvSettings {
     pub control: ControlSettings,
     /// Domain randomisation of the pictures; `None` for perfect pictures.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub randomisation: Option<DomainRandomisation>,
+    pub randomisation: Option<VisualDomainRandomisation>,
     /// Seed of the random placements, variants and camera errors of all environments.
     pub seed: u64,
 }
@@ -57,7 +57,7 @@ impl VecEnvSettings {
     /// Returns the number of bytes of one environment's observed image: size x size x number of
     /// channels.
     pub fn image_len(&self) -> usize {
-        self.camera.size * self.camera.size * self.camera.extra_views.num_channels()
+        self.camera.size * self.camera.size * self.camera.extra_views.num_total_channels()
     }
 
     /// Returns the settings without domain randomisation.

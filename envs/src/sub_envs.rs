@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::camera::RGB_CHANNELS;
-use crate::domain_randomiser::{CameraErrors, DomainRandomiser};
+use crate::domain_randomiser::{CameraErrors, VisualDomainRandomiser};
 use crate::error::EnvError;
 #[cfg(test)]
 use crate::messages::Fault;
@@ -54,7 +54,7 @@ pub(crate) struct SubEnvs {
     elements: Vec<D2>,
     picture: Vec<u8>,
     /// Randomiser of the pictures, if any; the renderers then draw no marks.
-    randomiser: Option<DomainRandomiser>,
+    randomiser: Option<VisualDomainRandomiser>,
 }
 
 impl SubEnvs {
@@ -69,7 +69,7 @@ impl SubEnvs {
             #[cfg(test)]
             fault: None,
         });
-        let randomiser = |amounts| DomainRandomiser::new(amounts, settings.camera);
+        let randomiser = |amounts| VisualDomainRandomiser::new(amounts, settings.camera);
         Self {
             settings,
             slots: slots.collect(),

@@ -319,7 +319,7 @@ impl TableTop {
         let target = episode.target;
         self.data.set_mocap_position(self.scene.hand_target, target.to_array())?;
         match &mut episode.controller {
-            None => self.data.set_ctrl(&[finger, -finger])?,
+            None => self.data.set_all_ctrl(&[finger, -finger])?,
             Some(controller) => controller.advance(&mut self.data, target, finger)?,
         }
         self.pass(episode, finger)

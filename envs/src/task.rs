@@ -172,7 +172,7 @@ pub struct TaskSceneParts<'a> {
 
 /// Settings of a task in the layout `metaworld`, from Meta-World.
 #[derive(Clone, Copy, Debug)]
-pub struct MetaWorldTaskSpec<'a> {
+pub struct MetaWorldTaskSettings<'a> {
     /// Meta-World's name of the task, without its version.
     pub name: &'a str,
     /// Position of the hand's target when an episode starts (metres, world frame).
@@ -215,7 +215,7 @@ pub trait Task: Any + Send + Sync {
 
     /// Returns the task's settings for the layout `metaworld`; `None` if the task has no scene in
     /// that layout.
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
         None
     }
 }

@@ -28,7 +28,7 @@ use glam::{DVec2, DVec3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::task::{MetaWorldTaskSpec, Placement, TaskSceneParts, TaskState};
+use crate::task::{MetaWorldTaskSettings, Placement, TaskSceneParts, TaskState};
 
 /// Canonical x of most objects and goals (metres): right of the centre, so that a flip along x
 /// gives a different task. Windows, cabinets, blocks and pegs have ranges of their own.
@@ -57,8 +57,8 @@ fn scene(mjcf: &'static str, body: &'static str, offset: DVec3) -> TaskScenePart
 fn spec(
     name: &'static str,
     sample_placement: fn(&mut ChaCha8Rng) -> Placement,
-) -> MetaWorldTaskSpec<'static> {
-    MetaWorldTaskSpec {
+) -> MetaWorldTaskSettings<'static> {
+    MetaWorldTaskSettings {
         name,
         hand_target: META_WORLD_HAND_START,
         lowest_target: META_WORLD_LOWEST,

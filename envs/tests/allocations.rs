@@ -9,8 +9,8 @@ use std::alloc::System;
 use std::hint::black_box;
 
 use envs::{
-    ACTION_DIM, Camera, ControlSettings, DomainRandomisation, ExtraViews, StepBuffers, TaskGroup,
-    VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, ControlSettings, ExtraViews, StepBuffers, TaskGroup, VecEnv,
+    VecEnvSettings, VisualDomainRandomisation,
 };
 use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use symmetry::D2;
@@ -38,7 +38,7 @@ fn steps_and_automatic_resets_allocate_nothing_and_the_counter_counts() {
     };
     // randomised pictures start from perfect ones, so this covers both
     steps_allocate_nothing(VecEnvSettings {
-        randomisation: Some(DomainRandomisation::NOMINAL),
+        randomisation: Some(VisualDomainRandomisation::NOMINAL),
         ..settings
     });
     steps_allocate_nothing(VecEnvSettings {

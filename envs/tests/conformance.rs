@@ -8,7 +8,7 @@ use envs::conformance::{
     ConformanceError, check_task_conformance, measure_expert, measure_symmetry,
 };
 use envs::{
-    Camera, ControlSettings, Embodiment, EnvError, EpisodeStart, MetaWorldTaskSpec, Placement,
+    Camera, ControlSettings, Embodiment, EnvError, EpisodeStart, MetaWorldTaskSettings, Placement,
     Scene, TaskGroup, TaskState,
 };
 use glam::DVec3;
@@ -226,7 +226,7 @@ fn a_malformed_name_is_refused() {
 #[test]
 fn a_flaw_of_the_metaworld_layout_alone_is_found() {
     let stuck = Spoilt {
-        meta_world: Some(MetaWorldTaskSpec {
+        meta_world: Some(MetaWorldTaskSettings {
             name: "push-block",
             hand_target: DVec3::new(0.0, 0.0, 0.2),
             lowest_target: 0.05,

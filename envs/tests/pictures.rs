@@ -100,7 +100,7 @@ fn variants_are_mirror_images_bit_for_bit() {
 fn close_ups_of_variants_are_mirror_images_bit_for_bit() {
     let camera =
         Camera { oversampling: 3, extra_views: ExtraViews::FirstAndCloseUp, ..Camera::default() };
-    let channels = camera.extra_views.num_channels();
+    let channels = camera.extra_views.num_total_channels();
     for group in TaskGroup::STANDARD {
         let mut studio = Studio::seen_by(group, Embodiment::FLOATING_HAND, camera);
         for (seed, [x, y, z]) in [[1.0, 0.7, -1.0], [-0.3, 1.0, -1.0]].into_iter().enumerate() {

@@ -1,7 +1,8 @@
 //! Environments with randomised pictures compared to those with perfect ones.
 
 use envs::{
-    ACTION_DIM, DomainRandomisation, ExtraViews, StepBuffers, TaskGroup, VecEnv, VecEnvSettings,
+    ACTION_DIM, ExtraViews, StepBuffers, TaskGroup, VecEnv, VecEnvSettings,
+    VisualDomainRandomisation,
 };
 use symmetry::D2;
 
@@ -9,7 +10,7 @@ const N: usize = 3;
 /// Steps of a run over two ends of episodes of six decisions.
 const STEPS: usize = 14;
 
-fn settings(threads: usize, randomisation: Option<DomainRandomisation>) -> VecEnvSettings {
+fn settings(threads: usize, randomisation: Option<VisualDomainRandomisation>) -> VecEnvSettings {
     let mut settings = VecEnvSettings {
         num_envs: N,
         threads,
@@ -44,7 +45,7 @@ fn walk(settings: VecEnvSettings, group: TaskGroup, seed: Option<u64>) -> Vec<St
 fn amounts_of_zero_show_what_perfect_pictures_show() {
     let group = TaskGroup::DRAWER_CLOSE;
     let clean = walk(settings(2, None), group, None);
-    let off = walk(settings(2, Some(DomainRandomisation::OFF)), group, None);
+    let off = walk(settings(2, Some(VisualDomainRandomisation::OFF)), group, None);
     assert!(off == clean);
 }
 
@@ -52,7 +53,7 @@ fn amounts_of_zero_show_what_perfect_pictures_show() {
 fn pictures_alone_are_others_and_they_have_the_same_shape() {
     let group = TaskGroup::PLATE_SLIDE;
     let clean = walk(settings(2, None), group, None);
-    let random = walk(settings(2, Some(DomainRandomisation::NOMINAL)), group, None);
+    let random = walk(settings(2, Some(VisualDomainRandomisation::NOMINAL)), group, None);
     for (clean_batch, random_batch) in clean.iter().zip(&random) {
         assert_eq!(random_batch.images.len(), clean_batch.images.len());
         let image = clean_batch.images.len() / N;
@@ -74,7 +75,7 @@ fn pictures_alone_are_others_and_they_have_the_same_shape() {
 
 #[test]
 fn any_number_of_threads_shows_the_same_and_so_does_a_seed_given_later() {
-    let amounts = Some(DomainRandomisation::NOMINAL);
+    let amounts = Some(VisualDomainRandomisation::NOMINAL);
     let group = TaskGroup::BUTTON_PRESS;
     let one = walk(settings(1, amounts), group, None);
     for threads in [2, 3] {
@@ -87,16 +88,16 @@ fn any_number_of_threads_shows_the_same_and_so_does_a_seed_given_later() {
 /// Light and white balance are measured in a corner of the table, where nothing moves.
 #[test]
 fn the_first_picture_has_the_camera_of_its_episode_and_the_next_episode_another() {
-    let amounts = DomainRandomisation {
+    let amounts = VisualDomainRandomisation {
         exposure_sd: 20.0,
         white_balance_sd: 10.0,
-        ..DomainRandomisation::OFF
+        ..VisualDomainRandomisation::OFF
     };
     let walk = walk(settings(2, Some(amounts)), TaskGroup::GOAL_REACH, None);
     let corners = |batch: &StepBuffers| -> Vec<Vec<u8>> {
         let image = batch.images.len() / N;
         let images = batch.images.chunks(image);
-        images.map(|pixels| pixels[..ExtraViews::First.num_channels()].to_vec()).collect()
+        images.map(|pixels| pixels[..ExtraViews::First.num_total_channels()].to_vec()).collect()
     };
     let mut episodes = vec![corners(&walk[0])];
     for (step, batch) in walk.iter().enumerate().skip(1) {
@@ -116,11 +117,11 @@ fn the_first_picture_has_the_camera_of_its_episode_and_the_next_episode_another(
 fn settings_without_it_read_and_write_as_before() {
     let clean = serde_json::to_string(&settings(2, None)).unwrap();
     assert!(!clean.contains("random"), "{clean}");
-    let random = settings(2, Some(DomainRandomisation::NOMINAL));
+    let random = settings(2, Some(VisualDomainRandomisation::NOMINAL));
     let text = serde_json::to_string(&random).unwrap();
     assert_eq!(serde_json::from_str::<VecEnvSettings>(&text).unwrap(), random);
     assert_eq!(random.without_randomisation(), settings(2, None));
-    let mut wild = DomainRandomisation::NOMINAL;
+    let mut wild = VisualDomainRandomisation::NOMINAL;
     wild.max_position_error_mm = 500.0;
     let refused = VecEnv::new(settings(2, Some(wild)), TaskGroup::GOAL_REACH, &D2::ALL);
     let message = refused.err().unwrap().to_string();

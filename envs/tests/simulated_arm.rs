@@ -152,7 +152,7 @@ fn capsules_follow_the_joints_that_the_arm_tells() {
     let mut seen = 0;
     for geom in model.geoms().filter(|&geom| model.geom_group(geom) == envs::ARM_GEOM_GROUP) {
         let middle = DVec3::from_array(data.geom_position(geom));
-        let inside = capsules.iter().map(|capsule| capsule.signed_distance(middle));
+        let inside = capsules.iter().map(|capsule| capsule.signed_distance_to_point(middle));
         let inside = inside.fold(f64::INFINITY, f64::min);
         assert!(inside < 0.0, "{:?}: {inside}", model.name_of(geom));
         seen += 1;

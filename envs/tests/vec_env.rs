@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use envs::{
-    ACTION_DIM, Camera, ControlSettings, DomainRandomisation, Embodiment, EnvError, ExtraViews,
-    ObservationsMut, RGB_CHANNELS, STATE_DETAILS_DIM, Scene, SceneRenderer, StepBuffers, TableTop,
-    TaskGroup, VECTOR_OBSERVATION_DIM, VecEnv, VecEnvSettings,
+    ACTION_DIM, Camera, ControlSettings, Embodiment, EnvError, ExtraViews, ObservationsMut,
+    RGB_CHANNELS, STATE_DETAILS_DIM, Scene, SceneRenderer, StepBuffers, TableTop, TaskGroup,
+    VECTOR_OBSERVATION_DIM, VecEnv, VecEnvSettings, VisualDomainRandomisation,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -360,7 +360,7 @@ fn preparing_groups_changes_nothing_that_is_seen() {
 fn randomised(extra_views: ExtraViews) -> VecEnvSettings {
     VecEnvSettings {
         camera: Camera { extra_views, ..Camera::default() },
-        randomisation: Some(DomainRandomisation::NOMINAL),
+        randomisation: Some(VisualDomainRandomisation::NOMINAL),
         ..settings(1)
     }
 }
@@ -382,7 +382,7 @@ fn settings_out_of_range_are_refused() {
 
 #[test]
 fn restored_episodes_continue_to_the_same_bits_in_any_vector_of_the_task() {
-    let randomisation = Some(DomainRandomisation::default());
+    let randomisation = Some(VisualDomainRandomisation::default());
     let settings = VecEnvSettings { randomisation, ..settings(2) };
     let make = |group| VecEnv::new(settings, group, &D2::ALL).unwrap();
     let mut env = make(TaskGroup::DRAWER_CLOSE);

@@ -102,7 +102,13 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
         f: impl Fn(Range<usize>, &mut W, &mut [T]) -> S + Sync,
     ) -> Vec<S> {
         let all = |chunks| 0..chunks;
-        self.accumulate_distributed_gradients(num_samples, gradient, all, |_, results| results, f)
+        self.accumulate_gradients_across_processes(
+            num_samples,
+            gradient,
+            all,
+            |_, results| results,
+            f,
+        )
     }
 
     /// Adds the gradients of all chunks of the samples `0..num_samples` to `gradient`, but computes
@@ -114,7 +120,7 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
     ///
     /// # Panics
     /// As [`ParallelChunks::accumulate_gradients`], and for a share outside of `0..C`.
-    pub fn accumulate_distributed_gradients<S: Send>(
+    pub fn accumulate_gradients_across_processes<S: Send>(
         &mut self,
         num_samples: usize,
         gradient: &mut [T],

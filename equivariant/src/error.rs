@@ -150,7 +150,7 @@ impl LayerError {
     ///
     /// # Errors
     /// [`EmptyMap`](LayerError::EmptyMap) and [`TooManyValues`](LayerError::TooManyValues).
-    pub fn check_feature_map(
+    pub fn check_feature_map_size(
         layer: &'static str,
         shape: Shape,
         padding: usize,

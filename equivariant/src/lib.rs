@@ -75,7 +75,7 @@ pub use scratch::{BackwardArgs, Scratch};
 pub use shape::Shape;
 pub use simd::lanes::InstructionSet;
 pub use simd::lines::pixel_byte_to_float;
-pub use steerable::dense::{OrdinaryConv, ProjectedKernel};
+pub use steerable::dense::{ClosestSteerableKernel, OrdinaryConv};
 pub use steerable::hadamard::hadamard_transform;
 pub use symmetry::{FieldType, Group};
 pub use window::SlidingWindow;

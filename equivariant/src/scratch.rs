@@ -54,7 +54,7 @@ impl<T> Scratch<T> {
 impl<T: Clone> Scratch<T> {
     /// Creates scratch memory of `len` values, all equal to `value`. Layers must not read what they
     /// did not write; a test fills the memory with NaN to check that.
-    pub fn filled_with(len: usize, value: T) -> Scratch<T> {
+    pub fn new_filled(len: usize, value: T) -> Scratch<T> {
         let values = vec![value; len + VALUES_PER_LINE];
         Scratch {
             // align_offset may give up and return usize::MAX, which min turns into a valid start
@@ -77,7 +77,7 @@ impl<T: Clone> Clone for Scratch<T> {
         let own = &self.values[self.start..][..self.len];
         // the clone's vector has another address and so another offset: copy the values, not the
         // vector
-        let mut clone = Scratch::filled_with(self.len, self.values[0].clone());
+        let mut clone = Scratch::new_filled(self.len, self.values[0].clone());
         clone.first_values(self.len).clone_from_slice(own);
         clone.origin = self.origin;
         clone
@@ -146,7 +146,7 @@ mod tests {
     fn every_scratch_starts_on_a_cache_line_and_clones_hold_the_same() {
         let mut starts = BTreeSet::new();
         for len in 0..100 {
-            let mut scratch = Scratch::filled_with(len, 1.0f32);
+            let mut scratch = Scratch::new_filled(len, 1.0f32);
             for (i, value) in scratch.first_values(len).iter_mut().enumerate() {
                 *value = i as f32;
             }
@@ -160,7 +160,7 @@ mod tests {
         }
         assert!(starts.len() > 1, "all at one offset: {starts:?}");
         assert_eq!(
-            Scratch::filled_with(9, 0.0f64).first_values(9).as_ptr() as usize % CACHE_LINE_BYTES,
+            Scratch::new_filled(9, 0.0f64).first_values(9).as_ptr() as usize % CACHE_LINE_BYTES,
             0
         );
     }

@@ -20,7 +20,7 @@ type Pass = fn(&dyn Layer<f32>, [usize; 7]);
 fn forward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
     let [params, x, y, .., scratch] = lengths;
     let mut y = vec![0.0; y];
-    let mut scratch = Scratch::filled_with(scratch, 0.0);
+    let mut scratch = Scratch::new_filled(scratch, 0.0);
     layer.forward(&vec![0.1; params], &vec![0.1; x], &mut y, &mut scratch);
 }
 
@@ -33,7 +33,7 @@ fn backward(layer: &dyn Layer<f32>, lengths: [usize; 7]) {
     let [params_len, x_len, y_len, dy, dx, dparams, len] = lengths;
     let (mut dx, mut dparams) = (vec![0.0; dx], vec![0.0; dparams]);
     if len < scratch.len() {
-        scratch = Scratch::filled_with(len, 0.0);
+        scratch = Scratch::new_filled(len, 0.0);
     }
     layer.backward(
         &vec![0.1; params_len],
@@ -159,7 +159,7 @@ fn a_scratch_of_another_layer_is_refused_where_it_is_kept() {
         let mut y = vec![0.0; SAMPLES * own.out_shape().len()];
         assert_eq!(own.out_shape(), foreign.out_shape());
         let len = own.scratch_len(SAMPLES).max(foreign.scratch_len(SAMPLES));
-        let mut scratch = Scratch::filled_with(len, 0.0);
+        let mut scratch = Scratch::new_filled(len, 0.0);
         own.forward(&[], &x, &mut y, &mut scratch);
         own.backward(&[], &x, &y, &y, None, &mut [], &mut scratch);
         foreign.forward(&[], &x, &mut y, &mut scratch);

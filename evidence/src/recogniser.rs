@@ -29,8 +29,8 @@ pub struct RolloutDecision {
     pub tests: Vec<PolicyTestResult>,
     /// Changepoint, in decisions of all environments since the start of the rollout, if the task
     /// group changed: episodes that began before it belong to the earlier group.
-    /// [`Recogniser::assign_rollout`] judges the later episodes, [`Recogniser::review_policy`] the
-    /// earlier ones, unless `group_changed`.
+    /// [`Recogniser::assign_rollout`] judges the later episodes,
+    /// [`Recogniser::review_proposed_policy`] the earlier ones, unless `group_changed`.
     pub changepoint: Option<usize>,
     /// `true` if the task group changed after the acting policy was proposed, so that earlier
     /// rollouts show another task group.
@@ -231,10 +231,11 @@ impl Recogniser {
 
     /// Decides which policy a rollout belongs to that the policy `context.collector` collected;
     /// remembers the episodes of a new policy and of an undecided rollout. `Existing` with another
-    /// policy, and `New`, ask for a rollout of that policy and for [`Recogniser::review_policy`]. A
-    /// rollout that is too little to decide is kept, and judged together with the next similar one.
-    /// `Undecided`, if `context` allows it, asks for another rollout; no policy may train on this
-    /// one. After a changepoint, only the later episodes count.
+    /// policy, and `New`, ask for a rollout of that policy and for
+    /// [`Recogniser::review_proposed_policy`]. A rollout that is too little to decide is kept, and
+    /// judged together with the next similar one. `Undecided`, if `context` allows it, asks for
+    /// another rollout; no policy may train on this one. After a changepoint, only the later
+    /// episodes count.
     ///
     /// # Errors
     /// [`EvidenceError::NoPolicy`] for a collector above [`policy_count`](Self::policy_count); too
@@ -343,7 +344,7 @@ impl Recogniser {
     ///
     /// # Errors
     /// Errors of [`Recogniser::assign_rollout`].
-    pub fn review_policy(
+    pub fn review_proposed_policy(
         &mut self,
         summaries: &[EpisodeSummary],
         context: RolloutDecisionContext,

@@ -130,7 +130,7 @@ fn a_group_that_changed_before_the_trial_is_judged_anew() {
             rejected: &[1],
             ..RolloutDecisionContext::collected_by_policy(0)
         };
-        let found = recogniser.review_policy(&seen, context, &mut rng).unwrap();
+        let found = recogniser.review_proposed_policy(&seen, context, &mut rng).unwrap();
         let next = episodes(20, 10.0, 1.0, &mut rng);
         let next = recogniser
             .assign_rollout(&next, RolloutDecisionContext::collected_by_policy(0), &mut rng)

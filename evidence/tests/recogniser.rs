@@ -16,7 +16,7 @@ use crate::common::{
 #[test]
 fn summaries_of_mirror_images_are_equal_to_the_bit() {
     for kind in WorldKind::ALL {
-        let of = |g| summaries(stream(kind, 1000, &[(0, 2)], 3).with_variant(g), 2, None);
+        let of = |g| summaries(stream(kind, 1000, &[(0, 2)], 3).mirrored_by(g), 2, None);
         let straight = of(D2::Identity);
         for g in D2::ALL {
             assert_eq!(of(g), straight, "{} {g}", kind.name());
@@ -81,7 +81,7 @@ fn no_more_policies_are_created_than_the_settings_allow() {
     let named = [(0, &[][..]), (1, &[0]), (2, &[0, 1])].map(|(reviewed, rejected)| {
         let mut full = bounded(3);
         let context = RolloutDecisionContext { rejected, ..must_decide(reviewed) };
-        let found = full.review_policy(&unknown, context, &mut rng()).unwrap();
+        let found = full.review_proposed_policy(&unknown, context, &mut rng()).unwrap();
         assert!(found.trial == RequiredTrial::None && full.policy_count() == 3, "{found:?}");
         found.policy
     });

@@ -35,7 +35,7 @@ fn memory_is_bounded_and_survives_a_file() {
                 .unwrap_err(),
             7,
         ),
-        (restored.review_policy(&seen, unknown, &mut rng()).unwrap_err(), 2),
+        (restored.review_proposed_policy(&seen, unknown, &mut rng()).unwrap_err(), 2),
     ] {
         assert_eq!(error.to_string(), format!("policy {policy} was named, 2 are known"));
     }

@@ -17,13 +17,13 @@ use crate::experiment::Experiment;
 use crate::schedule::TaskSchedule;
 use crate::stop::StopSignal;
 use crate::stream::SwitchableVecEnv;
-use learner::{Learner, PolicyEvaluation, TaskLabel};
+use learner::{Learner, PolicyEvaluationResult, TaskLabel};
 
 use cache::{CacheKey, EvaluationCache};
 use dormancy::UnitActivities;
 
 pub use dormancy::{DORMANCY_THRESHOLD, DormantUnitCounts};
-pub use recognition::{RECOGNITION_EPISODE_COUNTS, RecognitionCount};
+pub use recognition::{RECOGNITION_EPISODE_COUNTS, RecognitionAnswerCount};
 pub use score::{GroupScore, OwnPolicyByGroup, PolicyScore, VariantScore, average_scores_by_group};
 
 /// Number of the ChaCha stream that learners draw from during recognition. Environments use streams
@@ -36,7 +36,7 @@ pub struct EvaluationResults {
     /// Score of each task variant, in the order of scoring.
     pub scores: Vec<VariantScore>,
     /// Counts of the policies that the learner named for shown episodes; empty if it was not asked.
-    pub recognitions: Vec<RecognitionCount>,
+    pub recognitions: Vec<RecognitionAnswerCount>,
     activities: UnitActivities,
 }
 
@@ -220,7 +220,7 @@ impl Evaluator {
         variant: TaskVariant,
         policy: usize,
         rounds: usize,
-    ) -> Result<PolicyEvaluation, RunError> {
+    ) -> Result<PolicyEvaluationResult, RunError> {
         let stream = &mut self.stream;
         stream.reseed(self.seed)?;
         let key = CacheKey { variant, episodes_per_env: rounds, policy };

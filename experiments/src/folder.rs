@@ -369,7 +369,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// As [`Learner::save`]; nothing is created if the learner cannot be saved.
-    pub fn create_packed(
+    pub fn create_with_learner(
         path: &Path,
         experiment: &Experiment,
         learner: &dyn Learner,

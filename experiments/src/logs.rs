@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::error::RunError;
-use crate::evaluation::{DormantUnitCounts, RecognitionCount, VariantScore};
+use crate::evaluation::{DormantUnitCounts, RecognitionAnswerCount, VariantScore};
 
 use crate::folder::{RunFolder, SAVED_TIMINGS_FILE, TIMINGS_FILE, crc32_hex};
 use crate::progress::{EvaluationReport, RolloutReport};
@@ -144,7 +144,7 @@ fn units_row(evaluation: &EvaluationReport, dormancy: &DormantUnitCounts) -> Dor
     }
 }
 
-fn recognition_row(recognition: &RecognitionCount) -> RecognitionRow {
+fn recognition_row(recognition: &RecognitionAnswerCount) -> RecognitionRow {
     RecognitionRow {
         group: recognition.group.name().to_owned(),
         element: recognition.element.to_string(),

@@ -67,7 +67,8 @@ fn check(threads: usize, data: u64) -> Result<(), RunError> {
     }
     // containers and machines limit resident memory instead of address space
     let needed = resident_bytes(threads, data);
-    let machine = available_memory_bytes().map(|left| Limit { name: MACHINE.to_owned(), left });
+    let machine =
+        available_machine_memory_bytes().map(|left| Limit { name: MACHINE.to_owned(), left });
     let mut limits = container_limit().into_iter().chain(machine);
     limits.try_for_each(|limit| limit.check(needed))
 }
@@ -173,7 +174,7 @@ fn used() -> u64 {
 
 /// Returns the memory (bytes) that programs can still take on this machine, free swap space
 /// included; `None` if the system does not report it.
-pub fn available_memory_bytes() -> Option<u64> {
+pub fn available_machine_memory_bytes() -> Option<u64> {
     available(&fs::read_to_string("/proc/meminfo").ok()?)
 }
 
@@ -196,7 +197,7 @@ mod tests {
     #[test]
     fn the_system_says_what_is_used_and_free() {
         assert!(used() > MEBIBYTE);
-        assert!(available_memory_bytes().is_some_and(|bytes| bytes > MEBIBYTE));
+        assert!(available_machine_memory_bytes().is_some_and(|bytes| bytes > MEBIBYTE));
         assert_eq!(line_kibibytes("VmSize:\t  12 kB\n", "VmSize"), Some(12));
         assert_eq!(line_kibibytes("VmSizes: 12 kB\n", "VmSize"), None);
         let meminfo = "MemFree: 1 kB\nMemAvailable: 5 kB\nSwapFree: 2 kB\n";

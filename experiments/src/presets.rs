@@ -1,7 +1,7 @@
 //! Preset experiments: a method and a budget.
 
 use clap::ValueEnum;
-use envs::{DomainRandomisation, ExtraViews, TaskGroup, VecEnvSettings};
+use envs::{ExtraViews, TaskGroup, VecEnvSettings, VisualDomainRandomisation};
 use rl::{NetworkSettings, PpoSettings, SymmetryLossSettings};
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
@@ -158,7 +158,7 @@ impl Method {
         let mut envs = VecEnvSettings { num_envs: NUM_ENVS, ..VecEnvSettings::default() };
         match self {
             Self::Paper => envs.camera.size = PAPER_PICTURES,
-            Self::CoversRandomised => envs.randomisation = Some(DomainRandomisation::NOMINAL),
+            Self::CoversRandomised => envs.randomisation = Some(VisualDomainRandomisation::NOMINAL),
             _ => {}
         }
         if self.shows_close_ups(budget) {
@@ -255,7 +255,7 @@ impl Budget {
     /// that rule, too.
     pub fn preset_with_run_settings(self, method: Method, run: &Experiment) -> Experiment {
         let mut preset = self.preset_experiment(method).with_seed(run.learner.seed());
-        preset.learner.inherit_removed_grouping(&run.learner);
+        preset.learner.copy_removed_grouping_from(&run.learner);
         Experiment {
             schedule: run.schedule.clone(),
             evaluation: run.evaluation,
@@ -283,7 +283,7 @@ impl Budget {
             Self::Full => standard([4, 12, 6, 31]),
             Self::TableProtocol => standard([6, 18, 9, 35]),
             Self::ZeroShot => standard([8, 27, 12, 40]),
-            Self::Ten => long(&TaskGroup::TEN),
+            Self::Ten => long(&TaskGroup::TEN_WITHOUT_GRASPING),
             Self::Mt10 => long(&TaskGroup::MT10),
             Self::All => long(&TaskGroup::ALL),
         };

@@ -149,7 +149,7 @@ impl TaskSchedule {
     ///
     /// # Errors
     /// A name that `tasks` or this schedule does not hold.
-    pub fn select_groups(
+    pub fn resolve_group_or_all(
         &self,
         name: Option<&str>,
         tasks: &TaskRegistry,

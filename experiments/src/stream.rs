@@ -115,7 +115,7 @@ impl SwitchableVecEnv {
         let size = settings.camera.size;
         EnvSpec {
             num_envs: settings.num_envs,
-            image_shape: [size, size, settings.camera.extra_views.num_channels()],
+            image_shape: [size, size, settings.camera.extra_views.num_total_channels()],
             vector_irreps: envs::VECTOR_OBSERVATION_IRREPS.to_vec(),
             action_irreps: envs::ACTION_IRREPS.to_vec(),
             choices: vec![],

@@ -73,7 +73,7 @@ impl CameraCalibration {
     ///
     /// `None` behind the camera, and beyond a fold of the distortion, where the formula leads to a
     /// pixel that shows another direction.
-    pub fn project_direction(&self, direction: DVec3) -> Option<[f64; 2]> {
+    pub fn project_world_direction(&self, direction: DVec3) -> Option<[f64; 2]> {
         let seen = self.extrinsics.rotation * direction;
         let straight = [seen.x / seen.z, seen.y / seen.z];
         let bent = self.distortion.distort(straight);
@@ -87,7 +87,7 @@ impl CameraCalibration {
 
     /// Returns the direction in the world, not of unit length, that the pixel at a column and row
     /// shows; `None` if the lens shows nothing there.
-    pub fn direction_of_pixel(&self, pixel: [f64; 2]) -> Option<DVec3> {
+    pub fn world_direction_of_pixel(&self, pixel: [f64; 2]) -> Option<DVec3> {
         let [x, y] = self.undistort_pixel(pixel)?;
         Some(self.extrinsics.rotation.transpose() * DVec3::new(x, y, 1.0))
     }
@@ -141,11 +141,11 @@ pub(crate) mod tests {
         };
         camera.check().unwrap();
         for pixel in [[0.5, 0.5], [639.5, 479.5], [100.2, 300.7]] {
-            let way = camera.direction_of_pixel(pixel).unwrap();
-            let [column, row] = camera.project_direction(7.0 * way).unwrap();
+            let way = camera.world_direction_of_pixel(pixel).unwrap();
+            let [column, row] = camera.project_world_direction(7.0 * way).unwrap();
             let off = (column - pixel[0]).hypot(row - pixel[1]);
             assert!(off < 1e-9, "{off}");
-            assert_eq!(camera.project_direction(-way), None, "behind");
+            assert_eq!(camera.project_world_direction(-way), None, "behind");
         }
     }
 
@@ -159,7 +159,7 @@ pub(crate) mod tests {
         let seen = DVec3::new(0.3, -0.2, 1.1);
         for (axis, way) in DVec3::AXES.into_iter().enumerate() {
             let [low, high] =
-                [-1e-6, 1e-6].map(|by| camera.project_direction(seen + by * way).unwrap());
+                [-1e-6, 1e-6].map(|by| camera.project_world_direction(seen + by * way).unwrap());
             for (part, slope) in camera.pixel_gradients(seen).into_iter().enumerate() {
                 let difference = (high[part] - low[part]) / 2e-6;
                 assert!((slope[axis] - difference).abs() < 1e-4, "{slope}");
@@ -172,7 +172,8 @@ pub(crate) mod tests {
         let camera = overhead();
         let point = DVec3::new(0.2, -0.1, 0.3);
         let [right, down] = camera.to_pinhole().project(point).unwrap();
-        let [column, row] = camera.project_direction(point - camera.camera_position()).unwrap();
+        let [column, row] =
+            camera.project_world_direction(point - camera.camera_position()).unwrap();
         let centre = camera.intrinsics.principal_point;
         assert!((column - centre[0] - right).abs() < 1e-9 && (row - centre[1] - down).abs() < 1e-9);
         assert!(column > centre[0] && row > centre[1], "x is right, -y down");
@@ -188,7 +189,7 @@ pub(crate) mod tests {
             extrinsics: Extrinsics { rotation: DMat3::IDENTITY, translation: DVec3::ZERO },
             ..overhead()
         };
-        let place = |x| camera.project_direction(DVec3::new(x, 0.0, 1.0));
+        let place = |x| camera.project_world_direction(DVec3::new(x, 0.0, 1.0));
         let [column, row] = place(0.6180339887498949).unwrap();
         assert!((column - 318.0 - 0.5 * 615.0).abs() < 1e-6 && row == 240.0);
         assert_eq!(place(1.0), None);

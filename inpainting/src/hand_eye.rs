@@ -262,8 +262,9 @@ impl Worst {
             let mut others = sightings.to_vec();
             let own = [others.remove(index)];
             let fit = minimised(best.with_sightings(&others)?);
-            let (residual, limit) = fit.with_sightings(&own)?.residuals_with_limits().next()?;
-            let (cost, others_fit) = (fit.sum_of_squares(), fit.is_within_limits());
+            let (residual, limit) =
+                fit.with_sightings(&own)?.residuals_with_noise_limits().next()?;
+            let (cost, others_fit) = (fit.sum_of_squares(), fit.is_within_noise_limits());
             Some(Self { index, residual, limit, cost, others_fit })
         });
         without.min_by(|a, b| a.cost.total_cmp(&b.cost))
@@ -284,7 +285,7 @@ fn outlier(best: &HandEyeFit<'_>) -> Option<Worst> {
     // survival function of Fisher's distribution with two degrees of freedom and those of the rest
     let left = best.degrees_of_freedom() - 2.0;
     let chance = ((worst.cost + floor) / (best.sum_of_squares() + floor)).powf(left / 2.0);
-    (count * chance < OUTLIER || !best.is_within_limits()).then_some(worst)
+    (count * chance < OUTLIER || !best.is_within_noise_limits()).then_some(worst)
 }
 
 /// Returns the error of arm poses that do not fit: of one pose if the others fit each other.
@@ -297,8 +298,9 @@ fn misfit(best: &HandEyeFit<'_>, start: &CameraCalibration, worst: &Worst) -> In
     let settings = *best.settings();
     let free = HandEyeSettings { ball_offset: BallOffsetInHand::Unknown, ..settings };
     let fit = self::best(start, free, best.sightings()).ok();
-    let fit = fit
-        .filter(|fit| settings.ball_offset != BallOffsetInHand::Unknown && fit.is_within_limits());
+    let fit = fit.filter(|fit| {
+        settings.ball_offset != BallOffsetInHand::Unknown && fit.is_within_noise_limits()
+    });
     InpaintingError::InconsistentPoses {
         pose,
         pixels,

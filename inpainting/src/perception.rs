@@ -131,7 +131,7 @@ fn rectification(
     let back = view.extrinsics.rotation.transpose();
     // a rotation about the camera's position maps rays, so the depth of the scene does not matter
     let place = |index| {
-        calibration.project_direction(back * view.pixel_ray(index / across, index % across))
+        calibration.project_world_direction(back * view.pixel_ray(index / across, index % across))
     };
     Warp::new([width, height], (0..view.num_pixels()).map(place))
 }
@@ -189,7 +189,7 @@ mod tests {
         let eye = camera.camera_position();
         let pixel = |index: usize| {
             let middle = [(index % width) as f64 + 0.5, (index / width) as f64 + 0.5];
-            let way = camera.direction_of_pixel(middle).unwrap();
+            let way = camera.world_direction_of_pixel(middle).unwrap();
             let capsule =
                 |ends: [DVec3; 2]| Capsule { ends: ends.map(|end| end - eye), radius: 0.04 };
             let on_table = eye - way * (eye.z / way.z);

@@ -10,8 +10,8 @@ mod threshold;
 
 pub use evidence::EvidenceGrouping;
 pub use grouping::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Grouping,
-    GroupingDecision, GroupingUpdateResult, RecognisedPolicy, RolloutEpisodes,
+    AssignmentData, AssignmentPurpose, EpisodeRequirements, Grouping, GroupingDecision,
+    GroupingUpdateInput, GroupingUpdateResult, RecognisedPolicy, RolloutEpisodes,
 };
 pub use oracle::{SinglePolicyGrouping, TaskLabel};
 pub use settings::{GroupingSettings, RemovedGroupingSettings};

@@ -13,14 +13,14 @@ mod tensor_file;
 pub use collection::read_checkpoint_note;
 pub use collection::{
     CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, PolicyTrainer,
-    Rollout, RolloutHandover, RolloutStep,
+    ReassignedRolloutHandling, Rollout, SingleEnvStep,
 };
 pub use covers::{CoversLearner, CoversSettings};
 pub use device::{DeviceChoice, LearningDevice};
-pub use learner::per_policy_column_names;
+pub use learner::per_policy_metric_names;
 pub use learner::{
     CheckpointExtent, IterationReport, IterationSeconds, Learner, MetricValue, Metrics,
-    PolicyEvaluation,
+    PolicyEvaluationResult,
 };
 pub use off_policy::{OffPolicyLearner, OffPolicySettings};
 pub use settings::LearnerSettings;

@@ -17,14 +17,15 @@ pub mod overrides;
 pub use error::LearnerError;
 pub use evidence::RequiredTrial;
 pub use groupings::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, EvidenceGrouping,
-    Grouping, GroupingDecision, GroupingSettings, GroupingUpdateResult, RecognisedPolicy,
-    RemovedGroupingSettings, RolloutEpisodes, SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
+    AssignmentData, AssignmentPurpose, EpisodeRequirements, EvidenceGrouping, Grouping,
+    GroupingDecision, GroupingSettings, GroupingUpdateInput, GroupingUpdateResult,
+    RecognisedPolicy, RemovedGroupingSettings, RolloutEpisodes, SinglePolicyGrouping, TaskLabel,
+    ThresholdGrouping,
 };
 pub use learners::{
     CheckpointExtent, CommonSettings, CoversLearner, CoversSettings, DeviceChoice, IterationReport,
     IterationSeconds, Learner, LearnerSettings, LearningDevice, MetricValue, Metrics,
     NewPolicyInit, OffPolicyLearner, OffPolicySettings, PolicyCollection, PolicyCollectionSettings,
-    PolicyEvaluation, PolicyTrainer, Rollout, RolloutHandover, RolloutStep,
-    per_policy_column_names, read_checkpoint_note,
+    PolicyEvaluationResult, PolicyTrainer, ReassignedRolloutHandling, Rollout, SingleEnvStep,
+    per_policy_metric_names, read_checkpoint_note,
 };

@@ -190,7 +190,8 @@ fn pointer(path: &str) -> String {
 }
 
 /// Returns the path of a setting that is most like `wanted`: one that ends with `wanted`, or else
-/// the nearest by edit distance among those with as many dots.
+/// the nearest by edit distance among those with as many dots, or else one of the same last name,
+/// as other methods have it under another path.
 fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let mut all = Vec::new();
     paths(tree, "", &mut all);
@@ -201,8 +202,10 @@ fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     // the learner's paths come last and are more likely, hence the search from the end
     let ends = all.iter().rfind(|path| path.ends_with(&ending)).copied();
     let depth = |path: &str| path.matches('.').count();
-    let alike = all.into_iter().filter(|path| depth(path) == depth(wanted));
-    ends.or_else(|| nearest(alike, wanted)).map(str::to_owned)
+    let alike = all.iter().copied().filter(|path| depth(path) == depth(wanted));
+    let last = |path: &str| path.rsplit('.').next().map(str::to_owned);
+    let namesake = || all.iter().rfind(|path| last(path) == last(wanted)).copied();
+    ends.or_else(|| nearest(alike, wanted)).or_else(namesake).map(str::to_owned)
 }
 
 /// Returns the nearest name by edit distance, up to three or a third of the length of `wanted`,
@@ -253,6 +256,14 @@ fn join(path: &str, name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_setting_of_another_method_is_found_by_its_last_name() {
+        let settings = serde_json::json!({"learner": {"off_policy": {"sac": {"gamma": 0.97}}}});
+        let nearest = nearest_path(&settings, "covers.ppo.gamma");
+        assert_eq!(nearest.as_deref(), Some("off_policy.sac.gamma"));
+        assert_eq!(nearest_path(&settings, "covers.ppo.epochs"), None);
+    }
 
     #[test]
     fn the_nearest_name_is_that_of_the_fewest_edits_and_the_first_of_equals() {

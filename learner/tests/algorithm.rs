@@ -3,7 +3,7 @@
 use cluster::PolicyVerdict;
 use learner::{
     CoversLearner, CoversSettings, GroupingSettings, IterationReport, Learner, LearnerSettings,
-    NewPolicyInit, RolloutHandover, TaskLabel,
+    NewPolicyInit, ReassignedRolloutHandling, TaskLabel,
 };
 use rl::VectorEnv;
 
@@ -143,7 +143,8 @@ fn a_rollout_that_changes_hands_is_collected_again_or_reused() {
         assert_eq!(each(&reports, |report| report.policy), groups);
         reports
     };
-    let (again, reused) = (run(RolloutHandover::CollectAgain), run(RolloutHandover::Reuse));
+    let (again, reused) =
+        (run(ReassignedRolloutHandling::CollectAgain), run(ReassignedRolloutHandling::Reuse));
     // the second rollout creates a policy, after another one
     assert_eq!(each(&again, |report| report.decisions), [100, 300, 200, 200]);
     assert_eq!(each(&reused, |report| report.decisions), [100, 200, 100, 100]);
@@ -158,13 +159,17 @@ fn a_buffer_grows_up_to_its_bound_or_without() {
         let settings = with(settings(), |s| s.buffer_episodes = buffer_episodes);
         let (covers, reports) = after(settings, &[0, 0, 0]);
         let decisions: usize = reports.iter().map(|report| report.decisions).sum();
-        (covers.num_buffered_episodes(0), decisions / HORIZON)
+        (covers.num_policy_buffer_episodes(0), decisions / HORIZON)
     };
     let (bounded, shown) = grown(Some(30));
     assert!(bounded == Some(30) && shown >= 60);
     let (unbounded, shown_all) = grown(None);
     assert_eq!(unbounded, Some(shown_all));
-    assert_eq!(after(settings(), &[0]).0.num_buffered_episodes(1), None, "there is one policy");
+    assert_eq!(
+        after(settings(), &[0]).0.num_policy_buffer_episodes(1),
+        None,
+        "there is one policy"
+    );
 }
 
 #[test]
@@ -200,7 +205,8 @@ fn the_papers_reading_learns_and_asks_for_its_images() {
     let settings = CoversSettings { network: settings().network, rollout_steps: 100, ..paper };
     let (covers, reports) = after(settings, &[0, 0, 1, 1]);
     assert_eq!(each(&reports, |report| (report.decisions, report.discarded)), [(100, 0); 4]);
-    let kept = (0..covers.policy_count()).map(|index| covers.num_buffered_episodes(index).unwrap());
+    let kept =
+        (0..covers.policy_count()).map(|index| covers.num_policy_buffer_episodes(index).unwrap());
     assert_eq!(kept.sum::<usize>(), 80);
 }
 

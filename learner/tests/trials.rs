@@ -5,9 +5,9 @@ use std::sync::{Arc, Mutex};
 
 use cluster::{AssignedPolicy, PolicyAssignment, PolicyEvidence, PolicyVerdict};
 use learner::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, CheckpointExtent, CoversLearner,
-    CoversSettings, EpisodeRequirements, Grouping, GroupingDecision, GroupingUpdateResult, Learner,
-    LearnerError, OffPolicyLearner, OffPolicySettings, RequiredTrial,
+    AssignmentData, AssignmentPurpose, CheckpointExtent, CoversLearner, CoversSettings,
+    EpisodeRequirements, Grouping, GroupingDecision, GroupingUpdateInput, GroupingUpdateResult,
+    Learner, LearnerError, OffPolicyLearner, OffPolicySettings, RequiredTrial,
 };
 use rand_chacha::ChaCha8Rng;
 use rl::{CriticSettings, SacSettings, VectorEnv};
@@ -56,7 +56,7 @@ impl Grouping for Script {
 
     fn assign(
         &mut self,
-        request: AssignmentRequest<'_>,
+        request: AssignmentPurpose<'_>,
         data: &mut dyn AssignmentData,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
@@ -66,7 +66,7 @@ impl Grouping for Script {
         let with_trial = |decision| with_trial(decision, self.is_provisional);
         let decision = self.decisions[self.iterations - 1];
         Ok(match request {
-            AssignmentRequest::Assign { allow_undecided } => {
+            AssignmentPurpose::Assign { allow_undecided } => {
                 assert!(allow_undecided);
                 let clouds = data.clouds()?;
                 let kept = clouds.iter().map(|cloud| cloud.buffer.num_episodes());
@@ -78,8 +78,8 @@ impl Grouping for Script {
                     ..with_trial(if is_first { AssignedPolicy::Undecided } else { decision })
                 }
             }
-            AssignmentRequest::Confirm { .. } if !self.trials.is_empty() => self.trials.remove(0),
-            AssignmentRequest::Confirm { proposal, .. } => {
+            AssignmentPurpose::Confirm { .. } if !self.trials.is_empty() => self.trials.remove(0),
+            AssignmentPurpose::Confirm { proposal, .. } => {
                 let mut rejected = proposal.rejected.clone();
                 assert!(!rejected.contains(&collector), "{collector} was rejected");
                 let stays = !self.rejects.contains(&collector);
@@ -94,18 +94,18 @@ impl Grouping for Script {
                     })
                 }
             }
-            AssignmentRequest::Recognise => panic!("nothing is recognised"),
+            AssignmentPurpose::Recognise => panic!("nothing is recognised"),
         })
     }
 
     fn update(
         &mut self,
-        assigned: AssignedEpisodes<'_>,
+        assigned: GroupingUpdateInput<'_>,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingUpdateResult, LearnerError> {
         let mut update = GroupingUpdateResult::default();
         match assigned {
-            AssignedEpisodes::Rollout { policy, episodes, .. } => {
+            GroupingUpdateInput::Rollout { policy, episodes, .. } => {
                 self.iterations += 1;
                 self.is_doubted = false;
                 self.trajectories.lock().unwrap().push(episodes.trajectories.len());
@@ -113,7 +113,7 @@ impl Grouping for Script {
                 update.changepoint = self.end;
                 update.probe = duplicates.map(|(kept, _)| kept);
             }
-            AssignedEpisodes::Probes { policy, probes } => {
+            GroupingUpdateInput::Probes { policy, probes } => {
                 let (kept, _) = self.duplicates.unwrap();
                 let collectors: Vec<usize> = probes.iter().map(|probe| probe.collector).collect();
                 if let [collector] = collectors[..] {

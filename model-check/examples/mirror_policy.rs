@@ -37,7 +37,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut scratch = network.allocate_scratch(1);
     let mut act = |vector: &[f64]| {
         let mut channels = vec![0.0; outputs.dim()];
-        let input = observation.to_irreps(group, vector);
+        let input = observation.vector_to_irreps(group, vector);
         network.forward(&params, &input, &mut channels, &mut scratch);
         maps.ctrl.from_irreps(group, &channels)
     };

@@ -80,8 +80,8 @@ fn divergence(model: &Arc<Model>, maps: &SymmetryMaps) -> Result<f64, SimError> 
         };
         let forces: Vec<f64> = amplitudes.iter().enumerate().map(wave).collect();
         let controls: Vec<f64> = reaches.iter().enumerate().map(wave).collect();
-        motion.set_ctrl(&controls)?;
-        other.set_ctrl(&maps.ctrl.apply(&controls))?;
+        motion.set_all_ctrl(&controls)?;
+        other.set_all_ctrl(&maps.ctrl.apply(&controls))?;
         motion.set_applied_forces(&forces);
         other.set_applied_forces(&maps.qvel.apply(&forces));
         motion.step(1)?;

@@ -90,7 +90,8 @@ impl SignedPermutation {
         }
     }
 
-    /// Returns the irrep of each entry of [`SignedPermutation::to_irreps`] before it is sorted.
+    /// Returns the irrep of each entry of [`SignedPermutation::vector_to_irreps`] before it is
+    /// sorted.
     fn irreps(&self, group: Group) -> Vec<Irrep> {
         let odd = group.irreps()[1];
         let entries = self.sources.iter().zip(&self.signs).enumerate();
@@ -103,8 +104,8 @@ impl SignedPermutation {
         entries.map(irrep).collect()
     }
 
-    /// Returns the field type of the channels of [`SignedPermutation::to_irreps`], under a group of
-    /// two elements.
+    /// Returns the field type of the channels of [`SignedPermutation::vector_to_irreps`], under a
+    /// group of two elements.
     ///
     /// # Panics
     /// If the group has not two elements.
@@ -117,7 +118,7 @@ impl SignedPermutation {
     ///
     /// # Panics
     /// As [`SignedPermutation::apply`] and [`SignedPermutation::field_type`].
-    pub fn to_irreps(&self, group: Group, vector: &[f64]) -> Vec<f64> {
+    pub fn vector_to_irreps(&self, group: Group, vector: &[f64]) -> Vec<f64> {
         let image = self.apply(vector);
         let mixed: Vec<f64> = (0..vector.len())
             .map(|at| match self.sources[at].cmp(&at) {
@@ -130,10 +131,10 @@ impl SignedPermutation {
     }
 
     /// Converts channels of [`SignedPermutation::field_type`] to a vector, the inverse of
-    /// [`SignedPermutation::to_irreps`].
+    /// [`SignedPermutation::vector_to_irreps`].
     ///
     /// # Panics
-    /// As [`SignedPermutation::to_irreps`].
+    /// As [`SignedPermutation::vector_to_irreps`].
     pub fn from_irreps(&self, group: Group, channels: &[f64]) -> Vec<f64> {
         let order = irrep_major_permutation(group, &self.irreps(group));
         let mut mixed = vec![0.0; channels.len()];

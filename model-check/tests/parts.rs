@@ -105,10 +105,10 @@ fn maps_turn_sensor_data_into_those_of_the_mirrored_state() {
         qpos[3..7].iter_mut().for_each(|part| *part /= norm);
         data.qpos_mut().copy_from_slice(&qpos);
         data.qvel_mut().copy_from_slice(&qvel);
-        data.set_ctrl(&ctrl).unwrap();
+        data.set_all_ctrl(&ctrl).unwrap();
         mirrored.qpos_mut().copy_from_slice(&maps.qpos.apply(&qpos));
         mirrored.qvel_mut().copy_from_slice(&maps.qvel.apply(&qvel));
-        mirrored.set_ctrl(&maps.ctrl.apply(&ctrl)).unwrap();
+        mirrored.set_all_ctrl(&maps.ctrl.apply(&ctrl)).unwrap();
         data.forward().unwrap();
         mirrored.forward().unwrap();
         let expected = maps.sensordata.as_ref().unwrap().apply(data.sensor_data());
@@ -118,11 +118,11 @@ fn maps_turn_sensor_data_into_those_of_the_mirrored_state() {
         assert!(data.sensor_data().iter().any(|value| value.abs() > 0.1));
         // channels of irreps: the even ones stay, the odd ones change sign
         let (group, flip) = (maps.group, maps.group.elements()[1]);
-        let mut channels = maps.qvel.to_irreps(group, &qvel);
+        let mut channels = maps.qvel.vector_to_irreps(group, &qvel);
         let back = maps.qvel.from_irreps(group, &channels);
         assert!(back.iter().zip(&qvel).all(|(a, b)| (a - b).abs() < 1e-12));
         maps.qvel.field_type(group).transform_channels(flip, &mut channels);
-        let image = maps.qvel.to_irreps(group, &maps.qvel.apply(&qvel));
+        let image = maps.qvel.vector_to_irreps(group, &maps.qvel.apply(&qvel));
         assert!(channels.iter().zip(&image).all(|(a, b)| (a - b).abs() < 1e-12));
     }
 }

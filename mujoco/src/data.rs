@@ -157,7 +157,7 @@ impl Data {
     ///
     /// # Errors
     /// [`SimError::WrongLength`]; [`SimError::NotFinite`] (MuJoCo would set every control to zero).
-    pub fn set_ctrl(&mut self, ctrl: &[f64]) -> Result<(), SimError> {
+    pub fn set_all_ctrl(&mut self, ctrl: &[f64]) -> Result<(), SimError> {
         check_length(SimQuantity::Ctrl, self.model.nu(), ctrl.len())?;
         check_finite(SimQuantity::Ctrl, ctrl)?;
         self.values_mut(&CTRL).copy_from_slice(ctrl);

@@ -24,7 +24,7 @@ fn data(xml: &str) -> Data {
 #[test]
 fn a_constant_force_accelerates() {
     let mut data = data(CART);
-    data.set_ctrl(&[2.0]).unwrap();
+    data.set_all_ctrl(&[2.0]).unwrap();
     data.step(10).unwrap();
     assert!((data.time() - 0.02).abs() < 1e-12);
     assert!((data.qvel()[0] - 2.0 * 0.02).abs() < 1e-12);
@@ -87,7 +87,7 @@ fn huge_controls_and_forces_diverge() {
     let strong = CART.replace("<motor ", r#"<motor gear="1000" "#);
     for (control, expected) in [(1e300, SimQuantity::Ctrl), (9e9, SimQuantity::Qacc)] {
         let mut data = data(&strong);
-        data.set_ctrl(&[control]).unwrap();
+        data.set_all_ctrl(&[control]).unwrap();
         assert!(matches!(data.step(1), Err(SimError::Diverged { what, .. }) if what == expected));
     }
 }
@@ -95,12 +95,12 @@ fn huge_controls_and_forces_diverge() {
 #[test]
 fn controls_that_are_not_finite_are_refused() {
     let mut data = data(CART);
-    data.set_ctrl(&[0.5]).unwrap();
+    data.set_all_ctrl(&[0.5]).unwrap();
     for value in [f64::NAN, f64::INFINITY] {
-        let error = data.set_ctrl(&[value]).unwrap_err();
+        let error = data.set_all_ctrl(&[value]).unwrap_err();
         assert_eq!(error.to_string(), format!("ctrl[0] is {value}, which is not finite"));
     }
-    let error = data.set_ctrl(&[0.0, 1.0]).unwrap_err();
+    let error = data.set_all_ctrl(&[0.0, 1.0]).unwrap_err();
     assert_eq!(error, SimError::WrongLength { what: SimQuantity::Ctrl, expected: 1, got: 2 });
     assert_eq!(data.ctrl(), [0.5], "a refused control changes nothing");
 }

@@ -34,7 +34,7 @@ fn drive(data: &mut Data, steps: std::ops::Range<usize>) {
     for step in steps {
         let phase = step as f64 * 0.05;
         data.set_mocap_position(target, [0.2 * phase.sin(), 0.1 * phase.cos(), 0.05]).unwrap();
-        data.set_ctrl(&[phase.cos()]).unwrap();
+        data.set_all_ctrl(&[phase.cos()]).unwrap();
         data.step(1).unwrap();
     }
 }

@@ -10,8 +10,8 @@ mod training;
 use std::sync::{Mutex, PoisonError};
 
 use envs::{
-    Camera, DomainRandomisation, Embodiment, EnvCommand, EnvError, EnvFailure, EnvSnapshot, Layout,
-    ObservationsMut, StepResultsMut, ViewSettings,
+    Camera, Embodiment, EnvCommand, EnvError, EnvFailure, EnvSnapshot, Layout, ObservationsMut,
+    StepResultsMut, ViewSettings, VisualDomainRandomisation,
 };
 use envs::{VecEnv, VecEnvSettings};
 use numpy::{Element, PyReadonlyArray1, PyReadonlyArray2};
@@ -110,7 +110,7 @@ impl Core {
 
     /// Returns the number of channels of an observation's image.
     fn image_channels(&self, py: Python<'_>) -> PyResult<usize> {
-        self.with(py, |env| Ok(env.settings().camera.extra_views.num_channels()))
+        self.with(py, |env| Ok(env.settings().camera.extra_views.num_total_channels()))
     }
 
     /// Returns the settings that determine observations and the effect of actions: keywords of
@@ -302,7 +302,7 @@ fn find_camera(fields: &str) -> PyResult<Camera> {
 }
 
 /// Returns the randomisation of a JSON object, with defaults for fields that it lacks.
-fn find_randomisation(fields: Option<&str>) -> PyResult<Option<DomainRandomisation>> {
+fn find_randomisation(fields: Option<&str>) -> PyResult<Option<VisualDomainRandomisation>> {
     let refused = |error| value_error(format!("setting `randomisation`: {error}"));
     fields.map(|fields| serde_json::from_str(fields).map_err(refused)).transpose()
 }

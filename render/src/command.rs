@@ -67,7 +67,8 @@ impl RenderOptions {
         let target = OutputFile::new(&self.out)?;
         let folder = RunFolder::from_path(&self.run);
         let schedule = folder.read_experiment()?.schedule;
-        let groups = schedule.select_groups(self.group.as_deref(), &TaskRegistry::with_all())?;
+        let groups =
+            schedule.resolve_group_or_all(self.group.as_deref(), &TaskRegistry::with_all())?;
         let threads = self.threads.count();
         let mut player = PolicyPlayer::load(&folder, threads)?;
         target.prepare()?;

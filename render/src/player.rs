@@ -14,7 +14,7 @@ use super::gif::encode_gif;
 use super::grid::{FilmGridCell, FilmGridRow, compose_film_grid};
 use super::recorder::{EpisodeRecordingEnv, FilmView};
 
-/// Length, in decisions, of a film of [`film_task_groups`]: three seconds of simulated time.
+/// Length, in decisions, of a film of [`film_groups_to_gifs`]: three seconds of simulated time.
 const DECISIONS: usize = 24;
 
 /// Settings of films of policies: groups, views, length and seed.
@@ -146,7 +146,7 @@ impl PolicyPlayer {
 ///
 /// # Errors
 /// A folder without policies; errors of the environments and the learner.
-pub fn film_task_groups(
+pub fn film_groups_to_gifs(
     folder: &RunFolder,
     threads: usize,
 ) -> Result<Vec<(String, Vec<u8>)>, RunError> {

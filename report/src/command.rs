@@ -8,7 +8,7 @@ use clap::Args;
 use crate::events::write_tensorboard_events;
 use experiments::cli::{ThreadCountOption, print_escaped};
 use experiments::{GroupFilm, RunData, RunError, RunFolder};
-use render::film_task_groups;
+use render::film_groups_to_gifs;
 use symmetry::D2;
 
 use super::error::ReportError;
@@ -98,7 +98,7 @@ fn read_run(path: &Path) -> Result<RunData, RunError> {
 /// there are none.
 fn film(path: &Path, run: &mut RunData) -> Result<String, RunError> {
     let threads = ThreadCountOption { threads: None }.count();
-    match film_task_groups(&RunFolder::from_path(path), threads) {
+    match film_groups_to_gifs(&RunFolder::from_path(path), threads) {
         Ok(films) => {
             run.films = films.into_iter().map(|(group, gif)| GroupFilm { group, gif }).collect();
             let size: usize = run.films.iter().map(|film| film.gif.len()).sum();

@@ -89,9 +89,9 @@ fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
 }
 
 /// Draws one SVG for each seed with more than one evaluation, with a panel for each method that ran
-/// with it: success in each group as dots, and the mean over all groups, visited or not yet visited,
-/// as a line. The line of a method that forgets falls.
-pub fn success_by_seed_svgs(methods: &[MethodRuns]) -> Vec<(u64, String)> {
+/// with it: success in each group as dots, and the mean over all groups, visited or not yet
+/// visited, as a line. The line of a method that forgets falls.
+pub fn success_svg_per_seed(methods: &[MethodRuns]) -> Vec<(u64, String)> {
     let runs = methods.iter().flat_map(|method| &method.runs);
     let is_curve = |run: &&RunData| run.rollouts_before_evaluations().count() > 1;
     let mut seeds: Vec<u64> = runs.filter(is_curve).map(seed_of).collect();
@@ -122,7 +122,7 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
         // more room than above, since this panel is lower and its dots are as large
         drawing.begin_panel(name, LOW_PANEL, [-0.05, 1.05], &SUCCESS_TICKS);
         visits(&mut drawing, run);
-        drawing.add_line(&success_over_stream(run), &LineStyle::solid(TEXT_COLOUR));
+        drawing.add_line(&stream_success_curve(run), &LineStyle::solid(TEXT_COLOUR));
         evaluations(&mut drawing, run, |row| row.success);
     }
     drawing.into_svg(&format!("Success of all methods, seed {seed}"))
@@ -130,7 +130,7 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
 
 /// Returns a point (training decisions, mean success over all task variants) for each evaluation of
 /// a run.
-pub fn success_over_stream(run: &RunData) -> Vec<(f64, f64)> {
+pub fn stream_success_curve(run: &RunData) -> Vec<(f64, f64)> {
     run.rollouts_before_evaluations()
         .map(|rollouts| {
             let rows: Vec<&ScoreRow> = run.scores_after(Some(rollouts)).collect();

@@ -3,7 +3,7 @@
 
 use experiments::colours::{LineStyle, curve_style};
 
-use super::curves::{decisions_axis_label, success_over_stream};
+use super::curves::{decisions_axis_label, stream_success_curve};
 use super::efficiency::success_curve;
 use super::method::MethodRuns;
 use super::svg::{DOT_RADIUS, SvgPlot};
@@ -45,7 +45,7 @@ pub fn group_learning_curves_svg(methods: &[MethodRuns], group: &str) -> Option<
 /// Draws learning curves over the stream as SVG: each method's success with mean actions, averaged
 /// over all groups; `None` if no method was scored twice.
 pub fn stream_learning_curves_svg(methods: &[MethodRuns]) -> Option<String> {
-    curves_svg(methods, "all groups", "decisions", success_over_stream)
+    curves_svg(methods, "all groups", "decisions", stream_success_curve)
 }
 
 /// Draws one curve for each method: `curve` of its runs, averaged.

@@ -28,7 +28,7 @@ const SCRIPT: &str = include_str!("page.js");
 
 /// Returns the self-contained HTML page of a report on these methods, with charts over these
 /// groups, and these tables.
-pub fn html_page(
+pub fn report_html(
     methods: &[MethodRuns],
     groups: &[String],
     tables: &[(&str, ReportTable)],
@@ -208,7 +208,7 @@ fn each_seed(methods: &[MethodRuns], runs: &[&RunData]) -> String {
     if runs.iter().all(|run| run.rollouts_before_evaluations().count() < 2) {
         return String::new();
     }
-    let seeds = curves::success_by_seed_svgs(methods).into_iter();
+    let seeds = curves::success_svg_per_seed(methods).into_iter();
     let seeds = seeds.map(|(seed, svg)| format!("<h3>Seed {seed}</h3>\n{}", chart_html(&svg)));
     seeds.collect()
 }
@@ -357,7 +357,7 @@ mod tests {
         let mut run = RunData::empty("<b>-seed0", Budget::Smoke.preset_experiment(Method::Covers));
         run.timings = vec![TimingRow::default()];
         let methods = MethodRuns::group_by_method(vec![run]).unwrap();
-        let page = html_page(&methods, &[], &[]);
+        let page = report_html(&methods, &[], &[]);
         assert!(page.contains("Report on &lt;b&gt;") && !page.contains("<b>"));
         for outside in ["src=", "href=\"http", "url(", "@import"] {
             assert!(!page.contains(outside), "{outside}");

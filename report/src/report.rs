@@ -7,7 +7,7 @@ use experiments::{RunData, RunError};
 
 use super::error::ReportError;
 use super::method::MethodRuns;
-use super::page::html_page;
+use super::page::report_html;
 use super::table::ReportTable;
 use super::{charts, curves, learning_curves, tables};
 
@@ -38,7 +38,7 @@ impl Report {
     /// Returns the report as one self-contained HTML page, which needs neither network nor other
     /// files.
     pub fn html(&self) -> String {
-        html_page(&self.methods, &tables::common_groups(&self.methods), &self.tables)
+        report_html(&self.methods, &tables::common_groups(&self.methods), &self.tables)
     }
 
     /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each run,
@@ -55,7 +55,7 @@ impl Report {
         write("report.html", self.html())?;
         write("report.md", self.markdown())?;
         // an earlier report may have left tables that this one does not have
-        for name in tables::OPTIONAL_TABLE_NAMES {
+        for name in tables::OPTIONAL_REPORT_TABLES {
             for ending in ["csv", "tex"] {
                 remove(&folder.join(format!("{name}.{ending}")))?;
             }
@@ -79,7 +79,7 @@ impl Report {
                 (format!("{}-seed{seed}", method.name), curves::run_curves_svg(run))
             })
         });
-        let seeds = curves::success_by_seed_svgs(&self.methods)
+        let seeds = curves::success_svg_per_seed(&self.methods)
             .into_iter()
             .map(|(seed, drawing)| (format!("seed{seed}"), drawing));
         let groups = tables::common_groups(&self.methods);

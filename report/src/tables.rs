@@ -19,7 +19,8 @@ const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-Wo
     built for exact symmetry, so success rates do not compare one to one";
 
 /// Names of the tables that not every report has.
-pub const OPTIONAL_TABLE_NAMES: [&str; 4] = ["comparisons", "visits", "efficiency", "recognition"];
+pub const OPTIONAL_REPORT_TABLES: [&str; 4] =
+    ["comparisons", "visits", "efficiency", "recognition"];
 
 /// Returns all tables of a report on these methods, each with a name, for the groups that every run
 /// was scored on. The first method is compared with the others.

@@ -13,7 +13,7 @@ use crate::error::RlError;
 /// Kernel size, stride and padding of a convolution that halves an image: 4 x 4, 2 and 1 pixels. On
 /// images with even sides its windows lie symmetrically, since (size + 2 - 4) mod 2 = 0, so the
 /// layer is exactly equivariant.
-const HALVING_WINDOW: SlidingWindow = SlidingWindow::new(4, 2, 1);
+const HALVING_CONV_WINDOW: SlidingWindow = SlidingWindow::new(4, 2, 1);
 /// Kernel size, stride and padding of a convolution that keeps an image's size: 3 x 3, 1 and 1
 /// pixels.
 const SAME_SIZE_WINDOW: SlidingWindow = SlidingWindow::new(3, 1, 1);
@@ -222,7 +222,7 @@ impl<T: Scalar> EncoderBuilder<T> {
     }
 
     fn conv_relu_halvings(&mut self, fields: &[usize]) -> Result<(), RlError> {
-        fields.iter().try_for_each(|&fields| self.conv_relu(fields, HALVING_WINDOW))
+        fields.iter().try_for_each(|&fields| self.conv_relu(fields, HALVING_CONV_WINDOW))
     }
 
     fn conv_relu(&mut self, fields: usize, kernel: SlidingWindow) -> Result<(), RlError> {

@@ -11,7 +11,7 @@ use crate::env::EnvSpec;
 use crate::error::RlError;
 use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::trunk::{
-    HasTrunk, HasTrunkWorkspace, LayerBuffers, ParamAllocator, Trunk, TrunkWorkspace, head,
+    HasTrunk, HasTrunkWorkspace, LayerWorkspace, ParamAllocator, Trunk, TrunkWorkspace, head,
 };
 
 /// The policy network of COVERS, an equivariant actor and an invariant critic on shared features
@@ -175,8 +175,8 @@ pub struct ActorCriticWorkspace<T> {
     /// Gradient of the loss with respect to `log_std`, `[A]`; set before the backward pass.
     pub d_log_std: Vec<f64>,
     trunk: TrunkWorkspace<T>,
-    actor: LayerBuffers<T>,
-    critic: LayerBuffers<T>,
+    actor: LayerWorkspace<T>,
+    critic: LayerWorkspace<T>,
     /// Length n * F of the last forward pass's features, for n samples with F features each.
     features_len: usize,
 }
@@ -200,8 +200,8 @@ impl<T: Scalar> ActorCritic<T> {
             d_value: vec![0.0; capacity],
             d_log_std: vec![0.0; action],
             trunk: self.trunk.new_workspace(capacity),
-            actor: LayerBuffers::new(&self.actor, capacity),
-            critic: LayerBuffers::new(&self.critic, capacity),
+            actor: LayerWorkspace::new(&self.actor, capacity),
+            critic: LayerWorkspace::new(&self.critic, capacity),
             features_len: 0,
         }
     }

@@ -94,7 +94,7 @@ impl ProcessRanks {
             results
         };
         let share = |count| self.local_range(count);
-        chunks.accumulate_distributed_gradients(num_samples, gradient, share, complete, f)
+        chunks.accumulate_gradients_across_processes(num_samples, gradient, share, complete, f)
     }
 }
 

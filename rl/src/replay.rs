@@ -22,7 +22,7 @@ use crate::rollout::ExperienceBuffer;
 /// Images are stored as bytes. An episode's observations are stored consecutively, so that each is
 /// stored once, although it ends one step and begins the next; still channels
 /// ([`ReplaySettings::still_channels`]) are stored once for each episode. Dropped steps stay in
-/// memory while they are [history](ReplayStep::step_before) of later ones of their episode.
+/// memory while they are [history](ReplayStep::nth_step_before) of later ones of their episode.
 ///
 /// [`collect_experience`](crate::collect_experience) fills it; [`ReplayBuffer::push`] does the same
 /// by hand.
@@ -218,7 +218,7 @@ impl ReplayBuffer {
                 &begun
             }
         };
-        if !episode.ends_with_observation(&self.sizes, image, vector) {
+        if !episode.last_observation_equals(&self.sizes, image, vector) {
             return Err(RlError::EpisodeNotContinued { env });
         }
         if !episode.has_same_still_channels(&self.sizes, next_image) {
@@ -425,7 +425,7 @@ impl<'a> ReplayStep<'a> {
     /// Returns the step `count` steps before this one in its episode; `None` if the episode begins
     /// later or that step is no longer stored. At least 256 dropped steps of an episode longer than
     /// the buffer's capacity remain available.
-    pub fn step_before(&self, count: usize) -> Option<Self> {
+    pub fn nth_step_before(&self, count: usize) -> Option<Self> {
         let step = self.step.checked_sub(count)?;
         Some(Self { step, ..*self })
     }

@@ -48,9 +48,9 @@ pub struct Trunk<T> {
 /// samples.
 #[derive(Clone, Debug)]
 pub struct TrunkWorkspace<T> {
-    image: Option<EncoderBuffers<T>>,
-    vector: Option<LayerBuffers<T>>,
-    pool: LayerBuffers<T>,
+    image: Option<EncoderWorkspace<T>>,
+    vector: Option<LayerWorkspace<T>>,
+    pool: LayerWorkspace<T>,
 }
 
 /// A network that begins with a [`Trunk`], the layers that its actor and critics share.
@@ -143,9 +143,9 @@ impl<T: Scalar> Trunk<T> {
     pub fn new_workspace(&self, capacity: usize) -> TrunkWorkspace<T> {
         let (encoder, vector) = (self.encoder.as_ref(), self.vector.as_ref());
         TrunkWorkspace {
-            image: encoder.map(|encoder| EncoderBuffers::new(encoder, capacity)),
-            vector: vector.map(|vector| LayerBuffers::new(vector, capacity)),
-            pool: LayerBuffers::new(&self.pool, capacity),
+            image: encoder.map(|encoder| EncoderWorkspace::new(encoder, capacity)),
+            vector: vector.map(|vector| LayerWorkspace::new(vector, capacity)),
+            pool: LayerWorkspace::new(&self.pool, capacity),
         }
     }
 
@@ -366,7 +366,7 @@ impl ParamAllocator {
 /// Buffers of one layer for up to a fixed number of samples: input, output, their gradients, and
 /// scratch memory.
 #[derive(Clone, Debug)]
-pub(crate) struct LayerBuffers<T> {
+pub(crate) struct LayerWorkspace<T> {
     pub x: Vec<T>,
     pub y: Vec<T>,
     pub dx: Vec<T>,
@@ -374,7 +374,7 @@ pub(crate) struct LayerBuffers<T> {
     scratch: Scratch<T>,
 }
 
-impl<T: Scalar> LayerBuffers<T> {
+impl<T: Scalar> LayerWorkspace<T> {
     pub fn new(layer: &impl Layer<T>, samples: usize) -> Self {
         let zeros = |len| vec![T::ZERO; len];
         let (input, output) = (samples * layer.in_shape().len(), samples * layer.out_shape().len());
@@ -427,7 +427,7 @@ impl<T: Scalar> LayerBuffers<T> {
 /// Buffers of an image encoder for up to a fixed number of images: their pixels, its output with
 /// the gradient, and scratch memory.
 #[derive(Clone, Debug)]
-pub(crate) struct EncoderBuffers<T> {
+pub(crate) struct EncoderWorkspace<T> {
     /// Pixels of N images `[N, H, W, C]`, one byte for each channel.
     pub pixels: Vec<u8>,
     pub y: Vec<T>,
@@ -435,7 +435,7 @@ pub(crate) struct EncoderBuffers<T> {
     scratch: Scratch<T>,
 }
 
-impl<T: Scalar> EncoderBuffers<T> {
+impl<T: Scalar> EncoderWorkspace<T> {
     pub fn new(encoder: &Sequential<T>, samples: usize) -> Self {
         let output = samples * encoder.out_shape().len();
         Self {

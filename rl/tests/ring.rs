@@ -55,10 +55,10 @@ fn check(replay: &ReplayBuffer, all: &[Step]) {
             let mut seen = step.seen;
             seen.at -= count;
             let outcome = StepOutcome::Running;
-            let earlier = recorded.step_before(count).unwrap();
+            let earlier = recorded.nth_step_before(count).unwrap();
             assert!(is(earlier, &Step { seen, outcome }), "{i}, {count}");
         }
-        assert!(recorded.step_before(step.seen.at + 1).is_none(), "{i}");
+        assert!(recorded.nth_step_before(step.seen.at + 1).is_none(), "{i}");
     }
 }
 
@@ -147,7 +147,7 @@ fn an_endless_episode_is_forgotten_from_its_front() {
         let oldest = replay.get(0);
         let count = oldest.index_in_episode().min(256);
         assert_eq!(
-            oldest.step_before(count).unwrap().index_in_episode(),
+            oldest.nth_step_before(count).unwrap().index_in_episode(),
             oldest.index_in_episode() - count
         );
     }

@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     arm.import_notes()
         .iter()
-        .chain(arm.missing_collision_shapes())
+        .chain(arm.missing_shape_reasons())
         .for_each(|note| eprintln!("{note}"));
     if env::var_os("MJCF").is_some() {
         let mjcf = arm.to_mjcf(&MjcfSettings {

@@ -41,8 +41,5 @@ fn facts(robot: &RobotDescription) -> String {
     let shares: Vec<_> = robot.joints().iter().filter_map(share).collect();
     let masses = robot.links().iter().filter_map(|link| Some(link.inertia?.mass));
     let links: Vec<&String> = robot.links().iter().map(|link| &link.name).collect();
-    format!(
-        "{:?}",
-        (links, masses.sum::<f64>(), shares, postures, robot.missing_collision_shapes())
-    )
+    format!("{:?}", (links, masses.sum::<f64>(), shares, postures, robot.missing_shape_reasons()))
 }

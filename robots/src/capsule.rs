@@ -17,7 +17,7 @@ pub struct Capsule {
 
 impl Capsule {
     /// Returns the signed distance of `point` from the surface (metres), negative inside.
-    pub fn signed_distance(&self, point: DVec3) -> f64 {
+    pub fn signed_distance_to_point(&self, point: DVec3) -> f64 {
         let [start, end] = self.ends;
         let (axis, way) = (end - start, point - start);
         // the axis of a sphere has length zero: avoid 0 / 0
@@ -212,10 +212,14 @@ mod tests {
         for corner in 0..8 {
             let sign = |bit: u32| if corner >> bit & 1 == 0 { -1.0 } else { 1.0 };
             let point = DVec3::new(sign(0), sign(1), sign(2)) * half_extents;
-            let outside = capsule.signed_distance((link * shape.pose).transform_point(point));
+            let outside =
+                capsule.signed_distance_to_point((link * shape.pose).transform_point(point));
             assert!(outside.abs() < 1e-12, "{outside}");
         }
-        assert!(capsule.signed_distance((link * shape.pose).transform_point(1.9 * DVec3::Y)) > 1.0);
+        assert!(
+            capsule.signed_distance_to_point((link * shape.pose).transform_point(1.9 * DVec3::Y))
+                > 1.0
+        );
     }
 
     #[test]

@@ -231,7 +231,7 @@ impl RobotDescription {
 
     /// Returns the collision shapes that are missing, with reasons: meshes that could not be read,
     /// and shapes of a size below 1e-6 m.
-    pub fn missing_collision_shapes(&self) -> &[String] {
+    pub fn missing_shape_reasons(&self) -> &[String] {
         &self.missing_shapes
     }
 
@@ -378,7 +378,7 @@ impl RobotDescription {
     }
 
     /// Returns capsules in the world that enclose all shapes of the robot in `positions`, each with
-    /// the index of its link. [`RobotDescription::missing_collision_shapes`] names shapes that are
+    /// the index of its link. [`RobotDescription::missing_shape_reasons`] names shapes that are
     /// not among them.
     ///
     /// # Panics

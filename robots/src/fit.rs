@@ -96,7 +96,7 @@ mod tests {
             let points: Vec<DVec3> =
                 points.into_iter().map(|point| stretch * DVec3::from_array(point)).collect();
             let capsule = bounding_capsule(&points).enclosing_capsules(&Pose::IDENTITY)[0];
-            let outside = points.iter().map(|&point| capsule.signed_distance(point));
+            let outside = points.iter().map(|&point| capsule.signed_distance_to_point(point));
             let furthest = outside.fold(f64::NEG_INFINITY, f64::max);
             prop_assert!(furthest.abs() < 2.1 * MIN_SHAPE_SIZE, "{furthest}");
         }

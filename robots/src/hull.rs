@@ -69,7 +69,7 @@ fn slice_capsules(hull: &[DVec3], all: &[DVec3], count: usize) -> Vec<PlacedShap
     let solids: Vec<Capsule> =
         capsules.iter().flat_map(|of| of.enclosing_capsules(&Pose::IDENTITY)).collect();
     let outside = all.iter().map(|&point| {
-        let distances = solids.iter().map(|solid| solid.signed_distance(point));
+        let distances = solids.iter().map(|solid| solid.signed_distance_to_point(point));
         distances.fold(f64::INFINITY, f64::min)
     });
     let missing = outside.fold(0.0, f64::max);
@@ -142,7 +142,7 @@ mod tests {
                 [0.3, 0.5].map(|part| placed.pose.position + pair[0].lerp(pair[1], part))
             });
             for point in points.iter().copied().chain(between) {
-                let outside = capsules.iter().map(|of| of.signed_distance(point));
+                let outside = capsules.iter().map(|of| of.signed_distance_to_point(point));
                 prop_assert!(outside.fold(f64::INFINITY, f64::min) < 1e-9);
             }
         }
@@ -175,9 +175,9 @@ mod tests {
         let capsules = placed.enclosing_capsules(&Pose::IDENTITY);
         assert!((2..=MAX_CAPSULES).contains(&capsules.len()), "{capsules:?}");
         let far = DVec3::new(0.45, 0.08, 0.0);
-        assert!(capsules.iter().all(|of| of.signed_distance(far) > 0.0), "{capsules:?}");
+        assert!(capsules.iter().all(|of| of.signed_distance_to_point(far) > 0.0), "{capsules:?}");
         let single = bounding_capsule(&points).enclosing_capsules(&Pose::IDENTITY);
-        assert!(single[0].signed_distance(far) < 0.0);
+        assert!(single[0].signed_distance_to_point(far) < 0.0);
     }
 
     #[test]
@@ -198,7 +198,9 @@ mod tests {
             let placed = mesh_shape(&points);
             assert_eq!(matches!(placed.shape, Shape::Hull(_)), is_hull, "{placed:?}");
             let capsules = placed.enclosing_capsules(&Pose::IDENTITY);
-            let holds = |&point: &DVec3| capsules.iter().any(|of| of.signed_distance(point) < 1e-5);
+            let holds = |&point: &DVec3| {
+                capsules.iter().any(|of| of.signed_distance_to_point(point) < 1e-5)
+            };
             assert!(points.iter().all(holds), "{placed:?}");
         }
     }

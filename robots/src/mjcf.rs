@@ -123,7 +123,7 @@ impl JointServoSettings {
     /// Returns the offset of a joint's control that adds `force` (newtons, newton metres), for
     /// instance one of [`RobotDescription::gravity_compensation_forces`]. Zero for a joint without
     /// a known effort, which can have no servo.
-    pub fn feed_forward(&self, motion: &JointMotionSpec, force: f64) -> f64 {
+    pub fn control_offset_for_force(&self, motion: &JointMotionSpec, force: f64) -> f64 {
         motion.max_effort.map_or(0.0, |effort| force * self.saturation_error / effort)
     }
 

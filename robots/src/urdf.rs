@@ -121,7 +121,7 @@ impl RobotDescription {
     /// Reads a URDF file, and the collision meshes that it names.
     ///
     /// A mesh (STL, OBJ or COLLADA) becomes the convex hull of its points. One that cannot be read
-    /// is left out and named by [`RobotDescription::missing_collision_shapes`].
+    /// is left out and named by [`RobotDescription::missing_shape_reasons`].
     ///
     /// # Errors
     /// [`DescriptionError::Read`], [`DescriptionError::InvalidFolder`] and

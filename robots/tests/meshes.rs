@@ -75,7 +75,7 @@ fn octahedron(radius: f64) -> Vec<u8> {
 fn radius(arm: &RobotDescription) -> f64 {
     let shapes = &arm.links()[2].shapes[..];
     let [PlacedShape { shape: Shape::Hull(hull), pose }] = shapes else {
-        panic!("{shapes:?} {:?}", arm.missing_collision_shapes());
+        panic!("{shapes:?} {:?}", arm.missing_shape_reasons());
     };
     assert!(pose.position.x == 0.1 && hull.points().len() == 6, "{shapes:?}");
     (1e3 * hull.points()[0].length()).round()
@@ -144,9 +144,9 @@ fn the_folder_of_a_package_is_chosen_in_a_fixed_order() {
     folder.write("arm_description/package.xml", xml("arm").as_bytes());
     let arm = folder.with_mesh(mesh, &folder.settings());
     assert!(
-        arm.missing_collision_shapes()[0].contains("/hand/meshes/ball.obj`"),
+        arm.missing_shape_reasons()[0].contains("/hand/meshes/ball.obj`"),
         "{:?}",
-        arm.missing_collision_shapes()
+        arm.missing_shape_reasons()
     );
 }
 
@@ -216,7 +216,7 @@ fn meshes_that_cannot_be_read_are_named() {
     }
     let text = SIX_JOINT.replace("<sphere radius=\"0.05\"/>", "<mesh filename=\"a.stl\"/>");
     let arm = RobotDescription::from_urdf(&text).unwrap();
-    assert!(arm.missing_collision_shapes()[0].contains("without its folder"));
+    assert!(arm.missing_shape_reasons()[0].contains("without its folder"));
 }
 
 /// Points beyond 1e6 are read where their scale makes them small, and the other way round.
@@ -235,9 +235,9 @@ fn points_are_checked_after_scaling() {
         folder.write("ball.obj", points.as_bytes());
         let arm = folder.read_with(&urdf, &folder.settings()).unwrap();
         assert!(
-            arm.missing_collision_shapes()[0].contains(words),
+            arm.missing_shape_reasons()[0].contains(words),
             "{:?}",
-            arm.missing_collision_shapes()
+            arm.missing_shape_reasons()
         );
     }
 }

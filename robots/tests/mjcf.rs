@@ -210,7 +210,8 @@ fn holding_forces_hold() {
             let controls: Vec<f64> = joints
                 .map(|((_, motion), (&position, &force))| {
                     assert!(force.abs() < motion.max_effort.unwrap(), "{force}");
-                    servo.control_signal(position, 0.0) + servo.feed_forward(motion, force)
+                    servo.control_signal(position, 0.0)
+                        + servo.control_offset_for_force(motion, force)
                 })
                 .collect();
             let mut data = Data::new(Arc::clone(&model));
@@ -222,7 +223,7 @@ fn holding_forces_hold() {
             if data.contact_count() > 0 {
                 continue;
             }
-            data.set_ctrl(&controls).unwrap();
+            data.set_all_ctrl(&controls).unwrap();
             data.step(1).unwrap();
             let fastest = data.qvel().iter().fold(0.0_f64, |most, v| most.max(v.abs()));
             assert!(fastest < 1e-9, "{fastest}");
@@ -256,7 +257,7 @@ fn the_simulated_arm_follows_its_control() {
             let mut controls: Vec<f64> =
                 targets.map(|(&joint, &velocity)| servo.control_signal(joint, velocity)).collect();
             controls.push(0.0);
-            data.set_ctrl(&controls).unwrap();
+            data.set_all_ctrl(&controls).unwrap();
             data.step((0.0125 / model.timestep()).round() as usize).unwrap();
             data.forward_kinematics().unwrap();
             let tip = DVec3::from_array(data.body_position(pinch));
@@ -281,7 +282,7 @@ fn followers_follow_and_efforts_hold_in_motion() {
         // two seconds a swing; the start is sudden, which spends all efforts
         let phase = PI * model.timestep() * f64::from(step);
         let way = 0.5 * phase.cos();
-        data.set_ctrl(&[0.2, 0.1, way, way, -way, way]).unwrap();
+        data.set_all_ctrl(&[0.2, 0.1, way, way, -way, way]).unwrap();
         data.step(1).unwrap();
         let [swing, balance] = [swing, balance].map(|joint| data.qpos()[joint]);
         travelled = travelled.max(swing.abs());
@@ -348,7 +349,7 @@ fn capsules_that_overlap_at_rest_do_not_push_the_arm_away() {
         let model = model(text, "arm.xml");
         let mut data = Data::new(Arc::clone(&model));
         data.qpos_mut().copy_from_slice(&arm.rest_positions());
-        data.set_ctrl(&arm.rest_positions()).unwrap();
+        data.set_all_ctrl(&arm.rest_positions()).unwrap();
         data.step(500).unwrap();
         let off = data.qpos().iter().zip(arm.rest_positions());
         off.fold(0.0_f64, |most, (is, rest)| most.max((is - rest).abs()))
@@ -417,7 +418,7 @@ fn a_follower_stays_within_its_own_range() {
         let mut data = Data::new(Arc::clone(&model));
         let mut controls = arm.rest_positions();
         controls[index.unwrap()] = restriction.range[side];
-        data.set_ctrl(&controls).unwrap();
+        data.set_all_ctrl(&controls).unwrap();
         data.step(1500).unwrap();
         let (swing, balance) = (data.qpos()[at("swing")], data.qpos()[at("balance")]);
         assert!((swing - restriction.range[side]).abs() < 0.01, "{swing}");

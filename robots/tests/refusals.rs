@@ -435,16 +435,16 @@ fn shapes_without_size_are_missed_or_repaired() {
         let line = urdf[..urdf.find(shape).unwrap()].matches('\n').count() + 1;
         let start = format!("line {line}: {place}");
         assert!(
-            arm.missing_collision_shapes()[0].starts_with(&start),
+            arm.missing_shape_reasons()[0].starts_with(&start),
             "{:?}",
-            arm.missing_collision_shapes()
+            arm.missing_shape_reasons()
         );
         let message = not_simulated(&urdf);
         assert!(message.contains(&start) && message.contains("`repair`"), "{message}");
         let settings = UrdfSettings { repair: true, ..UrdfSettings::default() };
         let repaired = Folder::new("sizes").read_with(&urdf, &settings).unwrap();
         assert!(repaired.import_notes()[0].starts_with(&start), "{:?}", repaired.import_notes());
-        assert!(repaired.missing_collision_shapes().is_empty());
+        assert!(repaired.missing_shape_reasons().is_empty());
         assert_eq!(repaired.links()[2].shapes.len(), 1);
         Model::from_xml(&repaired.to_mjcf(&MjcfSettings::default()).unwrap().text).unwrap();
     }

@@ -30,11 +30,7 @@ impl Draw {
         }
         let robot = folder.read_with(&urdf, &UrdfSettings::default());
         let robot = robot.unwrap_or_else(|error| panic!("{error}\n{urdf}"));
-        assert!(
-            robot.missing_collision_shapes().is_empty(),
-            "{:?}",
-            robot.missing_collision_shapes()
-        );
+        assert!(robot.missing_shape_reasons().is_empty(), "{:?}", robot.missing_shape_reasons());
         (urdf, robot)
     }
 

@@ -30,7 +30,7 @@ const STAND_INS: [&str; 6] =
 
 /// Comparison of this simulation with one recording of Meta-World.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct RecordingComparison {
+pub struct MetaWorldComparison {
     /// Name of the recording's file.
     pub file: String,
     /// Name of the task group.
@@ -69,7 +69,7 @@ const STEP_DEVIATION: f64 = 5e-12;
 /// Largest accepted distance of the hand from its recorded position during replay (metres).
 const REPLAY_DEVIATION: f64 = 1e-4;
 
-impl RecordingComparison {
+impl MetaWorldComparison {
     /// Returns `true` if rewards, single steps and replay were all compared, success agrees
     /// everywhere, and deviations are within their bounds; NaN is not.
     pub fn passes(&self) -> bool {
@@ -88,7 +88,7 @@ impl RecordingComparison {
 ///
 /// # Errors
 /// [`RunError::Read`] with the file and the problem; errors of MuJoCo.
-pub fn compare_with_recordings(folder: &Path) -> Result<Vec<RecordingComparison>, RunError> {
+pub fn compare_meta_world_recordings(folder: &Path) -> Result<Vec<MetaWorldComparison>, RunError> {
     let paths = npz_files(folder).map_err(RunError::read_error_mapper(folder))?;
     if paths.is_empty() {
         let problem = "no recording in it: expected files named ENGINE_TASK_POLICY.npz";
@@ -97,16 +97,16 @@ pub fn compare_with_recordings(folder: &Path) -> Result<Vec<RecordingComparison>
     paths.par_iter().map(|path| compare(path)).collect()
 }
 
-fn compare(path: &Path) -> Result<RecordingComparison, RunError> {
+fn compare(path: &Path) -> Result<MetaWorldComparison, RunError> {
     let problem = |problem: String| RunError::cannot_read(path, problem);
     let group = Recording::task_of_file(path).map_err(problem)?;
     let mut replica = Replica::new(group)?;
     let recording = Recording::read(path, replica.table.scene()).map_err(problem)?;
     let file = path.file_name().unwrap_or_default();
-    let mut row = RecordingComparison {
+    let mut row = MetaWorldComparison {
         file: file.to_string_lossy().into(),
         task: group.name(),
-        ..RecordingComparison::default()
+        ..MetaWorldComparison::default()
     };
     let mut physics = Vec::new();
     for episode in 0..recording.episodes {
@@ -225,7 +225,7 @@ impl Replica {
         let finger = recording.finger_action(episode, step);
         let data = &mut self.physics;
         data.set_mocap_position(self.hand_target, target.to_array())?;
-        data.set_ctrl(&[finger, -finger])?;
+        data.set_all_ctrl(&[finger, -finger])?;
         let mut comparable = !recording.meshes_touch(episode, step);
         for _ in 0..PHYSICS_STEPS_PER_CONTROL_STEP {
             data.step(1)?;
@@ -241,7 +241,7 @@ impl Replica {
         &mut self,
         recording: &Recording,
         episode: usize,
-        row: &mut RecordingComparison,
+        row: &mut MetaWorldComparison,
     ) -> Result<(), EnvError> {
         let group = self.table.scene().group;
         for step in 0..recording.steps {
@@ -291,7 +291,7 @@ impl Replica {
         &mut self,
         recording: &Recording,
         episode: usize,
-        row: &mut RecordingComparison,
+        row: &mut MetaWorldComparison,
     ) -> Result<(), EnvError> {
         self.put_start(recording, episode)?;
         for step in 0..recording.steps {
@@ -332,20 +332,20 @@ fn touches(data: &Data, geoms: &[GeomId]) -> bool {
 mod tests {
     use super::*;
 
-    fn good() -> RecordingComparison {
-        RecordingComparison {
+    fn good() -> MetaWorldComparison {
+        MetaWorldComparison {
             reward_steps: 200,
             physics_steps: 100,
             replay_steps: 1,
             max_qpos_deviation: 1e-3,
-            ..RecordingComparison::default()
+            ..MetaWorldComparison::default()
         }
     }
 
     #[test]
     fn a_row_passes_where_all_was_compared_and_nothing_differs() {
         assert!(good().passes());
-        type Change = fn(&mut RecordingComparison);
+        type Change = fn(&mut MetaWorldComparison);
         let changes: [Change; 11] = [
             |row| row.reward_steps = 0,
             |row| row.physics_steps = 0,
@@ -364,6 +364,6 @@ mod tests {
             change(&mut row);
             assert!(!row.passes(), "{row:?}");
         }
-        assert!(!RecordingComparison::default().passes(), "nothing was compared");
+        assert!(!MetaWorldComparison::default().passes(), "nothing was compared");
     }
 }

@@ -61,7 +61,7 @@ const fn contents(
 impl Contents {
     /// Returns Meta-World's name of the task.
     fn name(&self) -> Option<&'static str> {
-        self.group.identity_task().meta_world_spec().map(|spec| spec.name)
+        self.group.identity_task().meta_world_settings().map(|spec| spec.name)
     }
 }
 
@@ -254,7 +254,7 @@ mod tests {
     /// actions.
     fn recordings(scene: &Scene) -> [Recording; 2] {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/recordings");
-        let task = scene.group.identity_task().meta_world_spec().unwrap().name;
+        let task = scene.group.identity_task().meta_world_settings().unwrap().name;
         ["expert", "random"].map(|policy| {
             let path = folder.join(format!("mj222_{task}_{policy}.npz"));
             Recording::read(&path, scene).unwrap()

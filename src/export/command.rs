@@ -96,7 +96,7 @@ fn policy_of_group(
     labels: TaskLabel,
 ) -> Result<usize, RunError> {
     let tasks = TaskRegistry::with_all();
-    let variant = run.schedule.select_groups(Some(group), &tasks)?[0].variants()[0];
+    let variant = run.schedule.resolve_group_or_all(Some(group), &tasks)?[0].variants()[0];
     match own.get(group) {
         Some(&policy) => Ok(policy),
         None => Evaluator::for_experiment(run, &tasks, labels)?.recognise_policy(learner, variant),

@@ -66,7 +66,7 @@ impl FieldType {
         let mut restricted = [0; 4];
         let mut a = 0;
         while a < 4 {
-            restricted[group.restrict_irrep(Irrep::ALL[a]).index()] += multiplicities[a];
+            restricted[group.restrict_d2_irrep(Irrep::ALL[a]).index()] += multiplicities[a];
             a += 1;
         }
         FieldType { group, multiplicities: restricted }
@@ -227,7 +227,7 @@ impl Add for FieldType {
 pub fn irrep_major_permutation(group: Group, irreps: &[Irrep]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..irreps.len()).collect();
     // a stable sort, so channels of one irrep keep their order
-    order.sort_by_key(|&i| group.restrict_irrep(irreps[i]).index());
+    order.sort_by_key(|&i| group.restrict_d2_irrep(irreps[i]).index());
     order
 }
 

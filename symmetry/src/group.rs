@@ -60,7 +60,7 @@ impl Group {
     }
 
     /// Returns the irrep of this group that an irrep of D2 restricts to.
-    pub const fn restrict_irrep(self, irrep: Irrep) -> Irrep {
+    pub const fn restrict_d2_irrep(self, irrep: Irrep) -> Irrep {
         // equal signs on the elements of the subgroup make two irreps one
         match (self, irrep) {
             (Group::C1, _)
@@ -150,9 +150,9 @@ mod tests {
             let signs = |a: Irrep| group.elements().iter().map(move |&g| a.sign(g));
             for irrep in Irrep::ALL {
                 let first = Irrep::ALL.into_iter().find(|&a| signs(a).eq(signs(irrep)));
-                assert_eq!(Some(group.restrict_irrep(irrep)), first, "{group} {irrep}");
+                assert_eq!(Some(group.restrict_d2_irrep(irrep)), first, "{group} {irrep}");
             }
-            let distinct = Irrep::ALL.into_iter().filter(|&a| group.restrict_irrep(a) == a);
+            let distinct = Irrep::ALL.into_iter().filter(|&a| group.restrict_d2_irrep(a) == a);
             assert!(distinct.eq(group.irreps().iter().copied()), "{group}");
             assert_eq!(group.irreps().len(), group.order());
         }

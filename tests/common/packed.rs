@@ -25,7 +25,7 @@ impl Scratch {
         let learner = experiment.learner.new_learner(&spec, &labels).unwrap();
         let folder = self.0.join("packed");
         let extent = CheckpointExtent::Policies { episodes_per_policy: 100 };
-        RunFolder::create_packed(&folder, experiment, &*learner, extent).unwrap();
+        RunFolder::create_with_learner(&folder, experiment, &*learner, extent).unwrap();
         folder
     }
 }

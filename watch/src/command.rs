@@ -11,6 +11,7 @@ use serde_json::Value;
 
 use crate::WatchError;
 use experiments::cli::print_escaped;
+use experiments::text::ROLLOUT_LINE_HEADER;
 use experiments::{RunError, RunFolder, SUMMARY_FILE};
 
 use super::events::{EventFeed, RunEvent};
@@ -73,6 +74,9 @@ impl WatchOptions {
     pub fn print_events(&self, out: &mut impl Write) -> Result<(), WatchError> {
         let mut snapshot = self.open()?;
         let mut feed = EventFeed::default();
+        if !self.json {
+            print_escaped(out, ROLLOUT_LINE_HEADER)?;
+        }
         let mut print = |event: &RunEvent<'_>| {
             print_escaped(out, &if self.json { event.json_line() } else { event.text_line() })
         };

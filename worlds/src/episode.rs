@@ -77,7 +77,7 @@ impl Episode {
         self.render();
         let (position, reward) = (self.relative_position(), &self.group.reward);
         let value = self.scene.reward_scale * reward.reward_at(position);
-        (value, reward.distance_to_full_reward(position) <= NEAR)
+        (value, reward.distance_to_target_circle(position) <= NEAR)
     }
 
     /// Renders the camera picture of the present state.
@@ -89,9 +89,9 @@ impl Episode {
 
     /// Returns the action of a scripted expert for `group`, mirrored as the pictures are.
     pub fn expert_action(&self, group: &TaskGroup) -> [f32; 2] {
-        let action = group
-            .dynamics
-            .action_for_displacement(group.reward.vector_to_nearest(self.relative_position()));
+        let action = group.dynamics.action_for_displacement(
+            group.reward.vector_to_target_circle(self.relative_position()),
+        );
         // actions are scaled as a whole, since clipping each component would change the direction
         let most = action[0].abs().max(action[1].abs()).max(1.0);
         mirrored(self.variant, action.map(|a| a / most))

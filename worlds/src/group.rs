@@ -36,18 +36,18 @@ impl RewardFunction {
     /// Returns the reward, in (0, 1], for a hand at a position relative to the object, in units of
     /// half the picture's side.
     pub fn reward_at(&self, [x, y]: [f32; 2]) -> f32 {
-        (-DECAY * self.distance_to_full_reward([x, y])).exp()
+        (-DECAY * self.distance_to_target_circle([x, y])).exp()
     }
 
     /// Returns the distance of a hand, at a position relative to the object, from the nearest
     /// position of full reward, in units of half the picture's side.
-    pub fn distance_to_full_reward(&self, [x, y]: [f32; 2]) -> f32 {
+    pub fn distance_to_target_circle(&self, [x, y]: [f32; 2]) -> f32 {
         ((x - self.offset[0]).hypot(y - self.offset[1]) - self.radius).abs()
     }
 
     /// Returns the vector from a position of the hand, relative to the object, to the nearest
     /// position of full reward.
-    pub(crate) fn vector_to_nearest(&self, [x, y]: [f32; 2]) -> [f32; 2] {
+    pub(crate) fn vector_to_target_circle(&self, [x, y]: [f32; 2]) -> [f32; 2] {
         let (dx, dy) = (self.offset[0] - x, self.offset[1] - y);
         // no division by zero for a hand at the target
         let distance = dx.hypot(dy).max(1e-6);

@@ -120,7 +120,7 @@ impl TaskStream {
     /// Mirrors all episodes of the visits given so far by one element of D2; visits that are
     /// inserted later keep their own.
     #[must_use]
-    pub fn with_variant(mut self, variant: D2) -> Self {
+    pub fn mirrored_by(mut self, variant: D2) -> Self {
         for visit in &mut self.visits {
             visit.variant = Some(variant);
         }

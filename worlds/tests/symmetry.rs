@@ -13,7 +13,7 @@ fn stream(kind: WorldKind, seed: u64, variant: D2) -> TaskStream {
     let groups = world.groups.len();
     let visits = (0..2).map(|visit| GroupVisit::new(visit % groups, 1)).collect();
     let stream = TaskStream::new(world, visits, 2).unwrap();
-    stream.with_variant(variant).with_horizon(6)
+    stream.mirrored_by(variant).with_horizon(6)
 }
 
 fn mirrored(g: D2, components: &[f32]) -> Vec<f32> {

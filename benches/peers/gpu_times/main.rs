@@ -49,9 +49,11 @@ fn answer(device: &GpuDevice, line: &str) -> Result<String, Box<dyn Error>> {
         [network, "kernels", batch] => {
             return passes::kernel_times(device, network, batch.parse()?);
         }
-        ["update", width, place] => policies::time_ppo_update(device, width.parse()?, place)?,
-        ["decide", batch, place] => policies::time_decisions(device, batch.parse()?, place)?,
-        [network, task, batch] => passes::time_network_pass(device, network, task, batch.parse()?)?,
+        ["update", width, place] => policies::time_ppo_update_ms(device, width.parse()?, place)?,
+        ["decide", batch, place] => policies::time_decisions_ms(device, batch.parse()?, place)?,
+        [network, task, batch] => {
+            passes::time_network_pass_ms(device, network, task, batch.parse()?)?
+        }
         _ => return Err(format!("got the request `{line}`").into()),
     };
     Ok(milliseconds.to_string())

@@ -10,7 +10,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::milliseconds;
-use crate::networks::build_network;
+use crate::networks::build_d2_conv_network;
 
 /// Program of a network, and the buffer that it writes last.
 struct Bench {
@@ -33,7 +33,7 @@ impl Bench {
             "wide" => (64, &[16, 32, 64, 64], false),
             _ => return Err(format!("got the network `{name}`").into()),
         };
-        let network = build_network(size, fields, pooled)?;
+        let network = build_d2_conv_network(size, fields, pooled)?;
         let mut plan = ComputePlan::new();
         let x = plan.add_input(network.in_shape());
         let y = plan.add_layer(&network, x)?;
@@ -57,7 +57,7 @@ impl Bench {
 
 /// Returns the mean milliseconds of passes through a network on a GPU: forward and backward for the
 /// task `training`, forward alone for `decisions`.
-pub fn time_network_pass(
+pub fn time_network_pass_ms(
     device: &GpuDevice,
     network: &str,
     task: &str,

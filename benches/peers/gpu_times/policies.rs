@@ -19,7 +19,7 @@ const AT_A_TIME: usize = 512;
 
 /// Returns the mean milliseconds of a PPO update on the GPU or on `place` CPU threads, with a
 /// network, rollout and minibatches `width` times as large as the presets'.
-pub fn time_ppo_update(
+pub fn time_ppo_update_ms(
     device: &GpuDevice,
     width: usize,
     place: &str,
@@ -55,7 +55,7 @@ pub fn time_ppo_update(
 
 /// Returns the mean milliseconds in which a policy decides on `num_envs` observations, on the GPU
 /// or on `place` CPU threads.
-pub fn time_decisions(
+pub fn time_decisions_ms(
     device: &GpuDevice,
     num_envs: usize,
     place: &str,

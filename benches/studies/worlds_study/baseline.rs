@@ -6,9 +6,9 @@ use cluster::{
 };
 use evidence::{RecogniserSettings, Trajectory};
 use learner::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, CoversSettings, EpisodeRequirements,
-    Grouping, GroupingDecision, GroupingUpdateResult, LearnerError, PolicyCollectionSettings,
-    RolloutEpisodes,
+    AssignmentData, AssignmentPurpose, CoversSettings, EpisodeRequirements, Grouping,
+    GroupingDecision, GroupingUpdateInput, GroupingUpdateResult, LearnerError,
+    PolicyCollectionSettings, RolloutEpisodes,
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -119,7 +119,7 @@ impl Grouping for BaselineGrouping {
 
     fn assign(
         &mut self,
-        _: AssignmentRequest<'_>,
+        _: AssignmentPurpose<'_>,
         data: &mut dyn AssignmentData,
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
@@ -137,10 +137,10 @@ impl Grouping for BaselineGrouping {
 
     fn update(
         &mut self,
-        assigned: AssignedEpisodes<'_>,
+        assigned: GroupingUpdateInput<'_>,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingUpdateResult, LearnerError> {
-        if let AssignedEpisodes::Rollout { policy, episodes, .. } = assigned {
+        if let GroupingUpdateInput::Rollout { policy, episodes, .. } = assigned {
             let described = self.describe(episodes)?;
             self.memories.resize(self.memories.len().max(policy + 1), Vec::new());
             let memory = &mut self.memories[policy];

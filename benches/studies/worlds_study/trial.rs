@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use learner::{
     CommonSettings, Grouping, GroupingSettings, IterationReport, Learner, NewPolicyInit,
-    PolicyCollection, PolicyCollectionSettings, PolicyTrainer, RolloutHandover,
+    PolicyCollection, PolicyCollectionSettings, PolicyTrainer, ReassignedRolloutHandling,
 };
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -181,10 +181,14 @@ impl StreamTrial {
         })));
         // a baseline, as the paper's rule, trains the assigned policy on the rollout as it is
         let (handover, grouping): (_, Box<dyn Grouping>) = match job.rule {
-            AssignmentRule::Evidence => {
-                (RolloutHandover::CollectAgain, GroupingSettings::default().build_grouping()?)
-            }
-            rule => (RolloutHandover::Reuse, Box::new(BaselineGrouping::new(rule, &spec, seed)?)),
+            AssignmentRule::Evidence => (
+                ReassignedRolloutHandling::CollectAgain,
+                GroupingSettings::default().build_grouping()?,
+            ),
+            rule => (
+                ReassignedRolloutHandling::Reuse,
+                Box::new(BaselineGrouping::new(rule, &spec, seed)?),
+            ),
         };
         let settings = StandInSettings { seed, handover, bed: Some(bed.clone()) };
         Ok(Self {
@@ -246,7 +250,7 @@ const MEMORY: usize = 8;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StandInSettings {
     seed: u64,
-    handover: RolloutHandover,
+    handover: ReassignedRolloutHandling,
     #[serde(skip)]
     bed: Option<Shared>,
 }

@@ -58,7 +58,7 @@ pub fn move_hand_to(rig: &mut dyn Rig, arm: &Arm, target: &Pose) -> Result<(), D
 
 /// State of the arm while its hand rests, and the time since which it rests.
 #[derive(Clone, Debug)]
-pub struct RestingHand {
+pub struct ArmStateAtRest {
     /// Time on the rig's clock since which the hand rests.
     pub since: Duration,
     /// State of the arm at rest.
@@ -72,7 +72,7 @@ pub struct RestingHand {
 /// [`DeployError::Robot`], [`DeployError::Rig`]; [`DeployError::HandNotAtRest`] for a hand that
 /// keeps moving, [`DeployError::StalePicture`] if no picture of the hand at rest arrives, and
 /// [`DeployError::CameraClockAhead`] for a camera whose clock is ahead.
-pub fn capture_at_rest(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<RestingHand, DeployError> {
+pub fn capture_at_rest(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<ArmStateAtRest, DeployError> {
     rest(rig)?;
     let since = rig.now();
     loop {
@@ -80,7 +80,7 @@ pub fn capture_at_rest(rig: &mut dyn Rig, rgb: &mut [u8]) -> Result<RestingHand,
         // an earlier picture may show the hand in motion
         if taken >= since {
             let state = rig.state()?;
-            return Ok(RestingHand { since, state });
+            return Ok(ArmStateAtRest { since, state });
         }
         if rig.now() > since + PATIENCE {
             let (age, max_age) = (rig.now() - taken, PATIENCE);

@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::DeployError;
 use experiments::sheet::Picture;
 
-use super::approach::RestingHand;
+use super::approach::ArmStateAtRest;
 use super::measure::{SkippedPose, capture_in_pose, concerns_one_pose};
 use super::overlay::mask_overlay;
 use crate::deployment::Deployment;
@@ -111,7 +111,7 @@ impl MaskCheck {
         for (number, target) in poses.iter().enumerate() {
             let pose = number + 1;
             match capture_in_pose(rig, arm, target, &mut picture) {
-                Ok(RestingHand { since, state }) => {
+                Ok(ArmStateAtRest { since, state }) => {
                     // pictures come late: the next one may be of any time since the hand came to
                     // rest
                     observer.record_state(since, state.clone());

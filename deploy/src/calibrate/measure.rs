@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use crate::DeployError;
 
-use super::approach::{RestingHand, capture_at_rest, move_hand_to};
+use super::approach::{ArmStateAtRest, capture_at_rest, move_hand_to};
 use crate::rig::{Rig, Trial, stop_after};
 
 /// Settings of a camera calibration: the arm's ball, and what is known of arm and camera.
@@ -140,7 +140,7 @@ pub(super) fn capture_in_pose(
     arm: &Arm,
     target: &Pose,
     picture: &mut [u8],
-) -> Result<RestingHand, DeployError> {
+) -> Result<ArmStateAtRest, DeployError> {
     move_hand_to(rig, arm, target)?;
     capture_at_rest(rig, picture)
 }

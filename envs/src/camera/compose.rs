@@ -65,7 +65,7 @@ impl Camera {
     /// # Panics
     /// If the image or a picture that is used has the wrong length.
     pub fn compose_observation<'a>(&self, pictures: &ObservationPictures<'a>, image: &mut [u8]) {
-        let (pixels, channels) = (self.size * self.size, self.extra_views.num_channels());
+        let (pixels, channels) = (self.size * self.size, self.extra_views.num_total_channels());
         assert_eq!(image.len(), pixels * channels, "bytes of an image");
         let whole = |picture: &'a [u8]| {
             assert_eq!(picture.len(), pixels * RGB_CHANNELS, "bytes of a picture");

@@ -80,7 +80,7 @@ const OF_MIRRORED_VARIANTS: [Rule; 2] =
 /// The first [`ConformanceError`].
 pub fn check_task_conformance(group: TaskGroup) -> Result<(), ConformanceError> {
     for layout in Layout::ALL {
-        if layout == Layout::MetaWorld && group.identity_task().meta_world_spec().is_none() {
+        if layout == Layout::MetaWorld && group.identity_task().meta_world_settings().is_none() {
             continue;
         }
         for embodiment in Embodiment::STANDARD {

@@ -4,7 +4,7 @@ use symmetry::D2;
 
 use super::*;
 
-const OFF: DomainRandomisation = DomainRandomisation::OFF;
+const OFF: VisualDomainRandomisation = VisualDomainRandomisation::OFF;
 const SIZE: usize = 48;
 
 /// Returns a picture without any symmetry, `[SIZE, SIZE, 3]`.
@@ -24,19 +24,23 @@ fn camera() -> Camera {
     camera
 }
 
-fn randomiser(amounts: DomainRandomisation) -> DomainRandomiser {
-    DomainRandomiser::new(amounts, camera())
+fn randomiser(amounts: VisualDomainRandomisation) -> VisualDomainRandomiser {
+    VisualDomainRandomiser::new(amounts, camera())
 }
 
 /// Returns a picture as a camera in this state shows it.
-fn shown(randomiser: &mut DomainRandomiser, state: &mut CameraErrors, picture: &[u8]) -> Vec<u8> {
+fn shown(
+    randomiser: &mut VisualDomainRandomiser,
+    state: &mut CameraErrors,
+    picture: &[u8],
+) -> Vec<u8> {
     let mut rgb = picture.to_vec();
     randomiser.add_camera_errors(state, DVec3::new(0.1, -0.05, 0.2), &mut rgb);
     rgb
 }
 
 /// Returns a picture as the cameras of `count` episodes show it.
-fn episodes(amounts: DomainRandomisation, picture: &[u8], count: usize) -> Vec<Vec<u8>> {
+fn episodes(amounts: VisualDomainRandomisation, picture: &[u8], count: usize) -> Vec<Vec<u8>> {
     let (mut randomiser, mut state) = (randomiser(amounts), CameraErrors::new(1000, 0));
     let episode = |_| {
         randomiser.begin_episode(&mut state);
@@ -56,7 +60,8 @@ fn moments(values: impl Iterator<Item = f64> + Clone) -> (f64, f64) {
 #[test]
 fn noise_has_the_mean_and_the_spread_that_were_asked_for() {
     for noise_sd in [2.0, 6.0] {
-        let levels = episodes(DomainRandomisation { noise_sd, ..OFF }, &grey(128), 20).concat();
+        let levels =
+            episodes(VisualDomainRandomisation { noise_sd, ..OFF }, &grey(128), 20).concat();
         let (mean, deviation) = moments(levels.iter().copied().map(f64::from));
         assert!((mean - 128.0).abs() < 0.05, "{mean}");
         // rounding to levels adds a variance of 1/12
@@ -67,7 +72,7 @@ fn noise_has_the_mean_and_the_spread_that_were_asked_for() {
 
 #[test]
 fn noise_is_another_in_every_picture_of_an_episode() {
-    let amounts = DomainRandomisation { noise_sd: 3.0, ..OFF };
+    let amounts = VisualDomainRandomisation { noise_sd: 3.0, ..OFF };
     let (mut randomiser, mut state) = (randomiser(amounts), CameraErrors::new(1000, 0));
     randomiser.begin_episode(&mut state);
     let [one, other] = [(); 2].map(|()| shown(&mut randomiser, &mut state, &picture()));
@@ -90,8 +95,11 @@ fn a_camera_that_is_moved_by_a_pixel_shows_the_picture_moved_by_one() {
 
 #[test]
 fn the_camera_of_an_episode_stays_and_that_of_the_next_is_another() {
-    let amounts =
-        DomainRandomisation { noise_sd: 0.0, max_patches: 0, ..DomainRandomisation::NOMINAL };
+    let amounts = VisualDomainRandomisation {
+        noise_sd: 0.0,
+        max_patches: 0,
+        ..VisualDomainRandomisation::NOMINAL
+    };
     let (mut randomiser, mut state) = (randomiser(amounts), CameraErrors::new(1000, 0));
     let mut before = picture();
     for _ in 0..5 {
@@ -105,7 +113,7 @@ fn the_camera_of_an_episode_stays_and_that_of_the_next_is_another() {
 
 #[test]
 fn exposure_and_balance_spread_as_they_should() {
-    let amounts = DomainRandomisation { exposure_sd: 20.0, white_balance_sd: 6.0, ..OFF };
+    let amounts = VisualDomainRandomisation { exposure_sd: 20.0, white_balance_sd: 6.0, ..OFF };
     let (randomiser, mut state) = (randomiser(amounts), CameraErrors::new(1000, 0));
     let light = |gain: f32| GAMMA * f64::from(gain).ln();
     let drawn: Vec<[f64; RGB_CHANNELS]> = (0..20_000)
@@ -172,7 +180,7 @@ fn blur_is_as_wide_as_it_should_be() {
 
 #[test]
 fn patches_are_discs_around_the_gripper_in_colours_that_are_off_to_either_side() {
-    let amounts = DomainRandomisation {
+    let amounts = VisualDomainRandomisation {
         max_patches: 3,
         max_patch_radius_mm: 30.0,
         patch_color_sd: 20.0,

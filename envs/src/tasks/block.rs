@@ -10,8 +10,8 @@ use super::{CANONICAL_X, META_WORLD_X, draw_apart, draw_at, draw_in, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
-    TaskState,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task,
+    TaskSceneParts, TaskState,
 };
 
 /// Task of sliding a block over the table to a marked goal.
@@ -103,7 +103,7 @@ impl Task for Push {
         parts(part!("push.xml").1)
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
         Some(spec("push", |rng| {
             let Placement { object, goal } = place_meta_world(rng);
             Placement { object: on_table(object), goal: on_table(goal) }
@@ -151,7 +151,7 @@ impl Task for PickPlace {
         TaskSceneParts { goal_observable: true, ..parts(part!("pick_place.xml").1) }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
         Some(spec("pick-place", place_meta_world))
     }
 }

@@ -9,8 +9,8 @@ use super::{CANONICAL_X, META_WORLD_HAND_BACK, META_WORLD_X, draw_at, hand_for_t
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
-    TaskState,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task,
+    TaskSceneParts, TaskState,
 };
 
 /// Task of pressing a button into its box.
@@ -114,8 +114,8 @@ impl Task for ButtonPress {
         scene(part!("button_press.xml").1, "button", CAP)
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
-        Some(MetaWorldTaskSpec {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
+        Some(MetaWorldTaskSettings {
             hand_target: META_WORLD_HAND_BACK,
             // its reset presses the button to the end of its joint, from where a spring frees it
             start_joints: &[("press", 0.0)],
@@ -157,8 +157,8 @@ impl Task for ButtonPressTopdown {
         scene(part!("button_press_topdown.xml").1, "button", TOP_CAP)
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
-        Some(MetaWorldTaskSpec {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
+        Some(MetaWorldTaskSettings {
             hand_target: META_WORLD_HAND_BACK,
             ..spec("button-press-topdown", |rng| {
                 let object = draw_at(BOX_Z, [META_WORLD_X, META_WORLD_TOP_BOX_Y], rng);

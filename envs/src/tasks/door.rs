@@ -11,8 +11,8 @@ use super::{angle_to, draw_at, scene, spec};
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
-    TaskState,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task,
+    TaskSceneParts, TaskState,
 };
 
 /// Task of pulling a door open.
@@ -117,7 +117,7 @@ impl Task for DoorOpen {
         TaskSceneParts { handed: true, ..scene(part!("door.xml").1, "handle", DVec3::ZERO) }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
         Some(spec("door-open", |rng| place(draw_meta_world_cabinet(rng), OPEN_TARGET)))
     }
 }
@@ -164,8 +164,8 @@ impl Task for DoorClose {
         TaskSceneParts { start_joints: &[("hinge", OPEN)], ..DoorOpen.parts() }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
-        Some(MetaWorldTaskSpec {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
+        Some(MetaWorldTaskSettings {
             hand_target: META_WORLD_HAND_FAR_LEFT,
             ..spec("door-close", |rng| place(draw_meta_world_cabinet(rng), SHUT_TARGET))
         })

@@ -10,8 +10,8 @@ use super::{CANONICAL_X, META_WORLD_X, scene, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
-    TaskState,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task,
+    TaskSceneParts, TaskState,
 };
 
 /// Task of pushing a drawer shut.
@@ -113,7 +113,7 @@ impl Task for DrawerClose {
         }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
         Some(spec("drawer-close", |rng| place(draw_case(rng, META_WORLD_X, CASE_Y), 0.0)))
     }
 }
@@ -162,7 +162,7 @@ impl Task for DrawerOpen {
         scene(part!("drawer.xml").1, "drawer", HANDLE)
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
         Some(spec("drawer-open", |rng| place(draw_case(rng, META_WORLD_X, CASE_Y), META_WORLD_WAY)))
     }
 }

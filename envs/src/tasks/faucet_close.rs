@@ -10,8 +10,8 @@ use super::{CANONICAL_X, META_WORLD_HAND_BACK, META_WORLD_X, angle_to, draw_at, 
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
-    TaskState,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task,
+    TaskSceneParts, TaskState,
 };
 
 /// Task of turning a faucet shut.
@@ -99,8 +99,8 @@ impl Task for FaucetClose {
         TaskSceneParts { handed: true, ..scene(part!("faucet.xml").1, "handle_tip", TIP) }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
-        Some(MetaWorldTaskSpec {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
+        Some(MetaWorldTaskSettings {
             hand_target: META_WORLD_HAND_BACK,
             lowest_target: FAUCET_LOWEST,
             ..spec("faucet-close", |rng| {

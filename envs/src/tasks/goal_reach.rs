@@ -9,8 +9,8 @@ use super::{CANONICAL_X, META_WORLD_X, draw_apart, draw_at, draw_in, hand_for_ti
 use crate::mjcf::part;
 use crate::reward::long_tail_reward;
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
-    TaskState,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task,
+    TaskSceneParts, TaskState,
 };
 
 /// Task of moving the fingertips to a goal; its scene is the bare table.
@@ -69,8 +69,8 @@ impl Task for GoalReach {
         TaskSceneParts { goal_observable: true, ..TaskSceneParts::default() }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
-        Some(MetaWorldTaskSpec {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
+        Some(MetaWorldTaskSettings {
             extra_mjcf: Some(part!("decoy.xml" in "metaworld").1),
             ..spec("reach", place_meta_world)
         })

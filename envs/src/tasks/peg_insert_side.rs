@@ -10,8 +10,8 @@ use super::{draw_apart, draw_at, draw_in, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
-    TaskState,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task,
+    TaskSceneParts, TaskState,
 };
 
 /// Task of inserting a peg into a box from the side.
@@ -134,7 +134,7 @@ impl Task for PegInsertSide {
         }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
         Some(spec("peg-insert-side", place_meta_world))
     }
 }

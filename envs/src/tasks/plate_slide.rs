@@ -9,8 +9,8 @@ use super::{CANONICAL_X, META_WORLD_X, draw_at, scene, spec};
 use crate::mjcf::part;
 use crate::reward::{hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
-    TaskState,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task,
+    TaskSceneParts, TaskState,
 };
 
 /// Task of sliding a plate (puck) into a goal cage.
@@ -91,7 +91,7 @@ impl Task for PlateSlide {
         scene(part!("plate_slide.xml").1, "puck", DVec3::ZERO)
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
         Some(spec("plate-slide", |rng| place(META_WORLD_X, rng)))
     }
 }

@@ -10,8 +10,8 @@ use super::{META_WORLD_HAND_BACK, META_WORLD_X, draw_at, scene, spec, uniform};
 use crate::mjcf::part;
 use crate::reward::{gaussian_reward, hamacher_product, long_tail_reward};
 use crate::task::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskSceneParts,
-    TaskState,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task,
+    TaskSceneParts, TaskState,
 };
 
 /// Task of sliding a window open.
@@ -77,8 +77,8 @@ impl Task for WindowOpen {
         TaskSceneParts { handed: true, ..scene(part!("window.xml").1, "window", OPENING_SIDE) }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
-        Some(MetaWorldTaskSpec {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
+        Some(MetaWorldTaskSettings {
             hand_target: META_WORLD_HAND_BACK,
             ..spec("window-open", |rng| {
                 let y = META_WORLD_OPEN_Y;
@@ -116,8 +116,8 @@ impl Task for WindowClose {
         }
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
-        Some(MetaWorldTaskSpec {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
+        Some(MetaWorldTaskSettings {
             hand_target: META_WORLD_HAND_BACK,
             // the only range along x is a point
             ..spec("window-close", |rng| {

@@ -1,7 +1,7 @@
 //! Correct task with one thing changed.
 
 use envs::{
-    EpisodeStart, ExpertCommand, MetaWorldTaskSpec, Placement, StepReward, Task, TaskGroup,
+    EpisodeStart, ExpertCommand, MetaWorldTaskSettings, Placement, StepReward, Task, TaskGroup,
     TaskSceneParts, TaskState,
 };
 use rand_chacha::ChaCha8Rng;
@@ -17,7 +17,7 @@ pub struct Spoilt {
     pub place: fn(&mut Placement),
     pub reward: Reward,
     pub expert: fn(&mut ExpertCommand, &TaskState),
-    pub meta_world: Option<MetaWorldTaskSpec<'static>>,
+    pub meta_world: Option<MetaWorldTaskSettings<'static>>,
 }
 
 impl Default for Spoilt {
@@ -68,7 +68,7 @@ impl Task for Spoilt {
         command
     }
 
-    fn meta_world_spec(&self) -> Option<MetaWorldTaskSpec<'_>> {
+    fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
         self.meta_world
     }
 }

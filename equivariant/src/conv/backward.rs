@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use crate::conv::gradient_loader::{ConvGradientScratch, GradientLoader};
 use crate::conv::maps::{Arena, ConvInput, FeatureMapsMut, PixelCursor};
-use crate::conv::operands::ConvBackward;
+use crate::conv::operands::ConvBackwardOperands;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::gather::OrbitBlock;
@@ -32,7 +32,7 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, is_blocked: bool) -> us
     ConvGradientScratch::<f32>::scratch_len(conv) + images * patches.blocked_len() + line
 }
 
-impl<'a, T: Real> ConvBackward<'a, T> {
+impl<'a, T: Real> ConvBackwardOperands<'a, T> {
     /// Adds a convolution's parameter gradients and, if it is needed, writes the input's gradient,
     /// by im2col panels of folded patches (signed sums over orbits of taps), for a group of `G`
     /// elements.
@@ -181,7 +181,7 @@ struct GradientProducts<'a, T, L, const G: usize> {
 
 impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientProducts<'a, T, L, G> {
     #[inline(always)]
-    fn new(lanes: L, pass: &ConvBackward<'a, T>, arena: &mut Arena<'a, T>) -> Self {
+    fn new(lanes: L, pass: &ConvBackwardOperands<'a, T>, arena: &mut Arena<'a, T>) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
         let w = arena.take_blocks(layout.num_packed_blocks());
         if pass.dx.is_some() {

@@ -1,8 +1,8 @@
 //! Choice of kernel, instruction set and number of threads for the passes of a convolution.
 
 use crate::chunks::runs_one_of_many_chunks;
-use crate::conv::operands::{ConvBackward, ConvForward};
-use crate::conv::pool::{MaxPoolBackward, MaxPoolForward};
+use crate::conv::operands::{ConvBackwardOperands, ConvForwardOperands};
+use crate::conv::pool::{MaxPoolBackwardOperands, MaxPoolForwardOperands};
 use crate::conv::r2_conv::R2Conv;
 use crate::conv::{backward, forward};
 use crate::real::Real;
@@ -18,54 +18,54 @@ const MIN_PRODUCTS_TO_SPLIT: usize = 1 << 18;
 /// this crate's settings.
 pub trait ConvScalar: Real {
     /// Runs the forward pass of a convolution in this precision.
-    fn forward(pass: ConvForward<Self>);
+    fn forward(pass: ConvForwardOperands<Self>);
 
     /// Runs the backward pass of a convolution in this precision.
-    fn backward(pass: ConvBackward<Self>);
+    fn backward(pass: ConvBackwardOperands<Self>);
 
     /// Runs the forward pass of a max-pooling in this precision.
-    fn max_pool_forward(pass: MaxPoolForward<Self>);
+    fn max_pool_forward(pass: MaxPoolForwardOperands<Self>);
 
     /// Runs the backward pass of a max-pooling in this precision.
-    fn max_pool_backward(pass: MaxPoolBackward<Self>);
+    fn max_pool_backward(pass: MaxPoolBackwardOperands<Self>);
 }
 
 impl ConvScalar for f32 {
-    fn forward(pass: ConvForward<f32>) {
+    fn forward(pass: ConvForwardOperands<f32>) {
         let widest = pass.conv.widest_instruction_set;
         run_f32(pass, widest);
     }
 
-    fn backward(pass: ConvBackward<f32>) {
+    fn backward(pass: ConvBackwardOperands<f32>) {
         let widest = pass.conv.widest_instruction_set;
         run_f32(pass, widest);
     }
 
-    fn max_pool_forward(pass: MaxPoolForward<f32>) {
+    fn max_pool_forward(pass: MaxPoolForwardOperands<f32>) {
         let widest = pass.pool.widest_instruction_set;
         run_f32(pass, widest);
     }
 
-    fn max_pool_backward(pass: MaxPoolBackward<f32>) {
+    fn max_pool_backward(pass: MaxPoolBackwardOperands<f32>) {
         let widest = pass.pool.widest_instruction_set;
         run_f32(pass, widest);
     }
 }
 
 impl ConvScalar for f64 {
-    fn forward(pass: ConvForward<f64>) {
+    fn forward(pass: ConvForwardOperands<f64>) {
         pass.run(Portable);
     }
 
-    fn backward(pass: ConvBackward<f64>) {
+    fn backward(pass: ConvBackwardOperands<f64>) {
         pass.run(Portable);
     }
 
-    fn max_pool_forward(pass: MaxPoolForward<f64>) {
+    fn max_pool_forward(pass: MaxPoolForwardOperands<f64>) {
         pass.run(Portable);
     }
 
-    fn max_pool_backward(pass: MaxPoolBackward<f64>) {
+    fn max_pool_backward(pass: MaxPoolBackwardOperands<f64>) {
         pass.run(Portable);
     }
 }
@@ -77,7 +77,7 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, is_blocked: bool) -> us
     forward.max(backward::scratch_len(conv, samples, is_blocked))
 }
 
-impl<T: ConvScalar> ConvForward<'_, T> {
+impl<T: ConvScalar> ConvForwardOperands<'_, T> {
     /// Runs the forward pass of a convolution, in two halves for a large single image if the
     /// current rayon pool may have a free thread. The bits are the same either way.
     pub(crate) fn run_on_threads(self) {
@@ -101,7 +101,7 @@ impl<T: ConvScalar> ConvForward<'_, T> {
     }
 }
 
-impl<T: Real> WithLanes<T> for ConvForward<'_, T> {
+impl<T: Real> WithLanes<T> for ConvForwardOperands<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
         if let Some(lines) = &self.conv.patches.folded_lines {
@@ -111,7 +111,7 @@ impl<T: Real> WithLanes<T> for ConvForward<'_, T> {
     }
 }
 
-impl<T: Real> WithLanes<T> for ConvBackward<'_, T> {
+impl<T: Real> WithLanes<T> for ConvBackwardOperands<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
         // lines give gradients of parameters only; a gradient with respect to the input needs

@@ -76,11 +76,11 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
             }
             FeatureMapsMut::Blocked(patches, y) => {
                 let first_blocks = &mut first_blocks[..count];
-                patches.write_block_offsets(self.start + first, first_blocks);
+                patches.write_pixel_block_offsets(self.start + first, first_blocks);
                 for place in first_blocks {
                     *place -= self.blocks_before_start;
                 }
-                (y.as_chunks_mut().0, patches.blocked_scale())
+                (y.as_chunks_mut().0, patches.blocked_value_scale())
             }
         };
         let sums = PixelSums {
@@ -107,7 +107,7 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> Epilogue<'a, T, L, G> {
             let pixels = y[first * self.channels..].chunks_exact_mut(self.channels);
             let rows = self.buffer.chunks_exact(self.blocks_per_pixel);
             for (own_row, pixel) in rows.take(count).zip(pixels) {
-                self.interleaver.deinterleave::<T, G>(
+                self.interleaver.deinterleave_channels::<T, G>(
                     T::from_f64(1.0),
                     own_row.as_flattened(),
                     pixel,

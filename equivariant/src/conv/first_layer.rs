@@ -12,14 +12,14 @@ use crate::conv::epilogue::Epilogue;
 use crate::conv::gradient_loader::{ConvGradientScratch, GradientLoader, MAX_GRADIENT_ROWS};
 use crate::conv::line::{LINE_TILE_PIXELS, LineKernel};
 use crate::conv::maps::{Arena, ConvInput};
-use crate::conv::operands::{ConvBackward, ConvForward};
+use crate::conv::operands::{ConvBackwardOperands, ConvForwardOperands};
 use crate::real::Real;
 use crate::simd::gather::block_to_precision;
 use crate::simd::lanes::{Block, LANES, Lanes};
 use crate::simd::lines::{FoldedLines, LANES_PER_GROUP, Pixel};
 use crate::simd::patches::PatchGeometry;
 
-impl<T: Real> ConvForward<'_, T> {
+impl<T: Real> ConvForwardOperands<'_, T> {
     /// Runs the forward pass of a convolution of trivial channels under D2, folding the image rows
     /// for one line of output pixels at a time.
     #[inline(always)]
@@ -62,7 +62,7 @@ impl<T: Real> ConvForward<'_, T> {
     }
 }
 
-impl<T: Real> ConvBackward<'_, T> {
+impl<T: Real> ConvBackwardOperands<'_, T> {
     /// Adds the parameter gradients of a convolution of trivial channels under D2, folding the
     /// image rows for one line of output pixels at a time.
     #[inline(always)]

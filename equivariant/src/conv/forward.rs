@@ -2,7 +2,7 @@
 
 use crate::conv::epilogue::Epilogue;
 use crate::conv::maps::{Arena, ConvInput, PixelCursor};
-use crate::conv::operands::ConvForward;
+use crate::conv::operands::ConvForwardOperands;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::gather::OrbitBlock;
@@ -33,7 +33,7 @@ pub(crate) fn scratch_len(conv: &R2Conv, samples: usize, is_blocked: bool) -> us
     }
 }
 
-impl<'a, T: Real> ConvForward<'a, T> {
+impl<'a, T: Real> ConvForwardOperands<'a, T> {
     /// Runs the forward pass of a convolution over im2col panels of folded patches, for a group of
     /// `G` elements.
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Output gradient of a convolution in the blocked layout, for the backward pass.
 
 use crate::conv::maps::{Arena, FeatureMaps};
-use crate::conv::operands::ConvBackward;
+use crate::conv::operands::ConvBackwardOperands;
 use crate::conv::r2_conv::R2Conv;
 use crate::real::Real;
 use crate::simd::interleave::Interleaver;
@@ -39,7 +39,11 @@ impl<'a, T: Real> ConvGradientScratch<'a, T> {
     /// Splits buffers for `rows` output pixels off the arena and takes the parameter gradient out
     /// of the pass.
     #[inline(always)]
-    pub fn new(pass: &mut ConvBackward<'a, T>, arena: &mut Arena<'a, T>, rows: usize) -> Self {
+    pub fn new(
+        pass: &mut ConvBackwardOperands<'a, T>,
+        arena: &mut Arena<'a, T>,
+        rows: usize,
+    ) -> Self {
         let (conv, layout) = (pass.conv, &pass.conv.weights);
         let width = layout.blocks_per_pixel;
         let dparams = std::mem::take(&mut pass.dparams);
@@ -119,8 +123,8 @@ impl<'a, T: Real, L: Lanes<T>, const G: usize> GradientLoader<'a, T, L, G> {
                 (&*buffers.pixels, 1.0)
             }
             FeatureMaps::Blocked(patches, dy) => {
-                patches.write_block_offsets(first, first_blocks);
-                (dy.as_chunks().0, patches.blocked_scale())
+                patches.write_pixel_block_offsets(first, first_blocks);
+                (dy.as_chunks().0, patches.blocked_value_scale())
             }
         };
         let pixels = PixelGradients { lanes: self.lanes, from, first_blocks, dbias: buffers.dbias };

@@ -8,7 +8,7 @@ use crate::real::Real;
 use crate::simd::lanes::LANES;
 
 /// Operands of a convolution's forward pass.
-pub struct ConvForward<'a, T> {
+pub struct ConvForwardOperands<'a, T> {
     pub(crate) conv: &'a R2Conv,
     pub(crate) samples: usize,
     pub(crate) params: &'a [T],
@@ -29,7 +29,7 @@ pub(crate) struct ConvOutput<'a, T> {
 }
 
 /// Operands of a convolution's backward pass.
-pub struct ConvBackward<'a, T> {
+pub struct ConvBackwardOperands<'a, T> {
     pub(crate) conv: &'a R2Conv,
     pub(crate) samples: usize,
     pub(crate) x: ConvInput<'a, T>,
@@ -42,7 +42,7 @@ pub struct ConvBackward<'a, T> {
     pub(crate) scratch: &'a mut [T],
 }
 
-impl<T: Real> ConvForward<'_, T> {
+impl<T: Real> ConvForwardOperands<'_, T> {
     /// Splits the forward pass over a single image into two: the upper and the lower lines of
     /// output pixels.
     pub(crate) fn split_in_half(self) -> (Self, Self) {
@@ -50,8 +50,8 @@ impl<T: Real> ConvForward<'_, T> {
         // whole blocks, so that both halves start on a cache line
         let middle = self.scratch.len() / 2 / LANES * LANES;
         let (scratch, scratch_below) = self.scratch.split_at_mut(middle);
-        let above = ConvForward { output: above, scratch, ..self };
-        let below = ConvForward { output: below, scratch: scratch_below, ..above };
+        let above = ConvForwardOperands { output: above, scratch, ..self };
+        let below = ConvForwardOperands { output: below, scratch: scratch_below, ..above };
         (above, below)
     }
 }

@@ -78,7 +78,7 @@ impl FusedMaxPool {
 }
 
 /// Operands of the forward pass of a fused max-pooling.
-pub struct MaxPoolForward<'a, T> {
+pub struct MaxPoolForwardOperands<'a, T> {
     pub(crate) pool: &'a FusedMaxPool,
     pub(crate) samples: usize,
     /// Input of the max-pooling, in the blocked layout.
@@ -88,7 +88,7 @@ pub struct MaxPoolForward<'a, T> {
 }
 
 /// Operands of the backward pass of a fused max-pooling.
-pub struct MaxPoolBackward<'a, T> {
+pub struct MaxPoolBackwardOperands<'a, T> {
     pub(crate) pool: &'a FusedMaxPool,
     pub(crate) samples: usize,
     /// Input of the max-pooling in the forward pass, in the blocked layout.
@@ -100,7 +100,7 @@ pub struct MaxPoolBackward<'a, T> {
     pub(crate) scratch: &'a mut [T],
 }
 
-impl<T: Real> WithLanes<T> for MaxPoolForward<'_, T> {
+impl<T: Real> WithLanes<T> for MaxPoolForwardOperands<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
         with_const_order!(
@@ -110,10 +110,10 @@ impl<T: Real> WithLanes<T> for MaxPoolForward<'_, T> {
     }
 }
 
-impl<T: Real> MaxPoolForward<'_, T> {
+impl<T: Real> MaxPoolForwardOperands<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(mut self, lanes: L) {
-        let (pool, own) = (self.pool, self.pool.patches.blocked_scale());
+        let (pool, own) = (self.pool, self.pool.patches.blocked_value_scale());
         let (blocks, channels) = (pool.patches.blocks_per_pixel, pool.out_shape.fields.dim());
         let room = Arena::new(self.scratch).take_blocks(blocks);
         let interleaver = Interleaver::new(pool.out_shape.fields);
@@ -132,12 +132,16 @@ impl<T: Real> MaxPoolForward<'_, T> {
                         );
                         let pixel = n * pool.windows.len() + i;
                         let y = &mut y[pixel * channels..][..channels];
-                        interleaver.deinterleave::<T, G>(T::from_f64(1.0), room.as_flattened(), y);
+                        interleaver.deinterleave_channels::<T, G>(
+                            T::from_f64(1.0),
+                            room.as_flattened(),
+                            y,
+                        );
                     }
                     FeatureMapsMut::Blocked(patches, y) => {
                         let at = n * patches.blocked_len() + patches.pixel_starts[i];
                         let y = &mut y[at..][..blocks * LANES];
-                        let scale = pool.scale(own, patches.blocked_scale());
+                        let scale = pool.scale(own, patches.blocked_value_scale());
                         window_maximum::<T, L, G>(
                             lanes,
                             pool,
@@ -174,7 +178,7 @@ fn window_maximum<T: Real, L: Lanes<T>, const G: usize>(
     }
 }
 
-impl<T: Real> WithLanes<T> for MaxPoolBackward<'_, T> {
+impl<T: Real> WithLanes<T> for MaxPoolBackwardOperands<'_, T> {
     #[inline(always)]
     fn run<L: Lanes<T>>(self, lanes: L) {
         with_const_order!(
@@ -184,10 +188,10 @@ impl<T: Real> WithLanes<T> for MaxPoolBackward<'_, T> {
     }
 }
 
-impl<T: Real> MaxPoolBackward<'_, T> {
+impl<T: Real> MaxPoolBackwardOperands<'_, T> {
     #[inline(always)]
     fn run_groups<L: Lanes<T>, const G: usize>(self, lanes: L) {
-        let (pool, own) = (self.pool, self.pool.patches.blocked_scale());
+        let (pool, own) = (self.pool, self.pool.patches.blocked_value_scale());
         let (blocks, channels) = (pool.patches.blocks_per_pixel, pool.out_shape.fields.dim());
         // zeros, because lanes without a channel are never written below
         let room = Arena::new(self.scratch).take_zeroed_blocks(blocks);
@@ -210,7 +214,7 @@ impl<T: Real> MaxPoolBackward<'_, T> {
                     FeatureMaps::Blocked(patches, dy) => {
                         let at = n * patches.blocked_len() + patches.pixel_starts[i];
                         let dy = &dy[at..][..blocks * LANES];
-                        (dy.as_chunks().0, pool.scale(own, patches.blocked_scale()))
+                        (dy.as_chunks().0, pool.scale(own, patches.blocked_value_scale()))
                     }
                 };
                 let (x, dx) = (&x[window..], &mut dx[window..]);

@@ -57,14 +57,15 @@ impl R2Conv {
         LayerError::check_groups(layer, in_type, out_type)?;
         let windows = WindowGrid::new(layer, out_type.group(), kernel, size)?;
         let out = windows.out_shape(out_type);
-        LayerError::check_feature_map(layer, image, kernel.padding)?;
-        LayerError::check_feature_map(layer, out, 0)?;
+        LayerError::check_feature_map_size(layer, image, kernel.padding)?;
+        LayerError::check_feature_map_size(layer, out, 0)?;
         // `dense` builds this kernel, so its size must be within the limit as well
         let dense = [kernel.size, kernel.size, image.fields.dim(), out_type.dim()];
         checked_product(dense).ok_or(LayerError::TooManyValues { layer, what: "a kernel" })?;
         let taps = TapBasis::new(image.fields, kernel.size);
         let patches = PatchGeometry::new(&taps, image, kernel, windows.out_size);
-        let irrep_weights = IrrepWeights::new(Irrep::ALL.map(|b| taps.num_columns(b)), out_type);
+        let irrep_weights =
+            IrrepWeights::new(Irrep::ALL.map(|b| taps.num_weight_columns(b)), out_type);
         Ok(R2Conv {
             weights: WeightLayout::new(&taps, &patches, &irrep_weights, out_type),
             taps,

@@ -59,8 +59,8 @@ impl WeightLayout {
             for (i, function) in taps.basis_functions.iter().enumerate() {
                 let group =
                     patches.first_lane_group(function.parity, function.tap_coefficients[0].0);
-                let input = taps.input_irrep(b, function.parity);
-                let first = irrep_weights.weight_range(b).start + taps.first_column(b, i);
+                let input = taps.input_irrep_for_parity(b, function.parity);
+                let first = irrep_weights.weight_range(b).start + taps.first_weight_column(b, i);
                 for output in 0..out.multiplicity(b) {
                     for channel in 0..taps.in_type.multiplicity(input) {
                         let to = (group + channel) * width * LANES + output * irreps.len() + lane;

@@ -36,12 +36,12 @@ impl Concat {
                 expected: "equal heights and widths",
             });
         }
-        LayerError::check_feature_map("Concat", first, 0)?;
-        LayerError::check_feature_map("Concat", second, 0)?;
+        LayerError::check_feature_map_size("Concat", first, 0)?;
+        LayerError::check_feature_map_size("Concat", second, 0)?;
         let dim = first.fields.dim() + second.fields.dim();
         LayerError::check_channels("Concat", dim)?;
         let sum = Shape { fields: first.fields + second.fields, ..first };
-        LayerError::check_feature_map("Concat", sum, 0)?;
+        LayerError::check_feature_map_size("Concat", sum, 0)?;
         Ok(Concat { first, second, sum })
     }
 

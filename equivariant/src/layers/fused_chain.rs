@@ -10,8 +10,8 @@ use std::ops::Range;
 
 use crate::conv::dispatch::{self, ConvScalar};
 use crate::conv::maps::{Arena, ConvInput, FeatureMaps, FeatureMapsMut};
-use crate::conv::operands::{ConvBackward, ConvForward, ConvOutput};
-use crate::conv::pool::{FusedMaxPool, MaxPoolBackward, MaxPoolForward};
+use crate::conv::operands::{ConvBackwardOperands, ConvForwardOperands, ConvOutput};
+use crate::conv::pool::{FusedMaxPool, MaxPoolBackwardOperands, MaxPoolForwardOperands};
 use crate::conv::r2_conv::R2Conv;
 use crate::layers::layer::{Layer, LayerSignature, Scalar};
 use crate::scratch::{BackwardArgs, take_back_padded};
@@ -55,7 +55,7 @@ impl FusedChain {
     /// Appends a convolution to the fused chain and returns `true`, or returns `false` if it cannot
     /// be fused. Trivial channels cannot: their blocked layout differs from the layout in which
     /// outputs are written.
-    pub fn fuse_conv(&mut self, conv: &R2Conv) -> bool {
+    pub fn try_append_conv(&mut self, conv: &R2Conv) -> bool {
         let fits = !conv.patches.is_replicated;
         if fits {
             self.push(conv);
@@ -65,14 +65,14 @@ impl FusedChain {
 
     /// Appends a ReLU to the fused chain and returns `true`, or returns `false` if the last
     /// convolution has a ReLU or pooling.
-    pub fn fuse_relu(&mut self) -> bool {
+    pub fn try_append_relu(&mut self) -> bool {
         let last = self.last_mut();
         last.pool.is_none() && !std::mem::replace(&mut last.rectified, true)
     }
 
     /// Appends a max-pooling to the fused chain and returns `true`, or returns `false` if the last
     /// convolution is pooled or the windows do not qualify (see [`FusedMaxPool::after_conv`]).
-    pub fn fuse_max_pool(&mut self, kernel: SlidingWindow) -> bool {
+    pub fn try_append_max_pool(&mut self, kernel: SlidingWindow) -> bool {
         let last = self.last_mut();
         if last.pool.is_some() {
             return false;
@@ -177,7 +177,7 @@ impl FusedChain {
             };
             if let Some(pool) = &fused.pool {
                 let pool_gradient = &mut input_gradient[..pool_input.len()];
-                T::max_pool_backward(MaxPoolBackward {
+                T::max_pool_backward(MaxPoolBackwardOperands {
                     pool,
                     samples,
                     x: pool_input,
@@ -198,7 +198,7 @@ impl FusedChain {
                     )
                 }
             };
-            T::backward(ConvBackward {
+            T::backward(ConvBackwardOperands {
                 conv: &fused.conv,
                 samples,
                 params: &args.params[fused.params.clone()],
@@ -252,7 +252,13 @@ impl FusedConv {
         };
         let before = FeatureMapsMut::Blocked(&pool.patches, &mut *saved.pool_input);
         self.convolve(params, samples, x, before, saved.masks, scratch);
-        T::max_pool_forward(MaxPoolForward { pool, samples, x: saved.pool_input, y, scratch });
+        T::max_pool_forward(MaxPoolForwardOperands {
+            pool,
+            samples,
+            x: saved.pool_input,
+            y,
+            scratch,
+        });
     }
 
     fn convolve<T: ConvScalar>(
@@ -264,7 +270,7 @@ impl FusedConv {
         masks: &mut [T],
         scratch: &mut [T],
     ) {
-        let pass = ConvForward {
+        let pass = ConvForwardOperands {
             conv: &self.conv,
             samples,
             params: &params[self.params.clone()],
@@ -355,9 +361,9 @@ mod tests {
     /// Returns `true` if a pooling of a rectified convolution to this type is fused.
     fn pools(to: FieldType, [size, stride, padding]: [usize; 3]) -> bool {
         let mut chain = FusedChain::new(&conv(to));
-        assert!(chain.fuse_relu() && !chain.fuse_relu());
-        let pooled = chain.fuse_max_pool(SlidingWindow::new(size, stride, padding));
-        assert!(!(pooled && chain.fuse_relu()), "a ReLU behind a pooling");
+        assert!(chain.try_append_relu() && !chain.try_append_relu());
+        let pooled = chain.try_append_max_pool(SlidingWindow::new(size, stride, padding));
+        assert!(!(pooled && chain.try_append_relu()), "a ReLU behind a pooling");
         pooled
     }
 

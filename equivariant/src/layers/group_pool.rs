@@ -31,7 +31,7 @@ impl GroupMaxPool {
     /// When the map is empty or its type is not regular fields only.
     pub fn new(shape: Shape) -> Result<GroupMaxPool, LayerError> {
         let layer = "GroupMaxPool";
-        LayerError::check_feature_map(layer, shape, 0)?;
+        LayerError::check_feature_map_size(layer, shape, 0)?;
         let fields = shape.fields.num_regular_fields().ok_or(LayerError::InvalidFieldType {
             layer,
             got: shape.fields,

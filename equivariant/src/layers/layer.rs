@@ -169,7 +169,7 @@ pub trait Layer<T: Scalar>: LayerSignature {
             samples <= MAX_VALUES,
             "{self}: got {samples} samples, expected at most {MAX_VALUES}"
         );
-        Scratch::filled_with(self.scratch_len(samples), T::ZERO)
+        Scratch::new_filled(self.scratch_len(samples), T::ZERO)
     }
 
     /// Returns the kind of the layer, for code that fuses layers, exports them or runs them on a

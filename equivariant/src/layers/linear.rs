@@ -35,8 +35,8 @@ impl Linear {
     pub fn new(in_type: FieldType, out_type: FieldType) -> Result<Linear, LayerError> {
         let layer = "Linear";
         LayerError::check_groups(layer, in_type, out_type)?;
-        LayerError::check_feature_map(layer, Shape::vector(in_type), 0)?;
-        LayerError::check_feature_map(layer, Shape::vector(out_type), 0)?;
+        LayerError::check_feature_map_size(layer, Shape::vector(in_type), 0)?;
+        LayerError::check_feature_map_size(layer, Shape::vector(out_type), 0)?;
         let weights = checked_product([in_type.dim(), out_type.dim()]);
         weights.ok_or(LayerError::TooManyValues { layer, what: "a matrix" })?;
         let cols = Irrep::ALL.map(|b| in_type.multiplicity(b));

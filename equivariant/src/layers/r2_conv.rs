@@ -7,7 +7,7 @@ use symmetry::{FieldType, Group};
 
 use crate::conv::dispatch;
 use crate::conv::maps::{ConvInput, FeatureMaps, FeatureMapsMut};
-use crate::conv::operands::{ConvBackward, ConvForward, ConvOutput};
+use crate::conv::operands::{ConvBackwardOperands, ConvForwardOperands, ConvOutput};
 pub use crate::conv::r2_conv::R2Conv;
 use crate::error::LayerError;
 use crate::layers::check::TestLayer;
@@ -50,7 +50,7 @@ impl<T: Scalar> Layer<T> for R2Conv {
     }
 
     fn run_forward(&self, params: &[T], x: &[T], y: &mut [T], scratch: &mut [T]) {
-        let pass = ConvForward {
+        let pass = ConvForwardOperands {
             conv: self,
             samples: x.len() / self.image_shape().len(),
             params,
@@ -66,7 +66,7 @@ impl<T: Scalar> Layer<T> for R2Conv {
     }
 
     fn run_backward(&self, args: BackwardArgs<T>) {
-        T::backward(ConvBackward {
+        T::backward(ConvBackwardOperands {
             conv: self,
             samples: args.x.len() / self.image_shape().len(),
             params: args.params,

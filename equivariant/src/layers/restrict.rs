@@ -39,7 +39,7 @@ impl Restrict {
     /// # Errors
     /// When the map is empty or the group is not a subgroup of that of its type.
     pub fn new(shape: Shape, group: Group) -> Result<Restrict, LayerError> {
-        LayerError::check_feature_map("Restrict", shape, 0)?;
+        LayerError::check_feature_map_size("Restrict", shape, 0)?;
         if !group.is_subgroup_of(shape.fields.group()) {
             return Err(LayerError::InvalidSetting {
                 layer: "Restrict",
@@ -63,7 +63,7 @@ fn sources_of(
     group: Group,
     b: Irrep,
 ) -> impl Iterator<Item = (Irrep, Range<usize>)> {
-    let irreps = fields.group().irreps().iter().filter(move |&&a| group.restrict_irrep(a) == b);
+    let irreps = fields.group().irreps().iter().filter(move |&&a| group.restrict_d2_irrep(a) == b);
     irreps.map(move |&a| (a, fields.channel_range(a)))
 }
 

@@ -75,9 +75,9 @@ fn stages<T: Scalar>(layers: &[Box<dyn Layer<T>>]) -> Vec<Stage> {
 /// fused.
 fn try_fuse<T: Scalar>(chain: &mut FusedChain, kind: &LayerKind<'_, T>) -> bool {
     match kind {
-        LayerKind::R2Conv(conv) => chain.fuse_conv(conv),
-        LayerKind::Relu => chain.fuse_relu(),
-        LayerKind::MaxPool(kernel) => chain.fuse_max_pool(*kernel),
+        LayerKind::R2Conv(conv) => chain.try_append_conv(conv),
+        LayerKind::Relu => chain.try_append_relu(),
+        LayerKind::MaxPool(kernel) => chain.try_append_max_pool(*kernel),
         _ => false,
     }
 }

@@ -49,7 +49,7 @@ impl Interleaver {
     /// Writes the scaled lanes of a pixel's lane groups into its irrep-major channels. Never
     /// inlined, like [`interleave`](Interleaver::interleave).
     #[inline(never)]
-    pub fn deinterleave<T: Real, const G: usize>(
+    pub fn deinterleave_channels<T: Real, const G: usize>(
         &self,
         scale: T,
         groups: &[T],

@@ -197,7 +197,7 @@ impl PatchGeometry {
     /// Writes the positions of consecutive pixels, from pixel `first` on, in blocked images, in
     /// blocks.
     #[inline(always)]
-    pub fn write_block_offsets(&self, first: usize, places: &mut [usize]) {
+    pub fn write_pixel_block_offsets(&self, first: usize, places: &mut [usize]) {
         let pixels = self.pixel_starts.len();
         let (mut start, mut pixel) = (first / pixels * self.blocked_len(), first % pixels);
         for place in places {
@@ -220,7 +220,7 @@ impl PatchGeometry {
 
     /// Returns the factor 1/sqrt(G) of blocked values, for G group elements, with which folds over
     /// orbits of G taps are orthonormal.
-    pub fn blocked_scale(&self) -> f64 {
+    pub fn blocked_value_scale(&self) -> f64 {
         (self.image_shape.fields.group().order() as f64).sqrt().recip()
     }
 
@@ -257,7 +257,7 @@ impl PatchGeometry {
             return self.write_copies::<T, _, G>(image, blocked);
         }
         let channels = self.image_shape.fields.dim();
-        let scale = T::from_f64(self.blocked_scale());
+        let scale = T::from_f64(self.blocked_value_scale());
         let interleaver = Interleaver::new(self.image_shape.fields);
         for (i, &to) in self.pixel_starts.iter().enumerate() {
             let from = &image[i * channels..][..channels];
@@ -299,7 +299,7 @@ impl PatchGeometry {
     #[inline(always)]
     fn read_blocked_groups<T: Real, const G: usize>(&self, blocked: &[T], image: &mut [T]) {
         let channels = self.image_shape.fields.dim();
-        let scale = T::from_f64(self.blocked_scale());
+        let scale = T::from_f64(self.blocked_value_scale());
         let interleaver = Interleaver::new(self.image_shape.fields);
         for (i, &from) in self.pixel_starts.iter().enumerate() {
             let to = &mut image[i * channels..][..channels];
@@ -307,7 +307,7 @@ impl PatchGeometry {
             if self.is_replicated {
                 sum_copies::<T, G>(from, to);
             } else {
-                interleaver.deinterleave::<T, G>(scale, from, to);
+                interleaver.deinterleave_channels::<T, G>(scale, from, to);
             }
         }
     }

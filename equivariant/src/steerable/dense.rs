@@ -36,7 +36,7 @@ pub struct OrdinaryConv<'a> {
 /// Steerable kernel that is closest to a dense kernel, with the share of the dense kernel that is
 /// lost.
 #[derive(Clone, Debug, PartialEq)]
-pub struct ProjectedKernel<T> {
+pub struct ClosestSteerableKernel<T> {
     /// Parameters of the layer with the closest kernel; the biases are zero.
     pub params: Vec<T>,
     /// Share of the dense kernel that is not steerable, in [0, 1]: the Euclidean norm of the rest
@@ -119,7 +119,7 @@ impl OrdinaryConv<'_> {
     ///
     /// # Panics
     /// When `kernel` is not of the [`kernel_shape`](OrdinaryConv::kernel_shape).
-    pub fn project_kernel<T: Real>(&self, kernel: &[T]) -> ProjectedKernel<T> {
+    pub fn project_kernel<T: Real>(&self, kernel: &[T]) -> ClosestSteerableKernel<T> {
         let shape = self.kernel_shape();
         assert_eq!(
             kernel.len(),
@@ -135,7 +135,7 @@ impl OrdinaryConv<'_> {
         let pairs = kernel.iter().zip(&projected);
         let rest: f64 = pairs.map(|(a, b)| square(a.to_f64() - b.to_f64())).sum();
         // a kernel of zeros has a residual of 0 instead of 0 / 0
-        ProjectedKernel { params, lost_share: (rest / total.max(f64::MIN_POSITIVE)).sqrt() }
+        ClosestSteerableKernel { params, lost_share: (rest / total.max(f64::MIN_POSITIVE)).sqrt() }
     }
 
     /// Returns the steerable kernel that is closest to the dense kernel `kernel`, which is in the
@@ -143,7 +143,7 @@ impl OrdinaryConv<'_> {
     ///
     /// # Panics
     /// As [`project_kernel`](OrdinaryConv::project_kernel).
-    pub fn project_regular_basis_kernel<T: Real>(&self, kernel: &[T]) -> ProjectedKernel<T> {
+    pub fn project_regular_basis_kernel<T: Real>(&self, kernel: &[T]) -> ClosestSteerableKernel<T> {
         // the change of basis is orthonormal and its own inverse
         let mut kernel = kernel.to_vec();
         self.change_basis(&mut kernel);
@@ -172,8 +172,9 @@ impl OrdinaryConv<'_> {
             let mut weights = self.irrep_weights.weight_range(b);
             for out in self.out_type().channel_range(b) {
                 for function in &self.taps.basis_functions {
-                    let channels =
-                        self.in_type().channel_range(self.taps.input_irrep(b, function.parity));
+                    let channels = self
+                        .in_type()
+                        .channel_range(self.taps.input_irrep_for_parity(b, function.parity));
                     for (channel, weight) in channels.zip(&mut weights) {
                         for &([row, col], c) in &function.tap_coefficients {
                             f(

@@ -66,7 +66,7 @@ pub(crate) fn require_permuted_fields(
     layer: &'static str,
     shape: Shape,
 ) -> Result<(usize, usize), LayerError> {
-    LayerError::check_feature_map(layer, shape, 0)?;
+    LayerError::check_feature_map_size(layer, shape, 0)?;
     permuted_field_order_and_count(shape.fields).ok_or(LayerError::InvalidFieldType {
         layer,
         got: shape.fields,

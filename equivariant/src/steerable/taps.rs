@@ -43,22 +43,22 @@ impl TapBasis {
     }
 
     /// Returns the input irrep that a function of this parity maps to output irrep b.
-    pub fn input_irrep(&self, b: Irrep, parity: Irrep) -> Irrep {
-        self.in_type.group().restrict_irrep(b * parity)
+    pub fn input_irrep_for_parity(&self, b: Irrep, parity: Irrep) -> Irrep {
+        self.in_type.group().restrict_d2_irrep(b * parity)
     }
 
     /// Returns the first column, in the weight matrix of output irrep b, that belongs to basis
     /// function `function`.
-    pub fn first_column(&self, b: Irrep, function: usize) -> usize {
+    pub fn first_weight_column(&self, b: Irrep, function: usize) -> usize {
         let before = self.basis_functions[..function].iter();
-        before.map(|f| self.in_type.multiplicity(self.input_irrep(b, f.parity))).sum()
+        before.map(|f| self.in_type.multiplicity(self.input_irrep_for_parity(b, f.parity))).sum()
     }
 
     /// Returns the number of columns of the weight matrix of output irrep b; 0 if the group lacks
     /// b.
-    pub fn num_columns(&self, b: Irrep) -> usize {
-        if self.in_type.group().restrict_irrep(b) == b {
-            self.first_column(b, self.basis_functions.len())
+    pub fn num_weight_columns(&self, b: Irrep) -> usize {
+        if self.in_type.group().restrict_d2_irrep(b) == b {
+            self.first_weight_column(b, self.basis_functions.len())
         } else {
             0
         }
@@ -95,9 +95,9 @@ mod tests {
     fn columns_are_ordered_by_parity_tap_and_channel() {
         let taps = TapBasis::new(FieldType::new(Group::C2, [2, 3, 0, 0]), 3);
         // 5 even functions on 2 channels, then 4 odd ones on 3
-        assert_eq!(taps.num_columns(Irrep::Trivial), 22);
-        assert_eq!(taps.first_column(Irrep::Trivial, 6), 13);
-        assert_eq!(taps.num_columns(Irrep::X), 5 * 3 + 4 * 2);
-        assert_eq!(taps.num_columns(Irrep::Y), 0);
+        assert_eq!(taps.num_weight_columns(Irrep::Trivial), 22);
+        assert_eq!(taps.first_weight_column(Irrep::Trivial, 6), 13);
+        assert_eq!(taps.num_weight_columns(Irrep::X), 5 * 3 + 4 * 2);
+        assert_eq!(taps.num_weight_columns(Irrep::Y), 0);
     }
 }

@@ -43,7 +43,7 @@ impl WindowGrid {
         shape: Shape,
         window: SlidingWindow,
     ) -> Result<WindowGrid, LayerError> {
-        LayerError::check_feature_map(layer, shape, window.padding)?;
+        LayerError::check_feature_map_size(layer, shape, window.padding)?;
         let in_size = [shape.height, shape.width];
         let windows = WindowGrid::new(layer, shape.fields.group(), window, in_size)?;
         if window.padding > window.size / 2 {

@@ -138,7 +138,7 @@ pub fn params<T: Scalar>(layer: &dyn Layer<T>, seed: u64) -> Vec<T> {
 
 /// Creates memory for the passes, full of NaN: layers must not read what they did not write.
 pub fn scratch<T: Scalar>(layer: &(impl Layer<T> + ?Sized), samples: usize) -> Scratch<T> {
-    Scratch::filled_with(layer.scratch_len(samples), T::from_f64(f64::NAN))
+    Scratch::new_filled(layer.scratch_len(samples), T::from_f64(f64::NAN))
 }
 
 /// Creates an output of NaN: layers must write all of it and add to none.

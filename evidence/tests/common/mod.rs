@@ -121,7 +121,7 @@ pub fn review(
     seen: &[EpisodeSummary],
     context: RolloutDecisionContext,
 ) -> RolloutDecision {
-    recogniser.clone().review_policy(seen, context, &mut rng()).unwrap()
+    recogniser.clone().review_proposed_policy(seen, context, &mut rng()).unwrap()
 }
 
 /// A recogniser of the groups 0, 1, ... of a world, each known from two rollouts of its own policy;

@@ -5,7 +5,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use envs::TaskVariant;
 
-use learner::{Learner, PolicyEvaluation};
+use learner::{Learner, PolicyEvaluationResult};
 
 /// Key of a cached evaluation: task variant, episodes in each environment, and policy index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -19,7 +19,7 @@ pub(super) struct CacheKey {
 /// Evaluations play the same episodes every time, so equal parameters give equal results, to the
 /// bit.
 #[derive(Debug, Default)]
-pub(super) struct EvaluationCache(HashMap<CacheKey, (u64, PolicyEvaluation)>);
+pub(super) struct EvaluationCache(HashMap<CacheKey, (u64, PolicyEvaluationResult)>);
 
 impl EvaluationCache {
     /// Returns the result of `play`, from the cache if the policy's parameters are unchanged.
@@ -28,8 +28,8 @@ impl EvaluationCache {
         &mut self,
         key: CacheKey,
         learner: &mut dyn Learner,
-        play: impl FnOnce(&mut dyn Learner) -> Result<PolicyEvaluation, E>,
-    ) -> Result<PolicyEvaluation, E> {
+        play: impl FnOnce(&mut dyn Learner) -> Result<PolicyEvaluationResult, E>,
+    ) -> Result<PolicyEvaluationResult, E> {
         let Some(parameters) = learner.policy_parameters(key.policy).map(fingerprint) else {
             return play(learner);
         };

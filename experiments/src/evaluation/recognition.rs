@@ -24,7 +24,7 @@ const EPISODES: u64 = u64::MAX - 1;
 
 /// Number of times that a learner named one policy for a task variant whose frames it was shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct RecognitionCount {
+pub struct RecognitionAnswerCount {
     /// Task group whose episodes were shown.
     pub group: TaskGroup,
     /// Element of D2 (a flip, half turn or identity) that transforms the shown variant's scene.
@@ -51,7 +51,7 @@ impl Evaluator {
         learner: &mut dyn Learner,
         variant: TaskVariant,
         looks: usize,
-    ) -> Result<Vec<RecognitionCount>, RunError> {
+    ) -> Result<Vec<RecognitionAnswerCount>, RunError> {
         let TaskVariant { group, element } = variant;
         self.labels.set(group.name());
         self.stream.switch_task_group(group, &[element])?;
@@ -67,7 +67,7 @@ impl Evaluator {
                 let answer = learner.recognise_policy(&mut self.stream, Some(episodes), rng)?;
                 *answers.entry(answer.accepted_policy()).or_default() += 1;
             }
-            found.extend(answers.into_iter().map(|(policy, times)| RecognitionCount {
+            found.extend(answers.into_iter().map(|(policy, times)| RecognitionAnswerCount {
                 group,
                 element,
                 episodes_shown: episodes,

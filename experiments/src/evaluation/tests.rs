@@ -61,7 +61,7 @@ impl Learner for Spy {
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<PolicyEvaluation, LearnerError> {
+    ) -> Result<PolicyEvaluationResult, LearnerError> {
         self.watch(env, rounds);
         self.played.push(index);
         // policy 1 alone succeeds
@@ -72,7 +72,7 @@ impl Learner for Spy {
             success: index == 1,
             success_at_end: false,
         };
-        let mut performance = PolicyEvaluation::default();
+        let mut performance = PolicyEvaluationResult::default();
         performance.stats.episodes.push(episode);
         Ok(performance)
     }

@@ -78,7 +78,7 @@ fn the_budget_of_the_table_is_the_same_for_all_methods() {
 #[test]
 fn streams_of_many_groups_follow_the_seed_and_switch_within_rollouts() {
     let budgets = [
-        (Budget::Ten, &TaskGroup::TEN[..]),
+        (Budget::Ten, &TaskGroup::TEN_WITHOUT_GRASPING[..]),
         (Budget::Mt10, &TaskGroup::MT10),
         (Budget::All, &TaskGroup::ALL),
     ];
@@ -138,7 +138,7 @@ fn the_slim_network_has_as_many_parameters_as_the_equivariant_one() {
 fn randomised_pictures_without_close_ups_are_all_that_a_preset_changes() {
     for budget in Budget::value_variants() {
         let mut run = budget.preset_experiment(Method::CoversRandomised);
-        assert_eq!(run.envs.randomisation, Some(DomainRandomisation::NOMINAL));
+        assert_eq!(run.envs.randomisation, Some(VisualDomainRandomisation::NOMINAL));
         let covers = budget.preset_experiment(Method::Covers);
         run.envs = run.envs.without_randomisation();
         run.envs.camera = covers.envs.camera;

@@ -2,7 +2,7 @@
 
 use covers::{
     CoversSettings, GroupingSettings, Learner, LearnerSettings, NewPolicyInit, OffPolicySettings,
-    RolloutHandover,
+    ReassignedRolloutHandling,
 };
 use rl::{
     BoxedEnvError, CriticSettings, EncoderSettings, EnvSpec, NetworkSettings, Observations,
@@ -33,7 +33,7 @@ fn of_covers() -> [CoversSettings; 4] {
         grouped(GroupingSettings::Oracle),
         grouped(GroupingSettings::Single),
         CoversSettings {
-            handover: RolloutHandover::Reuse,
+            handover: ReassignedRolloutHandling::Reuse,
             new_policy: NewPolicyInit::Copy,
             ..grouped(THRESHOLD)
         },

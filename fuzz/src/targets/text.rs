@@ -9,8 +9,8 @@ use std::sync::LazyLock;
 use allocation_counter::opt_out;
 use clap::{CommandFactory, FromArgMatches, Subcommand};
 use covers::check::CheckCommand;
-use covers::cli::{ContinualStreamOptions, TrainOptions};
-use covers::commands::LearnerCommand;
+use covers::cli::{ContinualStreamExampleOptions, TrainOptions};
+use covers::commands::TrainingRunCommand;
 use covers::presets::{Budget, Method};
 use covers::{Experiment, LearnerSettings, SettingOverride};
 use envs::{Embodiment, TaskRegistry};
@@ -124,9 +124,9 @@ fn overrides() -> Vec<Vec<u8>> {
 
 thread_local! {
     static COMMANDS: RefCell<[clap::Command; 2]> = RefCell::new([
-        LearnerCommand::augment_subcommands(clap::Command::new("covers"))
+        TrainingRunCommand::augment_subcommands(clap::Command::new("covers"))
             .subcommand(CheckCommand::augment_subcommands(clap::Command::new("check"))),
-        ContinualStreamOptions::command(),
+        ContinualStreamExampleOptions::command(),
     ]);
 }
 
@@ -150,7 +150,7 @@ fn read_command_line(input: &[u8]) -> Option<Reading> {
 fn reads_stream(stream: &mut clap::Command, arguments: &[OsString]) -> bool {
     let matches = stream.try_get_matches_from_mut(arguments);
     if let Ok(matches) = &matches {
-        assert!(ContinualStreamOptions::from_arg_matches(matches).is_ok());
+        assert!(ContinualStreamExampleOptions::from_arg_matches(matches).is_ok());
     }
     accepted(matches)
 }
@@ -158,15 +158,15 @@ fn reads_stream(stream: &mut clap::Command, arguments: &[OsString]) -> bool {
 fn reads_command(covers: &mut clap::Command, arguments: &[OsString]) -> bool {
     let matches = covers.try_get_matches_from_mut(arguments);
     if let Ok(matches) = &matches {
-        check_names(LearnerCommand::from_arg_matches(matches).ok());
+        check_names(TrainingRunCommand::from_arg_matches(matches).ok());
     }
     accepted(matches)
 }
 
 /// Asserts that the folder of a run lies in the requested folder, for any name of the settings'
 /// file.
-fn check_names(command: Option<LearnerCommand>) {
-    let Some(LearnerCommand::Train(options)) = command else {
+fn check_names(command: Option<TrainingRunCommand>) {
+    let Some(TrainingRunCommand::Train(options)) = command else {
         return;
     };
     let mut preset = TrainOptions { config: None, ..options.clone() };

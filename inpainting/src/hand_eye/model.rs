@@ -59,7 +59,7 @@ impl<'a> HandEyeFit<'a> {
         let residual = |sighting: &BallSighting| {
             let ball = sighting.hand_position + sighting.hand_rotation * guess;
             let [column, row] =
-                calibration.project_direction(ball - calibration.camera_position())?;
+                calibration.project_world_direction(ball - calibration.camera_position())?;
             Some([sighting.ball_pixel[0] - column, sighting.ball_pixel[1] - row])
         };
         let residuals = sightings.iter().map(residual).collect::<Option<Vec<_>>>()?;
@@ -224,7 +224,7 @@ impl<'a> HandEyeFit<'a> {
     /// does not.
     fn on_table(&self, pixel: [f64; 2]) -> Option<DVec3> {
         let (eye, ray) =
-            (self.calibration.camera_position(), self.calibration.direction_of_pixel(pixel)?);
+            (self.calibration.camera_position(), self.calibration.world_direction_of_pixel(pixel)?);
         let part = -eye.z / ray.z;
         (part.is_finite() && part > 0.0).then(|| eye + part * ray)
     }
@@ -241,14 +241,14 @@ impl<'a> HandEyeFit<'a> {
 
     /// Returns the residual of each arm pose, and the largest one (pixels) that counts as noise
     /// there.
-    pub fn residuals_with_limits(&self) -> impl Iterator<Item = (BallResidual, f64)> {
+    pub fn residuals_with_noise_limits(&self) -> impl Iterator<Item = (BallResidual, f64)> {
         let limits = self.sightings.iter().map(|sighting| self.limit(sighting));
         self.residuals().into_iter().zip(limits)
     }
 
     /// Returns `true` if all residuals can be noise: none is beyond its limit.
-    pub fn is_within_limits(&self) -> bool {
-        self.residuals_with_limits().all(|(residual, limit)| residual.distance_px <= limit)
+    pub fn is_within_noise_limits(&self) -> bool {
+        self.residuals_with_noise_limits().all(|(residual, limit)| residual.distance_px <= limit)
     }
 }
 

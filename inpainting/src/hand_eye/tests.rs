@@ -46,7 +46,7 @@ fn sightings(
         hand_position: position,
         hand_rotation: rotation,
         ball_pixel: camera
-            .project_direction(position + rotation * offset - camera.camera_position())
+            .project_world_direction(position + rotation * offset - camera.camera_position())
             .unwrap(),
     };
     hands.iter().enumerate().map(sighting).collect()

@@ -12,8 +12,8 @@ use serde_json::Value;
 use crate::error::LearnerError;
 
 use super::grouping::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, EpisodeRequirements, Grouping,
-    GroupingDecision, GroupingUpdateResult, RolloutEpisodes,
+    AssignmentData, AssignmentPurpose, EpisodeRequirements, Grouping, GroupingDecision,
+    GroupingUpdateInput, GroupingUpdateResult, RolloutEpisodes,
 };
 use super::threshold::nearest_policy;
 
@@ -105,7 +105,7 @@ impl Grouping for EvidenceGrouping {
 
     fn assign(
         &mut self,
-        request: AssignmentRequest<'_>,
+        request: AssignmentPurpose<'_>,
         data: &mut dyn AssignmentData,
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
@@ -113,16 +113,16 @@ impl Grouping for EvidenceGrouping {
         let summaries = self.summarise(data.episodes(), collector)?;
         let context = RolloutDecisionContext::collected_by_policy(collector);
         let decision = match request {
-            AssignmentRequest::Recognise => return self.recognise(&summaries, data, rng),
-            AssignmentRequest::Assign { allow_undecided } => {
+            AssignmentPurpose::Recognise => return self.recognise(&summaries, data, rng),
+            AssignmentPurpose::Assign { allow_undecided } => {
                 let context = RolloutDecisionContext { allow_undecided, ..context };
                 self.recogniser.assign_rollout(&summaries, context, rng)?
             }
-            AssignmentRequest::Confirm { proposal, allow_undecided } => {
+            AssignmentPurpose::Confirm { proposal, allow_undecided } => {
                 let (rejected, is_provisional) = (&proposal.rejected, proposal.is_provisional);
                 let context =
                     RolloutDecisionContext { rejected, is_provisional, allow_undecided, ..context };
-                self.recogniser.review_policy(&summaries, context, rng)?
+                self.recogniser.review_proposed_policy(&summaries, context, rng)?
             }
         };
         Ok(decision.into())
@@ -132,30 +132,30 @@ impl Grouping for EvidenceGrouping {
     /// `policy`: first the other policy, and if it serves the group, `policy` again.
     fn update(
         &mut self,
-        assigned: AssignedEpisodes<'_>,
+        assigned: GroupingUpdateInput<'_>,
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingUpdateResult, LearnerError> {
         let (mut changepoint, mut probe) = (None, None);
         match assigned {
-            AssignedEpisodes::Rollout { policy, accepted, episodes } => {
+            GroupingUpdateInput::Rollout { policy, accepted, episodes } => {
                 let summaries = self.summarise(episodes, policy)?;
                 changepoint = self.recogniser.record_training(policy, &summaries, rng)?;
                 probe = self.recogniser.find_possible_duplicate(policy, accepted);
             }
-            AssignedEpisodes::Probes { policy, probes: &[first] } => {
+            GroupingUpdateInput::Probes { policy, probes: &[first] } => {
                 let duplicate = first.collector;
                 let summaries = self.summarise(first, duplicate)?;
                 let serves =
                     self.recogniser.confirm_duplicate(policy, duplicate, &summaries, rng)?;
                 probe = serves.then_some(policy);
             }
-            AssignedEpisodes::Probes { policy, probes: &[first, again, ..] } => {
+            GroupingUpdateInput::Probes { policy, probes: &[first, again, ..] } => {
                 let duplicate = first.collector;
                 let of_duplicate = self.summarise(first, duplicate)?;
                 let again = self.summarise(again, policy)?;
                 self.recogniser.recheck_and_merge(policy, duplicate, &of_duplicate, &again, rng)?;
             }
-            AssignedEpisodes::Probes { probes: &[], .. } => {}
+            GroupingUpdateInput::Probes { probes: &[], .. } => {}
         }
         Ok(GroupingUpdateResult { changepoint, probe, merged_into: self.recogniser.merged_into() })
     }

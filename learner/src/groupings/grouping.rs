@@ -1,8 +1,7 @@
 //! Trait of all groupings, with their requests and decisions.
 
 use cluster::{
-    AssignedPolicy, PolicyAssignment, PolicyEvidence, RolloutAndBufferFeatures,
-    TwoPolicyComparisonInputs,
+    AssignedPolicy, NearerPolicyInputs, PolicyAssignment, PolicyEvidence, RolloutAndBufferFeatures,
 };
 use evidence::{RequiredTrial, Trajectory};
 use rand_chacha::ChaCha8Rng;
@@ -23,13 +22,13 @@ pub trait Grouping: Send {
 
     /// Decides which policy the rollout in `data` belongs to: an existing one, a new one, or none
     /// yet. After [`AssignedPolicy::New`] a policy is created, unless the request is
-    /// [`AssignmentRequest::Recognise`].
+    /// [`AssignmentPurpose::Recognise`].
     ///
     /// # Errors
     /// Frames or episodes that cannot be compared.
     fn assign(
         &mut self,
-        request: AssignmentRequest<'_>,
+        request: AssignmentPurpose<'_>,
         data: &mut dyn AssignmentData,
         rng: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError>;
@@ -41,7 +40,7 @@ pub trait Grouping: Send {
     /// Episodes that cannot be compared.
     fn update(
         &mut self,
-        _: AssignedEpisodes<'_>,
+        _: GroupingUpdateInput<'_>,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingUpdateResult, LearnerError> {
         Ok(GroupingUpdateResult::default())
@@ -78,7 +77,7 @@ pub struct EpisodeRequirements {
 
 /// Request to a grouping: to assign a rollout, to recognise a policy, or to confirm one.
 #[derive(Clone, Copy, Debug)]
-pub enum AssignmentRequest<'a> {
+pub enum AssignmentPurpose<'a> {
     /// Request to assign one rollout to the policy that will train on it.
     Assign {
         /// `true` if the decision may be [`AssignedPolicy::Undecided`]: no policy trains on the
@@ -93,7 +92,7 @@ pub enum AssignmentRequest<'a> {
         /// Earlier decision, which proposed the policy on trial.
         proposal: &'a GroupingDecision,
         /// `true` if the decision may be [`AssignedPolicy::Undecided`], as for
-        /// [`AssignmentRequest::Assign`].
+        /// [`AssignmentPurpose::Assign`].
         allow_undecided: bool,
     },
 }
@@ -118,7 +117,7 @@ pub trait AssignmentData {
         &mut self,
         policies: [usize; 2],
         most: usize,
-    ) -> Result<[TwoPolicyComparisonInputs; 2], LearnerError>;
+    ) -> Result<[NearerPolicyInputs; 2], LearnerError>;
 
     /// Returns the whole episodes of the rollout.
     fn episodes(&self) -> RolloutEpisodes<'_>;
@@ -195,7 +194,7 @@ impl GroupingDecision {
 
 /// Episodes that were assigned to a policy, by which a grouping updates its memory.
 #[derive(Clone, Copy, Debug)]
-pub enum AssignedEpisodes<'a> {
+pub enum GroupingUpdateInput<'a> {
     /// Rollout that `policy` is about to train on.
     Rollout {
         /// Index of the policy that is about to train.
@@ -224,7 +223,7 @@ pub struct GroupingUpdateResult {
     pub changepoint: Option<usize>,
     /// Index of the policy that must act next, for [`EpisodeRequirements::episodes`], since it may
     /// serve the same task group. The grouping receives its episodes as
-    /// [`AssignedEpisodes::Probes`].
+    /// [`GroupingUpdateInput::Probes`].
     pub probe: Option<usize>,
     /// For each policy, the index of the policy that it was merged into, if any; empty for
     /// groupings that merge no policies.

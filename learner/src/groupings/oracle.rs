@@ -11,7 +11,7 @@ use serde_json::Value;
 use crate::error::LearnerError;
 
 use super::grouping::{
-    AssignedEpisodes, AssignmentData, AssignmentRequest, Grouping, GroupingDecision,
+    AssignmentData, AssignmentPurpose, Grouping, GroupingDecision, GroupingUpdateInput,
     GroupingUpdateResult,
 };
 
@@ -22,7 +22,7 @@ pub struct SinglePolicyGrouping;
 impl Grouping for SinglePolicyGrouping {
     fn assign(
         &mut self,
-        _: AssignmentRequest<'_>,
+        _: AssignmentPurpose<'_>,
         _: &mut dyn AssignmentData,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
@@ -70,14 +70,14 @@ impl OracleGrouping {
 impl Grouping for OracleGrouping {
     fn assign(
         &mut self,
-        request: AssignmentRequest<'_>,
+        request: AssignmentPurpose<'_>,
         _: &mut dyn AssignmentData,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
         let label = self.labels.get().ok_or_else(unlabelled)?;
         let policy = self.policy(&label);
         // the label may change before the new policy trains, so it is recorded here
-        if policy.is_none() && !matches!(request, AssignmentRequest::Recognise) {
+        if policy.is_none() && !matches!(request, AssignmentPurpose::Recognise) {
             self.known.push(label);
         }
         let decision = policy.map_or(AssignedPolicy::New, AssignedPolicy::Existing);
@@ -87,7 +87,7 @@ impl Grouping for OracleGrouping {
     /// Records the label of the very first rollout, for which there is no request.
     fn update(
         &mut self,
-        _: AssignedEpisodes<'_>,
+        _: GroupingUpdateInput<'_>,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingUpdateResult, LearnerError> {
         if self.known.is_empty() {
@@ -120,13 +120,13 @@ pub(super) fn unlabelled() -> LearnerError {
 
 #[cfg(test)]
 mod tests {
-    use cluster::{RolloutAndBufferFeatures, TwoPolicyComparisonInputs};
+    use cluster::{NearerPolicyInputs, RolloutAndBufferFeatures};
     use rand::SeedableRng;
 
     use super::*;
     use crate::groupings::grouping::RolloutEpisodes;
 
-    const ROLLOUT: AssignmentRequest<'static> = AssignmentRequest::Assign { allow_undecided: true };
+    const ROLLOUT: AssignmentPurpose<'static> = AssignmentPurpose::Assign { allow_undecided: true };
 
     /// An oracle must not look at pictures.
     struct Blind;
@@ -140,7 +140,7 @@ mod tests {
             &mut self,
             _: [usize; 2],
             _: usize,
-        ) -> Result<[TwoPolicyComparisonInputs; 2], LearnerError> {
+        ) -> Result<[NearerPolicyInputs; 2], LearnerError> {
             panic!("an oracle does not compare")
         }
 
@@ -151,7 +151,7 @@ mod tests {
 
     fn ask(
         oracle: &mut OracleGrouping,
-        request: AssignmentRequest<'_>,
+        request: AssignmentPurpose<'_>,
     ) -> Result<AssignedPolicy, LearnerError> {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         Ok(oracle.assign(request, &mut Blind, &mut rng)?.policy)
@@ -164,7 +164,7 @@ mod tests {
         let message = ask(&mut oracle, ROLLOUT).unwrap_err().to_string();
         assert!(message.contains("a grouping without labels"), "{message}");
         labels.set("a");
-        let first = AssignedEpisodes::Probes { policy: 0, probes: &[] };
+        let first = GroupingUpdateInput::Probes { policy: 0, probes: &[] };
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         oracle.update(first, &mut rng).unwrap();
         let mut decide = |label: &str, request| {
@@ -172,9 +172,9 @@ mod tests {
             ask(&mut oracle, request).unwrap()
         };
         assert_eq!(decide("a", ROLLOUT), AssignedPolicy::Existing(0));
-        assert_eq!(decide("b", AssignmentRequest::Recognise), AssignedPolicy::New);
+        assert_eq!(decide("b", AssignmentPurpose::Recognise), AssignedPolicy::New);
         assert_eq!(decide("c", ROLLOUT), AssignedPolicy::New);
-        assert_eq!(decide("c", AssignmentRequest::Recognise), AssignedPolicy::Existing(1));
+        assert_eq!(decide("c", AssignmentPurpose::Recognise), AssignedPolicy::Existing(1));
         assert_eq!(decide("a", ROLLOUT), AssignedPolicy::Existing(0));
         assert_eq!(decide("b", ROLLOUT), AssignedPolicy::New, "recognition did not create it");
         let state = oracle.state();

@@ -1,11 +1,11 @@
 //! Grouping by the 1-Wasserstein distance of invariant features.
 
-use cluster::{assign_by_threshold, energy_distance_margin};
+use cluster::{assign_by_threshold, nearer_policy_margin};
 use rand_chacha::ChaCha8Rng;
 
 use crate::error::LearnerError;
 
-use super::grouping::{AssignmentData, AssignmentRequest, Grouping, GroupingDecision};
+use super::grouping::{AssignmentData, AssignmentPurpose, Grouping, GroupingDecision};
 
 /// Grouping of the paper: compares a rollout's first frames (`O`) with those that each policy keeps
 /// (`B`), in that policy's features, and takes the nearest policy within a threshold, or else a new
@@ -30,7 +30,7 @@ impl ThresholdGrouping {
 impl Grouping for ThresholdGrouping {
     fn assign(
         &mut self,
-        _: AssignmentRequest<'_>,
+        _: AssignmentPurpose<'_>,
         data: &mut dyn AssignmentData,
         _: &mut ChaCha8Rng,
     ) -> Result<GroupingDecision, LearnerError> {
@@ -58,7 +58,7 @@ pub(super) fn nearest_policy(
     let mut policies = policies.into_iter();
     let mut best = policies.next().unwrap_or(0);
     for policy in policies {
-        if energy_distance_margin(&data.comparisons([best, policy], MAX_COMPARED)?)? < 0.0 {
+        if nearer_policy_margin(&data.comparisons([best, policy], MAX_COMPARED)?)? < 0.0 {
             best = policy;
         }
     }
@@ -67,7 +67,7 @@ pub(super) fn nearest_policy(
 
 #[cfg(test)]
 mod tests {
-    use cluster::{FrameFeatures, RolloutAndBufferFeatures, TwoPolicyComparisonInputs};
+    use cluster::{FrameFeatures, NearerPolicyInputs, RolloutAndBufferFeatures};
     use rand::{RngExt, SeedableRng};
 
     use super::*;
@@ -107,8 +107,8 @@ mod tests {
             &mut self,
             policies: [usize; 2],
             _: usize,
-        ) -> Result<[TwoPolicyComparisonInputs; 2], LearnerError> {
-            Ok(policies.map(|policy| TwoPolicyComparisonInputs {
+        ) -> Result<[NearerPolicyInputs; 2], LearnerError> {
+            Ok(policies.map(|policy| NearerPolicyInputs {
                 rollout: self.frames(policy, &[self.seen]),
                 policies: policies.map(|other| self.frames(policy, &self.known(other))),
             }))

@@ -8,12 +8,13 @@ mod extensions;
 mod settings;
 
 pub use checkpoint::read_checkpoint_note;
-pub use episodes::{Rollout, RolloutStep};
+pub use episodes::{Rollout, SingleEnvStep};
 pub use settings::{
-    CommonSettings, NewPolicyInit, PolicyCollectionSettings, PolicyTrainer, RolloutHandover,
+    CommonSettings, NewPolicyInit, PolicyCollectionSettings, PolicyTrainer,
+    ReassignedRolloutHandling,
 };
 
-use cluster::{Reservoir, RolloutAndBufferFeatures, TwoPolicyComparisonInputs};
+use cluster::{NearerPolicyInputs, Reservoir, RolloutAndBufferFeatures};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{EnvSpec, RlError, RolloutState, RolloutStats, VectorEnv};
@@ -25,7 +26,7 @@ use crate::groupings::{AssignmentData, Grouping, RolloutEpisodes};
 
 use super::learner::IterationReport;
 use episodes::{FirstFrames, ObservedEpisodes, embed_first_frames};
-use settings::{CollectionPolicy, CollectionRollout};
+use settings::{PolicyInCollection, RolloutInCollection};
 
 /// Learner with a growing collection of policies. It never receives a task label.
 pub struct PolicyCollection<S: PolicyCollectionSettings> {
@@ -37,13 +38,13 @@ pub struct PolicyCollection<S: PolicyCollectionSettings> {
     /// Index of the policy that acts.
     current: usize,
     /// Rollout that is being assigned: the paper's online rollout buffer `D`.
-    rollout: CollectionRollout<S>,
+    rollout: RolloutInCollection<S>,
     generators: Generators,
 }
 
 /// Policy with its training, and the first frames of the task group that it serves.
 struct PolicyEntry<S: PolicyCollectionSettings> {
-    policy: CollectionPolicy<S>,
+    policy: PolicyInCollection<S>,
     training: S::Trainer,
     buffer: Reservoir<FirstFrames>,
 }
@@ -112,7 +113,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
 
     /// Returns the number of episodes whose first frames policy `index` keeps, the size of the
     /// paper's buffer `B`; `None` for a policy that does not exist.
-    pub fn num_buffered_episodes(&self, index: usize) -> Option<usize> {
+    pub fn num_policy_buffer_episodes(&self, index: usize) -> Option<usize> {
         let entry = self.policies.get(index)?;
         Some(entry.buffer.episodes().len())
     }
@@ -123,7 +124,7 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
     fn act(
         &mut self,
         env: &mut dyn VectorEnv,
-        rollout: &mut CollectionRollout<S>,
+        rollout: &mut RolloutInCollection<S>,
         rng: &mut ChaCha8Rng,
         iteration: &mut IterationReport,
     ) -> Result<RolloutStats, RlError> {
@@ -175,7 +176,7 @@ impl<S: PolicyCollectionSettings> AssignmentData for CandidateClouds<'_, S> {
         &mut self,
         indices: [usize; 2],
         most: usize,
-    ) -> Result<[TwoPolicyComparisonInputs; 2], LearnerError> {
+    ) -> Result<[NearerPolicyInputs; 2], LearnerError> {
         let (mut policies, buffers): (Vec<_>, Vec<_>) = self
             .policies
             .iter_mut()
@@ -184,10 +185,10 @@ impl<S: PolicyCollectionSettings> AssignmentData for CandidateClouds<'_, S> {
                 (&mut entry.policy, &kept[..kept.len().min(most)])
             })
             .unzip();
-        let mut compare = |index: usize| -> Result<TwoPolicyComparisonInputs, LearnerError> {
+        let mut compare = |index: usize| -> Result<NearerPolicyInputs, LearnerError> {
             let policy = &mut *policies[index];
             let [first, second] = indices.map(|other| embed_first_frames(policy, buffers[other]));
-            Ok(TwoPolicyComparisonInputs {
+            Ok(NearerPolicyInputs {
                 rollout: embed_first_frames(policy, self.frames)?,
                 policies: [first?, second?],
             })

@@ -14,7 +14,7 @@ use crate::groupings::GroupingSettings;
 
 use super::collection::{
     CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, PolicyTrainer,
-    RolloutHandover,
+    ReassignedRolloutHandling,
 };
 use super::device::LearningDevice;
 
@@ -48,7 +48,7 @@ pub struct CoversSettings {
     /// with the number of rollouts.
     pub buffer_episodes: Option<usize>,
     /// Treatment of a rollout that is assigned to a policy other than the one that collected it.
-    pub handover: RolloutHandover,
+    pub handover: ReassignedRolloutHandling,
     /// Initial parameters of a new policy.
     pub new_policy: NewPolicyInit,
     /// Seed of all random numbers of the learner.
@@ -71,7 +71,7 @@ impl Default for CoversSettings {
             rollout_steps: 500,
             noise_correlation: 0.0,
             buffer_episodes: Some(100),
-            handover: RolloutHandover::default(),
+            handover: ReassignedRolloutHandling::default(),
             new_policy: NewPolicyInit::default(),
             seed: 0,
             device: LearningDevice::default(),
@@ -92,7 +92,7 @@ impl CoversSettings {
             first_frames: 4,
             rollout_steps: 1000,
             buffer_episodes: None,
-            handover: RolloutHandover::Reuse,
+            handover: ReassignedRolloutHandling::Reuse,
             new_policy: NewPolicyInit::Random,
             ..Self::default()
         }

@@ -44,7 +44,7 @@ pub trait Learner: Send {
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<PolicyEvaluation, LearnerError>;
+    ) -> Result<PolicyEvaluationResult, LearnerError>;
 
     /// Returns all parameters of policy `index` that [`Learner::evaluate_policy`] depends on, so
     /// that a policy whose parameters have not changed need not be evaluated again. The default is
@@ -107,7 +107,7 @@ pub trait Learner: Send {
 
 /// Result of an evaluation of a policy ([`Learner::evaluate_policy`]).
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct PolicyEvaluation {
+pub struct PolicyEvaluationResult {
     /// Returns and successes of the episodes.
     pub stats: RolloutStats,
     /// Activity of the units of the policy's network during the episodes; empty for a learner
@@ -239,7 +239,7 @@ const TEST_COLUMNS: [TestColumn; 5] = [
 
 /// Returns the names of the log columns that list one number for each policy, even while there is
 /// only one policy.
-pub fn per_policy_column_names() -> impl Iterator<Item = &'static str> {
+pub fn per_policy_metric_names() -> impl Iterator<Item = &'static str> {
     let tests = TEST_COLUMNS.into_iter().map(|(name, _)| name);
     [DISTANCES, MERGED_INTO].into_iter().chain(tests)
 }

@@ -21,7 +21,7 @@ use crate::groupings::GroupingSettings;
 
 use super::collection::{
     CommonSettings, NewPolicyInit, PolicyCollection, PolicyCollectionSettings, PolicyTrainer,
-    RolloutHandover,
+    ReassignedRolloutHandling,
 };
 use super::tensor_file::{CheckpointTensor, TensorFile};
 use staged_rollout::StagedRollout;
@@ -195,7 +195,7 @@ impl PolicyCollectionSettings for OffPolicySettings {
             first_frames: self.first_frames,
             rollout_steps: self.rollout_steps,
             buffer_episodes: self.buffer_episodes,
-            handover: RolloutHandover::Reuse,
+            handover: ReassignedRolloutHandling::Reuse,
             new_policy: self.new_policy,
             seed: self.seed,
         }

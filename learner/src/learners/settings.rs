@@ -161,7 +161,7 @@ impl LearnerSettings {
 
     /// Replaces the grouping by that of `run` if that is the removed grouping `calibrated` of
     /// earlier versions and `self` has its successor.
-    pub fn inherit_removed_grouping(&mut self, run: &Self) {
+    pub fn copy_removed_grouping_from(&mut self, run: &Self) {
         if let removed @ GroupingSettings::Removed(_) = run.grouping()
             && matches!(self.grouping(), GroupingSettings::Evidence(_))
         {

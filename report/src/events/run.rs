@@ -11,7 +11,7 @@ use csv::{ReaderBuilder, StringRecord};
 use crate::ReportError;
 use experiments::{RunError, RunFolder};
 use learner::disk::{LocalDisk, write_atomically};
-use learner::per_policy_column_names;
+use learner::per_policy_metric_names;
 
 use super::summary::{EventFile, EventTime};
 
@@ -210,7 +210,7 @@ impl Rows {
         let cells = rows.iter().flat_map(|row| names.iter().zip(row));
         let with_lists = cells.filter(|(_, cell)| cell.contains(';'));
         let with_lists = with_lists.map(|(name, _)| name.to_owned());
-        let lists = with_lists.chain(per_policy_column_names().map(str::to_owned)).collect();
+        let lists = with_lists.chain(per_policy_metric_names().map(str::to_owned)).collect();
         Ok(Self { names, lists, rows })
     }
 

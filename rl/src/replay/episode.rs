@@ -151,7 +151,7 @@ impl Episode {
     }
 
     /// Returns `true` if `image` and `vector` are the last observation of the episode.
-    pub fn ends_with_observation(&self, sizes: &Sizes, image: &[u8], vector: &[f32]) -> bool {
+    pub fn last_observation_equals(&self, sizes: &Sizes, image: &[u8], vector: &[f32]) -> bool {
         let last = &self.moving[self.num_steps() * sizes.moving_channels_len()..];
         let mut own = last.chunks(sizes.moving.max(1));
         let mut moving = || sizes.split(image).all(|(moving, _)| own.next() == Some(moving));

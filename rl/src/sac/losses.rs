@@ -359,7 +359,7 @@ fn earlier_steps<'r, T: Scalar>(
     network: &SacNetwork<T>,
     step: ReplayStep<'r>,
 ) -> impl Iterator<Item = ReplayStep<'r>> + use<'r, T> {
-    (1..=network.reader.max_steps()).map_while(move |count| step.step_before(count))
+    (1..=network.reader.max_steps()).map_while(move |count| step.nth_step_before(count))
 }
 
 /// Loads an observation, transformed by the group element `g`, into a slot of `pass`; `image` holds

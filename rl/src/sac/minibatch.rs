@@ -10,7 +10,7 @@ use crate::replay::{ReplayBuffer, StepId};
 use crate::sac::context::{ContextSteps, ContextWorkspace, GruInputs};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::SacSettings;
-use crate::trunk::{LayerBuffers, TrunkWorkspace};
+use crate::trunk::{LayerWorkspace, TrunkWorkspace};
 
 /// Returns the number of steps that one thread processes at a time (a chunk) in training: 8 as in
 /// PPO, or the `window` of consecutive steps ([`SacSettings::window`]) if that is more, since steps
@@ -85,8 +85,8 @@ pub(crate) struct SacWorkspace<T> {
     pub context_steps: [ContextSteps; 2],
     pub actor_reader: ContextWorkspace<T>,
     pub critic_reader: ContextWorkspace<T>,
-    pub actor: LayerBuffers<T>,
-    pub critics: [LayerBuffers<T>; 2],
+    pub actor: LayerWorkspace<T>,
+    pub critics: [LayerWorkspace<T>; 2],
     /// Actor outputs (mean, raw log_std) `[K, 2 A]` in the environment's order, and their gradient.
     pub output: Vec<f64>,
     pub d_output: Vec<f64>,
@@ -123,8 +123,8 @@ impl<T: Scalar> SacNetwork<T> {
             context_steps: <[ContextSteps; 2]>::default(),
             actor_reader: self.reader.new_workspace(capacity),
             critic_reader: self.reader.new_workspace(capacity),
-            actor: LayerBuffers::new(&self.actor, capacity),
-            critics: [(); 2].map(|()| LayerBuffers::new(&self.critic, capacity)),
+            actor: LayerWorkspace::new(&self.actor, capacity),
+            critics: [(); 2].map(|()| LayerWorkspace::new(&self.critic, capacity)),
             output: zeros(2 * width),
             d_output: zeros(2 * width),
             actions: zeros(width),

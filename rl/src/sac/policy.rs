@@ -23,21 +23,21 @@ use crate::policy::{Actor, ActorMemory};
 use crate::sac::context::{ContextSteps, ContextWorkspace, GruInputs};
 use crate::sac::network::SacNetwork;
 use crate::sac::settings::RecurrentContextSettings;
-use crate::trunk::{HasTrunkWorkspace, LayerBuffers, TrunkWorkspace};
+use crate::trunk::{HasTrunkWorkspace, LayerWorkspace, TrunkWorkspace};
 
 /// A [`SacNetwork`] with its parameters: a policy with tanh-Gaussian actions in (-1, 1), exactly
 /// equivariant under the group of its settings. With a context it remembers the last steps of each
 /// episode.
-pub type SacPolicy = NetworkPolicy<SacNetwork<f32>, SacForwardBuffers>;
+pub type SacPolicy = NetworkPolicy<SacNetwork<f32>, SacForwardWorkspace>;
 
 /// Buffers of a [`SacPolicy`]'s forward pass over one chunk, the observations that a thread
 /// processes at a time.
-pub struct SacForwardBuffers {
+pub struct SacForwardWorkspace {
     pub(super) trunk: TrunkWorkspace<f32>,
     pub(super) gru_inputs: GruInputs<f32>,
     pub(super) context_steps: ContextSteps,
     reader: ContextWorkspace<f32>,
-    pub(super) actor: LayerBuffers<f32>,
+    pub(super) actor: LayerWorkspace<f32>,
 }
 
 impl SacPolicy {
@@ -54,7 +54,7 @@ impl SacPolicy {
     ) -> Result<Self, RlError> {
         let network = SacNetwork::new(settings, context, spec)?;
         let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(seed));
-        Ok(Self::from_network(Arc::new(network), params, SacForwardBuffers::new))
+        Ok(Self::from_network(Arc::new(network), params, SacForwardWorkspace::new))
     }
 
     /// Builds the network for `spec` with the given flat parameters, as [`SacPolicy::params`]
@@ -71,7 +71,7 @@ impl SacPolicy {
     ) -> Result<Self, RlError> {
         let network = SacNetwork::new(settings, context, spec)?;
         check_saved_params(&params, network.num_params())?;
-        Ok(Self::from_network(Arc::new(network), params, SacForwardBuffers::new))
+        Ok(Self::from_network(Arc::new(network), params, SacForwardWorkspace::new))
     }
 
     /// Runs the network on N observations: fills `outputs` with rows `[2 A + h]` of mean, raw
@@ -92,7 +92,7 @@ impl SacPolicy {
         let row = 2 * width + memory.fields;
         let remembered = &*memory;
         let forward =
-            |chunk: Chunk<SacNetwork<f32>>, w: &mut SacForwardBuffers, rows: &mut [f64]| {
+            |chunk: Chunk<SacNetwork<f32>>, w: &mut SacForwardWorkspace, rows: &mut [f64]| {
                 w.decide(&chunk, remembered);
                 w.write(chunk.network, row, rows);
             };
@@ -106,14 +106,14 @@ impl SacPolicy {
     }
 }
 
-impl SacForwardBuffers {
+impl SacForwardWorkspace {
     pub fn new(network: &SacNetwork<f32>, capacity: usize) -> Self {
         Self {
             trunk: network.trunk.new_workspace(capacity),
             gru_inputs: GruInputs::default(),
             context_steps: ContextSteps::default(),
             reader: network.reader.new_workspace(capacity),
-            actor: LayerBuffers::new(&network.actor, capacity),
+            actor: LayerWorkspace::new(&network.actor, capacity),
         }
     }
 
@@ -167,7 +167,7 @@ impl SacForwardBuffers {
     }
 }
 
-impl HasTrunkWorkspace<f32> for SacForwardBuffers {
+impl HasTrunkWorkspace<f32> for SacForwardWorkspace {
     fn trunk(&mut self) -> &mut TrunkWorkspace<f32> {
         &mut self.trunk
     }
@@ -350,7 +350,7 @@ impl MeasureUnitActivity for SacPolicy {
         let (network, params) = (self.network(), self.params());
         let samples = observations.checked_num_samples(network.spec())?;
         memory.check(network.memory_sizes(), samples)?;
-        let mut w = SacForwardBuffers::new(network, samples);
+        let mut w = SacForwardWorkspace::new(network, samples);
         network.trunk.load_observations(observations, 0..samples, &mut w.trunk);
         let chunk = Chunk { network: &**network, params, range: 0..samples };
         w.decide(&chunk, memory);
@@ -364,7 +364,10 @@ impl MeasureUnitActivity for SacPolicy {
 }
 
 /// Returns the sum of the outputs of each ReLU unit of both critics at the mean actions.
-fn critic_activation_sums(chunk: &Chunk<SacNetwork<f32>>, w: &SacForwardBuffers) -> Vec<Vec<f64>> {
+fn critic_activation_sums(
+    chunk: &Chunk<SacNetwork<f32>>,
+    w: &SacForwardWorkspace,
+) -> Vec<Vec<f64>> {
     let (network, params, n) = (chunk.network, chunk.params, chunk.range.len());
     let (ranges, width) = (network.param_ranges().critics, network.action_order.len());
     let mut reader = network.reader.new_workspace(n);

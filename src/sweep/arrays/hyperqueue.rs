@@ -13,7 +13,7 @@ impl ArrayJob<'_> {
     ///
     /// HyperQueue starts tasks again if their node is lost. A run that fails or is killed is tried
     /// again three times within its task.
-    pub fn hyperqueue_program(&self, program: &Path) -> String {
+    pub fn hyperqueue_python_script(&self, program: &Path) -> String {
         let Self { job_count, threads, memory_mib, .. } = self;
         let [program, plan, runs] =
             [program, self.plan, self.runs].map(|path| path.display().to_string());
@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     fn program(job: ArrayJob) -> String {
-        job.hyperqueue_program(Path::new("/bin/my covers"))
+        job.hyperqueue_python_script(Path::new("/bin/my covers"))
     }
 
     #[test]

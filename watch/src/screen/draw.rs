@@ -13,7 +13,7 @@ use experiments::sheet::Picture;
 use experiments::text::format_number;
 
 use super::panels::{
-    draw_groups_table, draw_picture, draw_rollout_strips, fitted_picture_area, group_colour,
+    draw_assignment_strips, draw_groups_table, draw_picture, fitted_picture_area, group_colour,
     groups_table_width, policy_colour,
 };
 use super::{StreamProgress, curves, distances};
@@ -171,7 +171,7 @@ fn medium(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
 fn small(shown: &ScreenContents<'_>, frame: &mut Frame, area: Rect) {
     let rows = [Constraint::Length(2), Constraint::Fill(1)];
     let [top, bottom] = Layout::vertical(rows).areas(area);
-    draw_rollout_strips(shown.run, top, frame.buffer_mut());
+    draw_assignment_strips(shown.run, top, frame.buffer_mut());
     curves::draw_curve(&curves::REWARD_CURVE, shown.run, frame, bottom);
 }
 
@@ -197,5 +197,5 @@ fn framed_strips(run: &RunData, frame: &mut Frame, area: Rect) {
     let block = Block::bordered().title(title);
     let inner = block.inner(area);
     frame.render_widget(block, area);
-    draw_rollout_strips(run, inner, frame.buffer_mut());
+    draw_assignment_strips(run, inner, frame.buffer_mut());
 }

@@ -98,7 +98,7 @@ fn group_row<'a>(run: &RunData, group: &'a str) -> Row<'a> {
 /// and the policy's number on the colour of the group for which it was created. A rollout with two
 /// colours was assigned to another group's policy. Where there are more rollouts than columns, a
 /// column shows the first one of several.
-pub fn draw_rollout_strips(run: &RunData, area: Rect, buffer: &mut Buffer) {
+pub fn draw_assignment_strips(run: &RunData, area: Rect, buffer: &mut Buffer) {
     let room = usize::from(area.width.saturating_sub(NAMES));
     let all = run.rollouts.len();
     let shown: Vec<_> =

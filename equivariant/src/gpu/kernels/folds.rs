@@ -100,8 +100,9 @@ impl<'a> OrbitFolds<'a> {
         for (lane, &b) in out_type.group().irreps().iter().enumerate() {
             for (i, function) in taps.basis_functions.iter().enumerate() {
                 let entry = self.patch_entry(function.tap_coefficients[0].0, function.parity);
-                let first = irrep_weights.weight_range(b).start + taps.first_column(b, i);
-                let channels = in_type.multiplicity(taps.input_irrep(b, function.parity));
+                let first = irrep_weights.weight_range(b).start + taps.first_weight_column(b, i);
+                let channels =
+                    in_type.multiplicity(taps.input_irrep_for_parity(b, function.parity));
                 for output in 0..out_type.multiplicity(b) {
                     for channel in 0..channels {
                         let weight = first + output * irrep_weights.num_inputs(b) + channel;

@@ -24,13 +24,15 @@ use rl::{
 use web_time::Instant;
 
 use crate::error::LearnerError;
-use crate::groupings::{AssignmentRequest, GroupingDecision, RecognisedPolicy};
+use crate::groupings::{AssignmentPurpose, GroupingDecision, RecognisedPolicy};
 use crate::learners::learner::{
-    CheckpointExtent, IterationReport, IterationSeconds, Learner, PolicyEvaluation,
+    CheckpointExtent, IterationReport, IterationSeconds, Learner, PolicyEvaluationResult,
 };
 
 use super::episodes::{FirstFrames, ObservedEpisodes, first_frames, trajectories};
-use super::settings::{CollectionRollout, NewPolicyInit, PolicyCollectionSettings, PolicyTrainer};
+use super::settings::{
+    NewPolicyInit, PolicyCollectionSettings, PolicyTrainer, RolloutInCollection,
+};
 use super::{CandidateClouds, PolicyCollection, PolicyEntry};
 
 /// Number of decisions between two measurements of the activity of a network's units, in an
@@ -52,7 +54,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
 
             // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
             // Extension: a single rollout may be too little to decide, and trains no policy then.
-            let request = AssignmentRequest::Assign { allow_undecided: iteration.may_discard() };
+            let request = AssignmentPurpose::Assign { allow_undecided: iteration.may_discard() };
             let mut decision = self.assign(request, &observed, &mut iteration.seconds)?;
             if decision.policy == AssignedPolicy::Undecided {
                 self.discard(&mut iteration);
@@ -101,7 +103,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         }
         let mut candidates =
             CandidateClouds::new(&mut self.policies, self.current, &self.spec, &observed);
-        let decision = self.grouping.assign(AssignmentRequest::Recognise, &mut candidates, rng)?;
+        let decision = self.grouping.assign(AssignmentPurpose::Recognise, &mut candidates, rng)?;
         let recognised = RecognisedPolicy::from(&decision);
         self.check_policy(recognised.policy)?;
         Ok(recognised)
@@ -112,7 +114,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         index: usize,
         env: &mut dyn VectorEnv,
         rounds: usize,
-    ) -> Result<PolicyEvaluation, LearnerError> {
+    ) -> Result<PolicyEvaluationResult, LearnerError> {
         let index = self.check_policy(index)?;
         let mut activity = UnitActivity::default();
         let policy = &mut self.policies[index].policy;
@@ -123,7 +125,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
             }
             Ok(())
         })?;
-        Ok(PolicyEvaluation { stats, activity })
+        Ok(PolicyEvaluationResult { stats, activity })
     }
 
     fn export_policy(&self, index: usize) -> Result<ExportedPolicy, LearnerError> {
@@ -192,7 +194,10 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
 
     /// Returns the first frames of a rollout's episodes, and their trajectories if the grouping
     /// needs them.
-    pub(super) fn observed_episodes_in(&self, rollout: &CollectionRollout<S>) -> ObservedEpisodes {
+    pub(super) fn observed_episodes_in(
+        &self,
+        rollout: &RolloutInCollection<S>,
+    ) -> ObservedEpisodes {
         ObservedEpisodes {
             frames: first_frames(rollout, self.settings.common().first_frames),
             trajectories: self.trajectories_in(rollout),
@@ -201,7 +206,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
 
     /// Returns the trajectories of a rollout's episodes, unfinished ones included, if the grouping
     /// needs them, else none.
-    pub(super) fn trajectories_in(&self, rollout: &CollectionRollout<S>) -> Vec<Trajectory> {
+    pub(super) fn trajectories_in(&self, rollout: &RolloutInCollection<S>) -> Vec<Trajectory> {
         if self.grouping.requirements().whole_episodes { trajectories(rollout) } else { Vec::new() }
     }
 
@@ -222,7 +227,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// first rollout belongs to policy 0.
     pub(super) fn assign(
         &mut self,
-        request: AssignmentRequest<'_>,
+        request: AssignmentPurpose<'_>,
         observed: &ObservedEpisodes,
         seconds: &mut IterationSeconds,
     ) -> Result<GroupingDecision, LearnerError> {

@@ -71,7 +71,7 @@ pub trait Rollout {
     fn num_steps(&self) -> usize;
 
     /// Returns step `step` (from 0) of environment `env` (from 0) in the rollout.
-    fn step(&self, step: usize, env: usize) -> RolloutStep<'_>;
+    fn step(&self, step: usize, env: usize) -> SingleEnvStep<'_>;
 
     /// Removes the steps of the rollout after the first `steps`, at least 1.
     ///
@@ -85,7 +85,7 @@ pub trait Rollout {
 }
 
 /// Step of one environment in a rollout.
-pub struct RolloutStep<'a> {
+pub struct SingleEnvStep<'a> {
     /// Picture `[height, width, channels]` that the policy acted on.
     pub image: &'a [u8],
     /// Observation vector that the policy acted on.
@@ -107,10 +107,10 @@ impl Rollout for RolloutBuffer {
         self.steps_per_env()
     }
 
-    fn step(&self, step: usize, env: usize) -> RolloutStep<'_> {
+    fn step(&self, step: usize, env: usize) -> SingleEnvStep<'_> {
         let (row, len) = (step * self.spec().num_envs + env, self.spec().action_irreps.len());
         let (image, vector) = self.observations().image_and_vector(self.spec(), row);
-        RolloutStep {
+        SingleEnvStep {
             image,
             vector,
             action: &self.decisions().actions[row * len..(row + 1) * len],
@@ -159,7 +159,7 @@ pub(super) fn first_frames<R: Rollout>(rollout: &R, k: usize) -> Vec<FirstFrames
             vectors: Vec::with_capacity(k * rollout.spec().vector_irreps.len()),
         };
         for step in steps.start..steps.start + k {
-            let RolloutStep { image, vector, .. } = rollout.step(step, env);
+            let SingleEnvStep { image, vector, .. } = rollout.step(step, env);
             frames.images.extend(image);
             frames.vectors.extend(vector);
         }

@@ -8,14 +8,14 @@ use web_time::Instant;
 
 use crate::error::LearnerError;
 use crate::groupings::{
-    AssignedEpisodes, AssignmentRequest, GroupingDecision, GroupingUpdateResult, RolloutEpisodes,
+    AssignmentPurpose, GroupingDecision, GroupingUpdateInput, GroupingUpdateResult, RolloutEpisodes,
 };
 use crate::learners::learner::{IterationReport, IterationSeconds};
 
 use super::PolicyCollection;
 use super::episodes::{ObservedEpisodes, Rollout};
 use super::settings::{
-    CollectionRollout, PolicyCollectionSettings, PolicyTrainer, RolloutHandover,
+    PolicyCollectionSettings, PolicyTrainer, ReassignedRolloutHandling, RolloutInCollection,
 };
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
@@ -86,7 +86,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Returns `true` if the policy that `decision` names may train on a rollout of another policy.
     /// A rollout of two groups is discarded, and a provisional policy must act before it trains.
     fn may_reuse(&self, decision: &GroupingDecision) -> bool {
-        self.settings.common().handover == RolloutHandover::Reuse
+        self.settings.common().handover == ReassignedRolloutHandling::Reuse
             && decision.changepoint.is_none()
             && !decision.is_provisional
     }
@@ -108,7 +108,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         iteration: &mut IterationReport,
     ) -> Result<bool, LearnerError> {
         let allow_undecided = iteration.may_discard();
-        let request = AssignmentRequest::Confirm { proposal: decision, allow_undecided };
+        let request = AssignmentPurpose::Confirm { proposal: decision, allow_undecided };
         let judged = self.assign(request, &observed, &mut iteration.seconds)?;
         let passes = judged.policy == AssignedPolicy::Existing(self.current);
         if passes {
@@ -132,7 +132,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         &mut self,
         env: &mut dyn VectorEnv,
         iteration: &mut IterationReport,
-    ) -> Result<Option<CollectionRollout<S>>, LearnerError> {
+    ) -> Result<Option<RolloutInCollection<S>>, LearnerError> {
         let episodes = self.grouping.requirements().episodes.div_ceil(self.spec.num_envs);
         let steps = env
             .horizon()
@@ -157,7 +157,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     ) -> Result<GroupingUpdateResult, LearnerError> {
         let clock = Instant::now();
         let trajectories = self.trajectories_in(&self.rollout);
-        let assigned = AssignedEpisodes::Rollout {
+        let assigned = GroupingUpdateInput::Rollout {
             policy: self.current,
             accepted: &decision.accepted,
             episodes: RolloutEpisodes { spec: &self.spec, collector, trajectories: &trajectories },
@@ -195,7 +195,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             });
             let probes: Vec<RolloutEpisodes<'_>> = probes.collect();
             let rng = &mut self.generators.assignment;
-            let assigned = AssignedEpisodes::Probes { policy, probes: &probes };
+            let assigned = GroupingUpdateInput::Probes { policy, probes: &probes };
             update = self.grouping.update(assigned, rng)?;
         }
         let merged_into = update.merged_into.get(policy).copied().flatten();

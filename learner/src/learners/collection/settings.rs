@@ -29,7 +29,7 @@ pub trait PolicyCollectionSettings:
     ///
     /// # Errors
     /// Images that the network cannot take, or a setting out of range.
-    fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<CollectionPolicy<Self>, RlError>;
+    fn new_policy(&self, spec: &EnvSpec, seed: u64) -> Result<PolicyInCollection<Self>, RlError>;
 
     /// Creates a policy for the environments of `spec` with the parameters `params`.
     ///
@@ -40,17 +40,20 @@ pub trait PolicyCollectionSettings:
         &self,
         spec: &EnvSpec,
         params: Vec<f32>,
-    ) -> Result<CollectionPolicy<Self>, RlError>;
+    ) -> Result<PolicyInCollection<Self>, RlError>;
 
     /// Returns all parameters of a policy as a flat slice.
-    fn params(policy: &CollectionPolicy<Self>) -> &[f32];
+    fn params(policy: &PolicyInCollection<Self>) -> &[f32];
 
     /// Creates storage for rollouts of `steps` steps in every environment.
     ///
     /// # Errors
     /// Sizes of zero, or more memory than there is.
-    fn new_rollout(&self, spec: &EnvSpec, steps: usize)
-    -> Result<CollectionRollout<Self>, RlError>;
+    fn new_rollout(
+        &self,
+        spec: &EnvSpec,
+        steps: usize,
+    ) -> Result<RolloutInCollection<Self>, RlError>;
 
     /// Creates the initial state of the training of `policy`.
     ///
@@ -59,14 +62,15 @@ pub trait PolicyCollectionSettings:
     fn new_training(
         &self,
         spec: &EnvSpec,
-        policy: &CollectionPolicy<Self>,
+        policy: &PolicyInCollection<Self>,
     ) -> Result<Self::Trainer, RlError>;
 }
 
 /// Type of the policies that a collection of policies with settings `S` holds.
-pub type CollectionPolicy<S> = <<S as PolicyCollectionSettings>::Trainer as PolicyTrainer>::Policy;
+pub type PolicyInCollection<S> =
+    <<S as PolicyCollectionSettings>::Trainer as PolicyTrainer>::Policy;
 /// Type of the storage of a rollout in a collection of policies with settings `S`.
-pub type CollectionRollout<S> =
+pub type RolloutInCollection<S> =
     <<S as PolicyCollectionSettings>::Trainer as PolicyTrainer>::Rollout;
 
 /// Trainer of one policy of a collection: an algorithm with its state.
@@ -138,7 +142,7 @@ pub struct CommonSettings {
     /// Number of episodes whose first frames are kept for each policy; `None` keeps all of them.
     pub buffer_episodes: Option<usize>,
     /// Treatment of a rollout that is assigned to a policy other than the one that collected it.
-    pub handover: RolloutHandover,
+    pub handover: ReassignedRolloutHandling,
     /// Initial parameters of a new policy.
     pub new_policy: NewPolicyInit,
     /// Seed of the learner's random numbers.
@@ -187,7 +191,7 @@ impl CommonSettings {
 /// paper's Algorithm 1 updates the assigned policy with it and does not say how.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum RolloutHandover {
+pub enum ReassignedRolloutHandling {
     /// New rollout: the assigned policy collects it and learns from it. Of the old rollout, only
     /// the first frames are kept, in its buffer. The decisions of both rollouts count.
     #[default]

@@ -10,14 +10,14 @@ const GAP: [u8; 4] = [0; 4];
 
 /// Lossless codec for the pictures of an episode, which are compressed together, by their sizes.
 #[derive(Clone, Copy, Debug)]
-pub struct FrameCodec {
+pub struct EpisodePictureCodec {
     /// Size of one picture in bytes.
     pub picture_bytes: usize,
     /// Size of one pixel in bytes.
     pub pixel_bytes: usize,
 }
 
-impl FrameCodec {
+impl EpisodePictureCodec {
     /// Compresses the pictures of an episode and appends them to `out`; `pictures` is overwritten.
     pub fn pack(self, pictures: &mut [u8], out: &mut Vec<u8>) {
         let (first, _) = pictures.split_at_mut(self.picture_bytes.min(pictures.len()));
@@ -124,13 +124,13 @@ mod tests {
 
     use super::*;
 
-    fn packed(frames: FrameCodec, pictures: &[u8]) -> Vec<u8> {
+    fn packed(frames: EpisodePictureCodec, pictures: &[u8]) -> Vec<u8> {
         let mut out = Vec::new();
         frames.pack(&mut pictures.to_vec(), &mut out);
         out
     }
 
-    fn back(frames: FrameCodec, packed: &[u8], len: usize) -> Option<(Vec<u8>, usize)> {
+    fn back(frames: EpisodePictureCodec, packed: &[u8], len: usize) -> Option<(Vec<u8>, usize)> {
         let mut pictures = vec![7; len];
         let rest = frames.unpack(packed, &mut pictures)?;
         Some((pictures, rest.len()))
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn a_table_on_which_little_moves_is_small() {
-        let frames = FrameCodec { picture_bytes: 3 * 64 * 64, pixel_bytes: 3 };
+        let frames = EpisodePictureCodec { picture_bytes: 3 * 64 * 64, pixel_bytes: 3 };
         let mut pictures = [90, 80, 70].repeat(64 * 64 * 51);
         for (t, picture) in pictures.chunks_mut(frames.picture_bytes).enumerate() {
             picture[300 + 3 * t..][..30].fill(200);
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn what_does_not_fit_is_noticed() {
-        let frames = FrameCodec { picture_bytes: 4, pixel_bytes: 1 };
+        let frames = EpisodePictureCodec { picture_bytes: 4, pixel_bytes: 1 };
         let packed = packed(frames, &[5; 12]);
         for cut in 0..packed.len() {
             assert_eq!(back(frames, &packed[..cut], 12), None, "{cut} bytes");
@@ -165,7 +165,7 @@ mod tests {
     fn every_picture_comes_back() {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for _ in 0..500 {
-            let frames = FrameCodec {
+            let frames = EpisodePictureCodec {
                 picture_bytes: rng.random_range(0..50),
                 pixel_bytes: rng.random_range(1..5),
             };

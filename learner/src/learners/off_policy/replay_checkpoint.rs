@@ -5,7 +5,7 @@ use rl::{ReplayBuffer, ReplayState, StepOutcome, StoredEpisode};
 use crate::error::LearnerError;
 use crate::learners::tensor_file::{CheckpointTensor, TensorFile};
 
-use super::frame_codec::FrameCodec;
+use super::frame_codec::EpisodePictureCodec;
 
 /// Value that stands for the episode index of an environment without a running episode.
 const NO_EPISODE: u64 = u64::MAX;
@@ -59,7 +59,7 @@ fn numbers(episode: &StoredEpisode<'_>) -> [u64; FIELDS] {
 
 /// Sizes of the arrays of a replay buffer, per observation or step.
 struct Sizes {
-    frames: FrameCodec,
+    frames: EpisodePictureCodec,
     still: usize,
     vector: usize,
     action: usize,
@@ -71,7 +71,10 @@ impl Sizes {
         let [height, width, channels] = spec.image_shape;
         let pixel = channels - still;
         Self {
-            frames: FrameCodec { picture_bytes: height * width * pixel, pixel_bytes: pixel.max(1) },
+            frames: EpisodePictureCodec {
+                picture_bytes: height * width * pixel,
+                pixel_bytes: pixel.max(1),
+            },
             still: height * width * still,
             vector: spec.vector_irreps.len(),
             action: spec.action_irreps.len(),

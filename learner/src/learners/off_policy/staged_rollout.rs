@@ -4,7 +4,7 @@ use rl::{
     Actor, EnvSpec, ExperienceBuffer, Observations, ReplayBuffer, RlError, SacPolicy, Transition,
 };
 
-use crate::learners::collection::{Rollout, RolloutStep};
+use crate::learners::collection::{Rollout, SingleEnvStep};
 
 /// Rollouts that wait until they are assigned to a policy and its replay buffer
 /// ([`StagedRollout::commit_to`]). Each begins with a reset of the environments.
@@ -95,10 +95,10 @@ impl Rollout for StagedRollout {
         self.last().len()
     }
 
-    fn step(&self, step: usize, env: usize) -> RolloutStep<'_> {
+    fn step(&self, step: usize, env: usize) -> SingleEnvStep<'_> {
         let (step, len) = (&self.last()[step], self.spec.action_irreps.len());
         let (image, vector) = step.observations.image_and_vector(&self.spec, env);
-        RolloutStep {
+        SingleEnvStep {
             image,
             vector,
             action: &step.actions[env * len..(env + 1) * len],
