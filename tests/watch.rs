@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use covers::experiments::text::format_run_event;
+use covers::experiments::text::{ROLLOUT_LINE_HEADER, format_run_event};
 use covers::presets::{Budget, Method};
 use covers::watch::WatchOptions;
 use covers::{CoversError, Run, RunEvent, RunFolder};
@@ -43,7 +43,8 @@ fn lines_are_those_of_the_run_itself_and_end_with_it() {
     }
     let summary = run.summary().unwrap().unwrap();
     let text = watched(&path, false).unwrap();
-    let lines: Vec<&str> = text.lines().collect();
+    let mut lines: Vec<&str> = text.lines().collect();
+    assert_eq!(lines.remove(0), ROLLOUT_LINE_HEADER);
     assert_eq!(lines.len(), rollouts.len() + evaluations + 1, "{text}");
     let others = |line: &str| line.contains("  evaluation  ") || line.starts_with("finished");
     let told = lines.iter().filter(|line| !others(line));
