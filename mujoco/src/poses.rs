@@ -12,7 +12,7 @@ use crate::fields::model::{
 };
 use crate::ids::BodyId;
 use crate::model::{JointType, Model};
-use crate::raw;
+use crate::{raw, releases};
 
 impl Model {
     /// Returns a copy of the model in which each of `roots`, with all bodies below it, is mirrored
@@ -32,6 +32,8 @@ impl Model {
         let mut copy = self.copied();
         // SAFETY: nobody else holds the copy yet.
         reflect(unsafe { copy.as_mut() }, &below);
+        // SAFETY: as above.
+        releases::ignore_bounding_volumes(unsafe { copy.as_mut() });
         Ok(self.reflection(copy))
     }
 

@@ -88,6 +88,18 @@ pub(crate) fn actuators_are_scalar(model: &raw::mjModel) -> bool {
     [model.nactuator, model.nout] == [model.nu; 2]
 }
 
+/// Lets collisions be searched without the trees of bounding volumes, which releases 3 compile for
+/// the geoms of each body and which do not fit geoms that were moved since.
+#[cfg(not(mujoco3))]
+pub(crate) fn ignore_bounding_volumes(_model: &mut raw::mjModel) {}
+
+/// Lets collisions be searched without the trees of bounding volumes, which releases 3 compile for
+/// the geoms of each body and which do not fit geoms that were moved since.
+#[cfg(mujoco3)]
+pub(crate) fn ignore_bounding_volumes(model: &mut raw::mjModel) {
+    model.opt.disableflags |= raw::mjDSBL_MIDPHASE.cast_signed();
+}
+
 /// Returns `true` if the last update of `scene` lacked room for all geoms, and forgets it.
 #[cfg(not(mujoco3))]
 pub(crate) fn take_scene_overflow(_scene: &mut raw::mjvScene, data: &mut raw::mjData) -> bool {

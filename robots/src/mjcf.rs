@@ -377,9 +377,11 @@ impl RobotDescription {
         let equality = |joint: &Joint| match joint.motion?.drive {
             JointPositionSource::Free { .. } => None,
             JointPositionSource::Follows { dof, multiplier, offset } => Some(format!(
-                "<joint joint1=\"{}\" joint2=\"{}\" polycoef=\"{offset} {multiplier} 0 0 0\"/>\n",
+                "<joint joint1=\"{}\" joint2=\"{}\" polycoef=\"{} {} 0 0 0\"/>\n",
                 xml_escaped(&joint.name),
                 xml_escaped(names[dof]),
+                short_number(offset),
+                short_number(multiplier),
             )),
         };
         self.joints.iter().filter_map(equality).collect()
@@ -499,6 +501,13 @@ fn placed(pose: &Pose) -> String {
     // MuJoCo's quaternions start with the real part
     let DQuat { x, y, z, w } = pose.rotation;
     format!(" pos=\"{}\" quat=\"{w} {x} {y} {z}\"", numbers(pose.position))
+}
+
+/// Returns a number as text that reads back to the same bits, with an exponent where it would be
+/// long: MuJoCo 3 refuses words of hundreds of digits.
+fn short_number(value: f64) -> String {
+    let plain = value.to_string();
+    if plain.len() > 25 { format!("{value:e}") } else { plain }
 }
 
 fn numbers(DVec3 { x, y, z }: DVec3) -> String {

@@ -265,7 +265,9 @@ fn the_simulated_arm_follows_its_control() {
         }
     }
     println!("furthest {furthest}");
-    assert!(furthest < 0.01, "{furthest}");
+    // releases 3 hold the follower less stiffly
+    let most = if mujoco::library_version() == "2.2.2" { 0.01 } else { 0.02 };
+    assert!(furthest < most, "{furthest}");
 }
 
 #[test]

@@ -291,7 +291,7 @@ mod tests {
     #[test]
     fn the_arm_is_not_symmetric_open_loop() {
         let row = row(Embodiment::SAWYER, D2::FlipY, D2::FlipY);
-        assert!(row.free_deviation > 1e-3, "{row:?}");
+        assert!(row.free_deviation.max(row.contact_deviation) > 1e-3, "{row:?}");
         assert!(row.passes(), "the arm is held to its returns alone: {row:?}");
     }
 }
