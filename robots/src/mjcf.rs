@@ -1,4 +1,4 @@
-//! Conversion of a robot to MJCF, for MuJoCo 2.2.2.
+//! Conversion of a robot to MJCF, for MuJoCo 2.2.2 and 3.
 //!
 //! Read this before editing. These points of MuJoCo 2.2.2 matter here:
 //! - rotations are quaternions, because its Euler angles turn with the body and URDF's do not;
@@ -449,13 +449,13 @@ fn inertial(inertia: &Inertia) -> String {
     format!(
         "<inertial pos=\"{}\" mass=\"{}\" fullinertia=\"{} {} {} {} {} {}\"/>\n",
         numbers(inertia.centre_of_mass),
-        inertia.mass,
-        x.x,
-        y.y,
-        z.z,
-        x.y,
-        x.z,
-        y.z
+        short_number(inertia.mass),
+        short_number(x.x),
+        short_number(y.y),
+        short_number(z.z),
+        short_number(x.y),
+        short_number(x.z),
+        short_number(y.z)
     )
 }
 
@@ -511,7 +511,7 @@ fn short_number(value: f64) -> String {
 }
 
 fn numbers(DVec3 { x, y, z }: DVec3) -> String {
-    format!("{x} {y} {z}")
+    [x, y, z].map(short_number).join(" ")
 }
 
 /// Escapes a text for the value of an XML attribute.
