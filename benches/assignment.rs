@@ -63,11 +63,8 @@ fn assign(rng: &mut ChaCha8Rng) -> Result<impl FnMut() -> Option<AssignedPolicy>
     let (rollout, mut rng) = (episodes(1, rng), rng.clone());
     // the policy that acted is rejected, and all others are compared
     Ok(move || {
-        let found = recogniser.assign_rollout(
-            &rollout,
-            RolloutDecisionContext::collected_by_policy(0),
-            &mut rng,
-        );
+        let found =
+            recogniser.assign_rollout(&rollout, RolloutDecisionContext::for_collector(0), &mut rng);
         found.ok().map(|found| found.policy)
     })
 }

@@ -55,7 +55,7 @@ fn pairs<R: Rng>(groups: &[Group], rng: &mut R) -> Answer<()> {
                 recogniser.record_training(0, &remembered, rng)?;
                 let context = RolloutDecisionContext {
                     allow_undecided: false,
-                    ..RolloutDecisionContext::collected_by_policy(0)
+                    ..RolloutDecisionContext::for_collector(0)
                 };
                 let decision = recogniser.assign_rollout(&asked, context, rng)?;
                 let result = &decision.tests[0];

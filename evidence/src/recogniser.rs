@@ -101,7 +101,7 @@ impl RolloutDecisionContext<'_> {
     /// Creates the context of a rollout that the policy `collector` collected without being
     /// proposed for it: no policies are rejected, and the decision may be
     /// [`AssignedPolicy::Undecided`].
-    pub fn collected_by_policy(collector: usize) -> Self {
+    pub fn for_collector(collector: usize) -> Self {
         Self { collector, allow_undecided: true, ..Self::default() }
     }
 }
@@ -477,7 +477,7 @@ impl Recogniser {
         }
         let summaries: Vec<_> = summaries.iter().collect();
         // an index beyond all policies: none of them acted
-        let context = RolloutDecisionContext::collected_by_policy(self.memories.len());
+        let context = RolloutDecisionContext::for_collector(self.memories.len());
         let case = Case { summaries: &summaries, context };
         let tests = self.test_all(case, TestStage::Confirmation, PolicyRole::Other, rng)?;
         let weighed = tests.iter().zip(&self.memories).map(|(test, memory)| {

@@ -90,10 +90,8 @@ fn new_groups_wait_while_eight_policies_are_untrained() {
         (1_u8..=9).map(|group| episodes(20, 10.0 * f32::from(group), 1.0, &mut rng)).collect();
     // two equal rollouts
     let mut twice = |known: &mut Recogniser, group: usize, allow_undecided| {
-        let context = RolloutDecisionContext {
-            allow_undecided,
-            ..RolloutDecisionContext::collected_by_policy(0)
-        };
+        let context =
+            RolloutDecisionContext { allow_undecided, ..RolloutDecisionContext::for_collector(0) };
         let mut assign =
             || known.assign_rollout(&groups[group - 1], context, &mut rng).unwrap().policy;
         ([assign(), assign()], known.policy_count())
@@ -128,12 +126,12 @@ fn a_group_that_changed_before_the_trial_is_judged_anew() {
         let context = RolloutDecisionContext {
             allow_undecided,
             rejected: &[1],
-            ..RolloutDecisionContext::collected_by_policy(0)
+            ..RolloutDecisionContext::for_collector(0)
         };
         let found = recogniser.review_proposed_policy(&seen, context, &mut rng).unwrap();
         let next = episodes(20, 10.0, 1.0, &mut rng);
         let next = recogniser
-            .assign_rollout(&next, RolloutDecisionContext::collected_by_policy(0), &mut rng)
+            .assign_rollout(&next, RolloutDecisionContext::for_collector(0), &mut rng)
             .unwrap();
         assert_eq!(next.policy, AssignedPolicy::Existing(1));
         (found.policy, found.trial, found.changepoint, found.group_changed)

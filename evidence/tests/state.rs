@@ -31,7 +31,7 @@ fn memory_is_bounded_and_survives_a_file() {
         (restored.record_training(7, &seen, &mut rng()).unwrap_err(), 7),
         (
             restored
-                .assign_rollout(&seen, RolloutDecisionContext::collected_by_policy(7), &mut rng())
+                .assign_rollout(&seen, RolloutDecisionContext::for_collector(7), &mut rng())
                 .unwrap_err(),
             7,
         ),
@@ -48,7 +48,7 @@ fn damaged_states_are_refused() {
     recogniser
         .assign_rollout(
             &rollout(KIND, 1000, 3, 0),
-            RolloutDecisionContext::collected_by_policy(0),
+            RolloutDecisionContext::for_collector(0),
             &mut rng(),
         )
         .unwrap();

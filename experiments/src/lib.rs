@@ -9,7 +9,6 @@
 
 mod checkpoints;
 pub mod cli;
-mod clocked_stream;
 pub mod colours;
 mod error;
 pub mod evaluation;
@@ -30,6 +29,7 @@ mod run;
 mod run_data;
 mod run_stats;
 pub mod schedule;
+mod scheduled_vec_env;
 mod schema;
 mod scoring;
 pub mod sheet;

@@ -9,11 +9,11 @@ use envs::TaskRegistry;
 use rayon::ThreadPool;
 use rl::RewardWarning;
 
-use crate::clocked_stream::ClockedStream;
 use crate::error::RunError;
 use crate::evaluation::{Evaluator, VariantScore, average_scores_by_group};
 use crate::experiment::Experiment;
 use crate::latest_frame::LatestFrame;
+use crate::scheduled_vec_env::ScheduledVecEnv;
 use learner::{CheckpointExtent, DeviceChoice, IterationReport, Learner};
 
 use super::checkpoints;
@@ -41,7 +41,7 @@ pub struct Run {
     tables: RunTables,
     pool: ThreadPool,
     tasks: TaskRegistry,
-    stream: ClockedStream,
+    stream: ScheduledVecEnv,
     evaluator: Evaluator,
     learner: Box<dyn Learner>,
     stats: RunStats,
@@ -118,7 +118,7 @@ impl Run {
         let RunState { mut stats, due_episodes_per_env: due, tables } = state;
         // environments before threads: the first model of a process sets an environment variable
         // for software rendering
-        let stream = ClockedStream::new(&experiment, &tasks, labels.clone(), stats.decisions)?;
+        let stream = ScheduledVecEnv::new(&experiment, &tasks, labels.clone(), stats.decisions)?;
         let evaluator = Evaluator::for_experiment(&experiment, &tasks, labels)?;
         let pool = thread_pool(experiment.envs.threads)?;
         // tables are opened last, since that removes rows behind the checkpoint, which must not

@@ -10,7 +10,7 @@ use envs::mujoco::GeomShape;
 use envs::{TableTop, TaskRegistry, TaskVariant};
 use experiments::RunFolder;
 use glam::DQuat;
-use render::{EpisodeRecordingEnv, FilmView, PolicyPlayer};
+use render::{FilmView, PolicyPlayer, SingleEpisodeFilmEnv};
 use rl::{BoxedEnvError, EnvSpec, Observations, Transition, VectorEnv};
 use serde::Serialize;
 
@@ -48,7 +48,7 @@ struct Solid {
 
 /// Environment that keeps the poses of its only episode.
 struct PoseRecorder {
-    recorder: EpisodeRecordingEnv,
+    recorder: SingleEpisodeFilmEnv,
     solids: Vec<Solid>,
 }
 
@@ -114,7 +114,7 @@ impl VectorEnv for PoseRecorder {
 
 fn play(player: &mut PolicyPlayer, variant: TaskVariant) -> Result<Episode, Box<dyn Error>> {
     let settings = player.experiment.envs;
-    let recorder = EpisodeRecordingEnv::new(&settings, variant, &[FilmView::PolicyInput], SEED)?;
+    let recorder = SingleEpisodeFilmEnv::new(&settings, variant, &[FilmView::PolicyInput], SEED)?;
     let mut env = PoseRecorder { recorder, solids: Vec::new() };
     let (policy, success) = player.play_episode(variant, &mut env)?;
     Ok(Episode {

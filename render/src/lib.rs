@@ -19,4 +19,4 @@ pub use error::RenderError;
 pub use gif::{Film, encode_gif};
 pub use grid::{FilmGridCell, FilmGridRow, compose_film_grid};
 pub use player::{PolicyPlayer, film_groups_to_gifs};
-pub use recorder::{EpisodeRecordingEnv, FilmView};
+pub use recorder::{FilmView, SingleEpisodeFilmEnv};

@@ -12,7 +12,7 @@ use learner::{Learner, TaskLabel};
 
 use super::gif::encode_gif;
 use super::grid::{FilmGridCell, FilmGridRow, compose_film_grid};
-use super::recorder::{EpisodeRecordingEnv, FilmView};
+use super::recorder::{FilmView, SingleEpisodeFilmEnv};
 
 /// Length, in decisions, of a film of [`film_groups_to_gifs`]: three seconds of simulated time.
 const DECISIONS: usize = 24;
@@ -83,9 +83,14 @@ impl PolicyPlayer {
         settings: &FilmSettings<'_>,
     ) -> Result<FilmedEpisode, RunError> {
         let FilmSettings { views, decisions, seed, .. } = *settings;
-        let mut recorder = EpisodeRecordingEnv::new(&self.experiment.envs, variant, views, seed)?;
+        let mut recorder = SingleEpisodeFilmEnv::new(&self.experiment.envs, variant, views, seed)?;
         let (policy, success) = self.play_episode(variant, &mut recorder)?;
-        Ok(FilmedEpisode { variant, policy, success, cells: recorder.grid_cells(views, decisions) })
+        Ok(FilmedEpisode {
+            variant,
+            policy,
+            success,
+            cells: recorder.films_of_views(views, decisions),
+        })
     }
 
     /// Lets the learner choose a policy for `variant` and plays one episode of it in `env`, a

@@ -39,7 +39,7 @@ pub(super) const PERSPECTIVE_SIZE: [usize; 2] = [360, 270];
 
 /// Vector environment with a single environment, of one task variant, that films its only episode.
 /// Observations are those of training.
-pub struct EpisodeRecordingEnv {
+pub struct SingleEpisodeFilmEnv {
     spec: EnvSpec,
     variant: TaskVariant,
     seed: u64,
@@ -66,7 +66,7 @@ struct LargeView {
     mask: Vec<Vec<u8>>,
 }
 
-impl EpisodeRecordingEnv {
+impl SingleEpisodeFilmEnv {
     /// Creates a recorder of one episode of `variant`, in an environment with the settings of a
     /// run. The placement depends on `seed` alone, so the variants of a group are mirror images of
     /// each other.
@@ -99,9 +99,13 @@ impl EpisodeRecordingEnv {
         })
     }
 
-    /// Returns the film of each of `views`, all requested from [`EpisodeRecordingEnv::new`]: the
+    /// Returns the film of each of `views`, all requested from [`SingleEpisodeFilmEnv::new`]: the
     /// first picture and those after at most `decisions` decisions.
-    pub fn grid_cells(&self, views: &[FilmView], decisions: Option<usize>) -> Vec<FilmGridCell> {
+    pub fn films_of_views(
+        &self,
+        views: &[FilmView],
+        decisions: Option<usize>,
+    ) -> Vec<FilmGridCell> {
         let cell = |&view| {
             let ([width, height], frames) = self.filmed(view);
             // the first picture comes before any decision
@@ -226,7 +230,7 @@ impl LargeView {
     }
 }
 
-impl VectorEnv for EpisodeRecordingEnv {
+impl VectorEnv for SingleEpisodeFilmEnv {
     fn spec(&self) -> &EnvSpec {
         &self.spec
     }

@@ -5,7 +5,7 @@ use re_sdk_types::archetypes::{EncodedImage, Scalars};
 use rl::{BoxedEnvError, EnvSpec, Observations, Transition, VectorEnv};
 
 use covers::RunError;
-use covers::render::{EpisodeRecordingEnv, FilmView, PolicyPlayer};
+use covers::render::{SingleEpisodeFilmEnv, FilmView, PolicyPlayer};
 
 use crate::recording::{DECISION, Recording, refused};
 use crate::scene::ShapeRecorder;
@@ -35,7 +35,7 @@ pub(crate) fn record(
     recording: &Recording,
 ) -> Result<String, RunError> {
     let views = VIEWS.map(|(view, _)| view);
-    let studio = EpisodeRecordingEnv::new(&show.experiment.envs, variant, &views, seed)?;
+    let studio = SingleEpisodeFilmEnv::new(&show.experiment.envs, variant, &views, seed)?;
     let mut stage = Stage { place: place(variant), solids: None, decision: 0, studio, recording };
     let (policy, success) = show.play_episode(variant, &mut stage)?;
     let outcome = if success { "solved" } else { "not solved" };
@@ -48,7 +48,7 @@ struct Stage<'a> {
     /// Shapes on the table; `None` before the episode.
     solids: Option<ShapeRecorder>,
     decision: usize,
-    studio: EpisodeRecordingEnv,
+    studio: SingleEpisodeFilmEnv,
     recording: &'a Recording,
 }
 

@@ -142,7 +142,14 @@ impl<T: Real, L: Lanes<T>> BackwardPanels<'_, T, L> {
                 let panel = &mut buffers.panel[..rows.num_folds() * windows.len()];
                 let step = windows.len();
                 let fold = OrbitBlock { orbit, block: c };
-                patches.gather_folds(self.lanes, fold, self.blocked, windows, panel, step);
+                patches.gather_signed_tap_sums(
+                    self.lanes,
+                    fold,
+                    self.blocked,
+                    windows,
+                    panel,
+                    step,
+                );
                 products.add_weight_gradient(&rows, buffers);
                 if let Some(gradient) = gradient.as_deref_mut() {
                     products.add_input_gradient(&rows, buffers, gradient);
@@ -273,7 +280,7 @@ impl FoldedOrbit<'_> {
         let folds = fold_gradients::<T, L, G, R, N>(lanes, dy, self.windows.len(), row, w);
         let windows = &self.windows[row..];
         let patches = &self.conv.patches;
-        patches.scatter_fold_gradients::<T, L, R, N>(
+        patches.scatter_tap_sum_gradients::<T, L, R, N>(
             lanes, self.orbit, folds, gradient, windows, self.c,
         );
     }

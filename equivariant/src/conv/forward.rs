@@ -121,7 +121,7 @@ impl<T: Real, L: Lanes<T>, const G: usize> ForwardPanels<'_, T, L, G> {
                 let first = patches.orbit_blocks(orbit).start + c;
                 let panel = &mut self.panel[first * PANEL_ROWS..];
                 let fold = OrbitBlock { orbit, block: c };
-                patches.gather_folds(self.lanes, fold, blocked, windows, panel, step);
+                patches.gather_signed_tap_sums(self.lanes, fold, blocked, windows, panel, step);
             }
         }
     }

@@ -18,7 +18,7 @@ impl PatchGeometry {
     /// start at `windows`. There is a panel with a row per window for each fold, and `step` rows
     /// from one panel to the next.
     #[inline(always)]
-    pub fn gather_folds<T: Real, L: Lanes<T>>(
+    pub fn gather_signed_tap_sums<T: Real, L: Lanes<T>>(
         &self,
         lanes: L,
         fold: OrbitBlock,
@@ -47,9 +47,9 @@ impl PatchGeometry {
 
     /// Adds the gradients of folds, the signed sums over an orbit of taps, to the pixels of a block
     /// of channels in the windows that start at `windows`: the transpose of
-    /// [`PatchGeometry::gather_folds`].
+    /// [`PatchGeometry::gather_signed_tap_sums`].
     #[inline(always)]
-    pub fn scatter_fold_gradients<T: Real, L: Lanes<T>, const R: usize, const N: usize>(
+    pub fn scatter_tap_sum_gradients<T: Real, L: Lanes<T>, const R: usize, const N: usize>(
         &self,
         lanes: L,
         orbit: usize,

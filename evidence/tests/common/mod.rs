@@ -94,7 +94,7 @@ pub fn assign(
 ) -> RolloutDecision {
     recogniser
         .clone()
-        .assign_rollout(seen, RolloutDecisionContext::collected_by_policy(collector), &mut rng())
+        .assign_rollout(seen, RolloutDecisionContext::for_collector(collector), &mut rng())
         .unwrap()
 }
 
@@ -102,7 +102,7 @@ pub fn assign(
 pub fn must_decide(collector: usize) -> RolloutDecisionContext<'static> {
     RolloutDecisionContext {
         allow_undecided: false,
-        ..RolloutDecisionContext::collected_by_policy(collector)
+        ..RolloutDecisionContext::for_collector(collector)
     }
 }
 

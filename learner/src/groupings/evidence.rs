@@ -111,7 +111,7 @@ impl Grouping for EvidenceGrouping {
     ) -> Result<GroupingDecision, LearnerError> {
         let collector = data.episodes().collector;
         let summaries = self.summarise(data.episodes(), collector)?;
-        let context = RolloutDecisionContext::collected_by_policy(collector);
+        let context = RolloutDecisionContext::for_collector(collector);
         let decision = match request {
             AssignmentPurpose::Recognise => return self.recognise(&summaries, data, rng),
             AssignmentPurpose::Assign { allow_undecided } => {

@@ -14,7 +14,7 @@ use learner::TaskLabel;
 ///
 /// On [`StreamClock::EnvironmentTime`], group, variants and placements depend only on the seed and
 /// the number of decisions so far: they are drawn again from these whenever all episodes end.
-pub(crate) struct ClockedStream {
+pub(crate) struct ScheduledVecEnv {
     stream: SwitchableVecEnv,
     tasks: TaskRegistry,
     timetable: Timetable,
@@ -48,7 +48,7 @@ struct Shown {
     spans_switch: bool,
 }
 
-impl ClockedStream {
+impl ScheduledVecEnv {
     /// Creates the stream of `experiment` after `decisions` decisions. It writes the name of the
     /// current group to `labels`.
     ///
@@ -173,7 +173,7 @@ impl ClockedStream {
     }
 }
 
-impl VectorEnv for ClockedStream {
+impl VectorEnv for ScheduledVecEnv {
     fn spec(&self) -> &EnvSpec {
         self.stream.spec()
     }
@@ -236,19 +236,19 @@ mod tests {
 
     /// Returns a stream of eight environments with episodes of ten decisions: 80 decisions of one
     /// group, then 120 of another.
-    fn world(decisions: usize) -> ClockedStream {
+    fn world(decisions: usize) -> ScheduledVecEnv {
         let mut experiment = Budget::Smoke.preset_experiment(Method::Covers).with_threads(1);
         experiment.schedule.order = crate::schedule::VisitOrder::Fixed;
         experiment.schedule.groups.truncate(2);
         experiment.schedule.groups[0].decisions = 80;
         experiment.schedule.groups[1].decisions = 120;
         let (tasks, labels) = (TaskRegistry::with_standard(), TaskLabel::default());
-        ClockedStream::new(&experiment, &tasks, labels, decisions).unwrap()
+        ScheduledVecEnv::new(&experiment, &tasks, labels, decisions).unwrap()
     }
 
     /// Takes steps, and returns the current visit after each one and the last observations.
     fn walk(
-        world: &mut ClockedStream,
+        world: &mut ScheduledVecEnv,
         steps: usize,
         reset_every: usize,
     ) -> (Vec<usize>, Observations) {
@@ -281,7 +281,7 @@ mod tests {
     #[test]
     fn an_iteration_spans_a_switch_where_it_showed_two_groups_and_not_where_the_next_is_due() {
         let mut world = world(0);
-        let iteration = |stream: &mut ClockedStream, steps| {
+        let iteration = |stream: &mut ScheduledVecEnv, steps| {
             stream.begin_iteration(0, 0).unwrap();
             walk(stream, steps, usize::MAX);
             (stream.spans_switch(), stream.last_shown_visit_index())
