@@ -395,6 +395,7 @@ impl RobotDescription {
             let effort = motion.max_effort.unwrap_or_default();
             let stiffness = effort / servo.saturation_error;
             let damping = stiffness * servo.damping_time;
+            let [stiffness, damping, effort] = [stiffness, damping, effort].map(short_number);
             format!(
                 "<general name=\"{name}\" joint=\"{name}\" biastype=\"affine\" \
                  gainprm=\"{stiffness}\" biasprm=\"0 -{stiffness} -{damping}\" \
@@ -464,13 +465,15 @@ fn moving(name: &str, motion: &JointMotionSpec) -> String {
         JointMotionKind::Hinge => "hinge",
         JointMotionKind::Slide => "slide",
     };
-    let range = |[low, high]: [f64; 2]| format!(" limited=\"true\" range=\"{low} {high}\"");
+    let range = |limits: [f64; 2]| {
+        format!(" limited=\"true\" range=\"{}\"", limits.map(short_number).join(" "))
+    };
     format!(
         "<joint name=\"{}\" type=\"{kind}\" axis=\"{}\" damping=\"{}\" frictionloss=\"{}\"{}/>\n",
         xml_escaped(name),
         numbers(motion.axis),
-        motion.damping,
-        motion.friction,
+        short_number(motion.damping),
+        short_number(motion.friction),
         motion.range.map_or(String::new(), range)
     )
 }
