@@ -76,7 +76,7 @@ pub use messages::{EnvCommand, EnvFailure, EnvSnapshot};
 pub use mujoco::{self, StaticBackdrop};
 pub use randomisation::VisualDomainRandomisation;
 pub use registry::TaskRegistry;
-pub use renderer::{PerspectiveRenderer, SceneRenderer, ViewRenderer, ViewSettings};
+pub use renderer::{CornerViewRenderer, SceneRenderer, ViewRenderer, ViewSettings};
 pub use robots;
 pub use scene::{ARM_GEOM_GROUP, Scene};
 pub use settings::{MAX_THREADS, VecEnvSettings};

@@ -190,14 +190,14 @@ impl ViewRenderer {
 
 /// Renderer of a scene with its arm from a corner of the table, with shadows and smooth edges, for
 /// viewers; stays on the thread that made it.
-pub struct PerspectiveRenderer {
+pub struct CornerViewRenderer {
     camera: CameraId,
     renderer: Renderer,
     /// Last picture of twice the width and height, RGB.
     rendered: Vec<u8>,
 }
 
-impl PerspectiveRenderer {
+impl CornerViewRenderer {
     /// Creates a renderer of pictures of `width` x `height` pixels.
     ///
     /// # Errors

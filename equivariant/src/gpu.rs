@@ -30,5 +30,5 @@ pub use device::GpuDevice;
 pub use error::GpuError;
 pub use kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupCount};
 pub use network::{GpuLayer, LayerGradients};
-pub use plan::{ComputePlan, GpuTensor};
+pub use plan::{ComputePlan, PlannedFeatureMap};
 pub use program::{BatchUniforms, CompiledPlan, PassesToRun};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use clap::ValueEnum;
 use envs::{
-    ACTION_DIM, Camera, PerspectiveRenderer, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
+    ACTION_DIM, Camera, CornerViewRenderer, RGB_CHANNELS, Scene, SceneRenderer, TableTop,
     TaskVariant, VecEnvSettings,
 };
 use rand::SeedableRng;
@@ -48,7 +48,7 @@ pub struct SingleEpisodeFilmEnv {
     /// Second simulation for [`FilmView::Raw`] and [`FilmView::Mask`]; `None` without these views.
     large: Option<LargeView>,
     /// Renderer of [`FilmView::Perspective`]; `None` without this view.
-    corner: Option<PerspectiveRenderer>,
+    corner: Option<CornerViewRenderer>,
     /// Pictures of [`FilmView::Perspective`].
     perspective: Vec<Vec<u8>>,
     /// First picture of the episode `[size, size, 3]`; empty before the reset.
@@ -83,7 +83,7 @@ impl SingleEpisodeFilmEnv {
         let (table, scene) = table(settings, variant, settings.camera)?;
         let needs_large = views.iter().any(|view| matches!(view, FilmView::Raw | FilmView::Mask));
         let [width, height] = PERSPECTIVE_SIZE;
-        let corner = || PerspectiveRenderer::new(&scene, width, height);
+        let corner = || CornerViewRenderer::new(&scene, width, height);
         let corner = views.contains(&FilmView::Perspective).then(corner).transpose()?;
         Ok(Self {
             spec: SwitchableVecEnv::env_spec(&alone),

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use equivariant::LayerSignature;
 use equivariant::gpu::{
-    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuDevice, GpuError, GpuTensor,
-    KernelDispatch, PassesToRun, WorkgroupCount,
+    BatchUniforms, BufferSlot, CompiledPlan, ComputePlan, GpuDevice, GpuError, KernelDispatch,
+    PassesToRun, PlannedFeatureMap, WorkgroupCount,
 };
 use rand_chacha::ChaCha8Rng;
 
@@ -39,8 +39,8 @@ pub(crate) struct ObservationBuffers {
 /// ranges.
 pub(crate) struct NetworkOutputs {
     /// Mean actions of the policy, components in irrep-major order.
-    pub mean: GpuTensor,
-    pub value: GpuTensor,
+    pub mean: PlannedFeatureMap,
+    pub value: PlannedFeatureMap,
     /// Index in the GPU's parameter buffer of the first parameter after those of the image encoder.
     pub head_params_start: usize,
     /// Index in the GPU's parameter buffer of the first log_std.
@@ -138,8 +138,8 @@ pub(crate) fn add_network(
 fn gather_kernel(
     plan: &mut ComputePlan,
     observation_buffers: ObservationBuffers,
-    image: Option<GpuTensor>,
-    vector: Option<GpuTensor>,
+    image: Option<PlannedFeatureMap>,
+    vector: Option<PlannedFeatureMap>,
 ) -> KernelDispatch {
     let [pixels, components] = [image, vector].map(|x| x.map_or(0, |x| x.shape.len()));
     let [x_image, x_vector] =

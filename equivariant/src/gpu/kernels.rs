@@ -10,7 +10,7 @@ mod product;
 mod window;
 
 use crate::gpu::error::GpuError;
-use crate::gpu::plan::{ComputePlan, GpuTensor};
+use crate::gpu::plan::{ComputePlan, PlannedFeatureMap};
 use crate::layers::Concat;
 use crate::layers::layer::{Layer, LayerKind};
 use crate::shape::Shape;
@@ -26,8 +26,8 @@ impl ComputePlan {
     pub fn add_layer(
         &mut self,
         layer: &dyn Layer<f32>,
-        x: GpuTensor,
-    ) -> Result<GpuTensor, GpuError> {
+        x: PlannedFeatureMap,
+    ) -> Result<PlannedFeatureMap, GpuError> {
         let mut leaves = flatten_layers(layer).into_iter().peekable();
         let mut x = x;
         while let Some(leaf) = leaves.next() {
@@ -41,7 +41,11 @@ impl ComputePlan {
     }
 
     /// Adds the direct sum of two feature maps to the compute plan and returns the sum.
-    pub fn add_concat(&mut self, concat: &Concat, inputs: [GpuTensor; 2]) -> GpuTensor {
+    pub fn add_concat(
+        &mut self,
+        concat: &Concat,
+        inputs: [PlannedFeatureMap; 2],
+    ) -> PlannedFeatureMap {
         let y = self.add_tensor(concat.out_shape());
         joins::concat(self, &inputs, &y);
         y
@@ -49,8 +53,8 @@ impl ComputePlan {
 
     /// Returns two handles to a feature map of the compute plan, for two layers that read it. Both
     /// share its values, each has its own gradient, and the backward pass adds the two gradients.
-    pub fn add_fork(&mut self, x: GpuTensor) -> [GpuTensor; 2] {
-        let readers = [(); 2].map(|()| GpuTensor {
+    pub fn add_fork(&mut self, x: PlannedFeatureMap) -> [PlannedFeatureMap; 2] {
+        let readers = [(); 2].map(|()| PlannedFeatureMap {
             gradient: x.gradient.map(|_| self.add_buffer(0, x.shape.len())),
             ..x
         });
@@ -83,8 +87,8 @@ fn is_fusable_relu(layer: &dyn Layer<f32>, shape: Shape) -> bool {
 fn add(
     plan: &mut ComputePlan,
     layer: &dyn Layer<f32>,
-    x: &GpuTensor,
-    y: &GpuTensor,
+    x: &PlannedFeatureMap,
+    y: &PlannedFeatureMap,
     with_relu: bool,
 ) -> Result<(), GpuError> {
     match layer.kind() {

@@ -5,7 +5,7 @@ use std::fmt;
 use crate::gpu::device::GpuDevice;
 use crate::gpu::error::GpuError;
 use crate::gpu::kernel_dispatch::BufferSlot;
-use crate::gpu::plan::{ComputePlan, GpuTensor};
+use crate::gpu::plan::{ComputePlan, PlannedFeatureMap};
 use crate::gpu::program::{BatchUniforms, CompiledPlan, PassesToRun};
 use crate::layers::layer::Layer;
 
@@ -16,8 +16,8 @@ pub struct GpuLayer {
     plan: ComputePlan,
     /// Description of the layer, for error messages.
     name: String,
-    x: GpuTensor,
-    y: GpuTensor,
+    x: PlannedFeatureMap,
+    y: PlannedFeatureMap,
     /// Buffers of the gradients with respect to input and output.
     gradients: [BufferSlot; 2],
     /// Number of samples of the last forward pass.

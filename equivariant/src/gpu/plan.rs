@@ -32,7 +32,7 @@ impl BufferLength {
 /// Feature map of a [`ComputePlan`]: its shape, and the slots of the buffers of its values and, if
 /// it is needed, of its gradient.
 #[derive(Clone, Copy, Debug)]
-pub struct GpuTensor {
+pub struct PlannedFeatureMap {
     /// Shape of one sample of the tensor.
     pub shape: Shape,
     /// Buffer of the map's values, `[N, H, W, C]` (samples, height, width, channels).
@@ -164,13 +164,16 @@ impl ComputePlan {
     }
 
     /// Adds a feature map without a gradient to the compute plan, as an input.
-    pub fn add_input(&mut self, shape: Shape) -> GpuTensor {
-        GpuTensor { shape, values: self.add_buffer(0, shape.len()), gradient: None }
+    pub fn add_input(&mut self, shape: Shape) -> PlannedFeatureMap {
+        PlannedFeatureMap { shape, values: self.add_buffer(0, shape.len()), gradient: None }
     }
 
     /// Adds a feature map with its gradient to the compute plan.
-    pub fn add_tensor(&mut self, shape: Shape) -> GpuTensor {
-        GpuTensor { gradient: Some(self.add_buffer(0, shape.len())), ..self.add_input(shape) }
+    pub fn add_tensor(&mut self, shape: Shape) -> PlannedFeatureMap {
+        PlannedFeatureMap {
+            gradient: Some(self.add_buffer(0, shape.len())),
+            ..self.add_input(shape)
+        }
     }
 
     /// Reserves `len` places for a layer's parameters on the GPU and returns the index of the

@@ -3,10 +3,14 @@
 use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch};
 use crate::gpu::kernels::pointwise::kernel_per_field;
-use crate::gpu::plan::{ComputePlan, GpuTensor};
+use crate::gpu::plan::{ComputePlan, PlannedFeatureMap};
 
 /// Adds the kernels that copy two feature maps into their direct sum, and the gradients back.
-pub(super) fn concat(plan: &mut ComputePlan, inputs: &[GpuTensor; 2], y: &GpuTensor) {
+pub(super) fn concat(
+    plan: &mut ComputePlan,
+    inputs: &[PlannedFeatureMap; 2],
+    y: &PlannedFeatureMap,
+) {
     let pixels = y.shape.num_pixels();
     let [first, second] =
         inputs.each_ref().map(|input| ChannelLayout::for_type(input.shape.fields));
@@ -37,7 +41,11 @@ fn copy(
 }
 
 /// Adds the kernel that sums the gradients of a feature map from both layers that read it.
-pub(super) fn fork(plan: &mut ComputePlan, x: &GpuTensor, readers: &[GpuTensor; 2]) {
+pub(super) fn fork(
+    plan: &mut ComputePlan,
+    x: &PlannedFeatureMap,
+    readers: &[PlannedFeatureMap; 2],
+) {
     let [first, second] = readers.each_ref().map(|reader| reader.gradient);
     let (Some(first), Some(second), Some(dx)) = (first, second, x.gradient) else {
         return;

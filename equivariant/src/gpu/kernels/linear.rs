@@ -7,7 +7,7 @@ use crate::gpu::kernels::partial::sum_partial_gradients;
 use crate::gpu::kernels::pointwise::kernel_per_field;
 use crate::gpu::kernels::product::MatrixProduct;
 use crate::gpu::kernels::window::{sum_over_taps, windows};
-use crate::gpu::plan::{ComputePlan, GpuTensor, SharedBuffer};
+use crate::gpu::plan::{ComputePlan, PlannedFeatureMap, SharedBuffer};
 use crate::steerable::dense::OrdinaryConv;
 use crate::window::SlidingWindow;
 
@@ -23,8 +23,8 @@ const PIXEL: SlidingWindow = SlidingWindow::new(1, 1, 0);
 struct Linear<'a> {
     folds: OrbitFolds<'a>,
     window: SlidingWindow,
-    x: GpuTensor,
-    y: GpuTensor,
+    x: PlannedFeatureMap,
+    y: PlannedFeatureMap,
     order: usize,
     input: ChannelLayout,
     output: ChannelLayout,
@@ -41,8 +41,8 @@ struct Linear<'a> {
 pub(super) fn add(
     plan: &mut ComputePlan,
     dense: &OrdinaryConv,
-    x: &GpuTensor,
-    y: &GpuTensor,
+    x: &PlannedFeatureMap,
+    y: &PlannedFeatureMap,
     with_relu: bool,
 ) {
     let linear = Linear::new(plan, dense, x, y, with_relu);
@@ -62,8 +62,8 @@ impl<'a> Linear<'a> {
     fn new(
         plan: &mut ComputePlan,
         dense: &'a OrdinaryConv<'a>,
-        x: &GpuTensor,
-        y: &GpuTensor,
+        x: &PlannedFeatureMap,
+        y: &PlannedFeatureMap,
         with_relu: bool,
     ) -> Linear<'a> {
         let direct = dense.window == PIXEL;

@@ -2,7 +2,7 @@
 
 use crate::gpu::channels::ChannelLayout;
 use crate::gpu::kernel_dispatch::{BufferSlot, KernelDispatch, WorkgroupCount};
-use crate::gpu::plan::{ComputePlan, GpuTensor};
+use crate::gpu::plan::{ComputePlan, PlannedFeatureMap};
 use crate::steerable::hadamard::permuted_field_order_and_count;
 
 /// Returns a GPU kernel, still without buffers and operation, that runs one thread per pixel and
@@ -23,7 +23,7 @@ pub(super) fn kernel_per_field(
 
 /// Returns the channel layout of a map's fields in the regular basis, whose components the group
 /// permutes; other fields keep the layout of the irrep basis.
-pub(super) fn permuted_channels(x: &GpuTensor) -> ChannelLayout {
+pub(super) fn permuted_channels(x: &PlannedFeatureMap) -> ChannelLayout {
     let fields = x.shape.fields;
     match permuted_field_order_and_count(fields) {
         Some((order, n)) => ChannelLayout::for_regular_fields(order, n),
@@ -34,12 +34,12 @@ pub(super) fn permuted_channels(x: &GpuTensor) -> ChannelLayout {
 /// Feature map of a batch on a GPU with the channel layout of its fields.
 #[derive(Clone, Copy)]
 pub(super) struct Map<'a> {
-    tensor: &'a GpuTensor,
+    tensor: &'a PlannedFeatureMap,
     channels: &'a ChannelLayout,
 }
 
 impl<'a> Map<'a> {
-    pub fn new(tensor: &'a GpuTensor, channels: &'a ChannelLayout) -> Map<'a> {
+    pub fn new(tensor: &'a PlannedFeatureMap, channels: &'a ChannelLayout) -> Map<'a> {
         Map { tensor, channels }
     }
 }
@@ -61,7 +61,7 @@ pub(super) fn passes(plan: &mut ComputePlan, x: Map, y: Map, kernels: [KernelDis
 }
 
 /// Adds the GPU kernels of a ReLU from map `x` to map `y`.
-pub(super) fn relu(plan: &mut ComputePlan, x: &GpuTensor, y: &GpuTensor) {
+pub(super) fn relu(plan: &mut ComputePlan, x: &PlannedFeatureMap, y: &PlannedFeatureMap) {
     let channels = permuted_channels(x);
     let texts = [
         ("relu", include_str!("../wgsl/relu.wgsl")),
@@ -74,7 +74,7 @@ pub(super) fn relu(plan: &mut ComputePlan, x: &GpuTensor, y: &GpuTensor) {
 }
 
 /// Adds the GPU kernels of a maximum over the group from map `x` to map `y`.
-pub(super) fn group_max_pool(plan: &mut ComputePlan, x: &GpuTensor, y: &GpuTensor) {
+pub(super) fn group_max_pool(plan: &mut ComputePlan, x: &PlannedFeatureMap, y: &PlannedFeatureMap) {
     let [of_x, of_y] = [x, y].map(|map| ChannelLayout::for_type(map.shape.fields));
     let texts = [
         ("group max-pool", include_str!("../wgsl/group_max_pool.wgsl")),
@@ -86,6 +86,6 @@ pub(super) fn group_max_pool(plan: &mut ComputePlan, x: &GpuTensor, y: &GpuTenso
 }
 
 /// Returns the buffers of the gradients with respect to `x` and `y` if both are needed.
-fn gradients(x: &GpuTensor, y: &GpuTensor) -> Option<[BufferSlot; 2]> {
+fn gradients(x: &PlannedFeatureMap, y: &PlannedFeatureMap) -> Option<[BufferSlot; 2]> {
     Some([x.gradient?, y.gradient?])
 }

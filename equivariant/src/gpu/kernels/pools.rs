@@ -2,15 +2,15 @@
 
 use crate::gpu::kernels::pointwise::{Map, kernel_per_field, passes, permuted_channels};
 use crate::gpu::kernels::window::{sum_over_taps, windows};
-use crate::gpu::plan::{ComputePlan, GpuTensor};
+use crate::gpu::plan::{ComputePlan, PlannedFeatureMap};
 use crate::window::SlidingWindow;
 
 /// Adds the GPU kernels of a max-pooling over sliding windows from map `x` to map `y`.
 pub(super) fn max_pool(
     plan: &mut ComputePlan,
     window: SlidingWindow,
-    x: &GpuTensor,
-    y: &GpuTensor,
+    x: &PlannedFeatureMap,
+    y: &PlannedFeatureMap,
 ) {
     let channels = permuted_channels(x);
     let kernel = |label, pixels| {
