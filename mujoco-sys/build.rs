@@ -168,11 +168,13 @@ fn header_version(declarations: &str) -> Result<u32, String> {
     let digits: String = after.chars().take_while(char::is_ascii_digit).collect();
     let version =
         digits.parse().map_err(|error| format!("mjVERSION_HEADER is {digits}: {error}"))?;
-    if version == REFERENCE_VERSION || release_name(version).starts_with("3.") {
+    // 3.2 counts as 320, 3.17 as 3017000
+    let is_release_3 = (320..400).contains(&version) || (3_000_000..4_000_000).contains(&version);
+    if version == REFERENCE_VERSION || is_release_3 {
         return Ok(version);
     }
     Err(format!(
-        "mujoco/mujoco.h is of MuJoCo {}, expected 2.2.2 or a release 3.",
+        "mujoco/mujoco.h is of MuJoCo {}, expected 2.2.2, or 3.2 or a later release 3.",
         release_name(version)
     ))
 }

@@ -238,7 +238,6 @@ fn check(
     if !folder.is_finished() {
         return Err(unfit("it is not finished; continue it with `covers resume`"));
     }
-    let share = |value: f64| (0.0..=1.0).contains(&value);
     let elements = D2::ALL.map(|element| element.to_string());
     let sound = |row: &ScoreRow| {
         counted(row.episodes)
@@ -258,26 +257,7 @@ fn check(
              shares in [0, 1], finite returns, and all of the `own_` columns or none",
         ));
     }
-    let numbers = |row: &RolloutRow| {
-        let distances = row.distances.iter().chain(&row.permutation_maxima);
-        let distances = distances.copied().flatten();
-        let own = row.reward.into_iter().chain(row.success).chain(distances);
-        own.collect::<Vec<f64>>()
-    };
-    // each rollout creates one policy at most, so the index of its policy cannot exceed its own
-    let sound_rollout = |(rollout, row): (usize, &RolloutRow)| {
-        row.policy <= rollout
-            && row.success.is_none_or(share)
-            && numbers(row).into_iter().all(f64::is_finite)
-    };
-    if !rollouts.is_sorted_by_key(|row| row.decisions)
-        || !rollouts.iter().enumerate().all(sound_rollout)
-    {
-        return Err(unfit(
-            "metrics.csv holds a row that cannot be: decisions must not decrease, policies must \
-             exist, success must be in [0, 1], and numbers must be finite",
-        ));
-    }
+    check_rollouts(path, rollouts)?;
     let in_order = scores.is_sorted_by_key(|row| row.rollouts);
     if !in_order || scores.last().map(|row| row.rollouts) != Some(rollouts.len()) {
         return Err(unfit("the last rows of evaluation.csv and metrics.csv do not agree"));
@@ -289,6 +269,32 @@ fn check(
         return Err(unfit("evaluation.csv scores a variant twice in one evaluation"));
     }
     check_own_policies(path, rollouts, scores)
+}
+
+/// Rejects rows of rollouts with values that no rollout has.
+fn check_rollouts(path: &Path, rollouts: &[RolloutRow]) -> Result<(), RunError> {
+    let finite = |row: &RolloutRow| {
+        let scores = [&row.distances, &row.permutation_maxima, &row.permutation_z_scores];
+        let scores = scores.into_iter().flatten().copied().flatten();
+        row.reward.into_iter().chain(scores).all(f64::is_finite)
+    };
+    // each rollout creates one policy at most, so the index of its policy cannot exceed its own
+    let sound = |(rollout, row): (usize, &RolloutRow)| {
+        row.policy <= rollout && row.success.is_none_or(share) && finite(row)
+    };
+    if rollouts.is_sorted_by_key(|row| row.decisions) && rollouts.iter().enumerate().all(sound) {
+        return Ok(());
+    }
+    Err(unfit(
+        path,
+        "metrics.csv holds a row that cannot be: decisions must not decrease, policies must exist, \
+         success must be in [0, 1], and numbers must be finite",
+    ))
+}
+
+/// Returns `true` for a number in `[0, 1]`.
+fn share(value: f64) -> bool {
+    (0.0..=1.0).contains(&value)
 }
 
 /// Rejects scores of an own policy that was not the group's own at that time. Runs of older

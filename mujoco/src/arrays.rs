@@ -8,7 +8,7 @@ use crate::data::Data;
 use crate::fields::data::QFRC_APPLIED;
 use crate::model::Model;
 use crate::raw;
-use crate::releases::{self, ArrayStart};
+use crate::releases::ArrayStart;
 
 /// Expands to the length of a row: a number, or a size of the model.
 macro_rules! width {
@@ -202,7 +202,6 @@ impl Model {
         // SAFETY: nobody else holds the copy, and the data is one that MuJoCo makes for it.
         unsafe {
             forget_shortcuts(copy.as_mut());
-            releases::ignore_bounding_volumes(copy.as_mut());
             let data = raw::mj_makeData(copy.as_ptr());
             raw::mj_setConst(copy.as_mut(), data);
             raw::mj_deleteData(data);

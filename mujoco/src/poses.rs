@@ -32,8 +32,6 @@ impl Model {
         let mut copy = self.copied();
         // SAFETY: nobody else holds the copy yet.
         reflect(unsafe { copy.as_mut() }, &below);
-        // SAFETY: as above.
-        releases::ignore_bounding_volumes(unsafe { copy.as_mut() });
         Ok(self.reflection(copy))
     }
 
@@ -100,12 +98,15 @@ impl Model {
         Ok(())
     }
 
-    /// Returns a copy of the model's `mjModel`, which the caller owns.
+    /// Returns a copy of the model's `mjModel`, which the caller owns and may alter.
     pub(crate) fn copied(&self) -> NonNull<raw::mjModel> {
         // SAFETY: a live model; MuJoCo allocates a copy where it is given none.
         let copy = unsafe { raw::mj_copyModel(ptr::null_mut(), self.as_raw()) };
         // SAFETY: `mj_copyModel` reports a failed allocation as an error, which aborts.
-        unsafe { NonNull::new_unchecked(copy) }
+        let mut copy = unsafe { NonNull::new_unchecked(copy) };
+        // SAFETY: nobody else holds the copy yet.
+        releases::ignore_bounding_volumes(unsafe { copy.as_mut() });
+        copy
     }
 
     /// Returns, for each body, `true` if it is one of `roots` or below one.

@@ -72,7 +72,7 @@ def run_settings(folder: Folder) -> dict[str, Any]:
 
         env = covers_envs.make_vec("drawer-close", 32, **covers_envs.run_settings("runs/first"))
     """
-    return json.loads(_core.Policies(Path(folder)).settings())
+    return json.loads(_core.run_environment_settings(Path(folder)))
 
 
 class RunPolicy:

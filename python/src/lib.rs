@@ -354,6 +354,8 @@ mod _core {
     #[pymodule_export]
     use super::training::TrainingRun;
     #[pymodule_export]
+    use super::training::run_environment_settings;
+    #[pymodule_export]
     const ACTION_DIM: usize = envs::ACTION_DIM;
     #[pymodule_export]
     const DETAILS_DIM: usize = envs::STATE_DETAILS_DIM;

@@ -127,7 +127,14 @@ fn describe_event(event: &RunEvent, run: &Run) -> Value {
     }
 }
 
-/// Policies of a run, from its newest intact checkpoint.
+/// Returns the settings of the environments of the run in `folder`, as `Core.settings` does.
+#[pyfunction]
+pub fn run_environment_settings(py: Python<'_>, folder: PathBuf) -> PyResult<String> {
+    let experiment = py.detach(|| RunFolder::from_path(&folder).read_experiment());
+    Ok(environment_keywords(&experiment.map_err(error)?.envs).to_string())
+}
+
+/// Policies of a run, from its newest checkpoint.
 #[pyclass(frozen, module = "covers_envs._core")]
 pub struct Policies {
     learner: Mutex<Box<dyn Learner>>,

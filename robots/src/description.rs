@@ -6,7 +6,11 @@ use crate::capsule::{Capsule, PlacedShape};
 use crate::error::DescriptionError;
 use crate::error::{check_numbers, require};
 use crate::pose::Pose;
-use crate::urdf::{MAX_LINKS, check_name};
+
+/// Maximum number of links of a robot.
+pub const MAX_LINKS: usize = 1000;
+/// Maximum length of a name (bytes).
+const MAX_NAME: usize = 200;
 
 /// Robot as a tree of links, made and validated by [`RobotDescription::from_urdf_file`] and
 /// [`RobotDescription::from_urdf`].
@@ -412,4 +416,20 @@ fn check_pose(place: impl Fn() -> String, pose: &Pose) -> Result<(), Description
     let is_unit = (length - 1.0).abs() < 1e-6;
     let expected = "1, the length of a unit quaternion";
     require(is_unit, place, "the length of its rotation", length, expected)
+}
+
+/// Rejects a name that is empty, too long or unprintable.
+pub(crate) fn check_name(kind: &'static str, name: &str) -> Result<(), DescriptionError> {
+    let reason = if name.is_empty() {
+        "it is empty"
+    } else if name.len() > MAX_NAME {
+        "it has more than 200 bytes"
+    } else if name.chars().any(char::is_control) {
+        "it holds a control character"
+    } else {
+        return Ok(());
+    };
+    // cut, because it becomes part of a message
+    let name = name.chars().take(MAX_NAME).collect();
+    Err(DescriptionError::InvalidName { kind, name, reason })
 }

@@ -29,7 +29,7 @@ pub use check::{JointSummary, RobotCheckReport};
 pub use control::{TwistControlSettings, TwistController};
 pub use description::{
     Inertia, Joint, JointMotionKind, JointMotionSpec, JointPositionSource, JointRangeRestriction,
-    Link, RobotDescription,
+    Link, MAX_LINKS, RobotDescription,
 };
 pub use error::{ControlError, DescriptionError, MissedTarget};
 pub use ik::{IkSettings, OrientationConstraint};
@@ -39,5 +39,5 @@ pub use pose::Pose;
 pub use robot::{ArmCommand, Robot, RobotState};
 pub use robot_file::RobotFile;
 pub use twist::{Twist, TwistLimits};
-pub use urdf::{MAX_LINKS, MAX_URDF_BYTES, UrdfSettings};
+pub use urdf::{MAX_URDF_BYTES, UrdfSettings};
 pub use watchdog::Watchdog;

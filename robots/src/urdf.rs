@@ -21,8 +21,6 @@ use crate::description::RobotDescription;
 use crate::error::{DescriptionError, all, require};
 use crate::pose::Pose;
 
-pub use names::MAX_LINKS;
-pub(crate) use names::check_name;
 pub use xml::MAX_URDF_BYTES;
 
 /// Settings for reading a URDF file.

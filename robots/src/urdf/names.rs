@@ -4,14 +4,11 @@ use std::collections::HashSet;
 
 use super::Report;
 use super::xml::Cleaned;
+use crate::description::{MAX_LINKS, check_name};
 use crate::error::DescriptionError;
 
-/// Maximum number of links of a robot.
-pub const MAX_LINKS: usize = 1000;
 /// Maximum number of collision shapes of a link.
 const MAX_SHAPES: usize = 1000;
-/// Maximum length of a name (bytes).
-const MAX_NAME: usize = 200;
 
 /// Rejects files without links, and with so many links, joints or shapes that they could exhaust
 /// the memory.
@@ -62,20 +59,4 @@ fn usable(kind: &'static str, name: &str, line: usize, report: &mut Report) {
     if let Err(error) = check_name(kind, name) {
         report.reject(line, error);
     }
-}
-
-/// Rejects a name that is empty, too long or unprintable.
-pub(crate) fn check_name(kind: &'static str, name: &str) -> Result<(), DescriptionError> {
-    let reason = if name.is_empty() {
-        "it is empty"
-    } else if name.len() > MAX_NAME {
-        "it has more than 200 bytes"
-    } else if name.chars().any(char::is_control) {
-        "it holds a control character"
-    } else {
-        return Ok(());
-    };
-    // cut, because it becomes part of a message
-    let name = name.chars().take(MAX_NAME).collect();
-    Err(DescriptionError::InvalidName { kind, name, reason })
 }
