@@ -186,6 +186,12 @@ fn mjcf(style: &Style, limbs: &[Vec<Link>], fault: Option<Fault>) -> String {
     )
 }
 
+/// An axis of rotation on a side, which is mirrored with the opposite sign of a direction.
+fn mirrored_axis([x, y, z]: [f64; 3], sign: f64, side: f64, turned: bool) -> [f64; 3] {
+    let half = if turned { -1.0 } else { 1.0 };
+    [half * sign * side * x, half * sign * y, sign * side * z]
+}
+
 /// Writes a limb, and returns the positions of its joints at rest.
 fn write_limb(
     text: &mut String,
@@ -226,13 +232,8 @@ fn write_limb(
             place(centre),
             grown("mass", link.mass)
         );
-        // an axis of rotation is mirrored with the opposite sign of a direction
-        let [ax, ay, az] = link.axis;
         let sign = if style.mirrored_axes || side > 0.0 { 1.0 } else { -1.0 };
-        let mut axis = [sign * side * ax, sign * ay, sign * side * az];
-        if turned {
-            axis = [-axis[0], -axis[1], axis[2]];
-        }
+        let mut axis = mirrored_axis(link.axis, sign, side, turned);
         if has("sign") {
             axis = axis.map(|part| -part);
         }

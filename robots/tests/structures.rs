@@ -104,6 +104,23 @@ impl Draw {
         shapes
     }
 
+    /// A link with the mass `inertial` that is fixed to a link, at times by frames without mass.
+    fn load(&mut self, link: usize, mut inertial: String) -> String {
+        let (mut load, mut parent) = (String::new(), name(link));
+        for depth in (0..self.0.random_range(1..4)).rev() {
+            let child = format!("load {link} {depth}");
+            let own = if depth == 0 { std::mem::take(&mut inertial) } else { String::new() };
+            let _ = write!(
+                load,
+                "<link name=\"{child}\">{own}</link><joint name=\"hold {child}\" \
+                 type=\"fixed\">{}<parent link=\"{parent}\"/><child link=\"{child}\"/></joint>",
+                self.origin()
+            );
+            parent = child;
+        }
+        load
+    }
+
     /// A robot of up to `most` links, all but the root of which hang on a joint of any kind.
     fn robot(&mut self, most: usize, sizes: [f64; 2]) -> String {
         let count = self.0.random_range(1..=most);
@@ -115,25 +132,12 @@ impl Draw {
             let moves = link > 0 && kind != "fixed";
             let massive = moves || self.chance(0.3);
             let mut inertial = if massive { self.inertial() } else { String::new() };
-            // some links that move have their mass on a link that is fixed to them, at times by
-            // frames without mass
-            let mut load = String::new();
-            if moves && self.chance(0.2) {
-                let mut parent = name(link);
-                for depth in (0..self.0.random_range(1..4)).rev() {
-                    let child = format!("load {link} {depth}");
-                    let own =
-                        if depth == 0 { std::mem::take(&mut inertial) } else { String::new() };
-                    let _ = write!(
-                        load,
-                        "<link name=\"{child}\">{own}</link><joint name=\"hold {child}\" \
-                         type=\"fixed\">{}<parent link=\"{parent}\"/><child link=\"{child}\"/>\
-                         </joint>",
-                        self.origin()
-                    );
-                    parent = child;
-                }
-            }
+            // some links that move have their mass on a link that is fixed to them
+            let load = if moves && self.chance(0.2) {
+                self.load(link, std::mem::take(&mut inertial))
+            } else {
+                String::new()
+            };
             let shapes = if self.chance(0.7) { self.shapes(sizes) } else { String::new() };
             let _ = write!(urdf, "<link name=\"{}\">{inertial}{shapes}</link>{load}", name(link));
             if link == 0 {
