@@ -216,3 +216,22 @@ pub(crate) fn device_parser() -> impl TypedValueParser<Value = DeviceChoice> {
     PossibleValuesParser::new(DeviceChoice::ALL.map(DeviceChoice::name))
         .try_map(|name| name.parse::<DeviceChoice>())
 }
+
+/// Returns the path by which this program was started, for commands that it prints.
+pub(crate) fn program_name() -> String {
+    std::env::args().next().map_or_else(|| "covers".to_owned(), |name| shell_word(&name))
+}
+
+/// Returns a word of a shell command, in quotes where it needs them.
+pub(crate) fn shell_word(text: &str) -> String {
+    let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"/._-".contains(&byte);
+    if text.bytes().all(is_plain) && !text.is_empty() {
+        return text.to_owned();
+    }
+    shell_quoted(text)
+}
+
+/// Returns a word of a shell command, in quotes.
+pub(crate) fn shell_quoted(text: &str) -> String {
+    format!("'{}'", text.replace('\'', r"'\''"))
+}

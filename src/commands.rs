@@ -9,7 +9,7 @@ use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
 use crate::CoversError;
 pub use crate::cli::CommandOutcome;
-use crate::cli::{ThreadAndJsonOptions, TrainOptions, device_parser};
+use crate::cli::{ThreadAndJsonOptions, TrainOptions, device_parser, program_name, shell_word};
 use crate::ranks::on_ranks;
 use crate::sweep_command::SweepOptions;
 use experiments::cli::{print_escaped, progress_bar};
@@ -231,12 +231,12 @@ pub fn summarise_or_checkpoint(
     {
         print_escaped(out, &run_summary_table(&summary))?;
         print_escaped(out, &format!("files: {folder}"))?;
-        let program = std::env::args().next().unwrap_or_else(|| "covers".to_owned());
+        let (program, word) = (program_name(), shell_word(&folder));
         print_escaped(
             out,
             &format!(
-                "next:  {program} report {folder} --out report --films\n       \
-                 {program} render {folder} --out policies.gif"
+                "next:  {program} report {word} --out report --films\n       \
+                 {program} render {word} --out policies.gif"
             ),
         )?;
         if json {

@@ -27,7 +27,7 @@ pub(crate) fn on_ranks<T>(
 pub(crate) fn on_ranks<T>(
     work: impl FnOnce(ProcessRanks) -> Result<T, CoversError>,
 ) -> Result<T, CoversError> {
-    // Open MPI's `mpirun`; MPICH's, and `srun` with PMI
+    // Open MPI's `mpirun`; MPICH's, and `srun` with PMI. PMIx alone tells no number.
     let sizes = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE"].map(|name| std::env::var(name).ok());
     match sizes.into_iter().flatten().filter_map(|size| size.parse().ok()).max() {
         Some(processes) if processes > 1 => Err(CoversError::NoMpi { processes }),

@@ -7,7 +7,7 @@ use std::time::Duration;
 use clap::{ArgGroup, Args};
 
 use crate::CoversError;
-use crate::cli::{CommandOutcome, device_parser};
+use crate::cli::{CommandOutcome, device_parser, program_name, shell_word};
 use crate::sweep::{
     self, ArrayJob, KubernetesOptions, SweepJob, SweepPlan, SweepWorkerOutcome, SweepWorkerSettings,
 };
@@ -127,8 +127,8 @@ impl SweepOptions {
         match (stopped, failed.is_empty()) {
             (false, true) => {
                 if self.job.is_none() {
-                    let program = std::env::args().next().unwrap_or_else(|| "covers".to_owned());
-                    let runs = self.runs.display();
+                    let program = program_name();
+                    let runs = shell_word(&self.runs.display().to_string());
                     let next = format!("next:  {program} report {runs}/* --out report --films");
                     print_escaped(out, &next)?;
                 }

@@ -58,8 +58,12 @@ impl NullDistribution {
         }
     }
 
-    /// Returns a score in standard deviations above the mean of the null distribution.
+    /// Returns a score in standard deviations above the mean of the null distribution; 0 for a
+    /// single split, which tells nothing about deviations.
     pub(crate) fn standardise(&self, score: f64) -> f64 {
+        if self.permutations < 2 {
+            return 0.0;
+        }
         (score - self.mean) / self.sd.max(ROUNDING)
     }
 

@@ -203,9 +203,13 @@ fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let ends = all.iter().rfind(|path| path.ends_with(&ending)).copied();
     let depth = |path: &str| path.matches('.').count();
     let alike = all.iter().copied().filter(|path| depth(path) == depth(wanted));
-    let last = |path: &str| path.rsplit('.').next().map(str::to_owned);
-    let namesake = || all.iter().rfind(|path| last(path) == last(wanted)).copied();
+    let namesake = || all.iter().rfind(|path| last_name(path) == last_name(wanted)).copied();
     ends.or_else(|| nearest(alike, wanted)).or_else(namesake).map(str::to_owned)
+}
+
+/// Returns the part of a path behind its last dot.
+fn last_name(path: &str) -> &str {
+    path.rsplit('.').next().unwrap_or(path)
 }
 
 /// Returns the nearest name by edit distance, up to three or a third of the length of `wanted`,

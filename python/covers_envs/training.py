@@ -91,20 +91,22 @@ class RunPolicy:
         self._policies = _core.Policies(Path(folder))
         require_equal(base_env(env).settings, json.loads(self._policies.settings()), "run_settings")
         by_group, count = json.loads(self._policies.policy_by_group()), self._policies.count()
-        known = by_group if isinstance(policy, str) else range(count)
-        if policy not in known:
-            groups = ", ".join(by_group) or "none, as a packed folder knows no groups"
-            raise ValueError(f"policy {policy!r} is not in {folder}: its groups are {groups}; indices are below {count}")
+        index = by_group.get(policy) if isinstance(policy, str) else policy
+        if type(index) is not int or not 0 <= index < count:
+            groups = f"its groups are {', '.join(by_group)}" if by_group else "it knows no groups, as it is packed"
+            raise ValueError(f"policy {policy!r} is not in {folder}: {groups}; indices are 0 to {count - 1}")
         #: Index of the policy in the run.
-        self.index: int = by_group[policy] if isinstance(policy, str) else policy
+        self.index: int = index
 
     def __call__(self, observation: dict[str, NDArray[Any]]) -> NDArray[np.float32]:
         """Returns the policy's mean actions, float32 `[N, 4]` in [-1, 1]; `[4]` for one environment."""
-        one = observation["vector"].ndim == 1
-        images, vectors = (
-            np.ascontiguousarray(observation[name][None] if one else observation[name], dtype)
-            for name, dtype in (("image", np.uint8), ("vector", np.float32))
-        )
+        images, vectors = observation["image"], observation["vector"]
+        if images.dtype != np.uint8:
+            raise ValueError(f"images are {images.dtype}, expected uint8 as the environments make them")
+        one = vectors.ndim == 1
+        if one:
+            images, vectors = images[None], vectors[None]
+        images, vectors = np.ascontiguousarray(images), np.ascontiguousarray(vectors, np.float32)
         actions = np.empty((len(vectors), _core.ACTION_DIM), np.float32)
         self._policies.actions(self.index, images, vectors, actions)
         actions = actions.clip(-1, 1)
@@ -116,12 +118,14 @@ def _threads(threads: int | None) -> int:
 
 
 def _finish(run: Any, progress: Progress | None) -> dict[str, Any]:
-    while (figures := run.advance()) is not None:
-        if progress is None:
-            continue
-        try:
-            progress(json.loads(figures))
-        except BaseException:
-            run.save()
-            raise
-    return json.loads(run.summary())
+    try:
+        while (figures := run.advance()) is not None:
+            if progress is not None:
+                progress(json.loads(figures))
+        return json.loads(run.summary())
+    except BaseException:
+        run.save()
+        raise
+    finally:
+        # a traceback that an interpreter keeps would hold the folder's lock
+        run.close()

@@ -24,7 +24,7 @@ use crate::{environment_keywords, slice, value_error};
 
 /// Run in progress, as `covers train` runs it.
 #[pyclass(frozen, module = "covers_envs._core")]
-pub struct TrainingRun(Mutex<Run>);
+pub struct TrainingRun(Mutex<Option<Run>>);
 
 #[pymethods]
 impl TrainingRun {
@@ -54,47 +54,59 @@ impl TrainingRun {
             create_dir_all(&folder).map_err(RunError::write_error_mapper(&folder))?;
             Run::start(experiment, RunFolder::from_path(&folder))
         });
-        Ok(Self(Mutex::new(started.map_err(error)?)))
+        Ok(Self(Mutex::new(Some(started.map_err(error)?))))
     }
 
     /// Resumes the run in `folder` from its newest intact checkpoint.
     #[staticmethod]
     fn resume(py: Python<'_>, folder: PathBuf, threads: usize) -> PyResult<Self> {
         let resumed = py.detach(|| Run::resume(&folder, Some(threads)));
-        Ok(Self(Mutex::new(resumed.map_err(error)?)))
+        Ok(Self(Mutex::new(Some(resumed.map_err(error)?))))
     }
 
     /// Trains on one more rollout or runs the evaluation that is due; returns its figures as a JSON
-    /// object, None at the end. An interrupt leaves a checkpoint.
+    /// object, None at the end.
     fn advance(&self, py: Python<'_>) -> PyResult<Option<String>> {
-        let figures = py.detach(|| {
-            let mut run = self.lock();
+        self.with(py, |run| {
             let event = run.advance()?;
-            Ok(event.map(|event| describe_event(&event, &run).to_string()))
-        });
-        let figures = figures.map_err(error)?;
-        if let Err(interrupt) = py.check_signals() {
-            self.save(py)?;
-            return Err(interrupt);
-        }
-        Ok(figures)
+            Ok(event.map(|event| describe_event(&event, run).to_string()))
+        })
     }
 
-    /// Writes a checkpoint, unless the newest one is up to date.
+    /// Writes a checkpoint, unless the newest one is up to date or the run failed.
     fn save(&self, py: Python<'_>) -> PyResult<()> {
-        py.detach(|| self.lock().save_checkpoint()).map_err(error)
+        self.with(py, |run| match run.save_checkpoint() {
+            Err(RunError::FailedEarlier) => Ok(()),
+            saved => saved,
+        })
     }
 
     /// Returns the summary of the finished run, which is written to its folder, as a JSON object.
     fn summary(&self, py: Python<'_>) -> PyResult<String> {
-        let summary = py.detach(|| self.lock().summary()).map_err(error)?;
-        Ok(json!(summary).to_string())
+        self.with(py, |run| Ok(json!(run.summary()?).to_string()))
+    }
+
+    /// Ends the run's threads and frees its folder, which a kept traceback would hold otherwise.
+    fn close(&self, py: Python<'_>) {
+        py.detach(|| drop(self.lock().take()));
     }
 }
 
 impl TrainingRun {
-    fn lock(&self) -> MutexGuard<'_, Run> {
+    fn lock(&self) -> MutexGuard<'_, Option<Run>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Runs `work` without the interpreter's lock, so that other Python threads continue.
+    fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Run) -> Result<T, RunError> + Send,
+    ) -> PyResult<T> {
+        py.detach(|| match self.lock().as_mut() {
+            Some(run) => work(run).map_err(error),
+            None => Err(PyRuntimeError::new_err("the run is closed: resume it")),
+        })
     }
 }
 
@@ -182,13 +194,12 @@ impl Policies {
         mut actions: PyReadwriteArray2<'_, f32>,
     ) -> PyResult<()> {
         let [height, width, channels] = self.spec.image_shape;
-        let shape = images.as_array().shape().to_vec();
-        if shape[1..] != [height, width, channels] {
-            return Err(value_error(format!(
-                "images have the shape {shape:?}, the policy expects [N, {height}, {width}, \
-                 {channels}]"
-            )));
-        }
+        let samples = vectors.as_array().nrows();
+        let components = self.spec.vector_irreps.len();
+        check_shape("images", images.as_array().shape(), &[samples, height, width, channels])?;
+        check_shape("vectors", vectors.as_array().shape(), &[samples, components])?;
+        let action_dim = self.spec.action_irreps.len();
+        check_shape("actions", actions.as_array().shape(), &[samples, action_dim])?;
         let mut observations = Observations {
             images: images.as_slice().map_err(value_error)?.to_vec(),
             vectors: vectors.as_slice().map_err(value_error)?.to_vec(),
@@ -205,6 +216,14 @@ impl Policies {
     fn lock(&self) -> MutexGuard<'_, Box<dyn Learner>> {
         self.learner.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+fn check_shape(what: &str, found: &[usize], expected: &[usize]) -> PyResult<()> {
+    if found == expected {
+        return Ok(());
+    }
+    let message = format!("{what} have the shape {found:?}, the policy expects {expected:?}");
+    Err(value_error(message))
 }
 
 /// Returns the settings and the learner of the run in `folder`, and the policies by group.
@@ -233,7 +252,7 @@ fn error(error: RunError) -> PyErr {
             LearnerError::InvalidSetting { .. }
             | LearnerError::UnknownSetting { .. }
             | LearnerError::WrongSetting { .. }
-            | LearnerError::Rl(RlError::InvalidSetting { .. } | RlError::NotExportable { .. }),
+            | LearnerError::Rl(RlError::InvalidSetting { .. } | RlError::NeedsEpisode),
         )
         | RunError::Rl(RlError::InvalidSetting { .. }) => value_error(message),
         RunError::Env(source) => crate::error(source),

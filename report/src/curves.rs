@@ -11,7 +11,8 @@ use experiments::{RolloutRow, RunData, ScoreRow};
 const SUCCESS_TICKS: [f64; 3] = [0.0, 0.5, 1.0];
 /// Ticks of the reward axis, on the paper's scale of `[0, 500]`.
 const REWARD_TICKS: [f64; 3] = [0.0, 250.0, 500.0];
-/// Lowest and highest drawn distance of a rollout to a policy, in standard deviations.
+/// Lowest and highest drawn distance of a rollout to a policy, in standard deviations; others are
+/// drawn at these values.
 const Z_SCORES: [f64; 2] = [-3.0, 20.0];
 const Z_SCORE_TICKS: [f64; 4] = [0.0, 5.0, 10.0, 20.0];
 /// Height of a panel with a curve to read values from (pixels).
@@ -57,8 +58,8 @@ pub fn run_curves_svg(run: &RunData) -> String {
 /// Draws how far each rollout is from each policy, in standard deviations of the distances between
 /// random splits: about 0 for a policy of the same group.
 fn distances(drawing: &mut SvgPlot, run: &RunData) {
-    let scores = |row: &RolloutRow| row.permutation_z_scores.clone();
-    if run.rollouts.iter().flat_map(scores).flatten().next().is_none() {
+    let mut scores = run.rollouts.iter().flat_map(|row| &row.permutation_z_scores);
+    if scores.all(Option::is_none) {
         return;
     }
     drawing.begin_panel("distance (sd)", TALL_PANEL, Z_SCORES, &Z_SCORE_TICKS);

@@ -98,6 +98,9 @@ pub enum RlError {
         /// Allowed range of the setting, in words.
         expected: &'static str,
     },
+    /// A policy that remembers its episode and was asked about single observations.
+    #[error("the policy remembers its episode, so single observations have no output")]
+    NeedsEpisode,
     /// A policy that cannot be exported, because ordinary layers cannot express it.
     #[error(
         "{part} has no form in ordinary layers: only policies with the encoders `strided`, \

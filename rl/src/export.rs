@@ -102,7 +102,7 @@ pub trait ExportPolicy {
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] for observations of other environments;
-    /// [`RlError::NotExportable`] for a policy whose output depends on earlier observations.
+    /// [`RlError::NeedsEpisode`] for a policy whose output depends on earlier observations.
     fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError>;
 }
 

@@ -4,9 +4,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, CriticSettings, EncoderSettings, EnvSpec, ExportPolicy,
-    NetworkSettings, Ppo, PpoSettings, RecurrentContextSettings, ReplayBuffer, ReplaySettings,
-    RlError, RolloutState, Sac, SacPolicy, SacSettings, Transition, ValueFunction, VectorEnv,
-    check_env_symmetry, collect_experience,
+    NetworkSettings, Observations, Ppo, PpoSettings, RecurrentContextSettings, ReplayBuffer,
+    ReplaySettings, RlError, RolloutState, Sac, SacPolicy, SacSettings, Transition, ValueFunction,
+    VectorEnv, check_env_symmetry, collect_experience,
 };
 use symmetry::Group;
 
@@ -97,6 +97,8 @@ fn sac_trains_an_equivariant_policy_in_every_space() {
             let mut env = env(space);
             let network = network(encoder, Group::D2);
             let mut policy = SacPolicy::new(&network, context, env.spec(), 2).unwrap();
+            let output = policy.reference_output(&Observations::new(env.spec()));
+            assert_eq!(matches!(output, Err(RlError::NeedsEpisode)), context.is_some());
             let settings = SacSettings {
                 batch: 16,
                 burn_in: 0,

@@ -154,7 +154,8 @@ impl TaskStream {
     /// interrupts. Later visits stay as they are.
     ///
     /// # Errors
-    /// [`StreamError::UnknownGroup`] for a group that the world does not have.
+    /// [`StreamError::UnknownGroup`] for a group that the world does not have,
+    /// [`StreamError::NoVisitsOrEnvs`] for a visit of no rounds.
     pub fn insert_visit(&mut self, visit: GroupVisit) -> Result<(), StreamError> {
         let next = self.round + usize::from(!self.episodes.is_empty());
         let index = self.visit_index_in_round(next);
@@ -214,7 +215,8 @@ impl TaskStream {
     }
 }
 
-/// Checks that the world has the group of a visit, which has this index in the list of visits.
+/// Checks that a visit, which has this index in the list of visits, has rounds and a group of the
+/// world.
 fn check_visit(world: &World, index: usize, visit: &GroupVisit) -> Result<(), StreamError> {
     let (group, groups) = (visit.group, world.groups.len());
     if visit.rounds == 0 {

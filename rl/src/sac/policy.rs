@@ -216,22 +216,13 @@ impl Actor for SacPolicy {
     }
 }
 
-impl SacPolicy {
-    /// Rejects a policy with a context: its output depends on earlier observations.
-    fn check_without_context(&self) -> Result<(), RlError> {
-        match self.network().context_settings() {
-            Some(_) => {
-                Err(RlError::NotExportable { part: "a context, which remembers an episode," })
-            }
-            None => Ok(()),
-        }
-    }
-}
-
 impl ExportPolicy for SacPolicy {
     fn export(&self) -> Result<ExportedPolicy, RlError> {
-        self.check_without_context()?;
         let (network, params) = (self.network(), self.params());
+        if network.context_settings().is_some() {
+            let part = "a context, which remembers an episode,";
+            return Err(RlError::NotExportable { part });
+        }
         let trunk = export_trunk(&network.trunk, params)?;
         let group = network.settings().group;
         let bases = [trunk.joined, ChannelBasis::Environment(&network.output_order)];
@@ -250,7 +241,9 @@ impl ExportPolicy for SacPolicy {
     }
 
     fn reference_output(&mut self, observations: &Observations) -> Result<PolicyOutput, RlError> {
-        self.check_without_context()?;
+        if self.network().context_settings().is_some() {
+            return Err(RlError::NeedsEpisode);
+        }
         let samples = observations.checked_num_samples(self.network().spec())?;
         let width = self.action_dim();
         let mut actions = vec![0.0; samples * width];

@@ -3,6 +3,8 @@
 use std::fmt::Write;
 use std::path::Path;
 
+use crate::cli::shell_quoted;
+
 use super::{ArrayJob, RETRIES};
 
 impl ArrayJob<'_> {
@@ -76,7 +78,7 @@ exit $code
 }
 
 fn quoted(path: &Path) -> String {
-    format!("'{}'", path.display().to_string().replace('\'', r"'\''"))
+    shell_quoted(&path.display().to_string())
 }
 
 #[cfg(test)]
