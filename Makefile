@@ -231,10 +231,10 @@ prebuilt: deps
 	cargo build --release --locked --bin covers
 	tests/prebuilt.sh $(TARGET)/release/covers $(TARGET)/prebuilt
 
-# Tests with MuJoCo 3, a recent release and an earlier one, from their wheels on PyPI, and a table of
-# what differs from 2.2.2: half an hour, most of it to compile everything for each release.
+# Tests with MuJoCo 3, a recent release and earlier ones, from their wheels on PyPI, and a table of
+# what differs from 2.2.2: 45 minutes, most of it to compile everything for each release.
 MUJOCO3 := $(abspath $(TARGET))/mujoco3
-MUJOCO3_RELEASES := 3.3.7 3.17.0
+MUJOCO3_RELEASES := 3.2.7 3.3.7 3.17.0
 
 mujoco3: deps
 	$(PYTHON) -m venv $(MUJOCO3)/python

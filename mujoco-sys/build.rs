@@ -8,11 +8,16 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use version::release_name;
+
+#[path = "src/version.rs"]
+mod version;
+
 /// Declarations for documentation that is built where MuJoCo is not installed, as on docs.rs.
 const PREPARED: &str = include_str!("docs_rs.in");
 
 /// Release of Debian 12, with which published figures are made, as `mj_version()` reports it.
-const REFERENCE_VERSION: u32 = 222;
+const REFERENCE_VERSION: i32 = 222;
 
 /// Advice on a missing header or compiler library.
 const REMEDY: &str = "Install MuJoCo 2.2.2 and libclang. On Debian 12:\n\n    \
@@ -62,28 +67,18 @@ fn generate() -> Result<(), String> {
 /// Links the library of an installation whose headers are of the release `version`: an unpacked
 /// archive, or the folder `mujoco` of a Python wheel, which has no link `libmujoco.so`. That is
 /// made in `out`.
-fn link_library(installation: &Path, version: u32, out: &Path) -> Result<(), String> {
-    let folders = [installation.join("lib"), installation.to_path_buf()];
-    let files = folders.iter().filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten();
-    let is_library = |path: &PathBuf| {
-        path.file_name().is_some_and(|name| name.to_string_lossy().starts_with("libmujoco.so"))
-    };
-    // the longest name tells the release
-    let library = files
-        .map(|file| file.path())
-        .filter(is_library)
-        .max_by_key(|path| path.as_os_str().len())
-        .ok_or_else(|| {
-            format!(
-                "MUJOCO_DIR is {0}, but {0} and {0}/lib hold no libmujoco.so",
-                installation.display()
-            )
-        })?;
-    let library = library
-        .canonicalize()
-        .map_err(|error| format!("{} cannot be read: {error}", library.display()))?;
-    let name = library.file_name().unwrap_or_default().to_string_lossy();
+fn link_library(installation: &Path, version: i32, out: &Path) -> Result<(), String> {
     let expected = format!("libmujoco.so.{}", release_name(version));
+    let folders = [installation.join("lib"), installation.to_path_buf()];
+    let names = [&expected, "libmujoco.so"];
+    let mut paths = names.iter().flat_map(|name| folders.iter().map(move |in_it| in_it.join(name)));
+    let library = paths.find_map(|path| path.canonicalize().ok()).ok_or_else(|| {
+        format!(
+            "MUJOCO_DIR is {0}, but {0} and {0}/lib hold no {expected} or libmujoco.so",
+            installation.display()
+        )
+    })?;
+    let name = library.file_name().unwrap_or_default().to_string_lossy();
     if name != "libmujoco.so" && name != expected {
         return Err(format!(
             "{} does not belong to its headers: expected {expected}",
@@ -96,12 +91,6 @@ fn link_library(installation: &Path, version: u32, out: &Path) -> Result<(), Str
         .map_err(|error| format!("cannot write {}: {error}", link.display()))?;
     println!("cargo::rustc-link-search=native={}", out.display());
     Ok(())
-}
-
-/// Returns a release as text: 222 is `2.2.2`, and 3017000 is `3.17.0`.
-fn release_name(version: u32) -> String {
-    let base = if version < 100_000 { 10 } else { 1000 };
-    format!("{}.{}.{}", version / (base * base), version / base % base, version % base)
 }
 
 /// bindgen panics when it cannot load libclang; asking for its version first, with the panic
@@ -161,7 +150,7 @@ fn declarations(
 }
 
 /// Returns the release of the headers, if it is one that the workspace supports.
-fn header_version(declarations: &str) -> Result<u32, String> {
+fn header_version(declarations: &str) -> Result<i32, String> {
     let (_, after) = declarations
         .split_once("mjVERSION_HEADER: u32 = ")
         .ok_or("mujoco/mujoco.h has no mjVERSION_HEADER")?;
@@ -174,7 +163,7 @@ fn header_version(declarations: &str) -> Result<u32, String> {
         return Ok(version);
     }
     Err(format!(
-        "mujoco/mujoco.h is of MuJoCo {}, expected 2.2.2, or 3.2 or a later release 3.",
+        "mujoco/mujoco.h is of MuJoCo {}, expected 2.2.2, or 3.2 or later (below 4).",
         release_name(version)
     ))
 }

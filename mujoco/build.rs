@@ -1,5 +1,5 @@
-//! Sets the configuration `mujoco3` where `mujoco-sys` found a release 3, and `actuator_counts` where
-//! that has a count of its own for actuators.
+//! Sets the configuration `mujoco3` where `mujoco-sys` found 3.2 or later, and `actuator_counts`
+//! where that has a count of its own for actuators.
 
 use std::env;
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Builds the program with a release 3 of MuJoCo from its Python wheel, and runs the tests that hold
+# Builds the program with MuJoCo 3.2 or later from its Python wheel, and runs the tests that hold
 # for every release: `mujoco3.sh RELEASE FOLDER`. Makefile's `mujoco3` prepares what it takes.
 set -euo pipefail
 release=$1

@@ -32,7 +32,7 @@ pub(crate) fn simulate(
     let divergence_without = |kept: Option<usize>| {
         let applied = edits.iter().enumerate().filter(|(at, _)| Some(*at) != kept);
         let applied: Vec<RowEdit> = applied.flat_map(|(_, rows)| rows.to_vec()).collect();
-        divergence(&Arc::new(model.edited(&applied)), maps).ok()
+        divergence(&Arc::new(model.edited(&applied).ok()?), maps).ok()
     };
     let mut order: Vec<usize> = (0..edits.len()).filter(|&at| !edits[at].is_empty()).collect();
     let size = |at: &usize| differences[*at].scaled_amount();

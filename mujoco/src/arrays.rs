@@ -5,10 +5,13 @@ use std::ptr;
 use std::slice;
 
 use crate::data::Data;
+use crate::error::ModelError;
 use crate::fields::data::QFRC_APPLIED;
+use crate::fields::model::{BODY_SAMEFRAME, GEOM_SAMEFRAME, SITE_SAMEFRAME};
+use crate::ids::{BodyIdMarker, Id};
 use crate::model::Model;
 use crate::raw;
-use crate::releases::ArrayStart;
+use crate::releases::{self, ArrayStart};
 
 /// Expands to the length of a row: a number, or a size of the model.
 macro_rules! width {
@@ -187,11 +190,16 @@ impl Model {
     /// Returns a copy of the model with other values in some rows of its arrays, and with the
     /// constants that MuJoCo derives from them computed afresh. Ids are those of this model.
     ///
+    /// # Errors
+    /// [`ModelError::FixedInertiaFrame`], with MuJoCo 3.2 or later, for a new frame of inertia, joint
+    /// position or axis of a body whose inertia MuJoCo compiled as diagonal, such as a free ball.
+    ///
     /// # Panics
     /// If a row does not exist, or has another length than the new values.
-    pub fn edited(&self, edits: &[RowEdit]) -> Self {
+    pub fn edited(&self, edits: &[RowEdit]) -> Result<Self, ModelError> {
         let mut copy = self.copied();
         for RowEdit { array, row, values } in edits {
+            self.check_inertia_frame(*array, *row)?;
             // SAFETY: nobody else holds the copy yet.
             let (NumberStart::f64(start), rows, width) = array.location(unsafe { copy.as_ref() });
             assert_eq!(values.len(), width, "wrong number of values for a row of {array:?}");
@@ -201,12 +209,30 @@ impl Model {
         }
         // SAFETY: nobody else holds the copy, and the data is one that MuJoCo makes for it.
         unsafe {
-            forget_shortcuts(copy.as_mut());
+            forget_equal_frames(copy.as_mut());
+            releases::forget_diagonal_inertia(copy.as_mut());
             let data = raw::mj_makeData(copy.as_ptr());
             raw::mj_setConst(copy.as_mut(), data);
             raw::mj_deleteData(data);
         }
-        self.relative(copy)
+        Ok(self.relative(copy))
+    }
+
+    /// Rejects a row that decides whether the inertia of a body is diagonal, where the layout of
+    /// the compiled model relies on it.
+    fn check_inertia_frame(&self, array: NumberArray, row: usize) -> Result<(), ModelError> {
+        let body = match array {
+            NumberArray::BodyIpos | NumberArray::BodyIquat => row,
+            NumberArray::JntAxis | NumberArray::JntPos => {
+                self.integer(IntegerArray::JntBodyid, row) as usize
+            }
+            _ => return Ok(()),
+        };
+        if !releases::has_fixed_inertia_frame(self, body) {
+            return Ok(());
+        }
+        let name = self.name_of(Id::<BodyIdMarker>::new(body));
+        Err(ModelError::FixedInertiaFrame { body: name.unwrap_or_default().into(), index: body })
     }
 }
 
@@ -227,25 +253,15 @@ impl Data {
     }
 }
 
-/// Clears the flags by which MuJoCo skips computations for frames that coincide and for bodies
-/// whose inertia is diagonal, which an edit may change.
+/// Clears the flags by which MuJoCo skips computations for frames that coincide, which an edit may
+/// change.
 ///
 /// # Safety
 /// MuJoCo must have made the model, and nobody may read or write its arrays meanwhile.
-unsafe fn forget_shortcuts(model: &mut raw::mjModel) {
-    let [bodies, dofs, geoms, sites] =
-        [model.nbody, model.nv, model.ngeom, model.nsite].map(|size| size as usize);
-    // SAFETY: `mjxmacro.h` gives the arrays these lengths.
-    unsafe {
-        for (flags, len) in [
-            (model.body_simple, bodies),
-            (model.body_sameframe, bodies),
-            (model.geom_sameframe, geoms),
-            (model.site_sameframe, sites),
-        ] {
-            flags.write_bytes(0, len);
-        }
-        model.dof_simplenum.write_bytes(0, dofs);
+unsafe fn forget_equal_frames(model: &mut raw::mjModel) {
+    for flags in [&BODY_SAMEFRAME, &GEOM_SAMEFRAME, &SITE_SAMEFRAME] {
+        // SAFETY: the caller's promise.
+        unsafe { flags.own_rows_mut(model) }.fill([0]);
     }
 }
 
@@ -269,6 +285,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
+    use crate::fields::data::QACC;
 
     #[test]
     fn every_array_has_the_type_and_the_lengths_of_the_header() {
@@ -297,15 +314,6 @@ mod tests {
         for &array in NUMBERS.iter().chain(INTEGERS) {
             assert!(declared(array), "{array:?}");
         }
-        for other in [
-            "X(mjtByte,body_simple,nbody,1)",
-            "X(mjtByte,body_sameframe,nbody,1)",
-            "X(mjtByte,geom_sameframe,ngeom,1)",
-            "X(mjtByte,site_sameframe,nsite,1)",
-            "X(int,dof_simplenum,nv,1)",
-        ] {
-            assert!(header.contains(other), "{other}");
-        }
         assert!(!declared(["f64", "body_mass", "nbody", "3"]));
     }
 
@@ -321,7 +329,7 @@ mod tests {
             row: 1,
             values: model.numbers(array)[width..].iter().map(|value| 2.0 * value).collect(),
         };
-        let heavy = model.edited(&[double(mass, 1), double(inertia, 3)]);
+        let heavy = model.edited(&[double(mass, 1), double(inertia, 3)]).unwrap();
         assert_eq!(heavy.numbers(mass)[1], 2.0 * model.numbers(mass)[1]);
         let ratio = model.numbers(weight)[0] / heavy.numbers(weight)[0];
         assert!((ratio - 2.0).abs() < 1e-12, "{ratio}");
@@ -329,6 +337,61 @@ mod tests {
         assert_eq!(model.integer(IntegerArray::JntLimited, 0), 0);
         assert_eq!(model.object_name(raw::mjOBJ_BODY, 1), Some("b"));
         assert_eq!(model.object_name(raw::mjOBJ_SENSOR, 0), None);
+    }
+
+    /// Returns the accelerations `[nv]` of a tumbling body, with a joint, on which another hangs.
+    fn accelerations(model: Model) -> Vec<f64> {
+        let mut data = Data::new(Arc::new(model));
+        let speeds = (0..data.model().nv()).map(|dof| 0.5 + 0.3 * dof as f64);
+        let speeds: Vec<f64> = speeds.collect();
+        data.qvel_mut().copy_from_slice(&speeds);
+        data.forward().unwrap();
+        data.rows(&QACC).as_flattened().to_vec()
+    }
+
+    #[test]
+    fn an_edited_copy_moves_as_a_model_compiled_with_the_values() {
+        let xml = |joint: &str, place: &str, inertial: &str, child: &str| {
+            let xml = format!(
+                "<mujoco><worldbody><body name='b' pos='{place}'>{joint}<inertial {inertial}/>\
+                 {child}</body></worldbody></mujoco>"
+            );
+            Model::from_xml(&xml).unwrap()
+        };
+        let round = "pos='0 0 0' mass='1' diaginertia='1 1.5 2'";
+        let arm = "<body pos='1 0 0'><joint axis='0 1 0'/><inertial pos='0 .1 0' mass='1' \
+                     diaginertia='.1 .1 .1'/></body>";
+        let edit = |array, values: &[f64]| RowEdit { array, row: 1, values: values.to_vec() };
+        let [aside, heavy] = [
+            (
+                "pos='.1 .2 .3' mass='1' diaginertia='1 1.5 2'",
+                NumberArray::BodyIpos,
+                vec![0.1, 0.2, 0.3],
+            ),
+            ("pos='0 0 0' mass='3' diaginertia='1 1.5 2'", NumberArray::BodyMass, vec![3.0]),
+        ];
+        let joints = ["<freejoint/>", "<joint axis='0 0 1'/>"];
+        let cases = joints.iter().flat_map(|joint| [(joint, ""), (joint, arm)]);
+        for ((joint, child), (inertial, array, values)) in
+            cases.flat_map(|case| [(case, &aside), (case, &heavy)])
+        {
+            let model = xml(joint, "0 0 1", round, child);
+            let place = edit(NumberArray::BodyPos, &[0.0, 0.5, 2.0]);
+            match model.edited(&[place, edit(*array, values)]) {
+                Ok(model) => {
+                    let found = accelerations(model);
+                    let expected = accelerations(xml(joint, "0 .5 2", inertial, child));
+                    let equal = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-12;
+                    let all_equal = found.iter().zip(&expected).all(equal);
+                    assert!(all_equal, "{joint} {array:?}: {found:?} {expected:?}");
+                }
+                Err(error) => {
+                    let expected = ModelError::FixedInertiaFrame { body: "b".into(), index: 1 };
+                    assert_eq!((error, *array), (expected, NumberArray::BodyIpos));
+                    assert!(releases::has_fixed_inertia_frame(&model, 1));
+                }
+            }
+        }
     }
 
     #[test]

@@ -188,11 +188,10 @@ impl Data {
         self.rows(&MOCAP_QUAT)[mocap.index()]
     }
 
-    /// Sets the orientation of a mocap body, a quaternion (w, x, y, z) of any norm but 0, which is
-    /// normalised.
+    /// Sets the orientation of a mocap body, a quaternion (w, x, y, z), which is normalised.
     ///
     /// # Errors
-    /// [`SimError::NotFinite`], [`SimError::ZeroQuaternion`].
+    /// [`SimError::NotFinite`]; [`SimError::NotNormalisable`] for a norm below 1e-6 or above 1e150.
     pub fn set_mocap_orientation(
         &mut self,
         mocap: MocapId,
@@ -200,12 +199,12 @@ impl Data {
     ) -> Result<(), SimError> {
         check_finite(SimQuantity::MocapPose, &quat)?;
         // MuJoCo would silently turn a zero quaternion into the identity
-        if quat.iter().map(|q| q * q).sum::<f64>() < 1e-12 {
-            return Err(SimError::ZeroQuaternion { value: quat });
+        if !(1e-12..=1e300).contains(&quat.iter().map(|q| q * q).sum()) {
+            return Err(SimError::NotNormalisable { value: quat });
         }
+        // 2.2.2 does the same in the next step, and later releases do not
         let mut normalised = quat;
-        // SAFETY: MuJoCo reads and writes the four elements. Release 2 would do the same in the
-        // next step.
+        // SAFETY: MuJoCo reads and writes the four elements.
         unsafe { raw::mju_normalize4(normalised.as_mut_ptr()) };
         self.rows_mut(&MOCAP_QUAT)[mocap.index()] = normalised;
         Ok(())

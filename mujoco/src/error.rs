@@ -53,6 +53,18 @@ pub enum ModelError {
         /// Name of the model's main file.
         file: String,
     },
+    /// New frame of inertia, or new place or axis of a joint, of a body whose inertia MuJoCo
+    /// compiled as diagonal.
+    #[error(
+        "body {index} (`{body}`) cannot get another frame of inertia, joint position or axis: \
+         MuJoCo compiled its inertia as diagonal; change the XML"
+    )]
+    FixedInertiaFrame {
+        /// Name of the body; empty if it has none.
+        body: String,
+        /// Index of the body.
+        index: usize,
+    },
     /// File name in memory that this crate does not accept.
     #[error("file name `{name}` cannot be used: {reason}")]
     InvalidFileName {
@@ -132,13 +144,14 @@ pub enum SimError {
     },
     /// Overflow of a MuJoCo buffer, so that contacts or constraints were dropped.
     #[error(
-        "MuJoCo dropped {what} at time {time} s, over the limit of {limit}; \
-         raise `{setting}` in the model's <size>"
+        "MuJoCo dropped {what} at time {time} s, for which `{setting}` = {limit} is too small; \
+         raise it in the model's <size>"
     )]
     BufferOverflow {
         /// Dropped objects: `contacts` or `constraints`.
         what: &'static str,
-        /// Number of contacts or constraints that fit; in releases 3, the memory (bytes) for both.
+        /// Number of contacts or constraints that fit; with MuJoCo 3.2 or later, the memory
+        /// (bytes) for both.
         limit: usize,
         /// Attribute of `<size>` in the model's XML to raise.
         setting: &'static str,
@@ -165,9 +178,9 @@ pub enum SimError {
         /// Length of the rejected slice.
         got: usize,
     },
-    /// Quaternion of norm zero, or too small for a rotation.
-    #[error("quaternion {value:?} has no direction; a rotation needs a norm that is not 0")]
-    ZeroQuaternion {
+    /// Quaternion with a norm too small or too large to make a rotation of it.
+    #[error("quaternion {value:?} cannot be normalised; expected a norm between 1e-6 and 1e150")]
+    NotNormalisable {
         /// Rejected quaternion, (w, x, y, z).
         value: [f64; 4],
     },

@@ -78,13 +78,14 @@ impl<T, const N: usize> ArrayField<raw::mjModel, T, N> {
 macro_rules! fields {
     (
         $owner:ident, $table:literal:
-        $($name:ident = $field:ident: [$kind:ty; $count:ident, $width:literal],)*
+        $($(#[$condition:meta])* $name:ident = $field:ident: [$kind:ty; $count:ident, $width:literal],)*
     ) => {
         use super::ArrayField;
         use crate::raw;
         use crate::releases::ArrayStart;
 
         $(
+            $(#[$condition])*
             pub(crate) const $name: ArrayField<raw::$owner, $kind, $width> = {
                 // SAFETY: `mjxmacro.h`, which MuJoCo allocates by, gives the array these lengths,
                 // and MuJoCo fills it before it hands the struct out.
@@ -95,7 +96,10 @@ macro_rules! fields {
         #[cfg(test)]
         pub(super) const TABLE: (&str, &[(&str, &str, &str, usize)]) = (
             $table,
-            &[$((stringify!($kind), stringify!($field), stringify!($count), $width)),*],
+            &[$(
+                $(#[$condition])*
+                (stringify!($kind), stringify!($field), stringify!($count), $width)
+            ),*],
         );
     };
 }
@@ -103,6 +107,10 @@ macro_rules! fields {
 /// Arrays of `mjModel`, one [`ArrayField`] each.
 pub(crate) mod model {
     fields! { mjModel, "MJMODEL_POINTERS":
+        #[cfg(actuator_counts)]
+        ACTUATOR_CTRLNUM = actuator_ctrlnum: [i32; nu, 1],
+        #[cfg(actuator_counts)]
+        ACTUATOR_OUTNUM = actuator_outnum: [i32; nu, 1],
         ACTUATOR_CTRLLIMITED = actuator_ctrllimited: [u8; nu, 1],
         ACTUATOR_CTRLRANGE = actuator_ctrlrange: [f64; nu, 2],
         BODY_INVWEIGHT0 = body_invweight0: [f64; nbody, 2],
@@ -112,7 +120,11 @@ pub(crate) mod model {
         BODY_PARENTID = body_parentid: [i32; nbody, 1],
         BODY_POS = body_pos: [f64; nbody, 3],
         BODY_QUAT = body_quat: [f64; nbody, 4],
+        BODY_SAMEFRAME = body_sameframe: [u8; nbody, 1],
+        BODY_SIMPLE = body_simple: [u8; nbody, 1],
         CAM_BODYID = cam_bodyid: [i32; ncam, 1],
+        #[cfg(not(mujoco3))]
+        DOF_SIMPLENUM = dof_simplenum: [i32; nv, 1],
         EQ_OBJ1ID = eq_obj1id: [i32; neq, 1],
         EQ_OBJ2ID = eq_obj2id: [i32; neq, 1],
         EQ_TYPE = eq_type: [i32; neq, 1],
@@ -135,6 +147,8 @@ pub(crate) mod model {
         JNT_RANGE = jnt_range: [f64; njnt, 2],
         JNT_TYPE = jnt_type: [i32; njnt, 1],
         LIGHT_BODYID = light_bodyid: [i32; nlight, 1],
+        #[cfg(mujoco3)]
+        MAT_TEXID = mat_texid: [i32; nmat, 10],
         QPOS_SPRING = qpos_spring: [f64; nq, 1],
         QPOS0 = qpos0: [f64; nq, 1],
         SITE_BODYID = site_bodyid: [i32; nsite, 1],
@@ -176,7 +190,7 @@ mod tests {
 
     /// Element type, count and width of a field, in the header's words.
     ///
-    /// Releases 3 split the table of the model by kinds of objects, and call some macros `XMJV`.
+    /// MuJoCo 3 splits the table of the model by kinds of objects, and calls some macros `XMJV`.
     fn declared<'a>(header: &'a str, table: &str, field: &str) -> Option<[&'a str; 3]> {
         let title = format!("#define {table}");
         let mut entries = header.match_indices(&title).flat_map(|(start, _)| {
@@ -187,10 +201,17 @@ mod tests {
             let (name, inside) = line.split_once('(')?;
             let words: Vec<_> = inside.split([',', ')']).map(str::trim).collect();
             let is_entry = ["X", "XMJV"].contains(&name.trim()) && words.get(1) == Some(&field);
+            if words.len() < 4 {
+                return None;
+            }
             let kind = if words[0] == "mjtBool" { "mjtByte" } else { words[0] };
-            // equal in every model that is accepted
-            let count = if ["nactuator", "nout"].contains(&words[2]) { "nu" } else { words[2] };
-            is_entry.then_some([kind, count, words[3]])
+            // the former are equal in every model that is accepted
+            let [count, width] = [words[2], words[3]].map(|size| match size {
+                "nactuator" | "nout" => "nu",
+                "mjNTEXROLE" => "10",
+                other => other,
+            });
+            is_entry.then_some([kind, count, width])
         })
     }
 

@@ -8,13 +8,13 @@ use std::process;
 use std::sync::OnceLock;
 
 use crate::error::ModelError;
-use crate::{raw, releases};
+use crate::raw;
 
 /// Returns the version of the MuJoCo library in this process, for instance `2.2.2`.
 pub fn library_version() -> String {
     // SAFETY: `mj_version` takes nothing and reads a constant.
     let version = unsafe { raw::mj_version() };
-    releases::format_version(version)
+    raw::release_name(version)
 }
 
 /// Disables the threads of Mesa's software renderer, installs MuJoCo's error handlers and compares

@@ -1,4 +1,4 @@
-//! Safe wrapper of MuJoCo 2.2.2 or 3: simulation of models, and off-screen rendering.
+//! Safe wrapper of MuJoCo 2.2.2, or 3.2 or later: simulation of models, and off-screen rendering.
 //!
 //! Three main types, one file each:
 //! - [`Model`]: compiled MJCF model, immutable, shared through `Arc` by any number of threads;

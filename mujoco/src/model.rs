@@ -58,9 +58,8 @@ pub struct Model {
     family: Arc<()>,
 }
 
-// SAFETY: nothing writes to the mjModel after `load`, `with_mirrored_bodies` or `translated`: no
-// method of this crate does, and MuJoCo takes it as `const mjModel*` in every function that this
-// crate calls.
+// SAFETY: nothing writes to an mjModel once it is in a `Model`: `from_files` and the methods that
+// return an altered copy write before that, and later MuJoCo takes it as `const mjModel*`.
 unsafe impl Send for Model {}
 // SAFETY: as above; concurrent reads of memory that nobody writes.
 unsafe impl Sync for Model {}
@@ -86,9 +85,11 @@ impl Model {
     /// for a name with a folder, and for a path inside the XML that would lead out of `files`: an
     /// absolute one, or one in an absolute folder, of a file that is not given.
     pub fn from_files(main: &str, files: &[(&str, &[u8])]) -> Result<Self, ModelError> {
-        let (raw, warning) = load(main, files)?;
+        let (mut raw, warning) = load(main, files)?;
+        // SAFETY: nobody else holds the model yet.
+        releases::disable_bounding_volumes(unsafe { raw.as_mut() });
         let model = Self { raw, warning, family: Arc::new(()) };
-        if !releases::actuators_are_scalar(model.as_raw()) {
+        if !releases::actuators_are_scalar(&model) {
             return Err(ModelError::VectorActuators { file: main.into() });
         }
         Ok(model)

@@ -12,7 +12,7 @@ use crate::fields::model::{
 };
 use crate::ids::BodyId;
 use crate::model::{JointType, Model};
-use crate::{raw, releases};
+use crate::raw;
 
 impl Model {
     /// Returns a copy of the model in which each of `roots`, with all bodies below it, is mirrored
@@ -103,10 +103,7 @@ impl Model {
         // SAFETY: a live model; MuJoCo allocates a copy where it is given none.
         let copy = unsafe { raw::mj_copyModel(ptr::null_mut(), self.as_raw()) };
         // SAFETY: `mj_copyModel` reports a failed allocation as an error, which aborts.
-        let mut copy = unsafe { NonNull::new_unchecked(copy) };
-        // SAFETY: nobody else holds the copy yet.
-        releases::ignore_bounding_volumes(unsafe { copy.as_mut() });
-        copy
+        unsafe { NonNull::new_unchecked(copy) }
     }
 
     /// Returns, for each body, `true` if it is one of `roots` or below one.

@@ -1,7 +1,14 @@
-//! Differences between the releases of MuJoCo that this crate is built with: 2.2.2 and 3.
+//! Differences between the releases of MuJoCo that this crate is built with: 2.2.2, and 3.2 or later.
+//!
+//! Those in types and lengths of arrays are allowed for by the tests of `arrays` and `fields`.
 
 use std::ffi::CStr;
 
+#[cfg(not(mujoco3))]
+use crate::fields::model::{BODY_SIMPLE, DOF_SIMPLENUM};
+#[cfg(mujoco3)]
+use crate::fields::model::{BODY_SIMPLE, MAT_TEXID};
+use crate::model::Model;
 use crate::raw;
 
 /// Pointer to the first element of an array of MuJoCo. Releases declare some arrays of bytes with
@@ -30,15 +37,17 @@ impl ArrayStart<u8> for *mut bool {
     }
 }
 
-/// Returns a release as text, for instance `2.2.2` for 222 and `3.17.0` for 3017000, as
-/// `mj_version()` counts them.
-pub(crate) fn format_version(version: i32) -> String {
-    let base = if version < 100_000 { 10 } else { 1000 };
-    format!("{}.{}.{}", version / (base * base), version / base % base, version % base)
-}
+/// Length of a name of a file in memory (bytes, with its NUL) that every release has room for.
+pub(crate) const MAX_NAME_LEN: usize = 1000;
+
+#[cfg(not(mujoco3))]
+const _: () = assert!(MAX_NAME_LEN <= raw::mjMAXVFSNAME as usize);
+
+#[cfg(mujoco3)]
+const _: () = assert!(raw::mjNTEXROLE == 10, "the length of MAT_TEXID's rows");
 
 /// Adds a file with a copy of `content`, of `size` bytes, to `files`. Returns MuJoCo's status: 0, or
-/// 2 for a name that was added before.
+/// another number if the file was not added (2 for a name that was added before).
 #[cfg(not(mujoco3))]
 pub(crate) fn add_buffer(files: &mut raw::mjVFS, name: &CStr, content: &[u8], size: i32) -> i32 {
     // SAFETY: live mjVFS, NUL-terminated name shorter than mjMAXVFSNAME, positive size.
@@ -53,7 +62,7 @@ pub(crate) fn add_buffer(files: &mut raw::mjVFS, name: &CStr, content: &[u8], si
 }
 
 /// Adds a file with a copy of `content`, of `size` bytes, to `files`. Returns MuJoCo's status: 0, or
-/// 2 for a name that was added before.
+/// another number if the file was not added (2 for a name that was added before).
 #[cfg(mujoco3)]
 pub(crate) fn add_buffer(files: &mut raw::mjVFS, name: &CStr, content: &[u8], size: i32) -> i32 {
     // SAFETY: live mjVFS, NUL-terminated name; MuJoCo copies `size` bytes, the length of `content`.
@@ -77,28 +86,70 @@ pub(crate) fn buffer_limits(model: &raw::mjModel) -> [(usize, &'static str); 2] 
 /// Returns `true` if every actuator has one control and one output, as in releases without counts of
 /// these. Lengths of arrays rely on it.
 #[cfg(not(actuator_counts))]
-pub(crate) fn actuators_are_scalar(_model: &raw::mjModel) -> bool {
+pub(crate) fn actuators_are_scalar(_model: &Model) -> bool {
     true
 }
 
 /// Returns `true` if every actuator has one control and one output, as in releases without counts of
 /// these. Lengths of arrays rely on it.
 #[cfg(actuator_counts)]
-pub(crate) fn actuators_are_scalar(model: &raw::mjModel) -> bool {
-    [model.nactuator, model.nout] == [model.nu; 2]
+pub(crate) fn actuators_are_scalar(model: &Model) -> bool {
+    use crate::fields::model::{ACTUATOR_CTRLNUM, ACTUATOR_OUTNUM};
+
+    let sizes = model.as_raw();
+    // the two arrays are as long as supposed here only where the totals agree
+    [sizes.nactuator, sizes.nout] == [sizes.nu; 2]
+        && [&ACTUATOR_CTRLNUM, &ACTUATOR_OUTNUM]
+            .iter()
+            .all(|counts| model.rows(counts).iter().all(|count| *count == [1]))
 }
 
-/// Lets collisions be searched without the trees of bounding volumes, which releases 3 compile for
-/// the geoms of each body and which do not fit geoms that were moved since.
+/// Lets collisions be searched without the trees of bounding volumes that 2.2.2 does not have.
 #[cfg(not(mujoco3))]
-pub(crate) fn ignore_bounding_volumes(_model: &mut raw::mjModel) {}
+pub(crate) fn disable_bounding_volumes(_model: &mut raw::mjModel) {}
 
-/// Lets collisions be searched without the trees of bounding volumes, which releases 3 compile for
-/// the geoms of each body and which do not fit geoms that were moved since.
+/// Lets collisions be searched without the trees of bounding volumes that 2.2.2 does not have. They
+/// fit no geoms that were moved since, and bring contacts of mirrored geoms in another order.
 #[cfg(mujoco3)]
-pub(crate) fn ignore_bounding_volumes(model: &mut raw::mjModel) {
+pub(crate) fn disable_bounding_volumes(model: &mut raw::mjModel) {
     model.opt.disableflags |= raw::mjDSBL_MIDPHASE.cast_signed();
 }
+
+/// Returns `true` if the layout of the inertia matrix relies on the frames of `body` and its joints,
+/// as they were compiled.
+#[cfg(not(mujoco3))]
+pub(crate) fn has_fixed_inertia_frame(_model: &Model, _body: usize) -> bool {
+    false
+}
+
+/// Returns `true` if the layout of the inertia matrix relies on the frames of `body` and its joints,
+/// as they were compiled.
+#[cfg(mujoco3)]
+pub(crate) fn has_fixed_inertia_frame(model: &Model, body: usize) -> bool {
+    model.rows(&BODY_SIMPLE)[body] != [0]
+}
+
+/// Clears the flags by which MuJoCo takes the inertia of a body for diagonal, where the layout of
+/// the inertia matrix does not rely on them.
+///
+/// # Safety
+/// MuJoCo must have made the model, and nobody may read or write its arrays meanwhile.
+#[cfg(not(mujoco3))]
+pub(crate) unsafe fn forget_diagonal_inertia(model: &mut raw::mjModel) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        BODY_SIMPLE.own_rows_mut(model).fill([0]);
+        DOF_SIMPLENUM.own_rows_mut(model).fill([0]);
+    }
+}
+
+/// Clears the flags by which MuJoCo takes the inertia of a body for diagonal, where the layout of
+/// the inertia matrix does not rely on them.
+///
+/// # Safety
+/// MuJoCo must have made the model, and nobody may read or write its arrays meanwhile.
+#[cfg(mujoco3)]
+pub(crate) unsafe fn forget_diagonal_inertia(_model: &mut raw::mjModel) {}
 
 /// Returns `true` if the last update of `scene` lacked room for all geoms, and forgets it.
 #[cfg(not(mujoco3))]
@@ -106,8 +157,8 @@ pub(crate) fn take_scene_overflow(_scene: &mut raw::mjvScene, data: &mut raw::mj
     std::mem::take(&mut data.warning[raw::mjWARN_VGEOMFULL as usize].number) > 0
 }
 
-/// Returns `true` if the last update of `scene` may have lacked room for all geoms. Releases 3 tell
-/// it in different ways; a full scene is one in all of them.
+/// Returns `true` if the last update of `scene` may have lacked room for all geoms: releases tell it
+/// in different ways, but the scene is full in all of them.
 #[cfg(mujoco3)]
 pub(crate) fn take_scene_overflow(scene: &mut raw::mjvScene, _data: &mut raw::mjData) -> bool {
     scene.ngeom >= scene.maxgeom
@@ -115,32 +166,14 @@ pub(crate) fn take_scene_overflow(scene: &mut raw::mjvScene, _data: &mut raw::mj
 
 /// Returns `true` if a geom of `model` has a texture.
 #[cfg(not(mujoco3))]
-pub(crate) fn is_textured(geom: &raw::mjvGeom, _model: &raw::mjModel) -> bool {
+pub(crate) fn is_textured(geom: &raw::mjvGeom, _model: &Model) -> bool {
     geom.texid >= 0
 }
 
 /// Returns `true` if a geom of `model` has a texture.
 #[cfg(mujoco3)]
-pub(crate) fn is_textured(geom: &raw::mjvGeom, model: &raw::mjModel) -> bool {
-    let Some(material) = usize::try_from(geom.matid).ok().filter(|&m| m < model.nmat as usize)
-    else {
-        return false;
-    };
-    let roles = raw::mjNTEXROLE as usize;
-    // SAFETY: `mat_texid` is `[nmat, mjNTEXROLE]`, by `mjxmacro.h`, and the material is one of them.
-    let textures =
-        unsafe { std::slice::from_raw_parts(model.mat_texid.add(material * roles), roles) };
-    textures.iter().any(|&texture| texture >= 0)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn releases_are_written_with_points() {
-        for (number, text) in [(222, "2.2.2"), (327, "3.2.7"), (3_017_000, "3.17.0")] {
-            assert_eq!(format_version(number), text);
-        }
-    }
+pub(crate) fn is_textured(geom: &raw::mjvGeom, model: &Model) -> bool {
+    let material = usize::try_from(geom.matid).ok();
+    let textures = material.and_then(|material| model.rows(&MAT_TEXID).get(material));
+    textures.is_some_and(|textures| textures.iter().any(|&texture| texture >= 0))
 }

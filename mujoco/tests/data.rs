@@ -135,8 +135,10 @@ fn mocap_bodies_are_moved() {
     assert_eq!(data.body_position(body), [4.0, 5.0, 6.0]);
     assert_eq!(data.body_orientation(body), [0.0, 1.0, 0.0, 0.0]);
     assert!(data.set_mocap_position(mocap, [0.0, f64::NAN, 0.0]).is_err());
-    let zero = data.set_mocap_orientation(mocap, [0.0; 4]);
-    assert_eq!(zero, Err(SimError::ZeroQuaternion { value: [0.0; 4] }));
+    for value in [[0.0; 4], [1e-7, 0.0, 0.0, 0.0], [0.0, 0.0, 1e200, 1.0]] {
+        let refused = data.set_mocap_orientation(mocap, value);
+        assert_eq!(refused, Err(SimError::NotNormalisable { value }));
+    }
     assert_eq!(data.mocap_orientation(mocap), [0.0, 1.0, 0.0, 0.0], "normalised");
 }
 
@@ -170,7 +172,7 @@ fn dropped_contacts_are_an_error() {
     let mut data = data(&scene.replace("SIZE", &format!(r#"<size {name}="{value}"/>"#)));
     let error = data.step(1).unwrap_err();
     assert!(
-        matches!(error, SimError::BufferOverflow { limit, .. } if limit == expected),
+        matches!(error, SimError::BufferOverflow { what: "contacts", limit, .. } if limit == expected),
         "{error}"
     );
     assert!(error.to_string().contains(name), "{error}");

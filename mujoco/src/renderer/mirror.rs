@@ -109,7 +109,7 @@ impl Renderer {
     fn check_shapes(&self, model: &Model, mirror: RenderMirror) -> Result<(), RenderError> {
         let asymmetric = |geom: &&raw::mjvGeom| {
             !MIRROR_SYMMETRIC.contains(&geom.type_.cast_unsigned())
-                || releases::is_textured(geom, model.as_raw())
+                || releases::is_textured(geom, model)
         };
         let skins = self.scene.nskin as usize;
         let geom = self.geoms().iter().find(asymmetric).filter(|_| mirror.reverses_orientation());

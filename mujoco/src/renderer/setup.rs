@@ -39,7 +39,8 @@ pub(super) fn make_drawing(
 
 pub(super) fn make_scene(model: &Model, options: &RenderOptions) -> Box<raw::mjvScene> {
     let sizes = model.as_raw();
-    // one per geom and site, and one per piece of tendon
+    // one per geom and site, one per piece of tendon, and one more: a full scene counts as an
+    // overflow
     let max_geoms = (sizes.ngeom + sizes.nsite + sizes.nskin + 2 * sizes.nwrap + 1) as usize;
     let mut scene = Box::new(MaybeUninit::uninit());
     // SAFETY: `mjv_defaultScene` fills the struct in; live model and positive size.
