@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, Subcommand};
 use experiments::RunError;
@@ -20,14 +21,15 @@ pub enum ModelCommand {
     /// Lists the differences between left and right, and fails if there are any.
     #[command(after_help = "Examples:\n  covers model check robot.xml\n  \
         covers model check robot.xml --write-pairs pairs.json\n  \
-        covers model check robot.xml --pairs pairs.json --maps maps.json")]
+        covers model check robot.xml --pairs pairs.json --maps maps.json\n  \
+        covers model check robot.xml --html robot.html")]
     Check(ModelCheckOptions),
 }
 
 /// Options of `covers model check`.
 #[derive(Clone, Debug, Args)]
 pub struct ModelCheckOptions {
-    /// MJCF file that MuJoCo 2.2.2 loads, or a URDF of a robot.
+    /// MJCF file that the linked MuJoCo loads, or a URDF of a robot.
     #[arg(value_name = "MODEL")]
     pub model: PathBuf,
     /// Smallest difference that is listed: a share of the value, or an angle in radians; lengths
@@ -43,6 +45,9 @@ pub struct ModelCheckOptions {
     /// Write the permutations and signs of states, sensor data and actions.
     #[arg(long, value_name = "FILE")]
     pub maps: Option<PathBuf>,
+    /// Write the report as an HTML page with pictures of the model.
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// Print one JSON object instead of a text.
     #[arg(long)]
     pub json: bool,
@@ -64,9 +69,15 @@ impl ModelCommand {
             corrections,
             ..ModelSymmetrySettings::default()
         };
-        let found = check_model_symmetry(&read_model(&options.model)?, &settings)?;
+        let model = Arc::new(read_model(&options.model)?);
+        let found = check_model_symmetry(&model, &settings)?;
         write_json(options.write_pairs.as_deref(), &found.corrections)?;
         write_json(options.maps.as_deref(), &found.maps)?;
+        if let Some(path) = &options.html {
+            let title = options.model.file_name().unwrap_or_default().to_string_lossy();
+            let page = found.html(&title, &model)?;
+            write_atomically(&LocalDisk, path, page.as_bytes()).map_err(RunError::from)?;
+        }
         let printed =
             if options.json { serde_json::json!(found).to_string() } else { found.text() };
         print_escaped(out, printed.trim_end())?;
@@ -100,7 +111,8 @@ mod tests {
             let code = program.run(&mut out).map_err(|error| error.to_string());
             (code, String::from_utf8(out).unwrap())
         };
-        let [pairs, maps, heavy] = ["pairs.json", "maps.json", "heavy.xml"].map(path);
+        let [pairs, maps, heavy, page] =
+            ["pairs.json", "maps.json", "heavy.xml", "page.html"].map(path);
         let (code, text) = run(&[quadruped, "--write-pairs", &pairs, "--maps", &maps]);
         assert!(code == Ok(0) && text.contains("no differences"), "{text}");
         let written = std::fs::read_to_string(&maps).unwrap();
@@ -108,11 +120,13 @@ mod tests {
         assert_eq!(written["qpos"]["sources"].as_array().unwrap().len(), 19);
         let model = std::fs::read_to_string(quadruped).unwrap();
         std::fs::write(&heavy, model.replacen("mass=\"0.9\"", "mass=\"0.95\"", 1)).unwrap();
-        let (differs, json) = run(&[&heavy, "--pairs", &pairs, "--json"]);
+        let (differs, json) = run(&[&heavy, "--pairs", &pairs, "--html", &page, "--json"]);
         let json: serde_json::Value = serde_json::from_str(&json).unwrap();
         assert_eq!(differs, Ok(1));
         assert_eq!(json["differences"].as_array().unwrap().len(), 1, "{json}");
         assert_eq!(json["differences"][0]["property"], "mass");
+        let page = std::fs::read_to_string(&page).unwrap();
+        assert!(page.contains("<h1>heavy.xml: left and right</h1>"), "{page}");
         std::fs::write(&pairs, "{\"pairs\": {\"joint\": [[\"FL_hip\", \"FX_hip\"]]}}").unwrap();
         let (unknown, _) = run(&[quadruped, "--pairs", &pairs]);
         let message = unknown.unwrap_err();

@@ -1,7 +1,5 @@
 //! Check of a model: plane, pairs, differences and maps in one result.
 
-use std::fmt::Write;
-
 use glam::DVec3;
 use mujoco::{Model, NumberArray};
 use serde::Serialize;
@@ -170,63 +168,84 @@ fn corrections_of(
 impl MirrorDifference {
     /// Returns one line that names both objects, the property and the amount.
     fn line(&self) -> String {
-        let Self { kind, left, right, property, amount, .. } = self;
-        if property == "counterpart" {
-            return format!("{kind} {left} has no counterpart on {right}");
+        let names = self.objects_text();
+        if self.property == "counterpart" {
+            return names;
         }
-        let amount = match self.measure {
+        let [expected, found] = [&self.expected, &self.found].map(|side| Self::numbers_text(side));
+        let (property, amount) = (&self.property, self.amount_text());
+        format!("{names}: {property} {amount}: mirror image {expected}, found {found}")
+    }
+
+    /// Returns the kind and the names of both objects.
+    pub(crate) fn objects_text(&self) -> String {
+        let Self { kind, left, right, .. } = self;
+        if self.property == "counterpart" {
+            format!("{kind} {left} has no counterpart on {right}")
+        } else if left == right {
+            format!("{kind} {left} and its mirror image")
+        } else {
+            format!("{kind} {left} | {right}")
+        }
+    }
+
+    /// Returns the amount in its unit, for instance `differs by 2.000 %`.
+    pub(crate) fn amount_text(&self) -> String {
+        let amount = self.amount;
+        match self.measure {
             DifferenceMeasure::Share | DifferenceMeasure::Scale => {
                 format!("differs by {:.3} %", 100.0 * amount)
             }
             DifferenceMeasure::Metres => format!("differs by {:.2} mm", 1000.0 * amount),
             DifferenceMeasure::Radians => format!("differs by {amount:.4} rad"),
             DifferenceMeasure::Exact => "differs".to_owned(),
-        };
-        let numbers = |values: &[f64]| {
-            let texts: Vec<String> = values.iter().map(|value| format!("{value:.6}")).collect();
-            let short = texts.iter().map(|text| text.trim_end_matches('0').trim_end_matches('.'));
-            short.collect::<Vec<_>>().join(" ")
-        };
-        let names = if left == right {
-            format!("{kind} {left} and its mirror image")
-        } else {
-            format!("{kind} {left} | {right}")
-        };
-        let (expected, found) = (numbers(&self.expected), numbers(&self.found));
-        format!("{names}: {property} {amount}: mirror image {expected}, found {found}")
+        }
+    }
+
+    /// Returns the effect on the motion; `-` if it was not simulated.
+    pub(crate) fn effect_text(&self) -> String {
+        self.effect.map_or("-".to_owned(), |effect| format!("{effect:.1e}"))
+    }
+
+    /// Returns numbers with at most six decimals.
+    pub(crate) fn numbers_text(values: &[f64]) -> String {
+        let texts: Vec<String> = values.iter().map(|value| format!("{value:.6}")).collect();
+        let short = texts.iter().map(|text| text.trim_end_matches('0').trim_end_matches('.'));
+        short.collect::<Vec<_>>().join(" ")
     }
 }
 
 impl ModelSymmetryReport {
     /// Returns the report as text: the plane, and a line for each difference.
     pub fn text(&self) -> String {
+        let mut lines = vec![self.plane_text()];
+        lines.push(match self.differences.len() {
+            0 => "no differences".to_owned(),
+            1 => "1 difference, by effect after 1 s:".to_owned(),
+            count => format!("{count} differences, by effect after 1 s:"),
+        });
+        let twins = self.twin_divergence;
+        lines.extend(twins.map(|twin| format!("{twin:>9.1e}  two copies of the left side")));
+        let differences = self.differences.iter();
+        lines.extend(
+            differences.map(|found| format!("{:>9}  {}", found.effect_text(), found.line())),
+        );
+        lines.extend(self.unmapped_text());
+        lines.join("\n") + "\n"
+    }
+
+    /// Returns the mirror plane and the number of pairs.
+    pub(crate) fn plane_text(&self) -> String {
         let pairs: usize = self.corrections.pairs.values().map(Vec::len).sum();
-        // writing to a String cannot fail
-        let mut text = String::new();
-        if let Some(MirrorPlane { normal, offset }) = self.corrections.plane {
-            // no negative zeros
-            let [x, y, z] = normal.map(|part| part + 0.0);
-            let offset = offset + 0.0;
-            let _ = writeln!(
-                text,
-                "plane: normal {x:.4} {y:.4} {z:.4}, {offset:.4} m from the origin; {pairs} pairs"
-            );
-        }
-        match self.differences.len() {
-            0 => text += "no differences\n",
-            1 => text += "1 difference, by effect after 1 s:\n",
-            count => _ = writeln!(text, "{count} differences, by effect after 1 s:"),
-        }
-        if let Some(twin) = self.twin_divergence {
-            let _ = writeln!(text, "{twin:>9.1e}  two copies of the left side");
-        }
-        for difference in &self.differences {
-            let effect = difference.effect.map_or("-".to_owned(), |effect| format!("{effect:.1e}"));
-            let _ = writeln!(text, "{effect:>9}  {}", difference.line());
-        }
-        if let Some(reason) = &self.unmapped {
-            let _ = writeln!(text, "no maps and effects: {reason}");
-        }
-        text
+        let MirrorPlane { normal, offset } = self.corrections.plane.unwrap_or_default();
+        // no negative zeros
+        let [x, y, z] = normal.map(|part| part + 0.0);
+        let offset = offset + 0.0;
+        format!("plane: normal {x:.4} {y:.4} {z:.4}, {offset:.4} m from the origin; {pairs} pairs")
+    }
+
+    /// Returns the reason for which there are no maps, if there are none.
+    pub(crate) fn unmapped_text(&self) -> Option<String> {
+        self.unmapped.as_ref().map(|reason| format!("no maps and effects: {reason}"))
     }
 }

@@ -34,6 +34,9 @@ pub enum ModelSymmetryError {
     /// URDF that was rejected.
     #[error(transparent)]
     Robot(#[from] DescriptionError),
+    /// Picture of the model that cannot be drawn.
+    #[error("cannot draw the model: {0}")]
+    Picture(#[source] Box<dyn std::error::Error + Send + Sync>),
     /// Correction of an object that the model does not have.
     #[error("the model has no {kind} `{name}`; it has: {}", known.join(", "))]
     UnknownObject {

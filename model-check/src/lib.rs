@@ -7,6 +7,7 @@ mod error;
 mod maps;
 mod mirror;
 mod names;
+mod page;
 mod pairs;
 mod read;
 mod snapshot;

@@ -1,5 +1,6 @@
 //! Meshes, cameras, sensors, corrections and maps.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use model_check::{
@@ -150,4 +151,27 @@ fn a_tolerance_or_a_plane_that_would_hide_differences_is_refused() {
             refused(ModelSymmetrySettings { corrections, ..ModelSymmetrySettings::default() });
         assert!(message.starts_with("the plane is"), "{message}");
     }
+}
+
+#[test]
+fn a_page_shows_the_model_and_escapes_its_names() {
+    let quadruped = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/models/quadruped.xml");
+    let xml = std::fs::read_to_string(quadruped).unwrap();
+    let heavy = xml.replacen("mass=\"0.9\"", "mass=\"0.95\"", 1);
+    assert_ne!(heavy, xml);
+    let heavy =
+        heavy.replace("FL_thigh", "FL_&lt;thigh&gt;").replace("FR_thigh", "FR_&lt;thigh&gt;");
+    let model = Arc::new(Model::from_xml(&heavy).unwrap());
+    let found = check_model_symmetry(&model, &ModelSymmetrySettings::default()).unwrap();
+    let page = found.html("dog & cat", &model).unwrap();
+    if let Some(path) = std::env::var_os("COVERS_PAGE") {
+        std::fs::write(path, &page).unwrap();
+    }
+    assert!(page.contains("<h1>dog &amp; cat: left and right</h1>"), "{page}");
+    let row = "<td>body FL_&lt;thigh&gt; | FR_&lt;thigh&gt;</td><td>mass</td>\
+               <td>differs by 5.263 %</td><td>0.95</td><td>0.9</td>";
+    assert!(page.contains(row), "{page}");
+    assert_eq!(page.matches("data:image/png;base64,").count(), 2);
+    let effect = format!("{:.1e}", found.differences[0].effect.unwrap());
+    assert!(page.contains(&format!("<td class=\"number\">{effect}</td>")), "{page}");
 }

@@ -285,6 +285,12 @@ pub enum RenderError {
         /// Number of cameras of the renderer's model.
         count: usize,
     },
+    /// Free camera with a value that is not finite, or without a distance.
+    #[error("{camera} cannot draw: expected finite numbers and a distance above 0")]
+    InvalidFreeCamera {
+        /// Fields of the rejected camera.
+        camera: String,
+    },
     /// Scene with more geoms than the renderer has room for.
     #[error("the scene has more than {limit} geoms, some would be missing")]
     SceneFull {

@@ -73,7 +73,9 @@ pub use gl::opengl_description;
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, RendererId, SiteId};
 pub use init::library_version;
 pub use model::{GeomShape, JointType, Model};
-pub use renderer::{CameraAndMirror, RenderMirror, RenderOptions, Renderer, StaticBackdrop};
+pub use renderer::{
+    CameraAndMirror, FreeCamera, RenderMirror, RenderOptions, Renderer, StaticBackdrop,
+};
 pub use state::State;
 
 #[cfg(doctest)]

@@ -18,7 +18,7 @@ mod setup;
 pub use backdrop::StaticBackdrop;
 pub use mirror::{CameraAndMirror, RenderMirror};
 
-use setup::{fixed_camera, make_drawing, make_scene, visible};
+use setup::{fixed_camera, free_camera, make_drawing, make_scene, visible};
 
 /// Largest width or height of a renderer's image, in pixels.
 const MAX_SIDE: usize = 4096;
@@ -45,7 +45,20 @@ impl Default for RenderOptions {
     }
 }
 
-/// Renderer of images of one size of one [`Model`], through its fixed cameras.
+/// Camera that belongs to no model: it looks at a point from a distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FreeCamera {
+    /// Point in the middle of the image (metres).
+    pub target: [f64; 3],
+    /// Distance from the camera to the target (metres), above 0.
+    pub distance: f64,
+    /// Angle (radians) about z of the viewing direction; 0 looks along x, a quarter turn along y.
+    pub azimuth: f64,
+    /// Angle (radians) of the viewing direction above the horizon; negative to look down.
+    pub elevation: f64,
+}
+
+/// Renderer of images of one size of one [`Model`], through its fixed cameras or a [`FreeCamera`].
 ///
 /// Mirrored scenes give mirrored images bit for bit if one of them is drawn in a [`RenderMirror`].
 /// Without one they do if the camera looks straight down on the axis of the mirror, the light comes
@@ -183,20 +196,44 @@ impl Renderer {
         view: impl Into<CameraAndMirror>,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
-        let view = view.into();
-        self.check_arguments(data, view.camera, out)?;
-        self.in_own_context(|renderer| renderer.draw_all(data, view, out))
+        let CameraAndMirror { camera, mirror } = view.into();
+        self.check_arguments(data, camera, out)?;
+        self.in_own_context(|renderer| renderer.draw_all(data, fixed_camera(camera), mirror, out))
+    }
+
+    /// Draws the scene from `camera` into `out`, `[H, W, 3]` RGB with the top row first.
+    ///
+    /// Positions are the derived ones: call [`Data::forward`] first.
+    ///
+    /// # Errors
+    /// Errors of [`Renderer::render`] without those of mirrors and unknown cameras;
+    /// [`RenderError::InvalidFreeCamera`].
+    pub fn render_from(
+        &mut self,
+        data: &mut Data,
+        camera: &FreeCamera,
+        out: &mut [u8],
+    ) -> Result<(), RenderError> {
+        self.check_target(data, out)?;
+        let FreeCamera { target: [x, y, z], distance, azimuth, elevation } = *camera;
+        let is_finite = [x, y, z, distance, azimuth, elevation].iter().all(|part| part.is_finite());
+        if !is_finite || distance <= 0.0 {
+            return Err(RenderError::InvalidFreeCamera { camera: format!("{camera:?}") });
+        }
+        let mirror = RenderMirror::default();
+        self.in_own_context(|renderer| renderer.draw_all(data, free_camera(camera), mirror, out))
     }
 
     fn draw_all(
         &mut self,
         data: &mut Data,
-        view: CameraAndMirror,
+        camera: raw::mjvCamera,
+        mirror: RenderMirror,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
-        self.update_scene(data, view, raw::mjCAT_ALL)?;
+        self.update_scene(data, camera, mirror, raw::mjCAT_ALL)?;
         self.draw(out, None);
-        view.mirror.flip_back(out, self.width);
+        mirror.flip_back(out, self.width);
         check_opengl("drawing")
     }
 
@@ -217,7 +254,15 @@ impl Renderer {
         camera: CameraId,
         out: &[u8],
     ) -> Result<(), RenderError> {
-        let cameras = self.model.as_raw().ncam as usize;
+        self.check_target(data, out)?;
+        let count = self.model.as_raw().ncam as usize;
+        if camera.index() >= count {
+            return Err(RenderError::UnknownCamera { index: camera.index(), count });
+        }
+        Ok(())
+    }
+
+    fn check_target(&self, data: &Data, out: &[u8]) -> Result<(), RenderError> {
         if !data.model().is_of_family(&self.model) {
             return Err(RenderError::OtherModel);
         }
@@ -227,21 +272,18 @@ impl Renderer {
                 got: out.len(),
             });
         }
-        if camera.index() >= cameras {
-            return Err(RenderError::UnknownCamera { index: camera.index(), count: cameras });
-        }
         Ok(())
     }
 
     /// Updates MuJoCo's scene with the geoms of some categories (moving, static or both), reflected
-    /// in the mirror of `view`.
+    /// in `mirror`.
     fn update_scene(
         &mut self,
         data: &mut Data,
-        view: CameraAndMirror,
+        mut camera: raw::mjvCamera,
+        mirror: RenderMirror,
         categories: raw::mjtCatBit,
     ) -> Result<(), RenderError> {
-        let mut camera = fixed_camera(view.camera);
         let model: *const raw::mjModel = data.model().as_raw();
         // SAFETY: live model, data of this very model, options, camera and scene, which has room
         // for the geoms of every model of the family; no perturbation.
@@ -259,7 +301,7 @@ impl Renderer {
         if releases::take_scene_overflow(&mut self.scene, data.raw_mut()) {
             return Err(RenderError::SceneFull { limit: self.scene.maxgeom as usize });
         }
-        self.reflect_scene(data.model(), view.mirror)
+        self.reflect_scene(data.model(), mirror)
     }
 
     /// Draws MuJoCo's scene and reads the image back, bottom row first.

@@ -4,10 +4,13 @@
 
 mod support;
 
+use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 use std::thread;
 
-use mujoco::{Data, Model, OpenGlBackend, RenderError, RenderOptions, Renderer, StaticBackdrop};
+use mujoco::{
+    Data, FreeCamera, Model, OpenGlBackend, RenderError, RenderOptions, Renderer, StaticBackdrop,
+};
 
 /// Size of the images, in pixels. They are not square, or width and height could be exchanged.
 const WIDTH: usize = 12;
@@ -48,6 +51,35 @@ fn groups_are_shown_and_hidden() {
     assert_eq!(shown(&[0], &[]), [0, 255, 0]);
     assert_eq!(shown(&[0, 1], &[0]), [0, 0, 255]);
     assert_eq!(shown(&[], &[]), [0, 0, 0]);
+}
+
+#[test]
+fn a_free_camera_sees_the_side_that_it_looks_at() {
+    let xml = r#"<mujoco>
+      <visual><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual>
+      <worldbody>
+        <geom type="box" pos="1 0 0" size=".1 .9 .9" rgba="1 0 0 1"/>
+        <geom type="box" pos="0 1 0" size=".9 .1 .9" rgba="0 1 0 1"/>
+        <geom type="box" pos="0 0 1" size=".9 .9 .1" rgba="0 0 1 1"/>
+      </worldbody></mujoco>"#;
+    let (mut data, mut renderer) = ready(xml, RenderOptions::default());
+    let mut image = vec![0; renderer.image_len()];
+    let quarter = FRAC_PI_2;
+    for (azimuth, elevation, colour) in [
+        (2.0 * quarter, 0.0, [255, 0, 0]),
+        (-quarter, 0.0, [0, 255, 0]),
+        (0.3, -quarter, [0, 0, 255]),
+    ] {
+        let camera = FreeCamera { target: [0.0; 3], distance: 4.0, azimuth, elevation };
+        renderer.render_from(&mut data, &camera, &mut image).unwrap();
+        let middle = 3 * (HEIGHT / 2 * WIDTH + WIDTH / 2);
+        assert_eq!(image[middle..middle + 3], colour, "{camera:?}");
+        for distance in [0.0, f64::NAN] {
+            let invalid = FreeCamera { distance, ..camera };
+            let error = renderer.render_from(&mut data, &invalid, &mut image).unwrap_err();
+            assert!(matches!(error, RenderError::InvalidFreeCamera { .. }), "{error}");
+        }
+    }
 }
 
 fn centre_pixel(options: RenderOptions) -> [u8; 3] {

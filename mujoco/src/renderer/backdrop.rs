@@ -1,6 +1,7 @@
 //! Drawing over a backdrop: static geoms are drawn once, and moving ones over their picture.
 
-use super::{CameraAndMirror, Renderer, check_opengl};
+use super::setup::fixed_camera;
+use super::{CameraAndMirror, RenderMirror, Renderer, check_opengl};
 use crate::data::Data;
 use crate::error::RenderError;
 use crate::ids::RendererId;
@@ -53,13 +54,14 @@ impl Renderer {
         backdrop: &mut StaticBackdrop,
     ) -> Result<(), RenderError> {
         let view = view.into();
+        let CameraAndMirror { camera, mirror } = view;
         backdrop.source = None;
         backdrop.complete = false;
         backdrop.rgb.resize(self.image_len(), 0);
         backdrop.depth.resize(self.image_len() / 3, 0.0);
-        self.check_arguments(data, view.camera, &backdrop.rgb)?;
+        self.check_arguments(data, camera, &backdrop.rgb)?;
         self.in_own_context(|renderer| {
-            renderer.update_scene(data, view, raw::mjCAT_STATIC)?;
+            renderer.update_scene(data, fixed_camera(camera), mirror, raw::mjCAT_STATIC)?;
             backdrop.transparent = renderer.is_transparent();
             backdrop.viewpoint.clear();
             backdrop.viewpoint.extend(renderer.viewpoint());
@@ -87,16 +89,17 @@ impl Renderer {
         backdrop: &mut StaticBackdrop,
         out: &mut [u8],
     ) -> Result<(), RenderError> {
-        let view = self.view_of(backdrop)?;
-        self.check_arguments(data, view.camera, out)?;
+        let CameraAndMirror { camera, mirror } = self.view_of(backdrop)?;
+        self.check_arguments(data, camera, out)?;
+        let camera = fixed_camera(camera);
         self.in_own_context(|renderer| {
-            renderer.update_scene(data, view, raw::mjCAT_DYNAMIC)?;
+            renderer.update_scene(data, camera, mirror, raw::mjCAT_DYNAMIC)?;
             if renderer.is_up_to_date(backdrop) {
                 check_opengl("drawing over a backdrop")?;
             } else if renderer.needs_full_render(backdrop) {
-                return renderer.draw_all(data, view, out);
+                return renderer.draw_all(data, camera, mirror, out);
             } else {
-                renderer.draw_over(backdrop, view)?;
+                renderer.draw_over(backdrop, mirror)?;
             }
             out.copy_from_slice(&backdrop.last);
             Ok(())
@@ -117,7 +120,7 @@ impl Renderer {
     fn draw_over(
         &mut self,
         backdrop: &mut StaticBackdrop,
-        view: CameraAndMirror,
+        mirror: RenderMirror,
     ) -> Result<(), RenderError> {
         // stays `false` after an error, so that the next call does not reuse the picture
         backdrop.complete = false;
@@ -126,7 +129,7 @@ impl Renderer {
         backdrop.last.resize(backdrop.rgb.len(), 0);
         self.draw(&mut backdrop.last, Some(&mut depth));
         compose(&mut backdrop.last, &backdrop.rgb, &depth, &backdrop.depth);
-        view.mirror.flip_back(&mut backdrop.last, self.width);
+        mirror.flip_back(&mut backdrop.last, self.width);
         self.depth = depth;
         check_opengl("drawing over a backdrop")?;
         let poses = self.geoms().iter().map(|geom| (geom.pos, geom.mat, geom.size));

@@ -2,7 +2,7 @@
 
 use std::mem::MaybeUninit;
 
-use super::RenderOptions;
+use super::{FreeCamera, RenderOptions};
 use crate::ids::CameraId;
 use crate::model::Model;
 use crate::raw;
@@ -71,13 +71,28 @@ pub(super) fn visible(options: &RenderOptions) -> Box<raw::mjvOption> {
     visible
 }
 
-pub(super) fn fixed_camera(camera: CameraId) -> raw::mjvCamera {
+/// Returns a free camera, MuJoCo's default.
+fn default_camera() -> raw::mjvCamera {
     let mut view = MaybeUninit::uninit();
     // SAFETY: `mjv_defaultCamera` fills the struct in.
-    let mut view = unsafe {
+    unsafe {
         raw::mjv_defaultCamera(view.as_mut_ptr());
         view.assume_init()
-    };
+    }
+}
+
+pub(super) fn free_camera(camera: &FreeCamera) -> raw::mjvCamera {
+    raw::mjvCamera {
+        lookat: camera.target,
+        distance: camera.distance,
+        azimuth: camera.azimuth.to_degrees(),
+        elevation: camera.elevation.to_degrees(),
+        ..default_camera()
+    }
+}
+
+pub(super) fn fixed_camera(camera: CameraId) -> raw::mjvCamera {
+    let mut view = default_camera();
     view.type_ = raw::mjCAMERA_FIXED.cast_signed();
     view.fixedcamid = camera.index() as i32;
     view
