@@ -29,7 +29,8 @@ pub enum ModelCommand {
 /// Options of `covers model check`.
 #[derive(Clone, Debug, Args)]
 pub struct ModelCheckOptions {
-    /// MJCF file that the linked MuJoCo loads, or a URDF of a robot.
+    /// MJCF file that the linked MuJoCo loads, a URDF of a robot, or a JSON file of settings that
+    /// names one.
     #[arg(value_name = "MODEL")]
     pub model: PathBuf,
     /// Smallest difference that is listed: a share of the value, or an angle in radians; lengths

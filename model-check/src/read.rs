@@ -8,13 +8,14 @@ use robots::{MjcfSettings, RobotFile};
 
 use crate::error::ModelSymmetryError;
 
-/// Reads and compiles an MJCF file with the files that it names, or the URDF of a robot.
+/// Reads and compiles an MJCF file with the files that it names, or the URDF of a robot, or the JSON
+/// file of settings that names one ([`RobotFile`]).
 ///
 /// # Errors
 /// [`ModelSymmetryError::Read`], [`ModelSymmetryError::InvalidFile`],
 /// [`ModelSymmetryError::Model`], [`ModelSymmetryError::Robot`].
 pub fn read_model(path: &Path) -> Result<Model, ModelSymmetryError> {
-    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("urdf")) {
+    if RobotFile::has_supported_extension(path) {
         let robot = RobotFile::read(path)?.read_description()?;
         return Ok(Model::from_xml(&robot.to_mjcf(&MjcfSettings::default())?.text)?);
     }

@@ -175,3 +175,34 @@ fn a_page_shows_the_model_and_escapes_its_names() {
     let effect = format!("{:.1e}", found.differences[0].effect.unwrap());
     assert!(page.contains(&format!("<td class=\"number\">{effect}</td>")), "{page}");
 }
+
+#[test]
+fn a_robots_settings_lead_to_its_model() {
+    let folder = std::env::temp_dir().join(format!("covers-robot-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let arm = |side: &str, y: f64| {
+        format!(
+            "<link name='{side}'><inertial><origin xyz='0 0.01 0.1'/><mass value='1'/>\
+             <inertia ixx='.01' iyy='.01' izz='.01' ixy='0' ixz='0' iyz='0'/></inertial>\
+             <collision><geometry><mesh filename='package://robot/arm.stl'/></geometry>\
+             </collision></link><joint name='{side}' type='revolute'><parent link='trunk'/>\
+             <child link='{side}'/><origin xyz='0 {y} 0'/><axis xyz='1 0 0'/>\
+             <limit lower='-1' upper='1' effort='1' velocity='1'/></joint>"
+        )
+    };
+    let [left, right] = [arm("arm_left", 0.2), arm("arm_right", -0.2)];
+    let urdf = format!("<robot name='r'><link name='trunk'/>{left}{right}</robot>");
+    std::fs::write(folder.join("robot.urdf"), urdf).unwrap();
+    let settings = folder.join("robot.json");
+    std::fs::write(&settings, r#"{"urdf": "robot.urdf", "ignore_meshes": true}"#).unwrap();
+    assert!(read_model(&folder.join("robot.urdf")).unwrap_err().to_string().contains("arm.stl"));
+    let model = read_model(&settings).unwrap();
+    std::fs::remove_dir_all(&folder).unwrap();
+    let found = check_model_symmetry(&model, &ModelSymmetrySettings::default()).unwrap();
+    // the centre of mass was copied instead of mirrored, as in public models of Talos
+    let text = found.text();
+    assert!(
+        text.contains("body arm_left | arm_right: centre of mass differs by 20.00 mm"),
+        "{text}"
+    );
+}
