@@ -49,7 +49,7 @@ pub struct ThreadAndJsonOptions {
 #[derive(Clone, Debug, Args)]
 pub struct SettingsOptions {
     /// Seed of all random numbers; equal seeds give equal metrics.
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     pub seed: Option<u64>,
     #[command(flatten)]
     #[allow(missing_docs)]

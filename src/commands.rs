@@ -1,5 +1,6 @@
 //! Subcommands of `covers` that train, resume, evaluate and pack learners.
 
+use std::fs::create_dir_all;
 use std::io::{Write, sink, stderr};
 use std::path::PathBuf;
 
@@ -18,6 +19,7 @@ use experiments::text::{ROLLOUT_LINE_HEADER, format_run_event, run_summary_table
 use experiments::{
     Run, RunError, RunEvent, RunFolder, StopSignal, SwitchableVecEnv, memory, thread_pool,
 };
+use learner::disk::parent_folder;
 use learner::{CheckpointExtent, DeviceChoice, TaskLabel};
 use report::ReportOptions;
 use rl::ProcessRanks;
@@ -69,7 +71,7 @@ pub struct EvalOptions {
     #[arg(long, default_value_t = 100)]
     pub episodes: usize,
     /// Seed of the episodes (default: the seed of the run's own evaluations).
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Embodiment that carries the gripper (default: that of the run).
     #[arg(long, visible_alias = "robot")]
@@ -85,13 +87,14 @@ pub struct EvalOptions {
 
 /// Options of `covers pack`.
 #[derive(Clone, Debug, Args)]
-#[command(after_help = "Example: covers pack runs/covers-sac-seed0 small")]
+#[command(after_help = "Example: covers pack runs/covers-sac-seed0 --out small")]
 pub struct PackOptions {
     /// Folder of the run.
     #[arg(value_name = "RUN")]
     pub run_folder: PathBuf,
-    /// Folder to create.
-    pub folder: PathBuf,
+    /// Folder to create; it must not exist.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
     /// Episodes whose first frames are kept for each policy.
     #[arg(long, default_value_t = 40)]
     pub episodes: usize,
@@ -304,6 +307,9 @@ fn with_randomisation(envs: VecEnvSettings) -> VecEnvSettings {
 }
 
 fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), RunError> {
+    if options.out.exists() {
+        return Err(RunError::FileExists { path: options.out.clone() });
+    }
     let from = RunFolder::from_path(&options.run_folder);
     let experiment = from.read_experiment()?;
     let spec = SwitchableVecEnv::env_spec(&experiment.envs);
@@ -312,6 +318,8 @@ fn pack(options: &PackOptions, out: &mut impl Write) -> Result<(), RunError> {
     let learner = from.load_learner(learner, &spec, &labels)?;
     let episodes = options.episodes;
     let extent = CheckpointExtent::Policies { episodes_per_policy: episodes };
-    let to = RunFolder::create_with_learner(&options.folder, &experiment, &*learner, extent)?;
+    let parent = parent_folder(&options.out);
+    create_dir_all(parent).map_err(RunError::write_error_mapper(parent))?;
+    let to = RunFolder::create_with_learner(&options.out, &experiment, &*learner, extent)?;
     print_escaped(out, &format!("{} policies in {}", learner.policy_count(), to.path().display()))
 }

@@ -39,13 +39,13 @@ pub enum CoversError {
         /// Names of the failed jobs.
         failed_jobs: Vec<String>,
     },
-    /// Several processes of `mpirun` in a program that cannot share a run among them.
+    /// Several processes of `mpirun` or `srun` in a program that cannot share a run among them.
     #[error(
-        "`mpirun` started {processes} processes, but this program was built without MPI, so each \
-         would train a run of its own: build it with `--features mpi`, or start one process"
+        "`mpirun` or `srun` started {processes} processes, but this program was built without MPI, \
+         so each would train a run of its own: build it with `--features mpi`, or start one process"
     )]
     NoMpi {
-        /// Number of processes.
+        /// Number of processes, of which this is one.
         processes: usize,
     },
     /// Request for a full-screen view without a terminal.

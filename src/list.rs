@@ -26,8 +26,12 @@ impl ListRunsOptions {
     /// policies, success and size.
     ///
     /// # Errors
-    /// A folder that cannot be read, or an `out` that cannot be written to.
+    /// [`RunError::NoRun`] for a folder that does not exist; a folder that cannot be read, or an
+    /// `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
+        if !self.folder.exists() {
+            return Err(RunError::NoRun { folder: self.folder.clone() });
+        }
         let header = ["run", "method", "state", "policies", "success", "MB"];
         let mut table = ReportTable::new("", &header);
         let mut folders = vec![self.folder.clone()];

@@ -4,9 +4,9 @@ use rl::ProcessRanks;
 
 use crate::CoversError;
 
-/// Calls `work` with the MPI ranks that `mpirun` started, or with this process as the only rank; an
-/// error on one of several ranks ends them all. If `work` fails, prints the error and ends all
-/// processes, since the others would wait for this one.
+/// Calls `work` with the ranks (processes) that `mpirun` or `srun` started, or with this process as
+/// the only rank; an error on one of several ranks ends them all. If `work` fails, prints the error
+/// and ends all processes, since the others would wait for this one.
 ///
 /// # Errors
 /// Errors of `work` in a process that is alone.
@@ -17,18 +17,22 @@ pub(crate) fn on_ranks<T>(
     world::on_ranks(work)
 }
 
+/// Variables with the number of processes, which are set by Open MPI's `mpirun`, and by MPICH's and
+/// `srun` with PMI. `srun` with PMIx sets none.
+#[cfg(not(feature = "mpi"))]
+const SIZES: [&str; 2] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE"];
+
 /// Calls `work` with this process as the only rank: the program was built without the feature
 /// `mpi`.
 ///
 /// # Errors
-/// [`CoversError::NoMpi`] if `mpirun` started several processes, each of which would train a run of
-/// its own; errors of `work`.
+/// [`CoversError::NoMpi`] if `mpirun` or `srun` started several processes, each of which would train
+/// a run of its own; errors of `work`.
 #[cfg(not(feature = "mpi"))]
 pub(crate) fn on_ranks<T>(
     work: impl FnOnce(ProcessRanks) -> Result<T, CoversError>,
 ) -> Result<T, CoversError> {
-    // Open MPI's `mpirun`; MPICH's, and `srun` with PMI. PMIx alone tells no number.
-    let sizes = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE"].map(|name| std::env::var(name).ok());
+    let sizes = SIZES.map(|name| std::env::var(name).ok());
     match sizes.into_iter().flatten().filter_map(|size| size.parse().ok()).max() {
         Some(processes) if processes > 1 => Err(CoversError::NoMpi { processes }),
         _ => work(ProcessRanks::default()),
@@ -50,10 +54,11 @@ mod world {
 
     use crate::CoversError;
 
-    /// Variables that launchers set: Open MPI's `mpirun`, those with PMIx such as `srun`, MPICH's.
+    /// Variables of which one is set in a process that was started by Open MPI's `mpirun`, by `srun`
+    /// or another program with PMIx, or by MPICH's `mpirun`.
     const LAUNCHED: [&str; 3] = ["OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK"];
 
-    /// All processes that the launcher started. The handle of MPI is asked for in every call, since
+    /// All processes that were started together. The handle of MPI is asked for in every call, since
     /// it may not be sent to another thread.
     struct World;
 

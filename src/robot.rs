@@ -23,7 +23,7 @@ pub enum RobotCommand {
     /// Prints what was read of a robot, and fails if it cannot be simulated or looks wrong.
     #[command(after_help = "Example: covers robot check arm.urdf")]
     Check(RobotCheckOptions),
-    /// Writes the MJCF with which MuJoCo 2.2.2 simulates a robot.
+    /// Writes the MJCF with which MuJoCo simulates a robot.
     #[command(after_help = "Example: covers robot mjcf arm.urdf --out arm.xml")]
     Mjcf(RobotMjcfOptions),
 }

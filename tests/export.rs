@@ -165,7 +165,7 @@ fn what_cannot_be_exported_is_refused_with_the_reason() {
         error.to_string()
     };
     let covers = narrow(Method::Covers, Group::D2);
-    assert!(refusal(&covers, "1").contains("`policy` is 1"));
+    assert!(refusal(&covers, "1").contains("`policy` is 1 (policies so far: 1, from 0)"));
     let recurrent = narrow(Method::ThreeRl, Group::C1);
     assert!(refusal(&recurrent, "0").contains("a context"));
     let scratch = Scratch::new("export-refused");

@@ -14,6 +14,7 @@ mod export;
 mod fuzz;
 mod learns;
 mod modules;
+mod output;
 mod overrides;
 mod pages;
 mod parity;

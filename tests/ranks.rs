@@ -125,14 +125,16 @@ fn a_run_goes_on_with_another_number_of_ranks() {
 fn several_processes_are_refused_without_mpi() {
     let scratch = Scratch::new("without-mpi");
     let folder = scratch.0.join("run");
-    let output = process::Command::new(env!("CARGO_BIN_EXE_covers"))
-        .args(["train", "--budget", "smoke", "--folder"])
-        .arg(&folder)
-        .env("OMPI_COMM_WORLD_SIZE", "3")
-        .output()
-        .unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(1), "{said}");
-    assert!(said.contains("`mpirun` started 3 processes"), "{said}");
-    assert!(!folder.exists());
+    for size in ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE"] {
+        let output = process::Command::new(env!("CARGO_BIN_EXE_covers"))
+            .args(["train", "--budget", "smoke", "--folder"])
+            .arg(&folder)
+            .env(size, "3")
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{size}: {said}");
+        assert!(said.contains("`mpirun` or `srun` started 3 processes"), "{size}: {said}");
+        assert!(!folder.exists());
+    }
 }

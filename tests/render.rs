@@ -30,9 +30,12 @@ fn read(path: &Path) -> ([usize; 2], usize, Vec<u8>) {
     (sides, count, first)
 }
 
+/// Height of a row: its title, cells with borders, captions and a gap.
+const ROW: usize = 20 + 150 + 20 + 6;
+
 /// Rows of pixels of the cell in this column and row, without its border.
 fn cell(picture: &[u8], width: usize, column: usize, row: usize) -> Vec<&[u8]> {
-    let (left, top) = (9 + column * 156, 49 + row * 176);
+    let (left, top) = (9 + column * 156, 49 + row * ROW);
     let line = |y: usize| &picture[((top + y) * width + left) * 4..][..144 * 4];
     (0..144).map(line).collect()
 }
@@ -48,7 +51,8 @@ fn twins_that_are_mirrored_back_are_the_same_pictures() {
     assert!(!said.contains("goal-reach"), "{said}");
     let ([width, height], count, first) = read(&film);
     // the start and five decisions; two views and their twins
-    assert_eq!((width, height, count), (630, 6 + 20 + 4 * 176, 6));
+    let legend = 3 * 20 + 6;
+    assert_eq!((width, height, count), (630, 6 + 20 + 4 * ROW + legend, 6));
     for row in [1, 3] {
         let identity = cell(&first, width, 0, row);
         assert!(identity.concat().chunks(4).any(|rgba| rgba != &identity[0][..4]));
@@ -67,7 +71,8 @@ fn all_groups_are_shown_and_a_film_may_end_early() {
     let said = render(&run, &film, &["--decisions", "2"]).unwrap();
     assert_eq!(said.matches("policy 0").count(), 8, "{said}");
     let ([_, height], count, _) = read(&film);
-    assert_eq!((height, count), (6 + 20 + 2 * 176, 3));
+    let legend = 2 * 20 + 6;
+    assert_eq!((height, count), (6 + 20 + 2 * ROW + legend, 3));
 }
 
 #[test]
@@ -80,7 +85,7 @@ fn what_cannot_be_rendered_is_refused_with_the_reason() {
     let below_a_file = there.join("film.gif");
     for (source, out, more, expected) in [
         (&run, &film, &["--group", "button-pres"][..], "button-press"),
-        (&run, &film, &["--group", "drawer-close"], "a group of the run's schedule"),
+        (&run, &film, &["--group", "drawer-close"], "(the run has goal-reach, button-press)"),
         (&scratch.0, &film, &[], "holds no run"),
         (&run, &there, &[], "exists already"),
         (&run, &below_a_file, &[], "cannot write"),

@@ -130,6 +130,8 @@ fn a_report_says_what_the_runs_files_say() {
         assert!((0.0..1.0).contains(&dormant), "{dormant}");
     }
     assert!(text.contains("covers in the paper (1)") && text.contains("one to one"));
+    let notice = "These runs have the smoke budget";
+    assert!(text.starts_with(&format!("**{notice}")), "{text}");
     let files = |name: &str| fs::read_to_string(out.join(name)).unwrap();
     let (tables, address) = text.split_once("\n\npage: ").unwrap();
     assert_eq!(files("report.md").trim_end(), tables);
@@ -138,6 +140,7 @@ fn a_report_says_what_the_runs_files_say() {
     let page = files("report.html");
     for part in [
         "<summary>covers-seed1</summary>",
+        &format!("<p class=\"warning\">{notice}"),
         "Rollouts of each group",
         "of learning went",
         "<h3>Seed 1</h3>",
@@ -413,12 +416,15 @@ fn runs_that_do_not_compare_are_refused() {
     scratch.run("cnn-seed0", other);
     let refusal = scratch.refusal(&["equi-seed0", "equi-seed1"]);
     assert!(refusal.contains("learner.covers.network.group"), "{refusal}");
+    assert!(refusal.contains("rename its folder"), "{refusal}");
     let other_schedule = scratch.refusal(&["equi-seed0", "cnn-seed0"]);
-    assert!(other_schedule.contains("schedule.cycles"), "{other_schedule}");
+    assert!(other_schedule.contains("`schedule.cycles` 1 and 2"), "{other_schedule}");
+    assert!(other_schedule.contains("leave it out"), "{other_schedule}");
     fs::create_dir(scratch.0.join("copy")).unwrap();
     let copied = Path::new("copy").join("equi-seed0");
     fs::rename(scratch.0.join("equi-seed1"), scratch.0.join("moved")).unwrap();
     scratch.run("copy/equi-seed0", alone(Method::Equi, 0));
     let same_seed = scratch.refusal(&["equi-seed0", copied.to_str().unwrap()]);
     assert!(same_seed.contains("two runs have seed 0"), "{same_seed}");
+    assert!(same_seed.contains("leave one of the two out"), "{same_seed}");
 }

@@ -288,7 +288,7 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let packed = scratch.0.join("packed");
     let command = |arguments: &[&str]| command(arguments).unwrap();
     let (folder, packed) = (folder.to_str().unwrap(), packed.to_str().unwrap());
-    let said = command(&["pack", folder, packed, "--episodes", "100"]);
+    let said = command(&["pack", folder, "--out", packed, "--episodes", "100"]);
     assert!(said.contains("policies in"), "{said}");
     let size = |at: &str| fs::metadata(newest(Path::new(at))).unwrap().len();
     assert!(size(packed) < size(folder));
@@ -303,10 +303,10 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let random = ["eval", packed, "--randomised", "--episodes", "16", "--json"];
     assert_ne!(command(&random), scores);
     let (few, none) = (scratch.0.join("few"), scratch.0.join("none"));
-    command(&["pack", folder, few.to_str().unwrap(), "--episodes", "4"]);
+    command(&["pack", folder, "--out", few.to_str().unwrap(), "--episodes", "4"]);
     let table = command(&["eval", few.to_str().unwrap(), "--episodes", "16"]);
     assert_eq!(table.lines().count(), 2 + 3, "{table}");
-    let too_few = ["pack", folder, none.to_str().unwrap(), "--episodes", "3"];
+    let too_few = ["pack", folder, "--out", none.to_str().unwrap(), "--episodes", "3"];
     let message = crate::common::covers(&too_few).unwrap_err().to_string();
     assert!(message.contains("`episodes` is 3"), "{message}");
     let sawyer = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "16"]);
@@ -338,11 +338,14 @@ fn packing_starts_no_environments() {
     fs::create_dir(folder.checkpoint_folder()).unwrap();
     let copy = folder.checkpoint_folder().join("000000.safetensors");
     fs::copy(newest(&pretrained()), copy).unwrap();
-    let (folder, packed) = (folder.path().to_str().unwrap(), scratch.0.join("packed"));
+    let (folder, packed) = (folder.path().to_str().unwrap(), scratch.0.join("new/packed"));
     let message = command(&["eval", folder]).unwrap_err().to_string();
     assert!(message.contains("metaworld"), "{message}");
-    let said = command(&["pack", folder, packed.to_str().unwrap()]).unwrap();
+    let pack = ["pack", folder, "--out", packed.to_str().unwrap()];
+    let said = command(&pack).unwrap();
     assert!(said.contains("4 policies in"), "{said}");
+    let again = command(&pack).unwrap_err().to_string();
+    assert!(again.ends_with("exists already: choose another name, or remove it"), "{again}");
 }
 
 #[test]

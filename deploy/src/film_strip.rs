@@ -5,7 +5,7 @@ use inpainting::{Intrinsics, Perception};
 
 use experiments::colours::curve_rgb;
 use experiments::sheet::Picture;
-use render::{Film, FilmGridCell, FilmGridRow, compose_film_grid};
+use render::{Film, FilmGridCell, FilmGridRow, FilmLegendEntry, compose_film_grid};
 
 /// Width and height of a picture in a film strip (pixels), in the camera's aspect ratio of 4 to 3.
 const CELL: [usize; 2] = [192, 144];
@@ -19,6 +19,8 @@ const EVERY: usize = 5;
 pub struct FilmStrip {
     /// Pictures `[144, 192, 3]` of each decision: the camera's, the mask and the policy's.
     columns: Vec<[Vec<u8>; 3]>,
+    /// Colour (RGB) of the mark over the gripper in the policy's pictures.
+    mark_colour: [u8; 3],
 }
 
 impl FilmStrip {
@@ -29,6 +31,7 @@ impl FilmStrip {
         let mask = perception.arm_mask().iter();
         let mask: Vec<u8> = mask.flat_map(|&hidden| [if hidden { 255 } else { 0 }; 3]).collect();
         let side = (seen.len() / RGB_CHANNELS).isqrt();
+        self.mark_colour = perception.settings().gripper_mark.color;
         self.columns.push([
             fitted(raw, [width, height]),
             fitted(&mask, [view.width, view.height]),
@@ -58,13 +61,20 @@ impl FilmStrip {
             width: CELL[0],
             height: CELL[1],
             frames: self.columns.iter().map(|cells| cells[row].clone()).collect(),
+            caption: None,
         };
         let row = FilmGridRow {
             title: title.to_owned(),
             colour: curve_rgb(0),
             cells: [0, 1, 2].map(cell).to_vec(),
         };
-        compose_film_grid(&["camera", "mask", "policy"], &[row])
+        let entry =
+            |swatch, text: &str| FilmLegendEntry { swatch: Some(swatch), text: text.into() };
+        let legend = [
+            entry([255; 3], "area that the arm hides, which is filled in"),
+            entry(self.mark_colour, "gripper"),
+        ];
+        compose_film_grid(&["camera", "mask", "policy"], &[row], &legend)
     }
 }
 
@@ -98,7 +108,8 @@ mod tests {
         assert_eq!(dark(&square), 144 * 144);
         assert!(square[..3] == [255; 3] && square[24 * 3..][..3] == [10; 3]);
         assert_eq!(dark(&fitted(&[10; 640 * 480 * 3], [640, 480])), 192 * 144);
-        let strip = FilmStrip { columns: vec![[square.clone(), square.clone(), square]; 6] };
+        let columns = vec![[square.clone(), square.clone(), square]; 6];
+        let strip = FilmStrip { columns, mark_colour: [0, 0, 255] };
         let picture = strip.to_picture();
         assert_eq!((picture.width, picture.height), (2 * 196 + 4, 3 * 148 + 4));
         assert_eq!(dark(&picture.rgb), 6 * 144 * 144);

@@ -158,6 +158,11 @@ impl ServoArmController {
         self.commanded = ArmCommand { twist: Twist::ZERO, gripper_closure: self.gripper_closure };
     }
 
+    /// Returns the position of the hand that the servos are told to hold (metres, world frame).
+    pub(crate) fn reference_position(&self) -> DVec3 {
+        self.control.tip_pose().position
+    }
+
     /// Sets the servo controls for one control step of the command that the controller follows.
     /// Returns the finger speed in `[-1, 1]`, and the error that stopped the arm, if any.
     pub(crate) fn step_command(

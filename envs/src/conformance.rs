@@ -17,5 +17,5 @@ mod scene_rules;
 mod symmetry;
 
 pub use experts::{ExpertResult, VariantName, measure_expert};
-pub use rules::{ConformanceError, check_task_conformance};
+pub use rules::{ConformanceError, check_task_conformance, check_task_conformance_with};
 pub use symmetry::{SymmetryDeviation, measure_symmetry};

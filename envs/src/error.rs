@@ -140,12 +140,13 @@ pub enum EnvError {
         /// Commanded finger action.
         finger: f64,
     },
-    /// Snapshot of another scene, task or control than those of the environment.
+    /// Snapshot of another scene, task, control or camera than those of the environment.
     #[error("the snapshot is of {got}, this environment is {expected}")]
     SceneMismatch {
-        /// Task, embodiment, layout and control of the snapshot.
+        /// Task, embodiment, layout and control of the snapshot, or its camera and randomisation.
         got: String,
-        /// Task, embodiment, layout and control of the environment.
+        /// Task, embodiment, layout and control of the environment, or its camera and
+        /// randomisation.
         expected: String,
     },
     /// Empty set of variants to draw episodes from.

@@ -6,8 +6,10 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::batch::StepBuffers;
+use crate::camera::Camera;
 use crate::domain_randomiser::CameraErrors;
 use crate::error::EnvError;
+use crate::randomisation::VisualDomainRandomisation;
 use crate::renderer::ViewSettings;
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
@@ -87,6 +89,21 @@ pub struct EnvSnapshot {
     pub(crate) first: Vec<u8>,
     pub(crate) image: Vec<u8>,
     pub(crate) vector: Vec<f32>,
+    /// Settings by which the pictures were drawn.
+    pub(crate) pictures: PictureSettings,
+}
+
+/// Settings of a vector of environments that determine its pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PictureSettings {
+    camera: Camera,
+    randomisation: Option<VisualDomainRandomisation>,
+}
+
+impl PictureSettings {
+    pub(crate) fn new(settings: &VecEnvSettings) -> Self {
+        Self { camera: settings.camera, randomisation: settings.randomisation }
+    }
 }
 
 /// Buffers of the environments of one worker thread, one row each; sent back and forth, so that a

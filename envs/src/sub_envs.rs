@@ -18,7 +18,8 @@ use crate::error::EnvError;
 #[cfg(test)]
 use crate::messages::Fault;
 use crate::messages::{
-    EnvCommand, EnvFailure, EnvSnapshot, WorkerBatch, WorkerCommand, WorkerReply, row_mut,
+    EnvCommand, EnvFailure, EnvSnapshot, PictureSettings, WorkerBatch, WorkerCommand, WorkerReply,
+    row_mut,
 };
 use crate::renderer::{SceneRenderer, ViewRenderer, ViewSettings};
 use crate::scene::Scene;
@@ -227,6 +228,7 @@ impl SubEnvs {
                 first: slot.first.clone(),
                 image: row_mut(&mut rows.batch.images, row, image).to_vec(),
                 vector: row_mut(&mut rows.batch.vectors, row, VECTOR_OBSERVATION_DIM).to_vec(),
+                pictures: PictureSettings::new(&self.settings),
             })
         });
         rows.snapshots = snapshots.collect::<Result<_, _>>()?;

@@ -95,7 +95,7 @@ struct Episode {
     /// Controller of an arm with servos; `None` if a weld moves the hand.
     controller: Option<ServoArmController>,
     decisions: usize,
-    /// Finger action of the last decision, in `[-1, 1]`; 0 before the first.
+    /// Finger action of the last control step, in `[-1, 1]`; 0 before the first.
     finger: f64,
 }
 
@@ -298,7 +298,6 @@ impl TableTop {
             step.success_at_end = now.success;
         }
         episode.decisions += 1;
-        episode.finger = finger;
         step.truncated = episode.decisions == decisions;
         self.episode = Some(episode);
         Ok(step)
@@ -328,6 +327,7 @@ impl TableTop {
     /// Simulates one control step of 12.5 ms with the controls as they are, and returns its reward.
     fn pass(&mut self, episode: &mut Episode, finger: f64) -> Result<StepReward, EnvError> {
         self.data.step(PHYSICS_STEPS_PER_CONTROL_STEP)?;
+        episode.finger = finger;
         episode.touched |= self.data.contact_count() > 0;
         // `step` leaves positions one physics step behind; kinematics alone do not alter the state
         self.data.forward_kinematics()?;
@@ -377,7 +377,7 @@ impl TableTop {
     }
 
     /// Returns the positions of the present state and its reward terms for the finger action of the
-    /// last decision (0 before the first), as listed at [`STATE_DETAILS_DIM`]; nothing moves.
+    /// last control step (0 before the first), as listed at [`STATE_DETAILS_DIM`]; nothing moves.
     ///
     /// # Errors
     /// [`EnvError::NotReset`].

@@ -11,7 +11,9 @@ use crate::batch::{ObservationsMut, StepResultsMut};
 use crate::camera::RGB_CHANNELS;
 use crate::control::check_action;
 use crate::error::EnvError;
-use crate::messages::{EnvCommand, EnvFailure, EnvSnapshot, WorkerBatch, WorkerCommand, copy_row};
+use crate::messages::{
+    EnvCommand, EnvFailure, EnvSnapshot, PictureSettings, WorkerBatch, WorkerCommand, copy_row,
+};
 use crate::renderer::ViewSettings;
 use crate::scene::Scene;
 use crate::settings::VecEnvSettings;
@@ -64,10 +66,11 @@ impl VecEnv {
 
     /// Creates only the environments with indices in `share`, one process's part of all N. They are
     /// those of [`VecEnv::new`]. Arrays have rows for all N, of which calls write only those of the
-    /// share.
+    /// share. An empty share is allowed: there may be more processes than environments.
     ///
     /// # Errors
-    /// As [`VecEnv::new`], and [`EnvError::InvalidSetting`] for a `share` beyond the environments.
+    /// As [`VecEnv::new`], and [`EnvError::InvalidSetting`] for a `share` that ends before it starts
+    /// or beyond the environments.
     pub fn new_shard(
         settings: VecEnvSettings,
         group: TaskGroup,
@@ -79,7 +82,7 @@ impl VecEnv {
             return Err(EnvError::InvalidSetting {
                 name: "share",
                 value: format!("{share:?}"),
-                expected: "a range of the environments' indices",
+                expected: "a rising range of the environments' indices, within 0..num_envs",
             });
         }
         let mut vec_env = Self {
@@ -309,8 +312,10 @@ impl VecEnv {
     /// ones do, and writes their last observations to `out`.
     ///
     /// # Errors
-    /// [`EnvError::LengthMismatch`]; [`EnvError::SceneMismatch`] for snapshots of another task or
-    /// other settings, or an error of MuJoCo or OpenGL, and [`VecEnv::reset`] must come next.
+    /// [`EnvError::LengthMismatch`], or [`EnvError::SceneMismatch`] for snapshots with another camera
+    /// or randomisation, and episodes go on; [`EnvError::SceneMismatch`] for snapshots of another
+    /// task or other settings, or an error of MuJoCo or OpenGL, and [`VecEnv::reset`] must come
+    /// next.
     pub fn restore(
         &mut self,
         snapshots: &[EnvSnapshot],
@@ -318,6 +323,12 @@ impl VecEnv {
     ) -> Result<(), EnvError> {
         check_len("snapshots", snapshots.len(), self.settings.num_envs)?;
         self.check_observations(&out)?;
+        let own = PictureSettings::new(&self.settings);
+        if let Some(other) = snapshots.iter().find(|snapshot| snapshot.pictures != own) {
+            let [got, expected] =
+                [other.pictures, own].map(|pictures| format!("a vector with {pictures:?}"));
+            return Err(EnvError::SceneMismatch { got, expected });
+        }
         self.prepare_rows();
         for (rows, worker) in self.rows.iter_mut().zip(&self.workers) {
             rows.snapshots = snapshots[worker.envs.clone()].to_vec();

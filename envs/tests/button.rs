@@ -52,13 +52,20 @@ fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
     presses
 }
 
+/// Embodiments whose presses the tests measure, each with the travel (metres) that remains where
+/// closed fingers stop.
+const CASES: [(Embodiment, f64); 2] =
+    [(Embodiment::SAWYER, 0.029), (Embodiment::FLOATING_HAND, 0.034)];
+
+/// Returns all cases with MuJoCo 2.2.2. In releases 3 the arm's contacts yield more: closed fingers
+/// succeed, too, and an open claw pushes the cap beyond its travel.
+fn cases() -> &'static [(Embodiment, f64)] {
+    if is_reference_release() { &CASES } else { &CASES[1..] }
+}
+
 #[test]
 fn closed_fingers_are_paid_for_every_millimetre_and_stop_short_of_success() {
-    for (embodiment, stop) in [(Embodiment::SAWYER, 0.029), (Embodiment::FLOATING_HAND, 0.034)] {
-        // the arm yields more in releases 3
-        if embodiment == Embodiment::SAWYER && !is_reference_release() {
-            continue;
-        }
+    for &(embodiment, stop) in cases() {
         for seed in 0..5 {
             let presses = presses(embodiment, 0.5, seed);
             let rising = presses.is_sorted_by(|a, b| a.reward < b.reward + 1e-3);
@@ -74,10 +81,7 @@ fn closed_fingers_are_paid_for_every_millimetre_and_stop_short_of_success() {
 
 #[test]
 fn an_open_claw_is_paid_for_every_millimetre_until_it_succeeds() {
-    for embodiment in Embodiment::STANDARD {
-        if embodiment == Embodiment::SAWYER && !is_reference_release() {
-            continue;
-        }
+    for &(embodiment, _) in cases() {
         for seed in 0..5 {
             let presses = presses(embodiment, -0.2, seed);
             let success = presses.iter().position(|press| press.success);

@@ -5,7 +5,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use envs::conformance::{
-    ConformanceError, check_task_conformance, measure_expert, measure_symmetry,
+    ConformanceError, check_task_conformance, check_task_conformance_with, measure_expert,
+    measure_symmetry,
 };
 use envs::{
     Camera, ControlSettings, Embodiment, EnvError, EpisodeStart, MetaWorldTaskSettings, Placement,
@@ -21,15 +22,26 @@ fn leaked(task: PushBlock) -> TaskGroup {
     TaskGroup::from_task(Box::leak(Box::new(task)))
 }
 
+/// Rules of which one may be broken by the arm on Button Press in releases 3, where it does not
+/// always press the button home.
+const OF_EXPERTS: [&str; 2] = ["the expert solves it", "it mirrors its canonical twin"];
+
 #[test]
 fn every_group_conforms() {
     std::thread::scope(|scope| {
         for group in TaskGroup::ALL {
-            // in releases 3 the arm does not always press the button whole
-            if group == TaskGroup::BUTTON_PRESS && !is_reference_release() {
-                continue;
+            for embodiment in Embodiment::STANDARD {
+                let is_known = !is_reference_release()
+                    && (group, embodiment) == (TaskGroup::BUTTON_PRESS, Embodiment::SAWYER);
+                scope.spawn(move || match check_task_conformance_with(group, embodiment) {
+                    Err(ConformanceError::RuleViolated { case, rule, .. })
+                        if is_known && OF_EXPERTS.contains(&rule) =>
+                    {
+                        println!("{case}: not `{rule}`, as known of this release");
+                    }
+                    outcome => outcome.unwrap(),
+                });
             }
-            scope.spawn(move || check_task_conformance(group).unwrap());
         }
     });
 }
@@ -259,6 +271,16 @@ fn an_expert_that_cannot_get_there_does_not_succeed() {
         let row = measure_expert(&scene, element, crawling, 1).unwrap();
         assert_eq!((row.successes, &row.failed_seeds[..]), (0, &[0][..]), "{row:?}");
     }
+}
+
+#[test]
+fn the_arm_is_not_symmetric_open_loop() {
+    let scene = Scene::new(TaskGroup::PLATE_SLIDE, Embodiment::SAWYER, Camera::default()).unwrap();
+    let row = measure_symmetry(&Arc::new(scene), D2::FlipY, 1).unwrap();
+    // in releases 3 something touches from the first decision on, so no motion counts as free
+    let deviation = if is_reference_release() { row.free_deviation } else { row.contact_deviation };
+    assert!(deviation > 1e-3, "{row:?}");
+    assert!(row.passes(), "the arm is held to its returns alone: {row:?}");
 }
 
 /// The physics of `hand` must mirror up to rounding, also through contact and under random actions,

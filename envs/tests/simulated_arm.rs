@@ -8,7 +8,9 @@ use std::time::Duration;
 use envs::embodiments::KinovaGen3;
 use envs::robots::{ArmCommand, ControlError, Robot, Twist, Watchdog};
 use envs::{Camera, Embodiment, HAND_TARGET_START, Placement, Scene, SimulatedArm, TaskGroup};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 /// Seconds of a control step.
@@ -54,6 +56,27 @@ fn a_twist_moves_the_tip_at_its_speed_and_closes_the_fingers() {
     let stopped = arm.state().unwrap().tip.position;
     advance(&mut arm, 40);
     assert!(arm.state().unwrap().tip.position.distance(stopped) < 1e-4);
+}
+
+/// Observations and details must be those of the command that moves the arm, not of its start.
+#[test]
+fn the_environment_knows_the_fingers_and_the_target_of_the_arm() {
+    let scene = Scene::new(TaskGroup::DRAWER_CLOSE, Embodiment::KINOVA_GEN3, Camera::default());
+    let mut arm = SimulatedArm::new(Arc::new(scene.unwrap()), 0.0).unwrap();
+    let placement = arm.environment().scene().sample_placement(&mut ChaCha8Rng::seed_from_u64(0));
+    arm.start_episode(D2::Identity, placement).unwrap();
+    arm.command(&moving(0.1 * DVec3::Z, 1.0)).unwrap();
+    advance(&mut arm, 9);
+    let reward = arm.advance().unwrap();
+    assert!(reward.approach_reward > 0.0, "the fingers still close: {reward:?}");
+    let table = arm.environment();
+    let [.., approach, in_place, distance] = table.state_details().unwrap();
+    let terms = [reward.approach_reward, reward.in_place_reward, reward.goal_distance];
+    assert_eq!([approach, in_place, distance], terms.map(|term| term as f32));
+    let risen = table.hand_position().distance(HAND_TARGET_START);
+    let [.., x, y, z] = table.observe().unwrap();
+    let lead = Vec3::new(x, y, z).length();
+    assert!(risen > 5e-3 && lead < 2e-3, "{risen} {lead}");
 }
 
 /// With a latency the same must happen, the given number of control steps later.

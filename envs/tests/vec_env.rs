@@ -1,5 +1,6 @@
 //! Vector environment: independence of the number of threads, ends of episodes, and errors.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use envs::{
@@ -56,6 +57,45 @@ fn any_number_of_threads_gives_the_same_bits() {
         for threads in [2, 3, 8] {
             assert!(trace(threads, embodiment) == one, "{embodiment} on {threads} threads");
         }
+    }
+}
+
+/// Each share must write the rows that all environments together write there, and no others.
+#[test]
+fn shares_are_parts_of_the_whole_and_may_be_empty() {
+    let settings = settings(2);
+    let run = |share: Range<usize>| {
+        let mut env =
+            VecEnv::new_shard(settings, TaskGroup::PLATE_SLIDE, &D2::ALL, share.clone()).unwrap();
+        let mut buffers = StepBuffers::new(&settings);
+        assert!(env.reset(buffers.observations_mut()).unwrap().is_empty());
+        assert!(env.step(&action(0), buffers.step_results_mut()).unwrap().is_empty());
+        let rows = |values: &[f32]| values.chunks(values.len() / N).map(<[f32]>::to_vec).collect();
+        let vectors: Vec<Vec<f32>> = rows(&buffers.vectors);
+        (
+            vectors,
+            buffers.images.chunks(settings.image_len()).map(<[u8]>::to_vec).collect::<Vec<_>>(),
+        )
+    };
+    let whole = run(0..N);
+    for share in [0..0, N..N, 0..1, 1..N] {
+        let (vectors, images) = run(share.clone());
+        for env in 0..N {
+            let is_own = share.contains(&env);
+            assert_eq!(vectors[env] == whole.0[env], is_own, "{share:?}, {env}");
+            assert_eq!(images[env] == whole.1[env], is_own, "{share:?}, {env}");
+            assert!(is_own || images[env].iter().all(|&byte| byte == 0), "{share:?}, {env}");
+        }
+    }
+}
+
+#[test]
+fn shares_of_other_environments_are_refused() {
+    let [high, low] = [2, 1];
+    for (share, shown) in [(high..low, "2..1"), (1..N + 1, "1..4"), (N + 1..N + 1, "4..4")] {
+        let env = VecEnv::new_shard(settings(1), TaskGroup::PLATE_SLIDE, &D2::ALL, share);
+        let message = env.err().unwrap().to_string();
+        assert!(message.contains(&format!("`share` is {shown}, expected a rising")), "{message}");
     }
 }
 
@@ -410,6 +450,15 @@ fn restored_episodes_continue_to_the_same_bits_in_any_vector_of_the_task() {
     let error = wrong.restore(&saved, buffers.observations_mut()).unwrap_err().to_string();
     assert!(error.contains("drawer-close"), "{error}");
     assert!(env.restore(&saved[1..], buffers.observations_mut()).is_err());
+    // whose pictures would be those of the other camera until the next step
+    let camera = Camera { half_extent: 0.3, ..settings.camera };
+    for other in [VecEnvSettings { camera, ..settings }, self::settings(2)] {
+        let mut seeing = VecEnv::new(other, TaskGroup::DRAWER_CLOSE, &D2::ALL).unwrap();
+        seeing.reset(buffers.observations_mut()).unwrap();
+        let refused = seeing.restore(&saved, buffers.observations_mut()).unwrap_err();
+        assert!(matches!(refused, EnvError::SceneMismatch { .. }), "{refused}");
+        seeing.step(&action(0), buffers.step_results_mut()).unwrap();
+    }
 }
 
 #[test]

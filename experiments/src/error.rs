@@ -20,6 +20,20 @@ pub enum RunError {
         /// Description of the setting's accepted values.
         expected: &'static str,
     },
+    /// Setting of a run whose value is outside its range, with its path and its default.
+    #[error("setting `{path}` is {value}, expected {expected} ({default} with `{preset}`)")]
+    SettingOutOfRange {
+        /// Path of the setting, as `--set` takes it.
+        path: String,
+        /// Rejected value of the setting.
+        value: String,
+        /// Description of the setting's accepted values.
+        expected: &'static str,
+        /// Options that select the preset that is most like the run.
+        preset: String,
+        /// Value of the setting in that preset.
+        default: String,
+    },
     /// Error of the environments.
     #[error(transparent)]
     Env(#[from] envs::EnvError),
@@ -183,8 +197,26 @@ pub enum RunError {
         /// Path of the existing file.
         path: PathBuf,
     },
+    /// Run that its disk has no room for.
+    #[error(
+        "cannot write {}: {source}. {}Make room, then continue with `covers resume {}`",
+        path.display(),
+        room_needed(*checkpoint_bytes),
+        folder.display()
+    )]
+    DiskFull {
+        /// Path of the file that cannot be written.
+        path: PathBuf,
+        /// Error of the operating system.
+        source: BoxedEnvError,
+        /// Folder of the run.
+        folder: PathBuf,
+        /// Size of the run's next checkpoint (bytes), or of its newest one; `None` before the
+        /// first.
+        checkpoint_bytes: Option<u64>,
+    },
     /// File or folder that cannot be written.
-    #[error("cannot write {}: {source}", path.display())]
+    #[error("cannot write {}: {source}{}", path.display(), full_disk_remedy(source))]
     Write {
         /// Path of the file or folder that cannot be written.
         path: PathBuf,
@@ -239,16 +271,18 @@ impl RunError {
     pub fn is_transient(&self) -> bool {
         /// Number of the system's error "Input/output error" (`EIO`), which has no `ErrorKind`.
         const INPUT_OUTPUT: i32 = 5;
-        let (Self::Read { source, .. } | Self::Write { source, .. }) = self else {
+        let (Self::Read { source, .. }
+        | Self::Write { source, .. }
+        | Self::DiskFull { source, .. }) = self
+        else {
             return false;
         };
         source.downcast_ref::<io::Error>().is_some_and(|error| {
             error.raw_os_error() == Some(INPUT_OUTPUT)
+                || is_full(error)
                 || matches!(
                     error.kind(),
-                    ErrorKind::StorageFull
-                        | ErrorKind::QuotaExceeded
-                        | ErrorKind::StaleNetworkFileHandle
+                    ErrorKind::StaleNetworkFileHandle
                         | ErrorKind::TimedOut
                         | ErrorKind::HostUnreachable
                         | ErrorKind::NetworkUnreachable
@@ -256,6 +290,17 @@ impl RunError {
                         | ErrorKind::ResourceBusy
                 )
         })
+    }
+
+    /// Converts a [`RunError::Write`] on a full disk to [`RunError::DiskFull`] of the run in
+    /// `folder`; other errors stay as they are.
+    pub(crate) fn on_full_disk(self, folder: &Path, checkpoint_bytes: Option<u64>) -> Self {
+        match self {
+            Self::Write { path, source } if is_full_disk(&source) => {
+                Self::DiskFull { path, source, folder: folder.to_owned(), checkpoint_bytes }
+            }
+            other => other,
+        }
     }
 
     /// Returns a [`RunError::Write`] for the file at `path`, or [`RunError::TakenOver`] if that is
@@ -271,6 +316,23 @@ impl RunError {
             None => Self::Write { path, source },
         }
     }
+}
+
+fn is_full(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded)
+}
+
+fn is_full_disk(source: &BoxedEnvError) -> bool {
+    source.downcast_ref::<io::Error>().is_some_and(is_full)
+}
+
+fn full_disk_remedy(source: &BoxedEnvError) -> &'static str {
+    if is_full_disk(source) { ": make room, then repeat the command" } else { "" }
+}
+
+fn room_needed(checkpoint_bytes: Option<u64>) -> String {
+    let needed = |bytes| format!("A checkpoint needs at least {:.1} MB. ", bytes as f64 / 1e6);
+    checkpoint_bytes.map_or_else(String::new, needed)
 }
 
 /// Error of a writer whose run folder was taken over by another process, or moved away.
@@ -290,5 +352,28 @@ fn taken_over(holder: Option<&str>) -> String {
     match holder {
         Some(holder) => format!("was taken over by {holder}"),
         None => "was moved, or its file `owner` was removed, while this process was working".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_disk_is_answered_with_the_need_and_the_remedy() {
+        let error =
+            |kind: ErrorKind| RunError::cannot_write(Path::new("out"), io::Error::from(kind));
+        let full = error(ErrorKind::StorageFull);
+        assert!(full.is_transient());
+        let repeat = full.to_string();
+        assert!(repeat.ends_with(": make room, then repeat the command"), "{repeat}");
+        let of_run = full.on_full_disk(Path::new("runs/a"), Some(12_340_000));
+        assert!(of_run.is_transient());
+        let message = of_run.to_string();
+        let expected = ". A checkpoint needs at least 12.3 MB. Make room, then continue with \
+            `covers resume runs/a`";
+        assert!(message.ends_with(expected), "{message}");
+        let other = error(ErrorKind::PermissionDenied).on_full_disk(Path::new("runs/a"), None);
+        assert!(!other.to_string().contains("room"), "{other}");
     }
 }

@@ -228,7 +228,7 @@ impl Run {
         if self.broken {
             return Err(RunError::FailedEarlier);
         }
-        let event = self.step();
+        let event = self.step().map_err(|error| self.with_room_needed(error));
         if let Err(error) = &event {
             self.broken = true;
             // if the log cannot be written either, the first error is the one to return
@@ -384,7 +384,9 @@ impl Run {
         let checksum = crc32fast::hash(&bytes).into();
         check_equal_on_ranks(&self.folder, "have checkpoints with checksums", checksum)?;
         if self.folder.process_ranks().is_first() {
-            self.write_checkpoint(&bytes)?;
+            let needed = Some(bytes.len() as u64);
+            self.write_checkpoint(&bytes)
+                .map_err(|error| error.on_full_disk(self.folder.path(), needed))?;
         }
         self.saved = Some((rollouts, due));
         Ok(())
@@ -432,9 +434,17 @@ impl Run {
             table_checksums: self.tables.checksums(),
         };
         if self.is_finished() {
-            summary.write(&self.folder)?;
+            summary.write(&self.folder).map_err(|error| self.with_room_needed(error))?;
         }
         Ok(Some(summary))
+    }
+
+    /// Adds to an error of a full disk how to continue, and the size of the newest checkpoint.
+    fn with_room_needed(&self, error: RunError) -> RunError {
+        let checkpoints =
+            checkpoints::list_checkpoints(&self.folder.checkpoint_folder()).unwrap_or_default();
+        let newest = checkpoints.first().and_then(|(_, path)| path.metadata().ok());
+        error.on_full_disk(self.folder.path(), newest.map(|file| file.len()))
     }
 }
 

@@ -148,7 +148,8 @@ impl TaskSchedule {
     /// Returns the scheduled task group called `name`, or all of them if `name` is `None`.
     ///
     /// # Errors
-    /// A name that `tasks` or this schedule does not hold.
+    /// [`RunError::InvalidSetting`] for a name that this schedule does not hold; a scheduled group
+    /// that `tasks` does not hold.
     pub fn resolve_group_or_all(
         &self,
         name: Option<&str>,
@@ -158,15 +159,17 @@ impl TaskSchedule {
         let Some(name) = name else {
             return Ok(groups);
         };
-        let chosen = tasks.find(name)?;
-        if groups.contains(&chosen) {
-            return Ok(vec![chosen]);
+        match tasks.find(name) {
+            Ok(chosen) if groups.contains(&chosen) => Ok(vec![chosen]),
+            _ => {
+                let names: Vec<&str> = groups.iter().map(|group| group.name()).collect();
+                Err(RunError::InvalidSetting {
+                    name: "group",
+                    value: format!("{name} (the run has {})", names.join(", ")),
+                    expected: "a group of the run's schedule",
+                })
+            }
         }
-        Err(RunError::InvalidSetting {
-            name: "group",
-            value: name.to_owned(),
-            expected: "a group of the run's schedule, as its experiment.json lists them",
-        })
     }
 
     /// Returns the index of the task group called `group` in the schedule, from which films and

@@ -53,8 +53,9 @@ const ENLARGE: usize = 4;
 /// Width of the white border around each image of the contact sheet (pixels).
 const GAP: usize = 6;
 
-/// Colour of the mark at a goal that the learner observes as a vector, and that images do not show.
-const VECTOR_GOAL: [u8; 3] = [0, 200, 0];
+/// Colour (RGB) of the mark at a goal that the learner observes as a vector, and that images do not
+/// show.
+pub const GOAL_MARK_COLOUR: [u8; 3] = [0, 200, 0];
 
 /// Renders the first image of every variant, `[group][element]`, each RGB bytes `[size, size, 3]`.
 /// The four variants of a group share one placement. A green disc marks goals that are observed as
@@ -94,7 +95,7 @@ fn group_pictures(group: TaskGroup, settings: &VecEnvSettings) -> Result<Vec<Vec
 pub fn mark_goal(table: &TableTop, rgb: &mut [u8]) {
     if let Some(goal) = table.observable_goal() {
         let camera = table.scene().camera;
-        let mark = GripperMark { color: VECTOR_GOAL, ..camera.mark };
+        let mark = GripperMark { color: GOAL_MARK_COLOUR, ..camera.mark };
         camera.draw_gripper_mark(&mark, goal, rgb);
     }
 }

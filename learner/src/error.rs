@@ -71,6 +71,19 @@ pub enum LearnerError {
         /// Newest number of a file format that this version reads.
         known: u32,
     },
+    /// Intact checkpoint whose settings have other fields than those of the method that reads it.
+    #[error(
+        "{} is intact, but of another method or another build of covers ({}): put back the \
+         experiment.json that belongs to it, or begin a new run",
+        path.display(),
+        problem.split(',').next().unwrap_or(problem)
+    )]
+    OtherMethod {
+        /// Path of the checkpoint.
+        path: PathBuf,
+        /// First difference between the settings, as the JSON parser describes it.
+        problem: String,
+    },
     /// Infinite or NaN number in a learner's state, found while a checkpoint is written.
     #[error(
         "`{tensor}`[{index}] is {value}: nothing was written to {}, and the last checkpoint stands. \
@@ -103,12 +116,14 @@ pub enum LearnerError {
         source: serde_json::Error,
     },
     /// Setting with a value of the wrong type.
-    #[error("setting `{path}`: {problem}")]
+    #[error("{}{problem}{}", place(path), choice_hint(nearest))]
     WrongSetting {
-        /// Path of the setting.
+        /// Path of the setting; `.` for all settings.
         path: String,
         /// Description of the part of the value that does not fit.
         problem: String,
+        /// Most similar name, if the value is an unknown name.
+        nearest: Option<String>,
     },
     /// Override without a value, where `PATH=VALUE` is expected.
     #[error("`{text}` sets nothing: expected PATH=VALUE, as off_policy.sac.gamma=0.97")]
@@ -176,6 +191,14 @@ impl LearnerError {
             other => other,
         }
     }
+}
+
+fn place(path: &str) -> String {
+    if path == "." { String::new() } else { format!("setting `{path}`: ") }
+}
+
+fn choice_hint(nearest: &Option<String>) -> String {
+    nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean `{name}`?"))
 }
 
 fn hint(nearest: &Option<String>) -> String {

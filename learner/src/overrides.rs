@@ -97,12 +97,37 @@ pub fn check_same_settings<T: Serialize>(
 
 /// Returns the fields in which two sets of settings differ, with both values of each, as text.
 pub fn setting_differences<T: Serialize>(one: &T, other: &T) -> Result<String, LearnerError> {
-    let mut differing = Vec::new();
-    compare(&tree(one)?, &tree(other)?, "", &mut differing);
+    let text = |own: &SettingDifference| format!("`{}` {} and {}", own.path, own.one, own.other);
+    let differing: Vec<String> = differing_settings(one, other)?.iter().map(text).collect();
     Ok(differing.join("; "))
 }
 
-fn compare(one: &Value, other: &Value, path: &str, differing: &mut Vec<String>) {
+/// Setting that differs between two sets of settings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SettingDifference {
+    /// Path of the setting.
+    pub path: String,
+    /// Value in the first set.
+    pub one: Value,
+    /// Value in the second set.
+    pub other: Value,
+}
+
+/// Returns the fields in which two sets of settings differ; an object or list as a whole where its
+/// fields have other names.
+///
+/// # Errors
+/// [`LearnerError::WrongSetting`] for settings that cannot be written as JSON.
+pub fn differing_settings<T: Serialize>(
+    one: &T,
+    other: &T,
+) -> Result<Vec<SettingDifference>, LearnerError> {
+    let mut differing = Vec::new();
+    compare(&tree(one)?, &tree(other)?, "", &mut differing);
+    Ok(differing)
+}
+
+fn compare(one: &Value, other: &Value, path: &str, differing: &mut Vec<SettingDifference>) {
     let (ours, theirs) = (children(one), children(other));
     let same_names = ours.iter().map(|(name, _)| name).eq(theirs.iter().map(|(name, _)| name));
     if !ours.is_empty() && same_names {
@@ -110,7 +135,8 @@ fn compare(one: &Value, other: &Value, path: &str, differing: &mut Vec<String>) 
             compare(a, b, &join(path, name), differing);
         }
     } else if one != other {
-        differing.push(format!("`{path}` {one} and {other}"));
+        let (path, one, other) = (path.to_owned(), one.clone(), other.clone());
+        differing.push(SettingDifference { path, one, other });
     }
 }
 
@@ -135,11 +161,12 @@ fn read_text(path: &Path) -> io::Result<String> {
     Err(io::Error::other(problem))
 }
 
-/// Reads settings from JSON.
+/// Reads settings from JSON, with or without a byte order mark, which editors of Windows write.
 ///
 /// # Errors
 /// [`LearnerError::NotJson`], [`LearnerError::UnknownSetting`], [`LearnerError::WrongSetting`].
 pub fn parse_json<T: DeserializeOwned>(text: &str) -> Result<T, LearnerError> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let not_json = |source| LearnerError::NotJson { source };
     serde_json::from_str(text).or_else(|error| {
         // only errors of a tree name the path; a duplicate field, which a tree accepts, stays an
@@ -159,14 +186,27 @@ pub fn from_json_value<T: DeserializeOwned>(tree: Value) -> Result<T, LearnerErr
         let problem = error.inner().to_string();
         // serde lists what it expected between backquotes, the unknown name first
         let mut quoted = problem.split('`').skip(1).step_by(2);
-        match (problem.starts_with("unknown field"), quoted.next()) {
-            (true, Some(name)) => LearnerError::UnknownSetting {
-                name: path,
-                nearest: nearest(quoted, name).map(str::to_owned),
-            },
-            _ => LearnerError::WrongSetting { path, problem },
+        let is_unknown = |what: &str| problem.starts_with(&format!("unknown {what} `"));
+        let (unknown_field, unknown_variant) = (is_unknown("field"), is_unknown("variant"));
+        let name = quoted.next().unwrap_or_default();
+        let nearest = nearest(quoted, name).map(str::to_owned);
+        if unknown_field {
+            return LearnerError::UnknownSetting { name: path, nearest };
         }
+        let nearest = nearest.filter(|_| unknown_variant);
+        LearnerError::WrongSetting { path, problem: in_plain_words(&problem), nearest }
     })
+}
+
+/// Returns a message of serde with words in place of Rust's names of numbers.
+fn in_plain_words(problem: &str) -> String {
+    let (start, expected) = problem.rsplit_once("expected ").unwrap_or((problem, ""));
+    let words = match expected {
+        "usize" | "u64" => "a whole number of at least 0",
+        "f32" | "f64" => "a number",
+        _ => return problem.to_owned(),
+    };
+    format!("{start}expected {words}")
 }
 
 fn tree(settings: &impl Serialize) -> Result<Value, LearnerError> {
@@ -176,6 +216,7 @@ fn tree(settings: &impl Serialize) -> Result<Value, LearnerError> {
     tree.map_err(|error| LearnerError::WrongSetting {
         path: "settings".to_owned(),
         problem: error.to_string(),
+        nearest: None,
     })
 }
 
@@ -189,6 +230,11 @@ fn pointer(path: &str) -> String {
     format!("/{}", escaped.replace('.', "/"))
 }
 
+/// Returns a setting's path as `--set` takes it, without a leading `learner.`.
+pub fn short_path(path: &str) -> &str {
+    path.strip_prefix("learner.").unwrap_or(path)
+}
+
 /// Returns the path of a setting that is most like `wanted`: one that ends with `wanted`, or else
 /// the nearest by edit distance among those with as many dots, or else one of the same last name,
 /// as other methods have it under another path.
@@ -196,8 +242,7 @@ fn nearest_path(tree: &Value, wanted: &str) -> Option<String> {
     let mut all = Vec::new();
     paths(tree, "", &mut all);
     all.sort_by_key(|path| path.starts_with(LEARNER));
-    let all: Vec<&str> =
-        all.iter().map(|path| path.strip_prefix("learner.").unwrap_or(path)).collect();
+    let all: Vec<&str> = all.iter().map(|path| short_path(path)).collect();
     let ending = format!(".{wanted}");
     // the learner's paths come last and are more likely, hence the search from the end
     let ends = all.iter().rfind(|path| path.ends_with(&ending)).copied();
@@ -260,6 +305,39 @@ fn join(path: &str, name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(rename_all = "kebab-case")]
+    enum Method {
+        Covers,
+        CoversGt,
+    }
+
+    #[test]
+    fn an_unknown_choice_is_answered_with_the_list_and_the_nearest() {
+        let message = |text| parse_json::<Vec<Method>>(text).unwrap_err().to_string();
+        let near = message(r#"["covers", "covers-gtt"]"#);
+        let expected = "setting `[1]`: unknown variant `covers-gtt`, expected `covers` or \
+            `covers-gt`; did you mean `covers-gt`?";
+        assert_eq!(near, expected);
+        let far = message(r#"["something else"]"#);
+        assert!(far.ends_with("expected `covers` or `covers-gt`"), "{far}");
+    }
+
+    #[test]
+    fn types_are_named_in_words_and_the_whole_without_a_path() {
+        #[derive(Debug, serde::Deserialize)]
+        struct Settings {
+            #[serde(rename = "seed")]
+            _seed: usize,
+        }
+        let message = |text| parse_json::<Settings>(text).unwrap_err().to_string();
+        let negative = message(r#"{"seed": -1}"#);
+        assert!(negative.ends_with("expected a whole number of at least 0"), "{negative}");
+        assert_eq!(message("{}"), "missing field `seed`");
+        // a byte order mark first
+        assert!(parse_json::<Settings>("\u{feff}{\"seed\": 1}").is_ok());
+    }
 
     #[test]
     fn a_setting_of_another_method_is_found_by_its_last_name() {

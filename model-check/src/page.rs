@@ -1,5 +1,6 @@
 //! Report of a check as one HTML page, with pictures of the model.
 
+use std::error::Error;
 use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write;
 use std::sync::Arc;
@@ -16,6 +17,8 @@ use crate::mirror::MirrorPlane;
 
 /// Width and height of the pictures (pixels).
 const SIZE: [usize; 2] = [480, 480];
+
+type PictureError = Box<dyn Error + Send + Sync>;
 
 const STYLE: &str = "\
 :root { color-scheme: light dark; font: 16px/1.5 system-ui, sans-serif }
@@ -46,10 +49,10 @@ impl ModelSymmetryReport {
         let pictures = pictures(model, &plane).map_err(ModelSymmetryError::Picture)?;
         for (caption, png) in pictures {
             // writing to a String cannot fail
-            let _ = write!(
+            let _ = writeln!(
                 page,
                 "<figure><img alt=\"{title}, {caption}\" width=\"{}\" height=\"{}\" \
-                 src=\"data:image/png;base64,{}\"><figcaption>{caption}</figcaption></figure>\n",
+                 src=\"data:image/png;base64,{}\"><figcaption>{caption}</figcaption></figure>",
                 SIZE[0],
                 SIZE[1],
                 STANDARD.encode(png)
@@ -105,7 +108,7 @@ impl ModelSymmetryReport {
 fn pictures(
     model: &Arc<Model>,
     plane: &MirrorPlane,
-) -> Result<[(&'static str, Vec<u8>); 2], Box<dyn std::error::Error + Send + Sync>> {
+) -> Result<[(&'static str, Vec<u8>); 2], PictureError> {
     let [width, height] = SIZE;
     let mut renderer = Renderer::new(Arc::clone(model), width, height, RenderOptions::default())?;
     let mut data = Data::new(Arc::clone(model));
@@ -126,7 +129,7 @@ fn pictures(
         let mut encoder = png::Encoder::new(&mut file, width as u32, height as u32);
         encoder.set_color(png::ColorType::Rgb);
         encoder.write_header()?.write_image_data(&image)?;
-        Ok::<_, Box<dyn std::error::Error + Send + Sync>>(file)
+        Ok::<_, PictureError>(file)
     };
     Ok([("along the mirror plane", picture(0.0, -0.1)?), ("from a side", picture(0.8, -0.4)?)])
 }

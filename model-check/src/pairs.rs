@@ -40,7 +40,9 @@ impl PlaneAndPairCorrections {
     pub fn read(path: &Path) -> Result<Self, ModelSymmetryError> {
         let text = std::fs::read(path)
             .map_err(|source| ModelSymmetryError::Read { path: path.into(), source })?;
-        serde_json::from_slice(&text).map_err(|error| ModelSymmetryError::InvalidFile {
+        // editors of Windows write a byte order mark
+        let json = text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&text);
+        serde_json::from_slice(json).map_err(|error| ModelSymmetryError::InvalidFile {
             path: path.into(),
             message: error.to_string(),
         })

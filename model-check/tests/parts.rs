@@ -194,7 +194,8 @@ fn a_robots_settings_lead_to_its_model() {
     let urdf = format!("<robot name='r'><link name='trunk'/>{left}{right}</robot>");
     std::fs::write(folder.join("robot.urdf"), urdf).unwrap();
     let settings = folder.join("robot.json");
-    std::fs::write(&settings, r#"{"urdf": "robot.urdf", "ignore_meshes": true}"#).unwrap();
+    std::fs::write(&settings, "\u{feff}{\"urdf\": \"robot.urdf\", \"ignore_meshes\": true}")
+        .unwrap();
     assert!(read_model(&folder.join("robot.urdf")).unwrap_err().to_string().contains("arm.stl"));
     let model = read_model(&settings).unwrap();
     std::fs::remove_dir_all(&folder).unwrap();

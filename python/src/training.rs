@@ -248,6 +248,7 @@ fn error(error: RunError) -> PyErr {
     let message = error.to_string();
     match error {
         RunError::InvalidSetting { .. }
+        | RunError::SettingOutOfRange { .. }
         | RunError::Learner(
             LearnerError::InvalidSetting { .. }
             | LearnerError::UnknownSetting { .. }

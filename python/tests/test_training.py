@@ -85,7 +85,7 @@ def test_settings_change_the_run(finished, tmp_path):
         ({"threads": 0}, "threads"),
         ({"settings": {"off_policy.sac.learning_rat": 1}}, "off_policy.sac.learning_rat"),
         ({"settings": {"off_policy.sac.learning_rate": "fast"}}, "off_policy.sac.learning_rate"),
-        ({"settings": {"off_policy.sac.learning_rate": -1.0}}, "learning_rate = -1: expected"),
+        ({"settings": {"off_policy.sac.learning_rate": -1.0}}, "`off_policy.sac.learning_rate` is -1, expected"),
     ],
 )
 def test_bad_settings_are_refused_and_leave_nothing(tmp_path, changes, message):

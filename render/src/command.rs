@@ -13,7 +13,7 @@ use experiments::{RunData, RunFolder, thread_pool};
 
 use super::error::RenderError;
 use super::gif::Film;
-use super::grid::compose_film_grid;
+use super::legend::outcome;
 use super::output::OutputFile;
 use super::player::{FilmSettings, FilmedEpisode, PolicyPlayer};
 use super::recorder::FilmView;
@@ -49,7 +49,7 @@ pub struct RenderOptions {
     #[arg(long, conflicts_with_all = ["group", "views", "with_mirrored_twins", "decisions", "seed"])]
     pub stream: bool,
     /// Seed of the placements, which the variants of a group share.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     pub seed: u64,
     #[command(flatten)]
     #[allow(missing_docs)]
@@ -88,9 +88,7 @@ impl RenderOptions {
         let bar = progress_bar(D2::ALL.len() * groups.len());
         let episodes = thread_pool(threads)?.install(|| player.play(&settings, &bar))?;
         bar.finish_and_clear();
-        let names = D2::ALL.map(|element| element.to_string());
-        let columns = names.each_ref().map(String::as_str);
-        let film = compose_film_grid(&columns, &player.rows(&settings, &episodes));
+        let film = player.compose(&settings, &episodes);
         // write before printing: a closed pipe must not lose the film
         target.write(&film)?;
         for episode in &episodes {
@@ -109,6 +107,5 @@ fn print_size(film: &Film, target: &OutputFile, out: &mut impl Write) -> Result<
 
 fn line(episode: &FilmedEpisode) -> String {
     let FilmedEpisode { variant, policy, success, .. } = episode;
-    let outcome = if *success { "solved" } else { "not solved" };
-    format!("{variant}: policy {policy}, {outcome}")
+    format!("{variant}: policy {policy}, {}", outcome(*success))
 }

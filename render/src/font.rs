@@ -34,6 +34,13 @@ pub(super) fn for_each_pixel(text: &str, mut draw: impl FnMut([usize; 2], f32)) 
     }
 }
 
+/// Returns the width of a line of text (pixels).
+pub(super) fn text_width(text: &str) -> usize {
+    let mut width = 0;
+    for_each_pixel(text, |[x, _], _| width = width.max(x + 1));
+    width
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -56,5 +63,6 @@ mod tests {
         // the stem of an l is its only ink
         assert!(columns("l").iter().filter(|&&ink| ink > 0.0).count() <= 3);
         assert_ne!(columns("policy 1"), columns("policy 2"));
+        assert_eq!(text_width("goal"), last("goal").map_or(0, |x| x + 1));
     }
 }

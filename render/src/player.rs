@@ -10,8 +10,9 @@ use experiments::evaluation::Evaluator;
 use experiments::{Experiment, RunError, RunFolder, SwitchableVecEnv, thread_pool};
 use learner::{Learner, TaskLabel};
 
-use super::gif::encode_gif;
+use super::gif::{Film, encode_gif};
 use super::grid::{FilmGridCell, FilmGridRow, compose_film_grid};
+use super::legend::{episode_caption, film_legend};
 use super::recorder::{FilmView, SingleEpisodeFilmEnv};
 
 /// Length, in decisions, of a film of [`film_groups_to_gifs`]: three seconds of simulated time.
@@ -34,6 +35,8 @@ pub(super) struct FilmedEpisode {
     pub variant: TaskVariant,
     pub policy: usize,
     pub success: bool,
+    /// `true` if the policy observes the goal as numbers, so that pictures mark it.
+    pub shows_goal: bool,
     /// Films of the episode, one for each view.
     pub cells: Vec<FilmGridCell>,
 }
@@ -85,12 +88,12 @@ impl PolicyPlayer {
         let FilmSettings { views, decisions, seed, .. } = *settings;
         let mut recorder = SingleEpisodeFilmEnv::new(&self.experiment.envs, variant, views, seed)?;
         let (policy, success) = self.play_episode(variant, &mut recorder)?;
-        Ok(FilmedEpisode {
-            variant,
-            policy,
-            success,
-            cells: recorder.films_of_views(views, decisions),
-        })
+        let mut cells = recorder.films_of_views(views, decisions);
+        for cell in &mut cells {
+            cell.caption = Some(episode_caption(policy, success));
+        }
+        let shows_goal = recorder.environment().observable_goal().is_some();
+        Ok(FilmedEpisode { variant, policy, success, shows_goal, cells })
     }
 
     /// Lets the learner choose a policy for `variant` and plays one episode of it in `env`, a
@@ -115,13 +118,18 @@ impl PolicyPlayer {
         curve_rgb(number.unwrap_or(schedule.groups.len()))
     }
 
+    /// Composes the film of these episodes: a column for each variant, and a legend.
+    pub(super) fn compose(&self, settings: &FilmSettings<'_>, episodes: &[FilmedEpisode]) -> Film {
+        let names = D2::ALL.map(|element| element.to_string());
+        let columns = names.each_ref().map(String::as_str);
+        let FilmSettings { views, mirrored_back, .. } = *settings;
+        let legend = film_legend(&self.experiment, views, mirrored_back, episodes);
+        compose_film_grid(&columns, &self.rows(settings, episodes), &legend)
+    }
+
     /// Returns the rows of a grid: the variants of a group side by side, one row for each view, and
     /// a second one with pictures mirrored back if the settings ask for it.
-    pub(super) fn rows(
-        &self,
-        settings: &FilmSettings<'_>,
-        episodes: &[FilmedEpisode],
-    ) -> Vec<FilmGridRow> {
+    fn rows(&self, settings: &FilmSettings<'_>, episodes: &[FilmedEpisode]) -> Vec<FilmGridRow> {
         let row = |group: TaskGroup, view: usize, mirrored_back: bool| {
             let of_group = episodes.iter().filter(|episode| episode.variant.group == group);
             let cells = of_group.map(|episode| {
@@ -158,7 +166,6 @@ pub fn film_groups_to_gifs(
     let groups = folder.read_experiment()?.schedule.resolve_groups(&TaskRegistry::with_all())?;
     let mut player = PolicyPlayer::load(folder, threads)?;
     let pool = thread_pool(threads)?;
-    let names = D2::ALL.map(|element| element.to_string());
     let bar = progress_bar(D2::ALL.len() * groups.len());
     let films = groups.into_iter().map(|group| {
         let settings = FilmSettings {
@@ -169,9 +176,8 @@ pub fn film_groups_to_gifs(
             seed: 0,
         };
         let episodes = pool.install(|| player.play(&settings, &bar))?;
-        let columns = names.each_ref().map(String::as_str);
-        let film = compose_film_grid(&columns, &player.rows(&settings, &episodes));
-        let gif = encode_gif(&film).map_err(RunError::write_error_mapper(folder.path()))?;
+        let gif = encode_gif(&player.compose(&settings, &episodes))
+            .map_err(RunError::write_error_mapper(folder.path()))?;
         Ok((group.name().to_owned(), gif))
     });
     films.collect()
@@ -206,7 +212,7 @@ fn mirrored(cell: &FilmGridCell, element: D2) -> FilmGridCell {
         });
         turned.collect()
     });
-    FilmGridCell { frames: frames.collect(), ..*cell }
+    FilmGridCell { frames: frames.collect(), caption: cell.caption.clone(), ..*cell }
 }
 
 #[cfg(test)]
@@ -219,6 +225,7 @@ mod tests {
             width: 2,
             height: 2,
             frames: vec![(0..12).collect(), (12..24).collect()],
+            caption: None,
         };
         let first = |element| mirrored(&cell, element).frames[0].clone();
         assert_eq!(first(D2::Identity), cell.frames[0]);

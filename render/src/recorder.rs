@@ -110,7 +110,8 @@ impl SingleEpisodeFilmEnv {
             let ([width, height], frames) = self.filmed(view);
             // the first picture comes before any decision
             let length = decisions.map_or(usize::MAX, |decisions| decisions.saturating_add(1));
-            FilmGridCell { width, height, frames: frames.iter().take(length).cloned().collect() }
+            let frames = frames.iter().take(length).cloned().collect();
+            FilmGridCell { width, height, frames, caption: None }
         };
         views.iter().map(cell).collect()
     }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::ops::Range;
 
-use envs::{TaskGroup, TaskRegistry, TaskVariant};
+use envs::{TaskRegistry, TaskVariant};
 use symmetry::D2;
 
 use experiments::cli::ProgressBar;
@@ -15,7 +15,8 @@ use experiments::{RolloutRow, RunData, RunError};
 use super::canvas::Canvas;
 use super::font::LINE_HEIGHT;
 use super::gif::Film;
-use super::grid::INK;
+use super::grid::{FilmCaption, INK};
+use super::legend::episode_caption;
 use super::player::{FilmSettings, PolicyPlayer};
 use super::recorder::{FilmView, PERSPECTIVE_SIZE};
 
@@ -25,6 +26,13 @@ const PICTURES: usize = 150;
 const DECISIONS: usize = 36;
 /// Margin of the film and gap between its parts (pixels).
 const GAP: usize = 12;
+/// Height of a line of the legend (pixels).
+const LEGEND_LINE: usize = LINE_HEIGHT + 4;
+/// Legend of the film, line by line.
+const LEGEND: [&str; 2] = [
+    "Strip: the groups of the stream. Lines: success in training, the mean of 5 rollouts.",
+    "The learner is told neither the group nor the variant.",
+];
 /// Top of the view of the table and of the policies (pixels).
 const TOP: usize = 2 * GAP + LINE_HEIGHT;
 /// Width of the column of policies (pixels).
@@ -72,15 +80,15 @@ pub(super) fn film_stream(
             problem: format!("its group {name} is not in its settings"),
         })?;
         let element = D2::ALL[number % D2::ALL.len()];
+        let variant = TaskVariant { group, element };
         let clip = match clips.entry((name, element.to_string())) {
             Entry::Occupied(taken) => taken.into_mut(),
-            Entry::Vacant(new) => new.insert(clip(player, group, element)?),
+            Entry::Vacant(new) => new.insert(Clip::film(player, variant)?),
         };
         for picture in 0..per_visit {
             let newest = visit.start + (picture + 1) * visit.len() / per_visit;
             let newest = newest.clamp(visit.start + 1, visit.end) - 1;
-            let view = &clip[picture * (clip.len() - 1) / per_visit];
-            let canvas = draw(run, newest, visit.start, view);
+            let canvas = draw(run, newest, visit.start, clip, picture * clip.last() / per_visit);
             (film.width, film.height) = (canvas.width, canvas.height);
             film.frames.push(canvas.rgb);
         }
@@ -101,37 +109,58 @@ fn visits(rollouts: &[RolloutRow]) -> Vec<Range<usize>> {
         .collect()
 }
 
-/// Returns the pictures of an episode of a variant; at least one.
-fn clip(
-    player: &mut PolicyPlayer,
-    group: TaskGroup,
-    element: D2,
-) -> Result<Vec<Vec<u8>>, RunError> {
-    let settings = FilmSettings {
-        groups: &[group],
-        views: &[FilmView::Perspective],
-        mirrored_back: false,
-        decisions: Some(DECISIONS),
-        seed: 0,
-    };
-    let mut episode = player.film(TaskVariant { group, element }, &settings)?;
-    Ok(episode.cells.remove(0).frames)
+/// Filmed episode of a variant.
+struct Clip {
+    title: String,
+    caption: FilmCaption,
+    /// Pictures of the episode; at least one.
+    frames: Vec<Vec<u8>>,
+}
+
+impl Clip {
+    /// Films an episode with the policy that the learner chooses after the stream.
+    fn film(player: &mut PolicyPlayer, variant: TaskVariant) -> Result<Self, RunError> {
+        let settings = FilmSettings {
+            groups: &[variant.group],
+            views: &[FilmView::Perspective],
+            mirrored_back: false,
+            decisions: Some(DECISIONS),
+            seed: 0,
+        };
+        let mut episode = player.film(variant, &settings)?;
+        let mut caption = episode_caption(episode.policy, episode.success);
+        caption.text += " (an episode after training)";
+        Ok(Self {
+            title: format!("{}, {}", variant.group, variant.element),
+            caption,
+            frames: episode.cells.remove(0).frames,
+        })
+    }
+
+    /// Returns the index of the last picture.
+    fn last(&self) -> usize {
+        self.frames.len() - 1
+    }
 }
 
 /// Draws the film's picture after the rollout with index `newest`, of a visit from rollout `start`
-/// on, with this view of the table.
-fn draw(run: &RunData, newest: usize, start: usize, view: &[u8]) -> Canvas {
+/// on, with this picture of a clip.
+fn draw(run: &RunData, newest: usize, start: usize, clip: &Clip, picture: usize) -> Canvas {
     let [width, height] = PERSPECTIVE_SIZE;
+    let curves = TOP + height + LEGEND_LINE + 3 * GAP + STRIP[0] + STRIP[1];
     let mut canvas =
-        Canvas::new(3 * GAP + width + POLICIES, TOP + height + 3 * GAP + STRIP[0] + STRIP[1]);
+        Canvas::new(3 * GAP + width + POLICIES, curves + LEGEND.len() * LEGEND_LINE + GAP / 2);
     let row = &run.rollouts[newest];
-    let title = format!("the stream shows {}, without its name", row.group);
-    canvas.draw_text(&title, [GAP, GAP], colour(run, &row.group));
-    canvas.draw_enlarged_picture(view, width, 1, [GAP, TOP]);
+    canvas.draw_text(&clip.title, [GAP, GAP], colour(run, &row.group));
+    canvas.draw_enlarged_picture(&clip.frames[picture], width, 1, [GAP, TOP]);
+    canvas.draw_text(&clip.caption.text, [GAP, TOP + height + 2], clip.caption.colour);
     let heading = format!("policies after {} decisions", row.decisions);
     canvas.draw_text(&heading, [2 * GAP + width, GAP], INK);
     draw_policies(&mut canvas, run, newest, start);
     draw_curves(&mut canvas, run, newest);
+    for (number, line) in LEGEND.iter().enumerate() {
+        canvas.draw_text(line, [GAP, curves + number * LEGEND_LINE], INK);
+    }
     canvas
 }
 
@@ -168,7 +197,7 @@ fn draw_policies(canvas: &mut Canvas, run: &RunData, newest: usize, start: usize
 
 /// Draws the groups of the stream so far as a strip, and the success of training below it.
 fn draw_curves(canvas: &mut Canvas, run: &RunData, newest: usize) {
-    let [left, top] = [GAP + LABELS, TOP + PERSPECTIVE_SIZE[1] + GAP];
+    let [left, top] = [GAP + LABELS, TOP + PERSPECTIVE_SIZE[1] + LEGEND_LINE + GAP];
     let width = canvas.width - left - GAP;
     let end = run.rollouts.last().map_or(1, |row| row.decisions.max(1));
     let x = |decisions: usize| left as f64 + width as f64 * decisions as f64 / end as f64;
@@ -178,7 +207,7 @@ fn draw_curves(canvas: &mut Canvas, run: &RunData, newest: usize) {
         let at = y(level);
         canvas.blend_rectangle([left, at as usize], [width, 1], INK, 0.3);
         let line = (at as usize).saturating_sub(LINE_HEIGHT / 2);
-        canvas.draw_text(name, [GAP, line.min(canvas.height - LINE_HEIGHT)], INK);
+        canvas.draw_text(name, [GAP, line], INK);
     }
     canvas.draw_text("success", [left + 4, bottom - STRIP[1] / 2 - LINE_HEIGHT / 2], INK);
     for visit in visits(&run.rollouts[..=newest]) {
@@ -238,9 +267,13 @@ mod tests {
     #[test]
     fn the_policy_that_acts_is_lit_and_others_appear_once_they_exist() {
         let run = run();
-        let view = vec![7; PERSPECTIVE_SIZE[0] * PERSPECTIVE_SIZE[1] * 3];
+        let clip = Clip {
+            title: "goal-reach, flip x".to_owned(),
+            caption: episode_caption(0, true),
+            frames: vec![vec![7; PERSPECTIVE_SIZE[0] * PERSPECTIVE_SIZE[1] * 3]],
+        };
         let count = |newest: usize, start: usize, colour: [u8; 3]| {
-            let canvas = draw(&run, newest, start, &view);
+            let canvas = draw(&run, newest, start, &clip, 0);
             let pixels = canvas.rgb.chunks_exact(3);
             pixels.filter(|pixel| **pixel == colour).count()
         };

@@ -30,7 +30,7 @@ pub struct ReportOptions {
     /// in any case.
     #[arg(long)]
     pub out: Option<PathBuf>,
-    /// Put a GIF of each group's policies at work into `report.html`, some 10 kB each. Runs without
+    /// Put a GIF of each group's policies at work into `report.html`, some 20 kB each. Runs without
     /// checkpoints have none.
     #[arg(long, requires = "out")]
     pub films: bool,

@@ -13,14 +13,16 @@ pub enum ReportError {
     Run(#[from] RunError),
     /// Runs that cannot be compared in one table.
     #[error(
-        "run {run} does not belong to the others ({differences}): report runs of one stream and \
-         evaluation, give runs of other settings other names, and each seed once"
+        "run {run} cannot be reported with the runs before it ({differences}; its own value last): \
+         {remedy}"
     )]
     IncomparableRuns {
         /// Name of the run that differs from the others.
         run: String,
         /// Differences of that run from the runs before it.
         differences: String,
+        /// Description of what to do about the differences.
+        remedy: &'static str,
     },
     /// Two runs of the same name, whose TensorBoard events would go to one folder.
     #[error(

@@ -15,6 +15,14 @@ pub(super) fn method_cell(table: &mut ReportTable, method: &MethodRuns) -> Strin
     with_footnotes(table, &method.name, remarks)
 }
 
+/// Returns the notice that stands above a report on runs of the smoke budget; `None` without such
+/// runs.
+pub(super) fn smoke_test_notice(methods: &[MethodRuns]) -> Option<&'static str> {
+    const NOTICE: &str = "These runs have the smoke budget, which only tests that the program \
+        works. Their figures say nothing about the methods.";
+    methods.iter().any(MethodRuns::is_smoke_test).then_some(NOTICE)
+}
+
 /// Adds footnotes to a table, and returns `name` followed by their marks.
 pub(super) fn with_footnotes(
     table: &mut ReportTable,
@@ -62,4 +70,22 @@ pub(super) fn bracketed_interval(interval: Option<BootstrapInterval>, digits: us
 /// Returns the dash that stands for a missing number in a table cell.
 pub(super) fn empty_cell() -> String {
     "-".to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use experiments::presets::{Budget, Method};
+
+    #[test]
+    fn runs_of_the_smoke_budget_alone_have_a_notice() {
+        let notice = |budget: Budget| {
+            let mut experiment = budget.preset_experiment(Method::CoversSac).with_seed(3);
+            experiment.evaluation.recognition_repeats = 7;
+            let runs = vec![RunData::empty("covers-sac-seed3", experiment)];
+            smoke_test_notice(&MethodRuns::group_by_method(runs).unwrap())
+        };
+        assert!(notice(Budget::Smoke).is_some());
+        assert_eq!([Budget::Short, Budget::Full].map(notice), [None, None]);
+    }
 }

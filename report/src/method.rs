@@ -3,16 +3,23 @@
 use envs::{Camera, VecEnvSettings};
 
 use crate::ReportError;
-use experiments::{CheckpointPlan, Experiment, RunData};
+use experiments::presets::Budget;
+use experiments::{CheckpointPlan, Experiment, NearestPreset, RunData};
 use learner::LearnerSettings;
 use learner::overrides::setting_differences;
 
 use super::metrics::{GroupMetrics, RunMetrics};
-use super::preset_match::{PresetMatch, describe_settings};
+use super::preset_match::PresetMatch;
 use super::statistics::MethodScores;
 
 /// Text between the method and the seed in a folder's name, as `covers sweep` names folders.
 const SEED: &str = "-seed";
+const OTHER_STREAM: &str = "leave it out and report it alone, or train it again with the stream and \
+    the evaluation of the others: `--budget` and the settings below `schedule` and `evaluation`";
+const OTHER_SETTINGS: &str = "rename its folder, so that the part before `-seed` names a method of \
+    its own";
+const SAME_SEED: &str = "leave one of the two out, or rename its folder, so that the part before \
+    `-seed` names a method of its own";
 
 /// Runs of one method, which differ in their seeds and in the number of threads alone.
 #[derive(Clone, Debug)]
@@ -21,8 +28,8 @@ pub struct MethodRuns {
     pub name: String,
     /// Preset that the settings agree with; all runs share it.
     pub preset_match: PresetMatch,
-    /// Description of each run's settings, in the order of `runs`.
-    pub settings: Vec<String>,
+    /// Preset that each run's settings are most like, in the order of `runs`.
+    pub nearest_presets: Vec<NearestPreset>,
     /// Data of each run: its settings and tables.
     pub runs: Vec<RunData>,
     /// Metrics of each run, in the order of `runs`.
@@ -42,15 +49,16 @@ impl MethodRuns {
         for run in runs {
             if let Some(first) = methods.first() {
                 let [first, own] = [&first.runs[0], &run].map(|run| world(&run.experiment));
-                refuse(&run, setting_differences(&first, &own)?)?;
+                refuse(&run, setting_differences(&first, &own)?, OTHER_STREAM)?;
             }
             let name = run.name.split(SEED).next().unwrap_or(&run.name).to_owned();
             match methods.iter_mut().find(|method| method.name == name) {
                 Some(method) => method.add(run)?,
                 None => {
                     let preset_match = PresetMatch::compare(&name, &run.experiment)?;
+                    let nearest = NearestPreset::of_run(preset_match.method, &run.experiment)?;
                     methods.push(Self {
-                        settings: vec![describe_settings(preset_match.method, &run.experiment)?],
+                        nearest_presets: vec![nearest],
                         preset_match,
                         name,
                         metrics: vec![RunMetrics::of_run(&run)],
@@ -65,15 +73,23 @@ impl MethodRuns {
     fn add(&mut self, run: RunData) -> Result<(), ReportError> {
         let seed = |any: &RunData| any.experiment.learner.seed();
         let mut others = self.runs.iter();
-        let problem = match others.find(|other| seed(other) == seed(&run)) {
-            Some(_) => format!("two runs have seed {}", seed(&run)),
-            None => setting_differences(&unseeded(&self.runs[0]), &unseeded(&run))?,
-        };
-        refuse(&run, problem)?;
-        self.settings.push(describe_settings(self.preset_match.method, &run.experiment)?);
+        match others.find(|other| seed(other) == seed(&run)) {
+            Some(_) => refuse(&run, format!("two runs have seed {}", seed(&run)), SAME_SEED)?,
+            None => {
+                let differences = setting_differences(&unseeded(&self.runs[0]), &unseeded(&run))?;
+                refuse(&run, differences, OTHER_SETTINGS)?;
+            }
+        }
+        let nearest = NearestPreset::of_run(self.preset_match.method, &run.experiment)?;
+        self.nearest_presets.push(nearest);
         self.metrics.push(RunMetrics::of_run(&run));
         self.runs.push(run);
         Ok(())
+    }
+
+    /// Returns `true` if any run has the budget that only tests the program.
+    pub fn is_smoke_test(&self) -> bool {
+        self.nearest_presets.iter().any(|nearest| nearest.budget == Budget::Smoke)
     }
 
     /// Returns the values `[groups][seeds]` of a metric in these task groups for all runs of the
@@ -122,11 +138,11 @@ fn world(experiment: &Experiment) -> Experiment {
 }
 
 /// Returns [`ReportError::IncomparableRuns`] if there are differences.
-fn refuse(run: &RunData, differences: String) -> Result<(), ReportError> {
+fn refuse(run: &RunData, differences: String, remedy: &'static str) -> Result<(), ReportError> {
     if differences.is_empty() {
         return Ok(());
     }
-    Err(ReportError::IncomparableRuns { run: run.name.clone(), differences })
+    Err(ReportError::IncomparableRuns { run: run.name.clone(), differences, remedy })
 }
 
 #[cfg(test)]

@@ -12,10 +12,11 @@ use super::charts::{
     IntervalEstimate, interval_svg, performance_profile_svg, statistic_by_method_svg, success_svg,
 };
 use super::comparison::MethodComparison;
-use super::format::{bracketed_interval, unfinished_remark};
+use super::format::{bracketed_interval, smoke_test_notice, unfinished_remark};
 use super::matrix::PolicyConfusionMatrix;
 use super::method::MethodRuns;
 use super::metrics::{RunMetrics, UndefinedReason};
+use super::preset_match::describe_settings;
 use super::statistics::{MethodScores, interquartile_mean};
 use super::svg::escape_xml;
 use super::table::{ReportTable, code_html};
@@ -118,9 +119,12 @@ fn overview(methods: &[MethodRuns], groups: &[String]) -> String {
     let curves = learning_curves::stream_learning_curves_svg(methods)
         .map_or_else(String::new, |svg| chart_html(&svg));
     let film = methods.iter().flat_map(|method| &method.runs).find_map(|run| run.films.first());
+    let notice = smoke_test_notice(methods);
+    let notice = notice.map(|notice| format!("<p class=\"warning\">{notice}</p>\n"));
     format!(
-        "<dl class=\"figures\">\n{}</dl>\n<div class=\"grid\">\n{}{curves}{}\
+        "{}<dl class=\"figures\">\n{}</dl>\n<div class=\"grid\">\n{}{curves}{}\
          </div>\n",
+        notice.unwrap_or_default(),
         figures.concat(),
         chart_html(&success_svg(methods, groups)),
         film.map_or_else(String::new, film_html)
@@ -214,10 +218,11 @@ fn each_seed(methods: &[MethodRuns], runs: &[&RunData]) -> String {
 }
 
 fn each_run(methods: &[MethodRuns]) -> String {
-    let runs = || methods.iter().flat_map(|method| method.runs.iter().zip(&method.settings));
+    let runs = || methods.iter().flat_map(|method| method.runs.iter().zip(&method.nearest_presets));
     // a single run is not folded away
     let open = if runs().count() == 1 { " open" } else { "" };
-    runs().map(|(run, settings)| of_run(run, settings, open)).collect()
+    let settings = |run: &RunData, nearest| describe_settings(nearest, &run.experiment);
+    runs().map(|(run, nearest)| of_run(run, &settings(run, nearest), open)).collect()
 }
 
 fn of_run(run: &RunData, settings: &str, open: &str) -> String {

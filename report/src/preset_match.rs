@@ -4,8 +4,7 @@
 use clap::ValueEnum;
 
 use experiments::presets::{Budget, Method};
-use experiments::{Experiment, RunError};
-use learner::overrides::setting_differences;
+use experiments::{Experiment, NearestPreset, RunError};
 
 /// Method whose preset a run's settings are, if any, with a warning if there is none or the
 /// folder's name stands for another one.
@@ -53,45 +52,22 @@ fn named(name: &str) -> Option<Method> {
 /// one.
 fn difference_warning(named: Option<Method>, run: &Experiment) -> Result<String, RunError> {
     let preset = |budget: Budget, method| budget.preset_with_run_settings(method, run);
-    let (method, _, found) = nearest_preset(named, run, preset)?;
+    let NearestPreset { method, differences, .. } = NearestPreset::by(named, run, preset)?;
     let method = method.name();
-    Ok(format!("the settings are not those of the preset `{method}`, which differs in {found}"))
+    Ok(format!(
+        "the settings are not those of the preset `{method}`, which differs in {differences}"
+    ))
 }
 
-/// Describes the settings of a run: the nearest preset and budget, the seed, and the settings that
-/// differ from these. `method` is the run's, if it is known.
-pub fn describe_settings(method: Option<Method>, run: &Experiment) -> Result<String, RunError> {
+/// Describes the settings of a run by the nearest preset, the seed, and the settings that differ
+/// from these.
+pub fn describe_settings(nearest: &NearestPreset, run: &Experiment) -> String {
     let seed = run.learner.seed();
-    let preset = |budget: Budget, candidate| {
-        budget.preset_experiment(candidate).with_seed(seed).with_threads(run.envs.threads)
-    };
-    let (nearest, budget, found) = nearest_preset(method, run, preset)?;
-    let (nearest, budget) = (nearest.name(), budget.name());
-    let differing = match found.as_str() {
+    let differing = match nearest.differences.as_str() {
         "" => String::new(),
         found => format!(". Different from these, the run's value last: {found}"),
     };
-    Ok(format!("`--preset {nearest} --budget {budget} --seed {seed}`{differing}"))
-}
-
-/// Returns the preset and budget whose settings differ least from a run's, and the differences;
-/// of one method if it is given.
-fn nearest_preset(
-    method: Option<Method>,
-    run: &Experiment,
-    preset: impl Fn(Budget, Method) -> Experiment,
-) -> Result<(Method, Budget, String), RunError> {
-    let mut nearest: Option<(Method, Budget, String)> = None;
-    for candidate in Method::ALL.into_iter().filter(|&one| method.is_none_or(|own| own == one)) {
-        for &budget in Budget::value_variants() {
-            let found = setting_differences(&preset(budget, candidate), run)?;
-            // the nearest preset is the one whose list of differences is the shortest text
-            if nearest.as_ref().is_none_or(|(_, _, least)| found.len() < least.len()) {
-                nearest = Some((candidate, budget, found));
-            }
-        }
-    }
-    Ok(nearest.unwrap_or((Method::Covers, Budget::Full, String::new())))
+    format!("`{} --seed {seed}`{differing}", nearest.options())
 }
 
 #[cfg(test)]
@@ -130,7 +106,7 @@ mod tests {
             assert!(warning.contains(expected), "{warning}");
             assert!(warning.ends_with("and 0.5"), "{warning}");
         }
-        let described = describe_settings(None, &run).unwrap();
+        let described = describe_settings(&NearestPreset::of_run(None, &run).unwrap(), &run);
         let start = "`--preset equi --budget smoke --seed 0`. Different from these, the run's value \
             last: `learner.covers.ppo.gamma` 0.9";
         assert!(described.starts_with(start), "{described}");

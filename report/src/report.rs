@@ -6,6 +6,7 @@ use std::path::Path;
 use experiments::{RunData, RunError};
 
 use super::error::ReportError;
+use super::format::smoke_test_notice;
 use super::method::MethodRuns;
 use super::page::report_html;
 use super::table::ReportTable;
@@ -32,7 +33,10 @@ impl Report {
 
     /// Returns the report's tables in Markdown.
     pub fn markdown(&self) -> String {
-        self.tables.iter().map(|(_, table)| table.markdown() + "\n").collect()
+        let notice = smoke_test_notice(&self.methods);
+        let notice = notice.map(|notice| format!("**{notice}**\n\n"));
+        let tables = self.tables.iter().map(|(_, table)| table.markdown() + "\n");
+        notice.into_iter().chain(tables).collect()
     }
 
     /// Returns the report as one self-contained HTML page, which needs neither network nor other

@@ -57,6 +57,12 @@ impl Moments {
 
     /// Rejects moments that no numbers have.
     fn check(&self) -> Result<(), RlError> {
+        let are_zero = |moments: &[f64]| moments.iter().all(|&moment| moment == 0.0);
+        let count = self.count as f32;
+        let has_means = self.count > 0 || are_zero(&self.means);
+        require("saved count", count, "at least 1 with a mean that is not zero", has_means)?;
+        let has_squares = self.count > 1 || are_zero(&self.squares);
+        require("saved count", count, "at least 2 with a sum of squares above zero", has_squares)?;
         for &mean in &self.means {
             require("saved mean", mean as f32, "a finite number", mean.is_finite())?;
         }
@@ -147,8 +153,8 @@ impl<E: VectorEnv> NormalisedEnv<E> {
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] for statistics of vectors of another length;
-    /// [`RlError::InvalidSetting`] for means that are not finite, and for sums of squares that are
-    /// not finite or are negative.
+    /// [`RlError::InvalidSetting`] for means that are not finite, for sums of squares that are not
+    /// finite or are negative, and for either from too few numbers.
     pub fn restore_normalisation_state(
         &mut self,
         state: NormalisationState,

@@ -4,11 +4,12 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::capsule::{Capsule, PlacedShape};
 use crate::error::DescriptionError;
-use crate::error::{check_numbers, require};
 use crate::pose::Pose;
 
 /// Maximum number of links of a robot.
 pub const MAX_LINKS: usize = 1000;
+/// Maximum number of collision shapes of a link.
+pub(crate) const MAX_SHAPES: usize = 1000;
 /// Maximum length of a name (bytes).
 const MAX_NAME: usize = 200;
 
@@ -223,7 +224,8 @@ impl RobotDescription {
         joints.filter(|(_, motion)| motion.is_free())
     }
 
-    /// Returns the reductions of the ranges of free joints, because of joints that follow them.
+    /// Returns the free joints whose ranges were reduced while the URDF was read, so that those that
+    /// follow them stay within their own ranges.
     pub fn range_restrictions(&self) -> &[JointRangeRestriction] {
         &self.restrictions
     }
@@ -233,8 +235,10 @@ impl RobotDescription {
         &self.notes
     }
 
-    /// Returns the collision shapes that are missing, with reasons: meshes that could not be read,
-    /// and shapes of a size below 1e-6 m.
+    /// Returns a text for each collision shape of the URDF that this robot lacks: its place and the
+    /// reason, a mesh that could not be read or a size below 1e-6 m. Meshes that
+    /// [`UrdfSettings::ignore_meshes`](crate::UrdfSettings::ignore_meshes) leaves out, and those
+    /// without points, are not named.
     pub fn missing_shape_reasons(&self) -> &[String] {
         &self.missing_shapes
     }
@@ -251,117 +255,6 @@ impl RobotDescription {
     /// [`RobotDescription::with_base_pose`].
     pub fn base_pose(&self) -> Pose {
         self.base_pose
-    }
-
-    /// Returns this robot with its root link at `base_pose` in the world.
-    ///
-    /// # Errors
-    /// [`DescriptionError::NumberOutOfRange`] if `base_pose` is not finite, or its rotation no unit
-    /// quaternion.
-    pub fn with_base_pose(self, base_pose: Pose) -> Result<Self, DescriptionError> {
-        check_pose(|| format!("the base of `{}`", self.name), &base_pose)?;
-        Ok(Self { base_pose, ..self })
-    }
-
-    /// Returns this robot with the range of the free joint `joint` reduced to `range`, as for a
-    /// gripper that is not opened all the way. Joints that follow it stay within their own ranges.
-    ///
-    /// # Errors
-    /// [`DescriptionError::NumberOutOfRange`] if `range` does not rise or is not within the joint's
-    /// own, and for a joint that the robot does not have, that follows another one or has no range.
-    pub fn with_joint_range(
-        mut self,
-        joint: &str,
-        range: [f64; 2],
-    ) -> Result<Self, DescriptionError> {
-        let place = format!("the joint `{joint}` of `{}`", self.name);
-        let [low, high] = range;
-        let found = self.joints.iter_mut().find(|found| found.name == joint);
-        let motion = found.and_then(|found| found.motion.as_mut());
-        let free = motion.filter(|motion| motion.is_free());
-        let own = free.and_then(|free_motion| free_motion.range.as_mut());
-        let refused = |what, value, expected| DescriptionError::NumberOutOfRange {
-            place,
-            what,
-            value,
-            expected,
-        };
-        let Some(own) = own else {
-            let expected = "a position of a joint that has a range and follows no other";
-            return Err(refused("the lower end of its new range", low, expected));
-        };
-        if !(own[0] <= low && low < own[1]) {
-            let expected = "a position within its range";
-            return Err(refused("the lower end of its new range", low, expected));
-        }
-        if !(low < high && high <= own[1]) {
-            let expected = "a higher position within its range";
-            return Err(refused("the upper end of its new range", high, expected));
-        }
-        *own = range;
-        Ok(self)
-    }
-
-    /// Returns this robot with the new link `link`, fixed to its link `parent` at the pose `origin`
-    /// in the parent's frame. The joint has the name of the link.
-    ///
-    /// # Errors
-    /// [`DescriptionError::UnknownLink`], [`DescriptionError::Duplicate`],
-    /// [`DescriptionError::InvalidName`], [`DescriptionError::NumberOutOfRange`] for the pose and
-    /// the inertia, [`DescriptionError::CountOutOfRange`] for more than [`MAX_LINKS`] links.
-    pub fn with_fixed_link(
-        mut self,
-        parent: &str,
-        origin: Pose,
-        link: Link,
-    ) -> Result<Self, DescriptionError> {
-        let parent = self.link_index(parent, "a link that is added")?;
-        let name = link.name.clone();
-        for (kind, taken) in [
-            ("link", self.links.iter().any(|own| own.name == name)),
-            ("joint", self.joints.iter().any(|own| own.name == name)),
-        ] {
-            if taken {
-                return Err(DescriptionError::Duplicate { kind, name });
-            }
-        }
-        check_name("link", &name)?;
-        let place = || format!("the link `{name}`");
-        check_pose(place, &origin)?;
-        if let Some(Inertia { mass, centre_of_mass, tensor }) = &link.inertia {
-            check_numbers(place, "its mass", &[*mass])?;
-            check_numbers(place, "its centre of mass", &centre_of_mass.to_array())?;
-            check_numbers(place, "its inertia", &tensor.to_cols_array())?;
-        }
-        if self.links.len() >= MAX_LINKS {
-            return Err(DescriptionError::CountOutOfRange {
-                place: format!("the robot `{}`", self.name),
-                kind: "link",
-                count: self.links.len() + 1,
-                least: 1,
-                limit: MAX_LINKS,
-            });
-        }
-        // right after its parent, which keeps links in depth-first order
-        for joint in self.joints.iter_mut().filter(|joint| joint.parent > parent) {
-            joint.parent += 1;
-        }
-        self.links.insert(parent + 1, link);
-        self.joints.insert(parent, Joint { name, parent, origin, motion: None });
-        Ok(self)
-    }
-
-    /// Returns this robot with `prefix` before the names of all links and joints, to tell them from
-    /// the names of a scene.
-    pub fn with_prefix(mut self, prefix: &str) -> Self {
-        let links = self.links.iter_mut().map(|link| &mut link.name);
-        let joints = self.joints.iter_mut().map(|joint| &mut joint.name);
-        links.chain(joints).for_each(|name| name.insert_str(0, prefix));
-        for restriction in &mut self.restrictions {
-            restriction.joint.insert_str(0, prefix);
-            restriction.follower.insert_str(0, prefix);
-        }
-        self
     }
 
     /// Returns the poses of all links in the world, in the order of [`RobotDescription::links`].
@@ -407,15 +300,6 @@ impl Joint {
 #[track_caller]
 pub(crate) fn check_length(name: &str, got: usize, expected: usize) {
     assert_eq!(got, expected, "`{name}` has {got} elements, expected {expected}");
-}
-
-/// Rejects a pose with large or non-finite numbers, or whose rotation is no unit quaternion.
-fn check_pose(place: impl Fn() -> String, pose: &Pose) -> Result<(), DescriptionError> {
-    check_numbers(&place, "its position", &pose.position.to_array())?;
-    let length = pose.rotation.length();
-    let is_unit = (length - 1.0).abs() < 1e-6;
-    let expected = "1, the length of a unit quaternion";
-    require(is_unit, place, "the length of its rotation", length, expected)
 }
 
 /// Rejects a name that is empty, too long or unprintable.

@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::fmt::{self, Arguments};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use glam::DVec3;
@@ -88,7 +89,7 @@ pub enum DescriptionError {
         place: String,
         /// `link`, `joint` or `collision shape`.
         kind: &'static str,
-        /// Number in the file.
+        /// Number found: of the file, or with the link that is added.
         count: usize,
         /// Minimum number.
         least: usize,
@@ -186,8 +187,8 @@ pub enum DescriptionError {
     /// An inertia that no rigid body can have.
     #[error(
         "the link `{link}` has an inertia that no rigid body can have: {reason} (ixx {}, iyy {}, \
-         izz {}, ixy {}, ixz {}, iyz {} kg m^2); correct it, or set `repair` in the robot's \
-         settings (`UrdfSettings`, or a JSON file)",
+         izz {}, ixy {}, ixz {}, iyz {} kg m^2); correct it, or set `repair` in the settings of a \
+         robot's file (`UrdfSettings`, or a JSON file)",
         .tensor[0], .tensor[1], .tensor[2], .tensor[3], .tensor[4], .tensor[5]
     )]
     InvalidInertia {
@@ -428,8 +429,36 @@ pub(crate) fn require(
     Err(DescriptionError::NumberOutOfRange { place: place(), what, value, expected })
 }
 
+/// Returns [`DescriptionError::CountOutOfRange`] unless `count` is in `range`.
+pub(crate) fn require_count(
+    place: impl Fn() -> String,
+    kind: &'static str,
+    count: usize,
+    range: RangeInclusive<usize>,
+) -> Result<(), DescriptionError> {
+    if range.contains(&count) {
+        return Ok(());
+    }
+    let (least, limit) = range.into_inner();
+    Err(DescriptionError::CountOutOfRange { place: place(), kind, count, least, limit })
+}
+
 /// Largest number accepted in a robot's file, in any unit: larger ones are taken for mistakes.
 pub(crate) const MAX_NUMBER: f64 = 1e6;
+
+/// Returns `true` for a number that is finite and at most [`MAX_NUMBER`] in magnitude.
+pub(crate) fn is_bounded(number: f64) -> bool {
+    // a comparison that is false for NaN, too
+    number.abs() <= MAX_NUMBER
+}
+
+/// Returns `true` for a number from zero to [`MAX_NUMBER`].
+pub(crate) fn is_bounded_from_zero(number: f64) -> bool {
+    (0.0..=MAX_NUMBER).contains(&number)
+}
+
+/// Numbers for which [`is_bounded_from_zero`] holds, as an error states them.
+pub(crate) const FROM_ZERO: &str = "zero or more, up to 1e6";
 
 /// Rejects numbers that are not finite or exceed [`MAX_NUMBER`] in magnitude.
 pub(crate) fn check_numbers(
@@ -437,9 +466,7 @@ pub(crate) fn check_numbers(
     what: &'static str,
     values: &[f64],
 ) -> Result<(), DescriptionError> {
-    // a comparison that is false for NaN, too
-    let sound = |value: &f64| value.abs() <= MAX_NUMBER;
-    let invalid = values.iter().find(|value| !sound(value));
+    let invalid = values.iter().find(|value| !is_bounded(**value));
     let value = invalid.copied().unwrap_or(0.0);
     let expected = "finite numbers up to 1e6";
     require(invalid.is_none(), place, what, value, expected)

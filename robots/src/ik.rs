@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3};
 use crate::chain::{Chain, ChainJoint};
 use crate::description::check_length;
 use crate::error::{ControlError, MissedTarget, require_finite};
-use crate::pose::Pose;
+use crate::pose::{Pose, UNIT_LENGTH, is_unit_length};
 use crate::twist::Twist;
 
 /// Solver for the joint velocities that move a tip as wanted, with buffers that are reused.
@@ -256,11 +256,11 @@ impl Chain {
         let finite = target.position.is_finite() && target.rotation.is_finite();
         require_finite(finite, "the target", format_args!("{target:?}"))?;
         let length = target.rotation.length();
-        if (length - 1.0).abs() > 1e-6 {
+        if !is_unit_length(length) {
             return Err(ControlError::InvalidSetting {
                 name: "the length of the target's rotation",
                 value: length.to_string(),
-                expected: "1, the length of a unit quaternion",
+                expected: UNIT_LENGTH,
             });
         }
         check_reach(self, target, settings.orientation)?;

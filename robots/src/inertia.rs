@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 
 use crate::capsule::Capsule;
 use crate::description::{Inertia, Link, RobotDescription};
-use crate::error::DescriptionError;
+use crate::error::{DescriptionError, FROM_ZERO, check_numbers, is_bounded_from_zero, require};
 use crate::pose::Pose;
 
 /// Smallest mass of a body (kg); a link of less is a frame.
@@ -76,10 +76,7 @@ impl RobotDescription {
                     let mean = trace(&own.tensor) / 3.0;
                     let is_possible = mean > LEAST_INERTIA;
                     let moment = if is_possible { mean } else { INERTIA_PER_MASS * own.mass };
-                    let [x, y, z] = own.tensor.to_cols_array_2d();
-                    let tensor = [x[0], y[1], z[2], x[1], x[2], y[2]];
-                    let error =
-                        DescriptionError::InvalidInertia { link: name.clone(), tensor, reason };
+                    let error = impossible(name, &own.tensor, reason);
                     let assumed = format!("{moment:.3e} kg m^2 about all axes is assumed");
                     find(Some(error), &format!("{reason}, so {assumed}"));
                     Some(Inertia { tensor: identity(moment), ..own })
@@ -134,6 +131,30 @@ impl RobotDescription {
         }
         bodies
     }
+}
+
+/// Rejects the inertia of the link `name` if its numbers could not be in a URDF, or if it counts
+/// and no rigid body has it.
+pub(crate) fn check_inertia(name: &str, inertia: &Inertia) -> Result<(), DescriptionError> {
+    let Inertia { mass, centre_of_mass, tensor } = inertia;
+    let place = || format!("the link `{name}`");
+    require(is_bounded_from_zero(*mass), place, "its mass", *mass, FROM_ZERO)?;
+    check_numbers(place, "its centre of mass", &centre_of_mass.to_array())?;
+    check_numbers(place, "its inertia", &tensor.to_cols_array())?;
+    if *mass < LEAST_MASS {
+        return Ok(());
+    }
+    if !tensor.abs_diff_eq(tensor.transpose(), ROUNDING * trace(tensor).abs()) {
+        return Err(impossible(name, tensor, "its matrix is not symmetric"));
+    }
+    physical(*inertia).map(|_| ()).map_err(|reason| impossible(name, tensor, reason))
+}
+
+/// Returns the error of a link with an inertia that no rigid body has.
+fn impossible(name: &str, tensor: &DMat3, reason: &'static str) -> DescriptionError {
+    let [x, y, z] = tensor.to_cols_array_2d();
+    let components = [x[0], y[1], z[2], x[1], x[2], y[2]];
+    DescriptionError::InvalidInertia { link: name.to_owned(), tensor: components, reason }
 }
 
 fn mass(link: &Link) -> f64 {

@@ -2,6 +2,7 @@
 
 mod capsule;
 mod chain;
+mod changes;
 mod check;
 mod control;
 mod description;

@@ -1,6 +1,7 @@
 //! Conversion of a robot to MJCF, for MuJoCo 2.2.2 and 3.
 //!
-//! Read this before editing. These points of MuJoCo 2.2.2 matter here:
+//! Read this before editing. Both read the same text, so it allows for these rules, all of which
+//! 2.2.2 has:
 //! - rotations are quaternions, because its Euler angles turn with the body and URDF's do not;
 //! - joints, controls and forces have no limits unless `limited`, `ctrllimited` and `forcelimited`
 //!   say so;
@@ -14,7 +15,7 @@
 
 use std::collections::BTreeMap;
 
-use glam::{DQuat, DVec3};
+use glam::DQuat;
 use serde::Serialize;
 
 use crate::capsule::{PlacedShape, Shape};
@@ -287,7 +288,8 @@ impl RobotDescription {
         for link in &self.links {
             for (index, placed) in link.shapes.iter().enumerate() {
                 if let Shape::Hull(hull) = &placed.shape {
-                    let points: Vec<String> = hull.points().iter().map(|&of| numbers(of)).collect();
+                    let points: Vec<String> =
+                        hull.points().iter().map(|of| numbers(&of.to_array())).collect();
                     let name = xml_escaped(&geom_name(link, index));
                     meshes += &format!("<mesh name=\"{name}\" vertex=\"{}\"/>\n", points.join(" "));
                 }
@@ -377,11 +379,10 @@ impl RobotDescription {
         let equality = |joint: &Joint| match joint.motion?.drive {
             JointPositionSource::Free { .. } => None,
             JointPositionSource::Follows { dof, multiplier, offset } => Some(format!(
-                "<joint joint1=\"{}\" joint2=\"{}\" polycoef=\"{} {} 0 0 0\"/>\n",
+                "<joint joint1=\"{}\" joint2=\"{}\" polycoef=\"{} 0 0 0\"/>\n",
                 xml_escaped(&joint.name),
                 xml_escaped(names[dof]),
-                short_number(offset),
-                short_number(multiplier),
+                numbers(&[offset, multiplier])
             )),
         };
         self.joints.iter().filter_map(equality).collect()
@@ -448,15 +449,10 @@ fn contents(link: &Link, inertia: Option<Inertia>, settings: &MjcfSettings) -> S
 fn inertial(inertia: &Inertia) -> String {
     let [x, y, z] = [inertia.tensor.x_axis, inertia.tensor.y_axis, inertia.tensor.z_axis];
     format!(
-        "<inertial pos=\"{}\" mass=\"{}\" fullinertia=\"{} {} {} {} {} {}\"/>\n",
-        numbers(inertia.centre_of_mass),
+        "<inertial pos=\"{}\" mass=\"{}\" fullinertia=\"{}\"/>\n",
+        numbers(&inertia.centre_of_mass.to_array()),
         short_number(inertia.mass),
-        short_number(x.x),
-        short_number(y.y),
-        short_number(z.z),
-        short_number(x.y),
-        short_number(x.z),
-        short_number(y.z)
+        numbers(&[x.x, y.y, z.z, x.y, x.z, y.z])
     )
 }
 
@@ -465,13 +461,11 @@ fn moving(name: &str, motion: &JointMotionSpec) -> String {
         JointMotionKind::Hinge => "hinge",
         JointMotionKind::Slide => "slide",
     };
-    let range = |limits: [f64; 2]| {
-        format!(" limited=\"true\" range=\"{}\"", limits.map(short_number).join(" "))
-    };
+    let range = |limits: [f64; 2]| format!(" limited=\"true\" range=\"{}\"", numbers(&limits));
     format!(
         "<joint name=\"{}\" type=\"{kind}\" axis=\"{}\" damping=\"{}\" frictionloss=\"{}\"{}/>\n",
         xml_escaped(name),
-        numbers(motion.axis),
+        numbers(&motion.axis.to_array()),
         short_number(motion.damping),
         short_number(motion.friction),
         motion.range.map_or(String::new(), range)
@@ -485,16 +479,13 @@ fn geom_name(link: &Link, index: usize) -> String {
 /// Writes a shape, without mass: the link's `<inertial>` states the mass.
 fn geom(name: &str, placed_shape: &PlacedShape) -> String {
     let (name, place) = (xml_escaped(name), placed(&placed_shape.pose));
-    let of_size = |kind: &str, size: String| format!("type=\"{kind}\" size=\"{size}\"");
+    let of_sizes =
+        |kind: &str, sizes: &[f64]| format!("type=\"{kind}\" size=\"{}\"", numbers(sizes));
     let shape = match placed_shape.shape {
-        Shape::Sphere { radius } => of_size("sphere", format!("{radius}")),
-        Shape::Capsule { radius, length } => {
-            of_size("capsule", format!("{radius} {}", 0.5 * length))
-        }
-        Shape::Cylinder { radius, length } => {
-            of_size("cylinder", format!("{radius} {}", 0.5 * length))
-        }
-        Shape::Box { half_extents } => of_size("box", numbers(half_extents)),
+        Shape::Sphere { radius } => of_sizes("sphere", &[radius]),
+        Shape::Capsule { radius, length } => of_sizes("capsule", &[radius, 0.5 * length]),
+        Shape::Cylinder { radius, length } => of_sizes("cylinder", &[radius, 0.5 * length]),
+        Shape::Box { half_extents } => of_sizes("box", &half_extents.to_array()),
         Shape::Hull(_) => format!("type=\"mesh\" mesh=\"{name}\""),
     };
     format!("<geom name=\"{name}\" {shape}{place} mass=\"0\"/>\n")
@@ -503,7 +494,8 @@ fn geom(name: &str, placed_shape: &PlacedShape) -> String {
 fn placed(pose: &Pose) -> String {
     // MuJoCo's quaternions start with the real part
     let DQuat { x, y, z, w } = pose.rotation;
-    format!(" pos=\"{}\" quat=\"{w} {x} {y} {z}\"", numbers(pose.position))
+    let position = numbers(&pose.position.to_array());
+    format!(" pos=\"{position}\" quat=\"{}\"", numbers(&[w, x, y, z]))
 }
 
 /// Returns a number as text that reads back to the same bits, with an exponent where it would be
@@ -513,8 +505,9 @@ fn short_number(value: f64) -> String {
     if plain.len() > 25 { format!("{value:e}") } else { plain }
 }
 
-fn numbers(DVec3 { x, y, z }: DVec3) -> String {
-    [x, y, z].map(short_number).join(" ")
+/// Returns [`short_number`]s with blanks between.
+fn numbers(values: &[f64]) -> String {
+    values.iter().copied().map(short_number).collect::<Vec<_>>().join(" ")
 }
 
 /// Escapes a text for the value of an XML attribute.

@@ -13,6 +13,14 @@ pub struct Pose {
     pub rotation: DQuat,
 }
 
+/// Length of a rotation, as an error states it.
+pub(crate) const UNIT_LENGTH: &str = "1, the length of a unit quaternion";
+
+/// Returns `true` if `length` is that of a unit quaternion, up to rounding.
+pub(crate) fn is_unit_length(length: f64) -> bool {
+    (length - 1.0).abs() < 1e-6
+}
+
 impl Pose {
     /// Identity transform.
     pub const IDENTITY: Self = Self { position: DVec3::ZERO, rotation: DQuat::IDENTITY };

@@ -77,7 +77,9 @@ impl RobotFile {
         }
         let bytes = std::fs::read(path)
             .map_err(|source| DescriptionError::Read { path: path.to_owned(), source })?;
-        let file: Self = serde_json::from_slice(&bytes).map_err(|error| {
+        // editors of Windows write a byte order mark
+        let json = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&bytes);
+        let file: Self = serde_json::from_slice(json).map_err(|error| {
             let message = error.to_string();
             DescriptionError::InvalidSettings { path: path.to_owned(), message }
         })?;

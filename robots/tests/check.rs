@@ -1,7 +1,11 @@
 //! Checks of robots, guesses of their hands, files of settings, and additions.
 
-use glam::DVec3;
-use robots::{Chain, Link, OrientationConstraint, Pose, RobotDescription, RobotFile, gen3};
+use glam::{DMat3, DQuat, DVec3};
+use mujoco::Model;
+use robots::{
+    Chain, DescriptionError, Inertia, Link, MAX_LINKS, MjcfSettings, OrientationConstraint,
+    PlacedShape, Pose, RobotDescription, RobotFile, Shape, gen3,
+};
 
 use crate::SIX_JOINT;
 
@@ -176,10 +180,83 @@ fn an_added_link_moves_with_its_parent_and_nothing_else_moves() {
         let crooked = bare.clone().with_fixed_link(parent, tilted, added()).unwrap_err();
         assert!(crooked.to_string().contains("the length of its rotation is"), "{crooked}");
     }
-    let prefixed = bare.clone().with_prefix("robot/");
+    let prefixed = bare.clone().with_prefix("robot/").unwrap();
     assert_eq!(prefixed.links()[1].name, "robot/column");
     assert_eq!(prefixed.joints()[1].name, "robot/lift");
     assert_eq!(prefixed.link_poses(&positions), bare.link_poses(&positions));
+}
+
+/// Returns a link that may be added, with this change.
+fn added_link(change: impl FnOnce(&mut Link)) -> Link {
+    let inertia = Inertia {
+        mass: 0.2,
+        centre_of_mass: DVec3::ZERO,
+        tensor: DMat3::from_diagonal(DVec3::new(1e-3, 2e-3, 2.5e-3)),
+    };
+    let shape = Shape::Box { half_extents: DVec3::splat(0.05) };
+    let shapes = vec![PlacedShape { pose: Pose::IDENTITY, shape }];
+    let mut link = Link { name: "added".to_owned(), inertia: Some(inertia), shapes };
+    change(&mut link);
+    link
+}
+
+fn add(link: Link) -> Result<RobotDescription, DescriptionError> {
+    six_joint("", "").with_fixed_link("tip", Pose::IDENTITY, link)
+}
+
+#[test]
+fn an_added_link_is_held_to_the_rules_of_a_urdf() {
+    let of_inertia =
+        |change: fn(&mut Inertia)| added_link(|link| change(link.inertia.as_mut().unwrap()));
+    let of_shape = |shape| added_link(|link| link.shapes[0].shape = shape);
+    let turned = Pose { rotation: DQuat::from_xyzw(0.0, 0.0, 0.0, 2.0), ..Pose::IDENTITY };
+    for (link, words) in [
+        (
+            of_inertia(|own| own.mass = -0.2),
+            "link `added`: its mass is -0.2, expected zero or more",
+        ),
+        (of_inertia(|own| own.mass = f64::NAN), "its mass is NaN"),
+        (of_inertia(|own| own.centre_of_mass.x = f64::INFINITY), "its centre of mass is inf"),
+        (of_inertia(|own| own.tensor.y_axis.x = f64::NAN), "its inertia is NaN"),
+        (of_inertia(|own| own.tensor.x_axis.x = -1e-3), "a principal inertia is below 1e-12"),
+        (of_inertia(|own| own.tensor.z_axis.z = 4e-3), "exceeds the sum of the others"),
+        (of_inertia(|own| own.tensor.y_axis.x = 1e-4), "its matrix is not symmetric"),
+        (of_shape(Shape::Sphere { radius: -0.1 }), "shape 0 of the link `added`: its size is -0.1"),
+        (of_shape(Shape::Capsule { radius: 0.1, length: 0.0 }), "its size is 0, expected 1e-6"),
+        (of_shape(Shape::Cylinder { radius: f64::NAN, length: 1.0 }), "its size is NaN"),
+        (of_shape(Shape::Box { half_extents: DVec3::new(0.1, 0.1, 1e6) }), "its size is 2000000"),
+        (added_link(|link| link.shapes[0].pose = turned), "the length of its rotation is 2"),
+        (
+            added_link(|link| link.shapes = vec![link.shapes[0].clone(); 1001]),
+            "1001 collision shapes",
+        ),
+    ] {
+        let message = add(link).unwrap_err().to_string();
+        assert!(message.contains(words), "{words}: {message}");
+    }
+    let light = of_inertia(|own| (own.mass, own.tensor) = (1e-9, DMat3::ZERO));
+    for link in [added_link(|_| ()), light] {
+        let mjcf = add(link).unwrap().to_mjcf(&MjcfSettings::default()).unwrap();
+        Model::from_xml(&mjcf.text).unwrap();
+    }
+}
+
+#[test]
+fn added_links_and_prefixes_keep_to_the_limits() {
+    let mut robot = RobotDescription::from_urdf("<robot><link name=\"base\"/></robot>").unwrap();
+    let link = |index: usize| Link { name: index.to_string(), inertia: None, shapes: Vec::new() };
+    for index in 1..MAX_LINKS {
+        robot = robot.with_fixed_link("base", Pose::IDENTITY, link(index)).unwrap();
+    }
+    assert_eq!(robot.links().len(), MAX_LINKS);
+    let full = robot.clone().with_fixed_link("base", Pose::IDENTITY, link(MAX_LINKS)).unwrap_err();
+    assert_eq!(full.to_string(), "the robot `` has 1001 links, expected 1 to 1000");
+    assert_eq!(robot.clone().with_prefix(&"p".repeat(196)).unwrap().links()[0].name.len(), 200);
+    for (prefix, words) in [("p".repeat(197), "200 bytes"), ("a\n".to_owned(), "control character")]
+    {
+        let message = robot.clone().with_prefix(&prefix).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    }
 }
 
 /// Three slides move the tip as fast as the slowest of them, and two move it in a plane alone.

@@ -258,10 +258,14 @@ mod tests {
             ("20, 21", "", "`seeds` is empty"),
             ("20, 21", "7, 20, 20", "`seeds` is a list that holds 20 twice"),
             ("covers.ppo.gamma=0.9", "covers.seed=20", "`set` is [\"covers.seed=20\"]"),
-            ("gamma=0.9", "gamma=7", "gamma = 7"),
+            (
+                "gamma=0.9",
+                "gamma=7",
+                "`covers.ppo.gamma` is 7, expected a number in [0, 1] (0.95 with",
+            ),
             ("covers.ppo.gamma=0.9", "covers.seed=1", "expected no seed: `seeds` lists them"),
             ("\"budget\"", "\"budgit\"", "`budget`"),
-            ("covers-gt", "covers-gtt", "`covers-gt`"),
+            ("covers-gt", "covers-gtt", "; did you mean `covers-gt`?"),
             ("\"budget\"", "\"seeds\": [], \"budget\"", "duplicate field `seeds`"),
         ] {
             let changed = SweepPlan::parse(&TEXT.replace(from, to)).and_then(|plan| plan.jobs());

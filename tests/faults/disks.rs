@@ -89,7 +89,8 @@ fn a_disk_that_fails_at_any_operation_costs_nothing_but_time() {
         let error = run_until_failure(&folder, &disk, &mut Vec::new()).unwrap_err();
         let message = error.to_string();
         let is_named = message.contains(folder.path().to_str().unwrap());
-        assert!(matches!(error, RunError::Write { .. }), "{message}");
+        let is_write = matches!(error, RunError::Write { .. } | RunError::DiskFull { .. });
+        assert!(is_write, "{message}");
         assert!(is_named && message.contains(&reason.to_string()), "{message}");
         let run = if folder.holds_run() {
             Run::resume(folder.path(), Some(1)).unwrap()
@@ -118,6 +119,9 @@ fn a_full_disk_is_named_and_leaves_the_last_checkpoint() {
     let message = run.advance().unwrap_err().to_string();
     assert!(message.contains("000002.safetensors"), "{message}");
     assert!(message.contains("No space left"), "{message}");
+    assert!(message.contains("A checkpoint needs at least "), "{message}");
+    let remedy = format!("Make room, then continue with `covers resume {}`", path.display());
+    assert!(message.ends_with(&remedy), "{message}");
     assert_eq!(checkpoints(&path).len(), 1, "what is not whole is removed");
     drop(run);
     let resumed = Run::resume(&path, None).unwrap();

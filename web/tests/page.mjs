@@ -90,6 +90,9 @@ await weight();
   for (const record of native) assert.deepEqual(choices(JSON.parse(session.learn())), choices(record));
   assert.ok(native.some((record) => record.is_new), "no policy was opened");
   assert.throws(() => session.insertVisit(3, 1, undefined), /group 3/);
+  assert.throws(() => session.insertVisit(0, 0, undefined), /rounds of a visit is 0/);
+  assert.throws(() => session.insertVisit(0, 1, 4), /variant is 4, expected 0 to 3/);
+  for (const variant of [undefined, 0, 3]) session.insertVisit(0, 1, variant);
 }
 
 // by keyboard alone: learn, insert another group, and see a policy opened for it

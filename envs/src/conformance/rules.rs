@@ -79,18 +79,30 @@ const OF_MIRRORED_VARIANTS: [Rule; 2] =
 /// # Errors
 /// The first [`ConformanceError`].
 pub fn check_task_conformance(group: TaskGroup) -> Result<(), ConformanceError> {
+    let mut embodiments = Embodiment::STANDARD.into_iter();
+    embodiments.try_for_each(|embodiment| check_task_conformance_with(group, embodiment))
+}
+
+/// Checks `group` with one embodiment alone, for instance one of yours, against the rules of
+/// [`check_task_conformance`].
+///
+/// # Errors
+/// The first [`ConformanceError`].
+pub fn check_task_conformance_with(
+    group: TaskGroup,
+    embodiment: Embodiment,
+) -> Result<(), ConformanceError> {
     for layout in Layout::ALL {
         if layout == Layout::MetaWorld && group.identity_task().meta_world_settings().is_none() {
             continue;
         }
-        for embodiment in Embodiment::STANDARD {
-            let scene = Scene::new_in_layout(layout, group, embodiment, Camera::default())
-                .map_err(|source| ConformanceError::CheckFailed {
-                    case: format!("{group}, {embodiment}, {layout}"),
-                    source: Box::new(source),
-                })?;
-            check_scene(&Arc::new(scene))?;
-        }
+        let scene = Scene::new_in_layout(layout, group, embodiment, Camera::default()).map_err(
+            |source| ConformanceError::CheckFailed {
+                case: format!("{group}, {embodiment}, {layout}"),
+                source: Box::new(source),
+            },
+        )?;
+        check_scene(&Arc::new(scene))?;
     }
     Ok(())
 }

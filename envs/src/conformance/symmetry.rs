@@ -248,16 +248,13 @@ mod tests {
     use crate::embodiment::Embodiment;
     use crate::task::TaskGroup;
 
-    fn row(embodiment: Embodiment, element: D2, of_actions: D2) -> SymmetryDeviation {
-        let scene = Scene::new(TaskGroup::PLATE_SLIDE, embodiment, Camera::default()).unwrap();
-        let mut twins = Twins::new(Arc::new(scene), element, of_actions).unwrap();
-        twins.compare(1).unwrap();
-        twins.row
-    }
-
     #[test]
     fn a_wrong_mirror_is_noticed() {
-        let row = row(Embodiment::FLOATING_HAND, D2::FlipX, D2::FlipY);
+        let scene =
+            Scene::new(TaskGroup::PLATE_SLIDE, Embodiment::FLOATING_HAND, Camera::default());
+        let mut twins = Twins::new(Arc::new(scene.unwrap()), D2::FlipX, D2::FlipY).unwrap();
+        twins.compare(1).unwrap();
+        let row = twins.row;
         assert!(row.free_deviation > 1e-2, "{row:?}");
         assert!(row.reward_deviation > 1e-2, "{row:?}");
         assert!(row.frames_differing * 2 > row.frames, "{row:?}");
@@ -286,12 +283,5 @@ mod tests {
         ] {
             assert!(deviation(&good, &bad) > least, "{bad:?}");
         }
-    }
-
-    #[test]
-    fn the_arm_is_not_symmetric_open_loop() {
-        let row = row(Embodiment::SAWYER, D2::FlipY, D2::FlipY);
-        assert!(row.free_deviation.max(row.contact_deviation) > 1e-3, "{row:?}");
-        assert!(row.passes(), "the arm is held to its returns alone: {row:?}");
     }
 }

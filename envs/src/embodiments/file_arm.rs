@@ -95,7 +95,7 @@ impl Arm {
         let own = fingers.map(|names| OwnFingers::find(&plain, hand, axis, names)).transpose()?;
         let frame = own.as_ref().map_or_else(|| mounting_frame(axis), |own| own.frame);
         let hand = format!("{PREFIX}{hand}");
-        let robot = plain.with_prefix(PREFIX);
+        let robot = plain.with_prefix(PREFIX)?;
         let framed = robot.clone().with_fixed_link(&hand, frame, bare(HAND))?;
         let placed = BasePlacementSearch {
             robot: &framed,

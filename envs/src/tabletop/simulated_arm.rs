@@ -81,6 +81,7 @@ impl SimulatedArm {
         let mut episode = self.table.episode.take().ok_or(EnvError::NotReset)?;
         let controller = episode.controller.as_mut().ok_or(EnvError::NotReset)?;
         let (finger, stopped) = controller.step_command(&mut self.table.data)?;
+        episode.target = controller.reference_position();
         self.fault = stopped.or(self.fault.take());
         let now = self.table.pass(&mut episode, finger)?;
         self.table.episode = Some(episode);

@@ -108,7 +108,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         if index < self.policies.len() {
             return Ok(index);
         }
-        Err(LearnerError::invalid("policy", index, "the index of a policy that was created"))
+        let value = format!("{index} (policies so far: {}, from 0)", self.policies.len());
+        Err(LearnerError::invalid("policy", value, "the index of a policy that was created"))
     }
 
     /// Returns the number of episodes whose first frames policy `index` keeps, the size of the

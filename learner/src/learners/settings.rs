@@ -66,8 +66,9 @@ impl LearnerSettings {
     /// acting and recognition without further training.
     ///
     /// # Errors
-    /// [`LearnerError::Read`] for a file that is missing, damaged, of a learner of other settings,
-    /// or of other environments.
+    /// [`LearnerError::Read`] for a file that is missing, damaged or of other environments;
+    /// [`LearnerError::CheckpointSettingsDiffer`] and [`LearnerError::OtherMethod`] for a learner
+    /// of other settings.
     pub fn load_for_acting(&self, path: &Path, spec: &EnvSpec, labels: &TaskLabel) -> Loaded {
         self.read(path, spec, labels, false)
     }

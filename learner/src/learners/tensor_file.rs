@@ -195,7 +195,11 @@ impl<'a> TensorFile<'a> {
         let Format { format } = serde_json::from_str(header).map_err(read_json)?;
         // the format is read alone first: headers of other formats may have other fields
         check_format(path, format)?;
-        let Envelope { header, .. } = serde_json::from_str(header).map_err(read_json)?;
+        let other_method = |error: serde_json::Error| LearnerError::OtherMethod {
+            path: path.to_owned(),
+            problem: error.to_string(),
+        };
+        let Envelope { header, .. } = serde_json::from_str(header).map_err(other_method)?;
         let file = SafeTensors::deserialize(bytes).map_err(read)?;
         Ok((header, Self { path, file }))
     }
@@ -275,6 +279,15 @@ mod tests {
         for length in 0..whole.len() {
             assert!(open(&whole[..length]).is_err(), "{length} bytes");
         }
+    }
+
+    #[test]
+    fn an_intact_file_of_another_method_is_named_with_the_remedy() {
+        let bytes = written();
+        let opened = TensorFile::open::<Vec<usize>>(Path::new("file"), &bytes);
+        let message = opened.map(|_| ()).unwrap_err().to_string();
+        assert!(message.starts_with("file is intact, but of another method"), "{message}");
+        assert!(message.contains("put back the experiment.json"), "{message}");
     }
 
     #[test]

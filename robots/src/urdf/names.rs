@@ -4,25 +4,18 @@ use std::collections::HashSet;
 
 use super::Report;
 use super::xml::Cleaned;
-use crate::description::{MAX_LINKS, check_name};
-use crate::error::DescriptionError;
-
-/// Maximum number of collision shapes of a link.
-const MAX_SHAPES: usize = 1000;
+use crate::description::{MAX_LINKS, MAX_SHAPES, check_name};
+use crate::error::{DescriptionError, require_count};
 
 /// Rejects files without links, and with so many links, joints or shapes that they could exhaust
 /// the memory.
 pub(super) fn check_counts(file: &urdf_rs::Robot) -> Result<(), DescriptionError> {
-    let check = |place: &str, kind, count, least, limit| {
-        let place = place.to_owned();
-        let error = DescriptionError::CountOutOfRange { place, kind, count, least, limit };
-        if (least..=limit).contains(&count) { Ok(()) } else { Err(error) }
-    };
-    check("the robot", "link", file.links.len(), 1, MAX_LINKS)?;
-    check("the robot", "joint", file.joints.len(), 0, MAX_LINKS)?;
+    let robot = || "the robot".to_owned();
+    require_count(robot, "link", file.links.len(), 1..=MAX_LINKS)?;
+    require_count(robot, "joint", file.joints.len(), 0..=MAX_LINKS)?;
     file.links.iter().try_for_each(|link| {
-        let place = format!("the link `{}`", link.name);
-        check(&place, "collision shape", link.collision.len(), 0, MAX_SHAPES)
+        let place = || format!("the link `{}`", link.name);
+        require_count(place, "collision shape", link.collision.len(), 0..=MAX_SHAPES)
     })
 }
 

@@ -7,7 +7,7 @@
 use roxmltree::{Document, Error, Node, ParsingOptions};
 
 use super::Report;
-use crate::error::{DescriptionError, MAX_NUMBER};
+use crate::error::{DescriptionError, FROM_ZERO, MAX_NUMBER, is_bounded, is_bounded_from_zero};
 use crate::fit::MIN_SHAPE_SIZE;
 use crate::mjcf::xml_escaped;
 
@@ -259,16 +259,16 @@ fn rule(element: &str, attribute: &str) -> (&'static str, fn(&str) -> bool, &'st
             ("0", |text| all::<1>(text, |number| !number.is_nan()), "a number")
         }
         (_, "value" | "damping" | "friction") => {
-            ("0", |text| all::<1>(text, not_negative), "zero or more, up to 1e6")
+            ("0", |text| all::<1>(text, is_bounded_from_zero), FROM_ZERO)
         }
-        (_, "radius" | "length") => ("0", |text| all::<1>(text, not_negative), SIZE),
-        (_, "size") => ("0 0 0", |text| all::<3>(text, not_negative), SIZES),
+        (_, "radius" | "length") => ("0", |text| all::<1>(text, is_bounded_from_zero), SIZE),
+        (_, "size") => ("0 0 0", |text| all::<3>(text, is_bounded_from_zero), SIZES),
         ("axis", _) => ("1 0 0", is_axis, "a direction: three numbers, not all of them zero"),
-        (_, "xyz" | "rpy") => ("0 0 0", |text| all::<3>(text, bounded), VECTOR),
-        (_, "scale") => ("1 1 1", |text| all::<3>(text, |n| bounded(n) && n != 0.0), SCALE),
+        (_, "xyz" | "rpy") => ("0 0 0", |text| all::<3>(text, is_bounded), VECTOR),
+        (_, "scale") => ("1 1 1", |text| all::<3>(text, |n| is_bounded(n) && n != 0.0), SCALE),
         (_, "quat_xyzw") => ("", |_| false, "`rpy` instead"),
-        (_, "multiplier") => ("1", |text| all::<1>(text, bounded), NUMBER),
-        _ => ("0", |text| all::<1>(text, bounded), NUMBER),
+        (_, "multiplier") => ("1", |text| all::<1>(text, is_bounded), NUMBER),
+        _ => ("0", |text| all::<1>(text, is_bounded), NUMBER),
     }
 }
 
@@ -278,14 +278,6 @@ fn all<const N: usize>(text: &str, holds: fn(f64) -> bool) -> bool {
     numbers().count() == N && numbers().all(|number| number.parse().is_ok_and(holds))
 }
 
-fn bounded(number: f64) -> bool {
-    number.abs() <= MAX_NUMBER
-}
-
-fn not_negative(number: f64) -> bool {
-    (0.0..=MAX_NUMBER).contains(&number)
-}
-
 /// Returns `true` if one of the sizes in a text is too small for MuJoCo.
 fn is_small(sizes: &str) -> bool {
     let small = |size: f64| size < MIN_SHAPE_SIZE;
@@ -293,7 +285,7 @@ fn is_small(sizes: &str) -> bool {
 }
 
 fn is_axis(text: &str) -> bool {
-    all::<3>(text, bounded) && !all::<3>(text, |number| number.abs() < SHORTEST_AXIS)
+    all::<3>(text, is_bounded) && !all::<3>(text, |number| number.abs() < SHORTEST_AXIS)
 }
 
 /// Returns the value of an attribute, or its default where it is missing or, which is reported,

@@ -1,6 +1,5 @@
 //! Script that submits a sweep to Slurm.
 
-use std::fmt::Write;
 use std::path::Path;
 
 use crate::cli::shell_quoted;
@@ -18,14 +17,7 @@ impl ArrayJob<'_> {
         let Self { job_count, threads, memory_mib, .. } = self;
         let [program, plan, runs] = [program, self.plan, self.runs].map(quoted);
         let options = self.options().join(" ");
-        let mut requests = String::new();
-        for (option, value) in [("time", time_limit), ("gres", self.needs_gpu().then_some("gpu:1"))]
-        {
-            if let Some(value) = value {
-                // writing to a string cannot fail
-                let _ = writeln!(requests, "#SBATCH --{option}={value}");
-            }
-        }
+        let requests = self.slurm_requests(time_limit);
         // The limit of an array holds for that array alone, so one begins when another has ended.
         let (throttle, after) = match self.parallel {
             Some(most) => (format!("%{most}"), "${array:+--dependency=afterany:$array} "),
@@ -74,6 +66,14 @@ fi
 exit $code
 "#
         )
+    }
+
+    /// Returns the lines of the script that request what only some jobs need.
+    fn slurm_requests(&self, time_limit: Option<&str>) -> String {
+        let gpu = self.needs_gpu().then_some("gpu:1");
+        let options = [("time", time_limit), ("gres", gpu)].into_iter();
+        let line = |(option, value)| Some(format!("#SBATCH --{option}={}\n", value?));
+        options.filter_map(line).collect()
     }
 }
 
