@@ -10,7 +10,6 @@ use serde::{Deserialize, Serialize};
 use symmetry::Group;
 
 use crate::error::RunError;
-use crate::out_of_range::with_setting_path;
 use crate::schedule::{StreamClock, TaskSchedule, Timetable};
 use crate::stream::SwitchableVecEnv;
 use learner::overrides::{parse_json, read_json};
@@ -159,15 +158,9 @@ impl Experiment {
         self
     }
 
-    /// Rejects settings with which a run over groups of `tasks` could not finish.
-    ///
-    /// # Errors
-    /// The first setting that is out of range or contradicts another one.
-    pub fn check(&self, tasks: &TaskRegistry) -> Result<(), RunError> {
-        self.check_parts(tasks).map_err(|error| with_setting_path(error, self))
-    }
-
-    fn check_parts(&self, tasks: &TaskRegistry) -> Result<(), RunError> {
+    /// Rejects settings like [`Experiment::check`], but its errors have the names that parts of the
+    /// program have for settings.
+    pub(crate) fn check_parts(&self, tasks: &TaskRegistry) -> Result<(), RunError> {
         self.check_counts()?;
         if self.evaluation.every.is_some() && self.evaluation.visit_episodes_per_env == 0 {
             return Err(RunError::InvalidSetting {

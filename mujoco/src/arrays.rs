@@ -6,12 +6,13 @@ use std::slice;
 
 use crate::data::Data;
 use crate::error::ModelError;
+use crate::fields::ArrayStart;
 use crate::fields::data::QFRC_APPLIED;
 use crate::fields::model::{BODY_SAMEFRAME, GEOM_SAMEFRAME, SITE_SAMEFRAME};
 use crate::ids::{BodyIdMarker, Id};
 use crate::model::Model;
 use crate::raw;
-use crate::releases::{self, ArrayStart};
+use crate::releases;
 
 /// Expands to the length of a row: a number, or a size of the model.
 macro_rules! width {
@@ -228,7 +229,8 @@ impl Model {
             }
             _ => return Ok(()),
         };
-        if !releases::has_fixed_inertia_frame(self, body) {
+        // SAFETY: MuJoCo made the model, and nobody writes to it.
+        if !unsafe { releases::has_fixed_inertia_frame(self.as_raw(), body) } {
             return Ok(());
         }
         let name = self.name_of(Id::<BodyIdMarker>::new(body));
@@ -388,7 +390,9 @@ mod tests {
                 Err(error) => {
                     let expected = ModelError::FixedInertiaFrame { body: "b".into(), index: 1 };
                     assert_eq!((error, *array), (expected, NumberArray::BodyIpos));
-                    assert!(releases::has_fixed_inertia_frame(&model, 1));
+                    // SAFETY: MuJoCo made the model.
+                    let fixed = unsafe { releases::has_fixed_inertia_frame(model.as_raw(), 1) };
+                    assert!(fixed);
                 }
             }
         }

@@ -7,6 +7,32 @@ use std::slice;
 
 use crate::raw;
 
+/// Pointer to the first element of an array of MuJoCo. Releases declare some arrays of bytes with
+/// another type of equal size.
+pub(crate) trait ArrayStart<T> {
+    /// Returns the pointer as one to elements of type `T`.
+    fn elements(self) -> *mut T;
+}
+
+macro_rules! same_elements {
+    ($($element:ty),+) => {
+        $(impl ArrayStart<$element> for *mut $element {
+            fn elements(self) -> *mut $element {
+                self
+            }
+        })+
+    };
+}
+
+same_elements!(f64, f32, i32, u8);
+
+/// Flags of recent releases, which are 0 or 1 as those of earlier ones.
+impl ArrayStart<u8> for *mut bool {
+    fn elements(self) -> *mut u8 {
+        self.cast()
+    }
+}
+
 /// Array `[count, N]` of elements `T` in the C struct `S`, where the model determines `count`.
 pub(crate) struct ArrayField<S, T, const N: usize> {
     start: fn(&S) -> *mut T,
@@ -80,9 +106,8 @@ macro_rules! fields {
         $owner:ident, $table:literal:
         $($(#[$condition:meta])* $name:ident = $field:ident: [$kind:ty; $count:ident, $width:literal],)*
     ) => {
-        use super::ArrayField;
+        use super::{ArrayField, ArrayStart};
         use crate::raw;
-        use crate::releases::ArrayStart;
 
         $(
             $(#[$condition])*

@@ -89,7 +89,8 @@ impl Model {
         // SAFETY: nobody else holds the model yet.
         releases::disable_bounding_volumes(unsafe { raw.as_mut() });
         let model = Self { raw, warning, family: Arc::new(()) };
-        if !releases::actuators_are_scalar(&model) {
+        // SAFETY: MuJoCo made the model.
+        if !unsafe { releases::actuators_are_scalar(model.as_raw()) } {
             return Err(ModelError::VectorActuators { file: main.into() });
         }
         Ok(model)

@@ -8,34 +8,7 @@ use std::ffi::CStr;
 use crate::fields::model::{BODY_SIMPLE, DOF_SIMPLENUM};
 #[cfg(mujoco3)]
 use crate::fields::model::{BODY_SIMPLE, MAT_TEXID};
-use crate::model::Model;
 use crate::raw;
-
-/// Pointer to the first element of an array of MuJoCo. Releases declare some arrays of bytes with
-/// another type of equal size.
-pub(crate) trait ArrayStart<T> {
-    /// Returns the pointer as one to elements of type `T`.
-    fn elements(self) -> *mut T;
-}
-
-macro_rules! same_elements {
-    ($($element:ty),+) => {
-        $(impl ArrayStart<$element> for *mut $element {
-            fn elements(self) -> *mut $element {
-                self
-            }
-        })+
-    };
-}
-
-same_elements!(f64, f32, i32, u8);
-
-/// Flags of recent releases, which are 0 or 1 as those of earlier ones.
-impl ArrayStart<u8> for *mut bool {
-    fn elements(self) -> *mut u8 {
-        self.cast()
-    }
-}
 
 /// Length of a name of a file in memory (bytes, with its NUL) that every release has room for.
 pub(crate) const MAX_NAME_LEN: usize = 1000;
@@ -85,23 +58,29 @@ pub(crate) fn buffer_limits(model: &raw::mjModel) -> [(usize, &'static str); 2] 
 
 /// Returns `true` if every actuator has one control and one output, as in releases without counts of
 /// these. Lengths of arrays rely on it.
+///
+/// # Safety
+/// MuJoCo must have made the model.
 #[cfg(not(actuator_counts))]
-pub(crate) fn actuators_are_scalar(_model: &Model) -> bool {
+pub(crate) unsafe fn actuators_are_scalar(_model: &raw::mjModel) -> bool {
     true
 }
 
 /// Returns `true` if every actuator has one control and one output, as in releases without counts of
 /// these. Lengths of arrays rely on it.
+///
+/// # Safety
+/// MuJoCo must have made the model.
 #[cfg(actuator_counts)]
-pub(crate) fn actuators_are_scalar(model: &Model) -> bool {
+pub(crate) unsafe fn actuators_are_scalar(model: &raw::mjModel) -> bool {
     use crate::fields::model::{ACTUATOR_CTRLNUM, ACTUATOR_OUTNUM};
 
-    let sizes = model.as_raw();
     // the two arrays are as long as supposed here only where the totals agree
-    [sizes.nactuator, sizes.nout] == [sizes.nu; 2]
-        && [&ACTUATOR_CTRLNUM, &ACTUATOR_OUTNUM]
-            .iter()
-            .all(|counts| model.rows(counts).iter().all(|count| *count == [1]))
+    [model.nactuator, model.nout] == [model.nu; 2]
+        && [&ACTUATOR_CTRLNUM, &ACTUATOR_OUTNUM].iter().all(|counts| {
+            // SAFETY: the caller's promise, and the totals agree.
+            unsafe { counts.rows(model, model) }.iter().all(|count| *count == [1])
+        })
 }
 
 /// Lets collisions be searched without the trees of bounding volumes that 2.2.2 does not have.
@@ -117,16 +96,24 @@ pub(crate) fn disable_bounding_volumes(model: &mut raw::mjModel) {
 
 /// Returns `true` if the layout of the inertia matrix relies on the frames of `body` and its joints,
 /// as they were compiled.
+///
+/// # Safety
+/// MuJoCo must have made the model.
 #[cfg(not(mujoco3))]
-pub(crate) fn has_fixed_inertia_frame(_model: &Model, _body: usize) -> bool {
+pub(crate) unsafe fn has_fixed_inertia_frame(_model: &raw::mjModel, _body: usize) -> bool {
     false
 }
 
 /// Returns `true` if the layout of the inertia matrix relies on the frames of `body` and its joints,
 /// as they were compiled.
+///
+/// # Safety
+/// MuJoCo must have made the model.
 #[cfg(mujoco3)]
-pub(crate) fn has_fixed_inertia_frame(model: &Model, body: usize) -> bool {
-    model.rows(&BODY_SIMPLE)[body] != [0]
+pub(crate) unsafe fn has_fixed_inertia_frame(model: &raw::mjModel, body: usize) -> bool {
+    // SAFETY: the caller's promise.
+    let simple = unsafe { BODY_SIMPLE.rows(model, model) };
+    simple[body] != [0]
 }
 
 /// Clears the flags by which MuJoCo takes the inertia of a body for diagonal, where the layout of
@@ -165,15 +152,22 @@ pub(crate) fn take_scene_overflow(scene: &mut raw::mjvScene, _data: &mut raw::mj
 }
 
 /// Returns `true` if a geom of `model` has a texture.
+///
+/// # Safety
+/// MuJoCo must have made the model.
 #[cfg(not(mujoco3))]
-pub(crate) fn is_textured(geom: &raw::mjvGeom, _model: &Model) -> bool {
+pub(crate) unsafe fn is_textured(geom: &raw::mjvGeom, _model: &raw::mjModel) -> bool {
     geom.texid >= 0
 }
 
 /// Returns `true` if a geom of `model` has a texture.
+///
+/// # Safety
+/// MuJoCo must have made the model.
 #[cfg(mujoco3)]
-pub(crate) fn is_textured(geom: &raw::mjvGeom, model: &Model) -> bool {
-    let material = usize::try_from(geom.matid).ok();
-    let textures = material.and_then(|material| model.rows(&MAT_TEXID).get(material));
-    textures.is_some_and(|textures| textures.iter().any(|&texture| texture >= 0))
+pub(crate) unsafe fn is_textured(geom: &raw::mjvGeom, model: &raw::mjModel) -> bool {
+    // SAFETY: the caller's promise.
+    let textures = unsafe { MAT_TEXID.rows(model, model) };
+    let own = usize::try_from(geom.matid).ok().and_then(|material| textures.get(material));
+    own.is_some_and(|textures| textures.iter().any(|&texture| texture >= 0))
 }

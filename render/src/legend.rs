@@ -4,7 +4,6 @@ use experiments::Experiment;
 use experiments::sheet::GOAL_MARK_COLOUR;
 
 use super::grid::{FilmCaption, FilmLegendEntry};
-use super::player::FilmedEpisode;
 use super::recorder::FilmView;
 
 const SOLVED: [u8; 3] = [0x00, 0x6b, 0x3c];
@@ -24,12 +23,13 @@ pub(super) fn episode_caption(policy: usize, success: bool) -> FilmCaption {
     }
 }
 
-/// Returns the legend of a film of these episodes in these views.
+/// Returns the legend of a film in these views, `mirrored_back` if it has rows of mirrored pictures,
+/// and `shows_goal` if the pictures mark a goal.
 pub(super) fn film_legend(
     experiment: &Experiment,
     views: &[FilmView],
     mirrored_back: bool,
-    episodes: &[FilmedEpisode],
+    shows_goal: bool,
 ) -> Vec<FilmLegendEntry> {
     let shows = |any: &[FilmView]| any.iter().any(|view| views.contains(view));
     let entry = |swatch, text: &str| FilmLegendEntry { swatch, text: text.to_owned() };
@@ -38,8 +38,7 @@ pub(super) fn film_legend(
     if shows(&[FilmView::PolicyInput]) && mark.radius > 0.0 {
         legend.push(entry(Some(mark.color), "gripper (the policy does not see the arm)"));
     }
-    let has_goal = episodes.iter().any(|episode| episode.shows_goal);
-    if shows(&[FilmView::PolicyInput, FilmView::Raw]) && has_goal {
+    if shows(&[FilmView::PolicyInput, FilmView::Raw]) && shows_goal {
         legend.push(entry(Some(GOAL_MARK_COLOUR), "goal, which the policy gets as numbers"));
     }
     if shows(&[FilmView::Mask]) {
@@ -57,18 +56,13 @@ pub(super) fn film_legend(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use envs::{TaskGroup, TaskVariant};
     use experiments::presets::{Budget, Method};
-    use symmetry::D2;
 
     #[test]
     fn a_legend_explains_what_the_views_show_and_nothing_else() {
         let experiment = Budget::Full.preset_experiment(Method::CoversSac);
         let legend = |views: &[FilmView], shows_goal| {
-            let variant = TaskVariant { group: TaskGroup::GOAL_REACH, element: D2::Identity };
-            let episode =
-                FilmedEpisode { variant, policy: 0, success: true, shows_goal, cells: Vec::new() };
-            let entries = film_legend(&experiment, views, false, &[episode]);
+            let entries = film_legend(&experiment, views, false, shows_goal);
             entries.into_iter().map(|entry| entry.text).collect::<Vec<_>>().join("; ")
         };
         let whole = "solved: success within the episode of 50 decisions";

@@ -123,7 +123,8 @@ impl PolicyPlayer {
         let names = D2::ALL.map(|element| element.to_string());
         let columns = names.each_ref().map(String::as_str);
         let FilmSettings { views, mirrored_back, .. } = *settings;
-        let legend = film_legend(&self.experiment, views, mirrored_back, episodes);
+        let shows_goal = episodes.iter().any(|episode| episode.shows_goal);
+        let legend = film_legend(&self.experiment, views, mirrored_back, shows_goal);
         compose_film_grid(&columns, &self.rows(settings, episodes), &legend)
     }
 

@@ -109,7 +109,8 @@ impl Renderer {
     fn check_shapes(&self, model: &Model, mirror: RenderMirror) -> Result<(), RenderError> {
         let asymmetric = |geom: &&raw::mjvGeom| {
             !MIRROR_SYMMETRIC.contains(&geom.type_.cast_unsigned())
-                || releases::is_textured(geom, model)
+                // SAFETY: MuJoCo made the model, and nobody writes to it.
+                || unsafe { releases::is_textured(geom, model.as_raw()) }
         };
         let skins = self.scene.nskin as usize;
         let geom = self.geoms().iter().find(asymmetric).filter(|_| mirror.reverses_orientation());

@@ -1,7 +1,7 @@
-//! Full path and default of a setting that is out of range. The code that checks a setting knows its
-//! own name of it, but not where an experiment holds it.
+//! Check of an experiment's settings, whose errors name the full path and the default of a setting.
+//! The code that checks a setting knows its own name of it, but not where an experiment holds it.
 
-use envs::EnvError;
+use envs::{EnvError, TaskRegistry};
 use evidence::EvidenceError;
 use learner::overrides::{SettingDifference, differing_settings, short_path};
 use rl::RlError;
@@ -11,9 +11,19 @@ use crate::error::RunError;
 use crate::experiment::Experiment;
 use crate::nearest_preset::{NearestPreset, preset_for_run};
 
+impl Experiment {
+    /// Rejects settings with which a run over groups of `tasks` could not finish.
+    ///
+    /// # Errors
+    /// The first setting that is out of range or contradicts another one.
+    pub fn check(&self, tasks: &TaskRegistry) -> Result<(), RunError> {
+        self.check_parts(tasks).map_err(|error| with_setting_path(error, self))
+    }
+}
+
 /// Adds the path and the default of the setting to an error about a value out of range; other
 /// errors, and values that the run shares with its preset, stay as they are.
-pub(crate) fn with_setting_path(error: RunError, run: &Experiment) -> RunError {
+fn with_setting_path(error: RunError, run: &Experiment) -> RunError {
     let Some((name, value, expected)) = rejected(&error) else {
         return error;
     };
