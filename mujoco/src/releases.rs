@@ -169,5 +169,5 @@ pub(crate) unsafe fn is_textured(geom: &raw::mjvGeom, model: &raw::mjModel) -> b
     // SAFETY: the caller's promise.
     let textures = unsafe { MAT_TEXID.rows(model, model) };
     let own = usize::try_from(geom.matid).ok().and_then(|material| textures.get(material));
-    own.is_some_and(|textures| textures.iter().any(|&texture| texture >= 0))
+    own.is_some_and(|roles| roles.iter().any(|&texture| texture >= 0))
 }
