@@ -249,11 +249,7 @@ pub fn summarise_or_checkpoint(
     }
     run.save_checkpoint()?;
     let rollouts = run.stats().rollouts;
-    // the device is in no file, so the command must name it
-    let device = match run.experiment().learner.gpu_name() {
-        Some(_) => " --device gpu",
-        None => "",
-    };
+    let device = run.device_option();
     let ending =
         format!("stopped after {rollouts} rollouts; continue with: covers resume {folder}{device}");
     if print_escaped(out, &ending).is_err() {

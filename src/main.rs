@@ -1,6 +1,8 @@
 //! The `covers` command; `covers --help` lists its exit codes.
 
+use std::error::Error;
 use std::io::{self, ErrorKind, Stdout, Write, stderr, stdout};
+use std::iter;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -27,7 +29,7 @@ fn main() -> ExitCode {
     match program.run(&mut out) {
         Ok(code) => ExitCode::from(code),
         // as after `covers presets | head -1`: the reader has all that it wants
-        Err(_) if out.is_closed => ExitCode::from(CLOSED_OUTPUT),
+        Err(error) if out.is_closed && is_broken_pipe(&error) => ExitCode::from(CLOSED_OUTPUT),
         Err(error) => {
             // control characters of file names are escaped; `eprintln!` would panic if the terminal
             // was closed
@@ -42,6 +44,15 @@ fn main() -> ExitCode {
 fn is_usage_error(error: &clap::Error) -> bool {
     use clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand as Help;
     error.use_stderr() && error.kind() != Help
+}
+
+/// Returns `true` if a closed output is the error or its cause. Programs that this one starts, such
+/// as `ffmpeg`, can have closed theirs, too.
+fn is_broken_pipe(error: &(dyn Error + 'static)) -> bool {
+    let causes = iter::successors(Some(error), |&error| error.source());
+    causes
+        .filter_map(|cause| cause.downcast_ref::<io::Error>())
+        .any(|cause| cause.kind() == ErrorKind::BrokenPipe)
 }
 
 /// Standard output, which notes that its reader has closed it.

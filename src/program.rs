@@ -31,8 +31,8 @@ Exit codes:
   1    an error, printed on standard error; a failed check; a part that `covers doctor` finds BAD
   2    invalid options
   3    a run stopped early by a signal or a closed output; `covers resume` continues it
-  128 plus the number of a signal that ended the program at once (130 for Ctrl-C, 143 for SIGTERM),
-       or that a closed output stands for (141 for SIGPIPE, as in `covers presets | head -1`)";
+  128 plus the number of a signal that ended the program at once (130 for Ctrl-C, 143 for SIGTERM);
+       141 if the output was closed, but no training had to stop, as in `covers presets | head -1`";
 
 /// Continual vision-based reinforcement learning with group symmetries.
 #[derive(Debug, Parser)]

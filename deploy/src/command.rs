@@ -302,7 +302,8 @@ impl DeployOptions {
         let written = |error| RunError::cannot_write(&path, error);
         std::fs::create_dir_all(folder).map_err(written)?;
         let bytes = if self.gif {
-            let title = format!("{}, trial {}: {outcome}", trial.variant, trial.index);
+            let ended = if score.success { "solved" } else { "not solved" };
+            let title = format!("{}, trial {}: {ended}", trial.variant, trial.index);
             encode_gif(&strip.to_film(&title)).map_err(RunError::write_error_mapper(&path))?
         } else {
             strip.to_picture().to_png().map_err(RunError::write_error_mapper(&path))?

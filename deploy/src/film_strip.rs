@@ -19,8 +19,8 @@ const EVERY: usize = 5;
 pub struct FilmStrip {
     /// Pictures `[144, 192, 3]` of each decision: the camera's, the mask and the policy's.
     columns: Vec<[Vec<u8>; 3]>,
-    /// Colour (RGB) of the mark over the gripper in the policy's pictures.
-    mark_colour: [u8; 3],
+    /// Colour (RGB) of the mark over the gripper in the policy's pictures; `None` without a mark.
+    pub(super) mark_colour: Option<[u8; 3]>,
 }
 
 impl FilmStrip {
@@ -31,7 +31,6 @@ impl FilmStrip {
         let mask = perception.arm_mask().iter();
         let mask: Vec<u8> = mask.flat_map(|&hidden| [if hidden { 255 } else { 0 }; 3]).collect();
         let side = (seen.len() / RGB_CHANNELS).isqrt();
-        self.mark_colour = perception.settings().gripper_mark.color;
         self.columns.push([
             fitted(raw, [width, height]),
             fitted(&mask, [view.width, view.height]),
@@ -70,10 +69,8 @@ impl FilmStrip {
         };
         let entry =
             |swatch, text: &str| FilmLegendEntry { swatch: Some(swatch), text: text.into() };
-        let legend = [
-            entry([255; 3], "area that the arm hides, which is filled in"),
-            entry(self.mark_colour, "gripper"),
-        ];
+        let mut legend = vec![entry([255; 3], "area that the arm hides, which is filled in")];
+        legend.extend(self.mark_colour.map(|colour| entry(colour, "gripper")));
         compose_film_grid(&["camera", "mask", "policy"], &[row], &legend)
     }
 }
@@ -109,12 +106,14 @@ mod tests {
         assert!(square[..3] == [255; 3] && square[24 * 3..][..3] == [10; 3]);
         assert_eq!(dark(&fitted(&[10; 640 * 480 * 3], [640, 480])), 192 * 144);
         let columns = vec![[square.clone(), square.clone(), square]; 6];
-        let strip = FilmStrip { columns, mark_colour: [0, 0, 255] };
+        let strip = FilmStrip { columns, mark_colour: Some([0, 0, 255]) };
         let picture = strip.to_picture();
         assert_eq!((picture.width, picture.height), (2 * 196 + 4, 3 * 148 + 4));
         assert_eq!(dark(&picture.rgb), 6 * 144 * 144);
         let film = strip.to_film("");
         assert_eq!(film.frames.len(), 6);
+        let marks = film.frames[0].chunks_exact(3).filter(|pixel| **pixel == [0, 0, 255]);
+        assert!(marks.count() > 20, "the legend");
         assert!(film.frames.iter().all(|frame| dark(frame) == 3 * 144 * 144));
     }
 }

@@ -97,6 +97,12 @@ impl RigPerception {
         Ok(())
     }
 
+    /// Returns the colour (RGB) of the mark at the gripper; `None` if none is drawn.
+    pub fn mark_colour(&self) -> Option<[u8; 3]> {
+        let mark = self.camera.mark;
+        (mark.radius > 0.0).then_some(mark.color)
+    }
+
     /// Composes the image of an observation, `[size, size, C]`, from the last picture of
     /// [`RigPerception::write_picture_without_arm`], `current`, and the episode's first one.
     pub fn compose_observation(&self, current: &[u8], first: &[u8], image: &mut [u8]) {

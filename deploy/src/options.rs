@@ -31,7 +31,7 @@ pub struct RigOptions {
     #[arg(long, value_name = "ROBOT", default_value = "kinova-sim", value_parser = robot)]
     pub robot: Embodiment,
     /// Seed of placements and faults.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     pub seed: u64,
     /// Faults of the camera and the arm.
     #[arg(long, value_enum, default_value = "nominal")]

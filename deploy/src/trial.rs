@@ -90,6 +90,7 @@ impl TrialEnv<'_> {
         self.latencies.record(DecisionStage::InPainting, paint_started.elapsed());
         if let Some(strip) = &mut self.film_strip {
             let perception = self.observer.perception();
+            strip.mark_colour = self.observer.mark_colour();
             strip.add_decision(self.observer.camera_picture(), perception, &picture);
         }
         if self.first_picture.is_empty() {

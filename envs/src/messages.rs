@@ -96,8 +96,8 @@ pub struct EnvSnapshot {
 /// Settings of a vector of environments that determine its pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct PictureSettings {
-    camera: Camera,
-    randomisation: Option<VisualDomainRandomisation>,
+    pub camera: Camera,
+    pub randomisation: Option<VisualDomainRandomisation>,
 }
 
 impl PictureSettings {

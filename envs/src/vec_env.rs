@@ -82,7 +82,7 @@ impl VecEnv {
             return Err(EnvError::InvalidSetting {
                 name: "share",
                 value: format!("{share:?}"),
-                expected: "a rising range of the environments' indices, within 0..num_envs",
+                expected: "a range within 0..num_envs that does not end before it starts",
             });
         }
         let mut vec_env = Self {
@@ -325,8 +325,13 @@ impl VecEnv {
         self.check_observations(&out)?;
         let own = PictureSettings::new(&self.settings);
         if let Some(other) = snapshots.iter().find(|snapshot| snapshot.pictures != own) {
-            let [got, expected] =
-                [other.pictures, own].map(|pictures| format!("a vector with {pictures:?}"));
+            let [got, expected] = [other.pictures, own].map(|one| {
+                if other.pictures.camera == own.camera {
+                    format!("{:?}", one.randomisation)
+                } else {
+                    format!("{:?}", one.camera)
+                }
+            });
             return Err(EnvError::SceneMismatch { got, expected });
         }
         self.prepare_rows();

@@ -35,7 +35,7 @@ fn experts_solve_every_variant_with_the_gen3() {
                 for element in D2::ALL {
                     let row =
                         measure_expert(&scene, element, ControlSettings::default(), 2).unwrap();
-                    // in releases 3 the grip on a handle slips now and then
+                    // with MuJoCo 3 the grip on a handle slips now and then
                     let pulls = ["door-open", "drawer-open"].contains(&group.name());
                     let least = if pulls && !is_reference_release() { 0.5 } else { 1.0 };
                     assert!(row.success_rate() >= least, "{row:?}");

@@ -57,7 +57,7 @@ fn presses(embodiment: Embodiment, finger: f32, seed: u64) -> Vec<Press> {
 const CASES: [(Embodiment, f64); 2] =
     [(Embodiment::SAWYER, 0.029), (Embodiment::FLOATING_HAND, 0.034)];
 
-/// Returns all cases with MuJoCo 2.2.2. In releases 3 the arm's contacts yield more: closed fingers
+/// Returns all cases with MuJoCo 2.2.2. With MuJoCo 3 the arm's contacts yield more: closed fingers
 /// succeed, too, and an open claw pushes the cap beyond its travel.
 fn cases() -> &'static [(Embodiment, f64)] {
     if is_reference_release() { &CASES } else { &CASES[1..] }

@@ -22,9 +22,9 @@ fn leaked(task: PushBlock) -> TaskGroup {
     TaskGroup::from_task(Box::leak(Box::new(task)))
 }
 
-/// Rules of which one may be broken by the arm on Button Press in releases 3, where it does not
+/// Rules of which one may be broken by the arm on Button Press with MuJoCo 3, where it does not
 /// always press the button home.
-const OF_EXPERTS: [&str; 2] = ["the expert solves it", "it mirrors its canonical twin"];
+const KNOWN_TO_FAIL: [&str; 2] = ["the expert solves it", "it mirrors its canonical twin"];
 
 #[test]
 fn every_group_conforms() {
@@ -35,7 +35,7 @@ fn every_group_conforms() {
                     && (group, embodiment) == (TaskGroup::BUTTON_PRESS, Embodiment::SAWYER);
                 scope.spawn(move || match check_task_conformance_with(group, embodiment) {
                     Err(ConformanceError::RuleViolated { case, rule, .. })
-                        if is_known && OF_EXPERTS.contains(&rule) =>
+                        if is_known && KNOWN_TO_FAIL.contains(&rule) =>
                     {
                         println!("{case}: not `{rule}`, as known of this release");
                     }
@@ -277,7 +277,7 @@ fn an_expert_that_cannot_get_there_does_not_succeed() {
 fn the_arm_is_not_symmetric_open_loop() {
     let scene = Scene::new(TaskGroup::PLATE_SLIDE, Embodiment::SAWYER, Camera::default()).unwrap();
     let row = measure_symmetry(&Arc::new(scene), D2::FlipY, 1).unwrap();
-    // in releases 3 something touches from the first decision on, so no motion counts as free
+    // with MuJoCo 3 something touches from the first decision on, so no motion counts as free
     let deviation = if is_reference_release() { row.free_deviation } else { row.contact_deviation };
     assert!(deviation > 1e-3, "{row:?}");
     assert!(row.passes(), "the arm is held to its returns alone: {row:?}");

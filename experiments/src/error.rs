@@ -199,7 +199,7 @@ pub enum RunError {
     },
     /// Run that its disk has no room for.
     #[error(
-        "cannot write {}: {source}. {}Make room, then continue with `covers resume {}`",
+        "cannot write {}: {source}. {}Make room, then continue with `covers resume {}{device_option}`",
         path.display(),
         room_needed(*checkpoint_bytes),
         folder.display()
@@ -211,6 +211,9 @@ pub enum RunError {
         source: BoxedEnvError,
         /// Folder of the run.
         folder: PathBuf,
+        /// Option of `covers resume` for the run's device, see
+        /// [`Run::device_option`](crate::Run::device_option).
+        device_option: &'static str,
         /// Size of the run's next checkpoint (bytes), or of its newest one; `None` before the
         /// first.
         checkpoint_bytes: Option<u64>,
@@ -294,10 +297,16 @@ impl RunError {
 
     /// Converts a [`RunError::Write`] on a full disk to [`RunError::DiskFull`] of the run in
     /// `folder`; other errors stay as they are.
-    pub(crate) fn on_full_disk(self, folder: &Path, checkpoint_bytes: Option<u64>) -> Self {
+    pub(crate) fn on_full_disk(
+        self,
+        folder: &Path,
+        device_option: &'static str,
+        checkpoint_bytes: Option<u64>,
+    ) -> Self {
         match self {
             Self::Write { path, source } if is_full_disk(&source) => {
-                Self::DiskFull { path, source, folder: folder.to_owned(), checkpoint_bytes }
+                let folder = folder.to_owned();
+                Self::DiskFull { path, source, folder, device_option, checkpoint_bytes }
             }
             other => other,
         }
@@ -367,13 +376,13 @@ mod tests {
         assert!(full.is_transient());
         let repeat = full.to_string();
         assert!(repeat.ends_with(": make room, then repeat the command"), "{repeat}");
-        let of_run = full.on_full_disk(Path::new("runs/a"), Some(12_340_000));
+        let of_run = full.on_full_disk(Path::new("runs/a"), " --device gpu", Some(12_340_000));
         assert!(of_run.is_transient());
         let message = of_run.to_string();
         let expected = ". A checkpoint needs at least 12.3 MB. Make room, then continue with \
-            `covers resume runs/a`";
+            `covers resume runs/a --device gpu`";
         assert!(message.ends_with(expected), "{message}");
-        let other = error(ErrorKind::PermissionDenied).on_full_disk(Path::new("runs/a"), None);
+        let other = error(ErrorKind::PermissionDenied).on_full_disk(Path::new("runs/a"), "", None);
         assert!(!other.to_string().contains("room"), "{other}");
     }
 }

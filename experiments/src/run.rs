@@ -385,8 +385,9 @@ impl Run {
         check_equal_on_ranks(&self.folder, "have checkpoints with checksums", checksum)?;
         if self.folder.process_ranks().is_first() {
             let needed = Some(bytes.len() as u64);
-            self.write_checkpoint(&bytes)
-                .map_err(|error| error.on_full_disk(self.folder.path(), needed))?;
+            self.write_checkpoint(&bytes).map_err(|error| {
+                error.on_full_disk(self.folder.path(), self.device_option(), needed)
+            })?;
         }
         self.saved = Some((rollouts, due));
         Ok(())
@@ -439,12 +440,19 @@ impl Run {
         Ok(Some(summary))
     }
 
+    /// Returns the option of `covers resume` for the run's device, which no file names; empty for the
+    /// CPU.
+    pub fn device_option(&self) -> &'static str {
+        self.experiment.learner.gpu_name().map_or("", |_| " --device gpu")
+    }
+
     /// Adds to an error of a full disk how to continue, and the size of the newest checkpoint.
     fn with_room_needed(&self, error: RunError) -> RunError {
         let checkpoints =
             checkpoints::list_checkpoints(&self.folder.checkpoint_folder()).unwrap_or_default();
         let newest = checkpoints.first().and_then(|(_, path)| path.metadata().ok());
-        error.on_full_disk(self.folder.path(), newest.map(|file| file.len()))
+        let size = newest.map(|file| file.len());
+        error.on_full_disk(self.folder.path(), self.device_option(), size)
     }
 }
 

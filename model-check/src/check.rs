@@ -42,6 +42,8 @@ pub struct ModelSymmetryReport {
     /// Root mean square by which two copies of the same side diverge after a second of mirrored
     /// torques (radians and metres); `None` if that is not simulated.
     pub twin_divergence: Option<f64>,
+    /// Reason for which no effect could be simulated.
+    pub unsimulated: Option<String>,
     /// Maps of states and actions to those of the mirrored motion.
     pub maps: Option<SymmetryMaps>,
     /// Reason for which there are no maps.
@@ -88,9 +90,13 @@ pub fn check_model_symmetry(
     };
     differences.retain(|difference| !ignores(difference));
     let maps = SymmetryMaps::new(&snapshot, &pairs, &comparison, &plane);
-    let twin_divergence = match &maps {
+    let simulated = match &maps {
         Ok(maps) if settings.simulates => effect::simulate(model, maps, &mut differences),
-        _ => None,
+        _ => Ok(None),
+    };
+    let (twin_divergence, unsimulated) = match simulated {
+        Ok(divergence) => (divergence, None),
+        Err(reason) => (None, Some(reason.to_string())),
     };
     let rank = |difference: &MirrorDifference| {
         (difference.effect.unwrap_or(-1.0), difference.scaled_amount())
@@ -104,7 +110,14 @@ pub fn check_model_symmetry(
         Err(reason) => (None, Some(reason)),
     };
     let corrections = corrections_of(&snapshot, &pairs, &plane, &corrections.ignore);
-    Ok(ModelSymmetryReport { corrections, differences, twin_divergence, maps, unmapped })
+    Ok(ModelSymmetryReport {
+        corrections,
+        differences,
+        twin_divergence,
+        unsimulated,
+        maps,
+        unmapped,
+    })
 }
 
 /// Returns candidate planes across y, across x and across the mean direction from right to left
@@ -230,7 +243,7 @@ impl ModelSymmetryReport {
         lines.extend(
             differences.map(|found| format!("{:>9}  {}", found.effect_text(), found.line())),
         );
-        lines.extend(self.unmapped_text());
+        lines.extend(self.missing_text());
         lines.join("\n") + "\n"
     }
 
@@ -244,8 +257,10 @@ impl ModelSymmetryReport {
         format!("plane: normal {x:.4} {y:.4} {z:.4}, {offset:.4} m from the origin; {pairs} pairs")
     }
 
-    /// Returns the reason for which there are no maps, if there are none.
-    pub(crate) fn unmapped_text(&self) -> Option<String> {
-        self.unmapped.as_ref().map(|reason| format!("no maps and effects: {reason}"))
+    /// Returns the reason for which there are no maps or no effects, if there are none.
+    pub(crate) fn missing_text(&self) -> Option<String> {
+        let unmapped = self.unmapped.as_ref();
+        let unmapped = unmapped.map(|reason| format!("no maps and effects: {reason}"));
+        unmapped.or_else(|| Some(format!("no effects: {}", self.unsimulated.as_ref()?)))
     }
 }

@@ -3,7 +3,9 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use mujoco::{Data, IntegerArray as Int, Model, NumberArray as Num, RowEdit, SimError, raw};
+use mujoco::{
+    Data, IntegerArray as Int, Model, ModelError, NumberArray as Num, RowEdit, SimError, raw,
+};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use crate::compare::MirrorDifference;
@@ -22,13 +24,17 @@ const MAX_SIMULATED: usize = 40;
 /// effects on the motion; returns the effect of no difference at all, `None` if that run fails.
 ///
 /// The model's right side is replaced by the mirror image of its left one, but for one difference.
+///
+/// # Errors
+/// [`ModelError`] of an edit that removes a difference, see [`Model::edited`].
 pub(crate) fn simulate(
     model: &Model,
     maps: &SymmetryMaps,
     differences: &mut [MirrorDifference],
-) -> Option<f64> {
+) -> Result<Option<f64>, ModelError> {
     let edits: Vec<&[RowEdit]> =
         differences.iter().map(|difference| &difference.edits[..]).collect();
+    model.edited(&edits.concat())?;
     let divergence_without = |kept: Option<usize>| {
         let applied = edits.iter().enumerate().filter(|(at, _)| Some(*at) != kept);
         let applied: Vec<RowEdit> = applied.flat_map(|(_, rows)| rows.to_vec()).collect();
@@ -43,7 +49,7 @@ pub(crate) fn simulate(
     for (at, effect) in effects {
         differences[at].effect = effect;
     }
-    baseline
+    Ok(baseline)
 }
 
 /// Returns the root mean square difference between the joint positions of a motion, mirrored, and

@@ -59,7 +59,7 @@ impl ModelSymmetryReport {
             );
         }
         page += "</div>\n";
-        for fact in [Some(self.plane_text()), self.unmapped_text()].into_iter().flatten() {
+        for fact in [Some(self.plane_text()), self.missing_text()].into_iter().flatten() {
             let _ = writeln!(page, "<p>{}</p>", escaped(&fact));
         }
         if self.differences.is_empty() {
@@ -80,7 +80,7 @@ impl ModelSymmetryReport {
         if let Some(twin) = self.twin_divergence {
             let _ = write!(page, "; {twin:.1e} for two copies of the left side");
         }
-        *page += ".</p>\n";
+        *page += "; -: not simulated.</p>\n";
         *page += "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Differences\">\n\
                   <table>\n<thead><tr><th scope=\"col\" class=\"number\">effect</th>\
                   <th scope=\"col\">objects</th><th scope=\"col\">property</th>\
@@ -104,7 +104,7 @@ impl ModelSymmetryReport {
     }
 }
 
-/// Draws the model in its initial configuration from the front and from a side, as PNG files.
+/// Draws the model in its initial configuration, along the mirror plane and from a side, as PNG files.
 fn pictures(
     model: &Arc<Model>,
     plane: &MirrorPlane,
@@ -115,7 +115,9 @@ fn pictures(
     data.forward()?;
     let sizes = &model.as_raw().stat;
     let normal = DVec3::from_array(plane.normal);
-    let front = normal.y.atan2(normal.x) + FRAC_PI_2;
+    // from the front of a robot that looks along x, whichever way the normal points
+    let across = if normal.y < 0.0 { -normal } else { normal };
+    let front = across.y.atan2(across.x) + FRAC_PI_2;
     let mut picture = |turn: f64, elevation: f64| {
         let camera = FreeCamera {
             target: sizes.center,

@@ -1,3 +1,5 @@
+//! Text of a release, also for the build script.
+
 /// Returns a release as text, for instance `2.2.2` for 222 and `3.17.0` for 3017000, as
 /// `mj_version()` counts them.
 pub fn release_name(version: i32) -> String {

@@ -399,6 +399,28 @@ mod tests {
     }
 
     #[test]
+    fn fixed_frames_of_inertia_are_refused_in_every_array() {
+        let compiled = |joint: &str| {
+            let xml = format!(
+                "<mujoco><worldbody><body name='base'><geom size='.1'/></body><body name='b'>{joint}\
+                 <geom size='.1'/></body></worldbody></mujoco>"
+            );
+            Model::from_xml(&xml).unwrap()
+        };
+        let [free, hinged] = ["<freejoint/>", "<joint axis='0 0 1'/>"].map(compiled);
+        for (model, array, row, values) in [
+            (&free, NumberArray::BodyIpos, 2, vec![0.1, 0.0, 0.0]),
+            (&free, NumberArray::BodyIquat, 2, vec![0.6, 0.8, 0.0, 0.0]),
+            (&hinged, NumberArray::JntPos, 0, vec![0.1, 0.0, 0.0]),
+            (&hinged, NumberArray::JntAxis, 0, vec![1.0, 0.0, 0.0]),
+        ] {
+            let refused = model.edited(&[RowEdit { array, row, values }]).err();
+            let expected = ModelError::FixedInertiaFrame { body: "b".into(), index: 2 };
+            assert_eq!(refused, cfg!(mujoco3).then_some(expected), "{array:?}");
+        }
+    }
+
+    #[test]
     fn applied_forces_accelerate() {
         let xml = "<mujoco><worldbody><body><joint type='slide'/><geom size='.1' mass='2'/></body>\
                    </worldbody></mujoco>";

@@ -230,7 +230,7 @@ mod tests {
                 return None;
             }
             let kind = if words[0] == "mjtBool" { "mjtByte" } else { words[0] };
-            // the former are equal in every model that is accepted
+            // counts of actuators are equal in every model that is accepted
             let [count, width] = [words[2], words[3]].map(|size| match size {
                 "nactuator" | "nout" => "nu",
                 "mjNTEXROLE" => "10",

@@ -1,4 +1,5 @@
-//! Differences between the releases of MuJoCo that this crate is built with: 2.2.2, and 3.2 or later.
+//! Differences between the releases of MuJoCo that this crate is built with: 2.2.2, and 3.2 or
+//! later.
 //!
 //! Those in types and lengths of arrays are allowed for by the tests of `arrays` and `fields`.
 

@@ -86,7 +86,7 @@ fn check_status(name: &str, status: i32) -> Result<(), ModelError> {
         0 => Ok(()),
         1 => Err(refused(name, "the virtual file system is full (2000 files)")),
         2 => Err(refused(name, "another file of this name was given")),
-        _ => Err(refused(name, "MuJoCo could not hold it")),
+        _ => Err(refused(name, "MuJoCo could not store it in memory")),
     }
 }
 

@@ -74,8 +74,13 @@ fn a_free_camera_sees_the_side_that_it_looks_at() {
         renderer.render_from(&mut data, &camera, &mut image).unwrap();
         let middle = 3 * (HEIGHT / 2 * WIDTH + WIDTH / 2);
         assert_eq!(image[middle..middle + 3], colour, "{camera:?}");
-        for distance in [0.0, f64::NAN] {
-            let invalid = FreeCamera { distance, ..camera };
+        for invalid in [
+            FreeCamera { distance: 0.0, ..camera },
+            FreeCamera { distance: f64::NAN, ..camera },
+            FreeCamera { target: [0.0, 0.0, f64::NAN], ..camera },
+            FreeCamera { azimuth: f64::INFINITY, ..camera },
+            FreeCamera { elevation: f64::NAN, ..camera },
+        ] {
             let error = renderer.render_from(&mut data, &invalid, &mut image).unwrap_err();
             assert!(matches!(error, RenderError::InvalidFreeCamera { .. }), "{error}");
         }

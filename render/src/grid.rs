@@ -262,6 +262,7 @@ mod tests {
         // the name of the column, and the title below it
         assert!(dark(0) > 20 && dark(1) > 200, "{} {}", dark(0), dark(1));
     }
+
     #[test]
     fn captions_stand_below_their_cells_and_the_legend_below_all() {
         let (red, blue) = ([200, 0, 0], [0, 0, 255]);

@@ -286,5 +286,6 @@ mod tests {
         assert_eq!(count(1, 0, second), 0, "the second policy does not exist yet");
         assert!(count(2, 2, second) > 10_000 && count(2, 2, resting) > 10_000);
         assert!(count(3, 3, first) > 10_000);
+        assert!(count(0, 0, clip.caption.colour) > 20, "the outcome below the view");
     }
 }

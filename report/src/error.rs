@@ -12,10 +12,7 @@ pub enum ReportError {
     #[error(transparent)]
     Run(#[from] RunError),
     /// Runs that cannot be compared in one table.
-    #[error(
-        "run {run} cannot be reported with the runs before it ({differences}; its own value last): \
-         {remedy}"
-    )]
+    #[error("run {run} cannot be reported with the runs before it ({differences}): {remedy}")]
     IncomparableRuns {
         /// Name of the run that differs from the others.
         run: String,

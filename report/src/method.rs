@@ -49,7 +49,7 @@ impl MethodRuns {
         for run in runs {
             if let Some(first) = methods.first() {
                 let [first, own] = [&first.runs[0], &run].map(|run| world(&run.experiment));
-                refuse(&run, setting_differences(&first, &own)?, OTHER_STREAM)?;
+                refuse(&run, own_value_last(setting_differences(&first, &own)?), OTHER_STREAM)?;
             }
             let name = run.name.split(SEED).next().unwrap_or(&run.name).to_owned();
             match methods.iter_mut().find(|method| method.name == name) {
@@ -77,7 +77,7 @@ impl MethodRuns {
             Some(_) => refuse(&run, format!("two runs have seed {}", seed(&run)), SAME_SEED)?,
             None => {
                 let differences = setting_differences(&unseeded(&self.runs[0]), &unseeded(&run))?;
-                refuse(&run, differences, OTHER_SETTINGS)?;
+                refuse(&run, own_value_last(differences), OTHER_SETTINGS)?;
             }
         }
         let nearest = NearestPreset::of_run(self.preset_match.method, &run.experiment)?;
@@ -135,6 +135,11 @@ fn world(experiment: &Experiment) -> Experiment {
     world.learner = LearnerSettings::default();
     world.checkpoints = CheckpointPlan::default();
     world
+}
+
+/// Adds the order of the values to differences of a run from the runs before it, if there are any.
+fn own_value_last(differences: String) -> String {
+    if differences.is_empty() { differences } else { differences + "; its own value last" }
 }
 
 /// Returns [`ReportError::IncomparableRuns`] if there are differences.

@@ -187,8 +187,8 @@ pub enum DescriptionError {
     /// An inertia that no rigid body can have.
     #[error(
         "the link `{link}` has an inertia that no rigid body can have: {reason} (ixx {}, iyy {}, \
-         izz {}, ixy {}, ixz {}, iyz {} kg m^2); correct it, or set `repair` in the settings of a \
-         robot's file (`UrdfSettings`, or a JSON file)",
+         izz {}, ixy {}, ixz {}, iyz {} kg m^2); correct it; \
+         that of a robot's file is replaced with `repair` in its settings",
         .tensor[0], .tensor[1], .tensor[2], .tensor[3], .tensor[4], .tensor[5]
     )]
     InvalidInertia {

@@ -314,7 +314,7 @@ fn followers_follow_and_efforts_hold_in_motion() {
     }
     println!("travelled {travelled}, furthest {furthest}, spent {spent}");
     assert!(travelled > 0.4 && spent == 1.0, "{travelled} {spent}");
-    // releases 3 hold the follower less stiffly
+    // MuJoCo 3 holds the follower less stiffly
     let most = if is_reference_release() { 0.01 } else { 0.02 };
     assert!(furthest < most, "{furthest}");
 }

@@ -1,6 +1,6 @@
 //! Release of MuJoCo that tests run with.
 
-/// Returns `true` with MuJoCo 2.2.2, whose figures the tests state. Releases 3 differ in contacts
+/// Returns `true` with MuJoCo 2.2.2, whose figures the tests state. MuJoCo 3 differs in contacts
 /// and equalities, so some tests allow more there, or skip a case.
 pub fn is_reference_release() -> bool {
     let release = mujoco::library_version();
