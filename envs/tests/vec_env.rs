@@ -95,7 +95,7 @@ fn shares_of_other_environments_are_refused() {
     for (share, shown) in [(high..low, "2..1"), (1..N + 1, "1..4"), (N + 1..N + 1, "4..4")] {
         let env = VecEnv::new_shard(settings(1), TaskGroup::PLATE_SLIDE, &D2::ALL, share);
         let message = env.err().unwrap().to_string();
-        assert!(message.contains(&format!("`share` is {shown}, expected a rising")), "{message}");
+        assert!(message.contains(&format!("`share` is {shown}, expected a range")), "{message}");
     }
 }
 
