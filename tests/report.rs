@@ -130,7 +130,7 @@ fn a_report_says_what_the_runs_files_say() {
         assert!((0.0..1.0).contains(&dormant), "{dormant}");
     }
     assert!(text.contains("covers in the paper (1)") && text.contains("one to one"));
-    let notice = "These runs have the smoke budget";
+    let notice = "These runs are like those of the smoke budget";
     assert!(text.starts_with(&format!("**{notice}")), "{text}");
     let files = |name: &str| fs::read_to_string(out.join(name)).unwrap();
     let (tables, address) = text.split_once("\n\npage: ").unwrap();
