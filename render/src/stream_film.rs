@@ -286,6 +286,13 @@ mod tests {
         assert_eq!(count(1, 0, second), 0, "the second policy does not exist yet");
         assert!(count(2, 2, second) > 10_000 && count(2, 2, resting) > 10_000);
         assert!(count(3, 3, first) > 10_000);
-        assert!(count(0, 0, clip.caption.colour) > 20, "the outcome below the view");
+        let other = |title: &str, success| Clip {
+            title: title.to_owned(),
+            caption: episode_caption(0, success),
+            frames: clip.frames.clone(),
+        };
+        let shown = |clip: &Clip| draw(&run, 0, 0, clip, 0).rgb;
+        assert_ne!(shown(&clip), shown(&other(&clip.title, false)), "the outcome");
+        assert_ne!(shown(&clip), shown(&other("goal-reach, flip y", true)), "the variant");
     }
 }
