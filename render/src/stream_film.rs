@@ -291,7 +291,7 @@ mod tests {
             caption: episode_caption(0, success),
             frames: clip.frames.clone(),
         };
-        let shown = |clip: &Clip| draw(&run, 0, 0, clip, 0).rgb;
+        let shown = |of: &Clip| draw(&run, 0, 0, of, 0).rgb;
         assert_ne!(shown(&clip), shown(&other(&clip.title, false)), "the outcome");
         assert_ne!(shown(&clip), shown(&other("goal-reach, flip y", true)), "the variant");
     }
