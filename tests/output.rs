@@ -1,4 +1,4 @@
-//! What the program prints without a command, and what it does when nobody reads its output.
+//! Help of a call without a command, and the end of commands whose output nobody reads.
 
 use std::io::pipe;
 use std::process::Command;

@@ -98,13 +98,7 @@ pub fn check_model_symmetry(
         Ok(divergence) => (divergence, None),
         Err(reason) => (None, Some(reason.to_string())),
     };
-    let rank = |difference: &MirrorDifference| {
-        (difference.effect.unwrap_or(-1.0), difference.scaled_amount())
-    };
-    differences.sort_by(|a, b| {
-        let ((a, small), (b, large)) = (rank(a), rank(b));
-        b.total_cmp(&a).then(large.total_cmp(&small))
-    });
+    sort_by_effect(&mut differences);
     let (maps, unmapped) = match maps {
         Ok(maps) => (Some(maps), None),
         Err(reason) => (None, Some(reason)),
@@ -118,6 +112,18 @@ pub fn check_model_symmetry(
         maps,
         unmapped,
     })
+}
+
+/// Sorts differences by effect, the largest first, and those of equal effect by size; those that
+/// were not simulated come last.
+fn sort_by_effect(differences: &mut [MirrorDifference]) {
+    let rank = |difference: &MirrorDifference| {
+        (difference.effect.unwrap_or(-1.0), difference.scaled_amount())
+    };
+    differences.sort_by(|a, b| {
+        let ((a, small), (b, large)) = (rank(a), rank(b));
+        b.total_cmp(&a).then(large.total_cmp(&small))
+    });
 }
 
 /// Returns candidate planes across y, across x and across the mean direction from right to left

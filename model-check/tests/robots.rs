@@ -192,6 +192,12 @@ fn mirrored_axis([x, y, z]: [f64; 3], sign: f64, side: f64, turned: bool) -> [f6
     [half * sign * side * x, half * sign * y, sign * side * z]
 }
 
+/// Returns an inertia (xx, yy, zz, xy, xz, yz) on the side `flip` (1 left, -1 right), in a frame that
+/// is turned by half a turn about z if `half` is -1, which changes the signs of xz and yz.
+fn mirrored_inertia([xx, yy, zz, xy, xz, yz]: [f64; 6], flip: f64, half: f64) -> [f64; 6] {
+    [xx, yy, zz, flip * xy, half * xz, half * flip * yz]
+}
+
 /// Writes a limb, and returns the positions of its joints at rest.
 fn write_limb(
     text: &mut String,
@@ -221,17 +227,11 @@ fn write_limb(
         };
         let _ = write!(text, "<body name='{name}_{index}' pos='{position}' {quat}>");
         let [x, y, z] = link.centre;
-        let centre = if has("centre of mass") { [x, -y, z] } else { [x, y, z] };
-        let [xx, yy, zz, xy, xz, yz] = link.inertia;
+        let centre = place(if has("centre of mass") { [x, -y, z] } else { [x, y, z] });
         let flip = if has("inertia") { -side } else { side };
-        // a half turn about z changes the signs of xz and yz
-        let inertia = numbers(&[xx, yy, zz, flip * xy, half * xz, half * flip * yz]);
-        let _ = write!(
-            text,
-            "<inertial pos='{}' mass='{}' fullinertia='{inertia}'/>",
-            place(centre),
-            grown("mass", link.mass)
-        );
+        let inertia = numbers(&mirrored_inertia(link.inertia, flip, half));
+        let mass = grown("mass", link.mass);
+        let _ = write!(text, "<inertial pos='{centre}' mass='{mass}' fullinertia='{inertia}'/>");
         let sign = if style.mirrored_axes || side > 0.0 { 1.0 } else { -1.0 };
         let mut axis = mirrored_axis(link.axis, sign, side, turned);
         if has("sign") {
