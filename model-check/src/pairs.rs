@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use mujoco::{IntegerArray, raw};
+use robots::without_byte_order_mark;
 use serde::{Deserialize, Serialize};
 
 use crate::error::ModelSymmetryError;
@@ -40,11 +41,8 @@ impl PlaneAndPairCorrections {
     pub fn read(path: &Path) -> Result<Self, ModelSymmetryError> {
         let text = std::fs::read(path)
             .map_err(|source| ModelSymmetryError::Read { path: path.into(), source })?;
-        // editors of Windows write a byte order mark
-        let json = text.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&text);
-        serde_json::from_slice(json).map_err(|error| ModelSymmetryError::InvalidFile {
-            path: path.into(),
-            message: error.to_string(),
+        serde_json::from_slice(without_byte_order_mark(&text)).map_err(|error| {
+            ModelSymmetryError::InvalidFile { path: path.into(), message: error.to_string() }
         })
     }
 

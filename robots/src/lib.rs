@@ -38,7 +38,7 @@ pub use kinematic_arm::KinematicArm;
 pub use mjcf::{JointServoSettings, LinkMjcfAddition, Mjcf, MjcfSettings, TouchingLinkPairs};
 pub use pose::Pose;
 pub use robot::{ArmCommand, Robot, RobotState};
-pub use robot_file::RobotFile;
+pub use robot_file::{RobotFile, without_byte_order_mark};
 pub use twist::{Twist, TwistLimits};
 pub use urdf::{MAX_URDF_BYTES, UrdfSettings};
 pub use watchdog::Watchdog;

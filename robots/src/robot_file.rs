@@ -60,6 +60,11 @@ pub struct RobotFile {
     pub mesh_root: Option<PathBuf>,
 }
 
+/// Returns the text of a file without the byte order mark of UTF-8, which editors of Windows write.
+pub fn without_byte_order_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes)
+}
+
 impl RobotFile {
     /// Returns `true` for names of a URDF (`.urdf`) or of a settings file (`.json`), in any case.
     pub fn has_supported_extension(path: &Path) -> bool {
@@ -77,8 +82,7 @@ impl RobotFile {
         }
         let bytes = std::fs::read(path)
             .map_err(|source| DescriptionError::Read { path: path.to_owned(), source })?;
-        // editors of Windows write a byte order mark
-        let json = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(&bytes);
+        let json = without_byte_order_mark(&bytes);
         let file: Self = serde_json::from_slice(json).map_err(|error| {
             let message = error.to_string();
             DescriptionError::InvalidSettings { path: path.to_owned(), message }
