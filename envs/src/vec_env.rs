@@ -327,7 +327,7 @@ impl VecEnv {
         if let Some(other) = snapshots.iter().find(|snapshot| snapshot.pictures != own) {
             let [got, expected] = [other.pictures, own].map(|one| {
                 if other.pictures.camera == own.camera {
-                    format!("{:?}", one.randomisation)
+                    format!("the randomisation {:?}", one.randomisation)
                 } else {
                     format!("{:?}", one.camera)
                 }
