@@ -132,7 +132,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = std::env::args_os().nth(1).ok_or("expected the folder of a run")?;
     let folder = RunFolder::from_path(Path::new(&folder));
     let mut player = PolicyPlayer::load(&folder, 1)?;
-    let groups = player.experiment.schedule.resolve_groups(&TaskRegistry::with_standard())?;
+    let groups = player.experiment.schedule.resolve_groups(&TaskRegistry::with_all())?;
     let variants = groups.into_iter().flat_map(|group| group.variants());
     let episodes = variants.map(|variant| play(&mut player, variant));
     let episodes = episodes.collect::<Result<Vec<_>, _>>()?;

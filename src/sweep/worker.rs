@@ -265,7 +265,7 @@ fn claim(
     let path = folder.path();
     std::fs::create_dir_all(path).map_err(RunError::write_error_mapper(path))?;
     let resume = || {
-        let tasks = TaskRegistry::with_standard();
+        let tasks = TaskRegistry::with_all();
         Run::resume_with_tasks(folder.clone(), Some(threads), device, tasks)
     };
     let start = || {

@@ -16,7 +16,7 @@ const PLAN: &str = r#"{
     "seeds": [1000],
     "budget": "smoke",
     "set": ["envs.embodiment=hand", "schedule.cycles=1", "checkpoints.every=1",
-        "schedule.groups=[{\"group\": \"goal-reach\", \"decisions\": 960, \"variants\": [\"identity\"]}]"]
+        "schedule.groups=[{\"group\": \"window-open\", \"decisions\": 960, \"variants\": [\"identity\"]}]"]
 }"#;
 
 /// A plan in a folder of its own, and where its runs are.
