@@ -5,7 +5,7 @@ use experiments::evaluation::mean;
 
 use super::format::bracketed_interval;
 use super::method::MethodRuns;
-use super::statistics::{BootstrapInterval, MethodScores};
+use super::statistics::{ConfidenceInterval, MethodScores};
 use super::svg::{SvgPlot, TEXT_COLOUR};
 
 /// Height of one row of an interval chart (pixels).
@@ -24,7 +24,7 @@ pub struct IntervalEstimate<'a> {
     /// Estimate, in `[0, 1]`.
     pub value: f64,
     /// 95 % interval; `None` for fewer than two seeds.
-    pub interval: Option<BootstrapInterval>,
+    pub interval: Option<ConfidenceInterval>,
 }
 
 /// Draws estimates as an SVG chart with one row for each: a dot, its interval as a line, and both
@@ -46,7 +46,7 @@ pub fn interval_svg(
     for (number, IntervalEstimate { name, value, interval }) in estimates.iter().enumerate() {
         let (y, colour) = (last - number as f64, curve_colour(number));
         let figure = format!("{value:.3}{}", bracketed_interval(*interval, 2));
-        if let Some(BootstrapInterval { low, high }) = interval {
+        if let Some(ConfidenceInterval { low, high }) = interval {
             drawing.add_wide_line(&[(*low, y), (*high, y)], &LineStyle::solid(colour));
         }
         drawing.add_dot((*value, y), DOT, colour, &format!("{name}: {figure}"));
@@ -88,7 +88,7 @@ fn estimate<'a>(
     groups: &[String],
     statistic: fn(&[f64]) -> f64,
 ) -> IntervalEstimate<'a> {
-    let scores = method.scores(groups, |group| group.success);
+    let scores = method.success(groups);
     let interval = scores.bootstrap_interval(statistic);
     IntervalEstimate { name, value: scores.pooled_statistic(statistic), interval }
 }
@@ -111,7 +111,7 @@ pub fn performance_profile_svg(methods: &[MethodRuns], scores: &[MethodScores]) 
         thresholds.iter().copied().zip(values).collect()
     };
     for (number, profile) in profiles.iter().enumerate() {
-        let bounds = |bound: fn(&BootstrapInterval) -> f64| {
+        let bounds = |bound: fn(&ConfidenceInterval) -> f64| {
             line(&mut profile.iter().filter_map(|point| point.1.as_ref().map(bound)))
         };
         let [low, high] = [bounds(|interval| interval.low), bounds(|interval| interval.high)];
@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn an_interval_spans_its_bounds_and_holds_its_dot() {
-        let wide = Some(BootstrapInterval { low: 0.25, high: 1.0 });
+        let wide = Some(ConfidenceInterval { low: 0.25, high: 1.0 });
         let estimate = |name, value, interval| IntervalEstimate { name, value, interval };
         let rows = [estimate("a", 0.5, wide), estimate("b", 1.0, None)];
         let svg = interval_svg("title", "success", &rows, Some(0.5));

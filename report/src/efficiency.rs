@@ -87,7 +87,7 @@ pub fn sample_efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Opt
         "area",
         &format!("less that of {}", methods[0].name),
         "forward transfer (Continual World)",
-        "by the interval",
+        "outcome",
         "decisions to 0.9: median",
         "90th percentile",
         "seeds that reached it",
@@ -122,8 +122,9 @@ fn scores(method: &MethodRuns, group: &str) -> [MethodScores; 3] {
     let runs = method.runs.iter();
     let known: Vec<SampleEfficiency> =
         runs.filter_map(|run| SampleEfficiency::of_run(run, group)).collect();
-    let of =
-        |value: fn(&SampleEfficiency) -> f64| MethodScores(vec![known.iter().map(value).collect()]);
+    let of = |value: fn(&SampleEfficiency) -> f64| {
+        MethodScores::new(vec![known.iter().map(value).collect()])
+    };
     [
         of(|own| own.area_under_curve),
         of(|own| own.decisions_to_solve),
@@ -143,7 +144,7 @@ fn area_cells(
     let (own, interval) = (area.pooled_statistic(mean), area.bootstrap_interval(mean));
     let room = 1.0 - first.pooled_statistic(mean);
     let difference = |comparison: &MethodComparison| {
-        let bounds = bracketed_interval(comparison.difference_interval, 3);
+        let bounds = bracketed_interval(comparison.welch.map(|test| test.interval), 3);
         format!("{:+.3}{bounds}", comparison.mean_difference)
     };
     let transfer =
@@ -160,7 +161,7 @@ fn area_cells(
 /// solved it.
 fn reached(decisions: &MethodScores) -> [String; 3] {
     // quantiles, not means: a seed that never gets there counts as infinite
-    let all = decisions.0.concat();
+    let all = decisions.by_group.concat();
     let reached = all.iter().filter(|one| one.is_finite()).count();
     let (middle, interval) =
         (decisions.pooled_statistic(median), decisions.bootstrap_interval(median));

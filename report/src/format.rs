@@ -2,7 +2,7 @@
 
 use super::method::MethodRuns;
 use super::metrics::UndefinedReason;
-use super::statistics::BootstrapInterval;
+use super::statistics::ConfidenceInterval;
 use super::table::ReportTable;
 use experiments::RunData;
 use experiments::evaluation::mean;
@@ -60,11 +60,22 @@ pub(super) fn mean_cell(
     }
 }
 
-/// Formats a confidence interval in brackets, to stand behind its estimate; empty if there is none.
-pub(super) fn bracketed_interval(interval: Option<BootstrapInterval>, digits: usize) -> String {
-    interval.map_or_else(String::new, |BootstrapInterval { low, high }| {
+/// Formats a confidence interval in brackets, to stand behind its estimate; empty if there is none,
+/// or if it is a single point, as a bootstrap of equal values gives it.
+pub(super) fn bracketed_interval(interval: Option<ConfidenceInterval>, digits: usize) -> String {
+    let interval = interval.filter(|interval| interval.low < interval.high);
+    interval.map_or_else(String::new, |ConfidenceInterval { low, high }| {
         format!(" [{low:.digits$}, {high:.digits$}]")
     })
+}
+
+/// Formats a p-value; a dash if there is none.
+pub(super) fn p_value_cell(p_value: Option<f64>) -> String {
+    match p_value {
+        None => empty_cell(),
+        Some(p_value) if p_value < 0.0001 => "< 0.0001".to_owned(),
+        Some(p_value) => format!("{p_value:.4}"),
+    }
 }
 
 /// Returns the dash that stands for a missing number in a table cell.

@@ -37,5 +37,5 @@ pub use method::MethodRuns;
 pub use metrics::{GroupMetrics, RunMetrics, UndefinedReason};
 pub use preset_match::PresetMatch;
 pub use report::Report;
-pub use statistics::{BootstrapInterval, MethodScores, interquartile_mean};
+pub use statistics::{ConfidenceInterval, MethodScores, interquartile_mean};
 pub use table::ReportTable;

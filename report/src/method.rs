@@ -7,6 +7,7 @@ use experiments::presets::Budget;
 use experiments::{CheckpointPlan, Experiment, NearestPreset, RunData};
 use learner::LearnerSettings;
 use learner::overrides::setting_differences;
+use symmetry::D2;
 
 use super::metrics::{GroupMetrics, RunMetrics};
 use super::preset_match::PresetMatch;
@@ -99,7 +100,20 @@ impl MethodRuns {
             let metrics = self.metrics.iter().flat_map(|metrics| &metrics.groups);
             metrics.filter(|own| own.group == *group).map(metric).collect()
         };
-        MethodScores(groups.iter().map(of_group).collect())
+        MethodScores::new(groups.iter().map(of_group).collect())
+    }
+
+    /// Returns the success after the stream in these task groups, `[groups][seeds]`, for all runs of
+    /// the method.
+    pub fn success(&self, groups: &[String]) -> MethodScores {
+        let placements = self.runs.iter().filter_map(|run| {
+            let of_variant = run.last_scores().map(|row| row.episodes).min()?;
+            // mirror images of a placement hold hardly more information than one of them
+            let own = run.experiment.evaluation.distinct_placements;
+            Some((of_variant * if own { D2::ALL.len() } else { 1 }) as u64)
+        });
+        let placements = placements.min();
+        MethodScores { placements, ..self.scores(groups, |group| group.success) }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Continual-learning metrics of one run, as docs/results/protocol.md defines them.
 
 use experiments::evaluation::mean;
-use experiments::{RunData, RunStats, ScoreRow};
+use experiments::{RolloutRow, RunData, RunStats, ScoreRow};
 
 use super::visits;
 
@@ -15,6 +15,7 @@ const UNSCORED: UndefinedReason =
     "no evaluation at that moment (`evaluation.visit_rounds` makes them)";
 const FIRST: UndefinedReason = "there was no training before the group's first visit";
 const NO_RETURN: UndefinedReason = "no group came back";
+const NO_EPISODES: UndefinedReason = "no episode ended in training";
 const ONE_POLICY: UndefinedReason = "there is one policy for everything";
 const NEVER_ALONE: UndefinedReason = "no rollout was of the group alone, so no policy is its own";
 const UNNAMED: UndefinedReason =
@@ -34,6 +35,9 @@ pub struct RunMetrics {
     /// groups that were visited before
     /// ([`RunStats::correct_revisits`](experiments::RunStats::correct_revisits)).
     pub revisit_accuracy: Result<f64, UndefinedReason>,
+    /// Success of the episodes of the whole stream, in `[0, 1]`: the mean over rollouts, by their
+    /// decisions.
+    pub training_success: Result<f64, UndefinedReason>,
     /// Share of dormant units after the stream over all scored policies together, in `[0, 1]`.
     pub dormant_share: Result<f64, UndefinedReason>,
     /// Number of policies that the learner created.
@@ -65,8 +69,17 @@ pub struct GroupMetrics {
     pub own_success: Result<f64, UndefinedReason>,
     /// Mean return of the group's own policy after the stream, over episodes, in `[0, 500]`.
     pub own_reward: Result<f64, UndefinedReason>,
-    /// Success rate after the group's last visit less success rate after the stream, in `[-1, 1]`.
+    /// Highest success rate in earlier evaluations less success rate after the stream, in
+    /// `[-1, 1]` (Chaudhry et al., "Riemannian walk for incremental learning", ECCV 2018, equation
+    /// 3).
+    pub loss_from_best: Result<f64, UndefinedReason>,
+    /// Success rate after the group's last visit less success rate after the stream, in `[-1, 1]`
+    /// (Wolczyk et al., "Continual World", NeurIPS 2021, section 3.2).
     pub forgetting: Result<f64, UndefinedReason>,
+    /// Success rate before a visit less success rate after the group's visit before it, in
+    /// `[-1, 1]`, averaged over the group's pauses: above 0 if the group was learnt while others
+    /// ran.
+    pub backward_transfer: Result<f64, UndefinedReason>,
     /// Forward transfer: success in the last evaluation before anything of the group was seen less
     /// success of the untrained learner, in `[-1, 1]` (Lopez-Paz and Ranzato, "Gradient Episodic
     /// Memory", NeurIPS 2017).
@@ -90,6 +103,7 @@ impl RunMetrics {
                 .collect(),
             assignment_accuracy: accuracy(ledger.assignment_accuracy()),
             revisit_accuracy: accuracy(ledger.revisit_accuracy()),
+            training_success: training_success(run),
             dormant_share: dormant(run),
             policy_count: ledger.created_for_group.len(),
             rollout_and_switch_counts: [ledger.rollouts, ledger.switch_rollouts],
@@ -133,6 +147,8 @@ impl GroupMetrics {
             mismatch_and_variant_counts: mismatches(run, group, own),
             own_success: of_own(run, group, own, |row| [Some(row.success), row.own_success]),
             own_reward: of_own(run, group, own, |row| [Some(row.reward), row.own_reward]),
+            loss_from_best: best_before(run, group, end).map(|best| best - last),
+            backward_transfer: backward_transfer(run, group),
             forgetting: end_of_last_visit(run, group)
                 .and_then(|rollouts| success(rollouts).ok_or(UNSCORED))
                 .map(|then| then - last),
@@ -182,6 +198,44 @@ fn of_own(
         episodes += row.episodes;
     }
     Ok(sum / episodes as f64)
+}
+
+/// Returns the success of the episodes of the whole stream, weighted by decisions.
+fn training_success(run: &RunData) -> Result<f64, UndefinedReason> {
+    let before = std::iter::once(0).chain(run.rollouts.iter().map(|row| row.decisions));
+    let known = run.rollouts.iter().zip(before).filter_map(|(row, start)| {
+        let decisions = (row.decisions - start) as f64;
+        row.success.map(|success| (decisions, decisions * success))
+    });
+    let (decisions, successes) = known.fold((0.0, 0.0), |sum, own| (sum.0 + own.0, sum.1 + own.1));
+    if decisions > 0.0 { Ok(successes / decisions) } else { Err(NO_EPISODES) }
+}
+
+/// Returns the highest success in a group before the evaluation after `end` rollouts.
+fn best_before(run: &RunData, group: &str, end: usize) -> Result<f64, UndefinedReason> {
+    let earlier = run.rollouts_before_evaluations().filter(|&rollouts| rollouts < end);
+    let success = |rollouts| run.mean_group_score_after(rollouts, group, |row| row.success);
+    earlier.filter_map(success).map(|(_, success)| success).reduce(f64::max).ok_or(UNSCORED)
+}
+
+/// Returns the mean change of success in a group over the pauses between its visits.
+fn backward_transfer(run: &RunData, group: &str) -> Result<f64, UndefinedReason> {
+    let ends = visits::visit_end_rollouts(&run.rollouts, group);
+    let success = |rollouts| {
+        let scored = run.mean_group_score_after(rollouts, group, |row| row.success);
+        scored.map(|(_, success)| success).ok_or(UNSCORED)
+    };
+    let shows_group = |row: &&RolloutRow| row.group == group || row.last_group == group;
+    let change = |&end: &usize| {
+        // after the last visit there is none to come
+        let next = end + run.rollouts[end..].iter().position(|row| shows_group(&row))?;
+        // where the next visit begins within a rollout, the evaluation before that rollout counts
+        let pause =
+            run.rollouts_before_evaluations().filter(|time| (end + 1..=next).contains(time));
+        Some(success(pause.max()?).and_then(|later| Ok(later - success(end)?)))
+    };
+    let changes = ends.iter().filter_map(change).collect::<Result<Vec<f64>, UndefinedReason>>()?;
+    if changes.is_empty() { Err(NO_RETURN) } else { Ok(mean(&changes)) }
 }
 
 /// Returns the share of dormant network units in the last evaluation.
@@ -263,6 +317,15 @@ mod tests {
         assert!(near(b.forward_transfer, 0.15), "{b:?}");
         assert_eq!(a.forward_transfer, Err(FIRST));
         assert!(near(metrics.mean_over_groups(|group| group.forgetting), 0.2));
+        // the best of a was 0.9, after 5 rollouts; b ends at its best
+        assert!(near(a.loss_from_best, 0.2) && near(b.loss_from_best, -0.1), "{a:?} {b:?}");
+        // a paused from 2 to 4, b from 4 to 5
+        assert!(near(a.backward_transfer, -0.1) && near(b.backward_transfer, -0.05));
+        assert_eq!(metrics.training_success, Err(NO_EPISODES));
+        for (row, success) in run.rollouts.iter_mut().zip([0.0, 0.5, 1.0]) {
+            row.success = Some(success);
+        }
+        assert!(near(RunMetrics::of_run(&run).training_success, 0.5));
         assert_eq!((metrics.assignment_accuracy, metrics.revisit_accuracy), (Ok(1.0), Ok(1.0)));
         assert_eq!((metrics.policy_count, metrics.rollout_and_switch_counts), (2, [6, 0]));
     }

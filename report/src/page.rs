@@ -11,7 +11,6 @@ use time::OffsetDateTime;
 use super::charts::{
     IntervalEstimate, interval_svg, performance_profile_svg, statistic_by_method_svg, success_svg,
 };
-use super::comparison::MethodComparison;
 use super::format::{bracketed_interval, smoke_test_notice, unfinished_remark};
 use super::matrix::PolicyConfusionMatrix;
 use super::method::MethodRuns;
@@ -88,7 +87,7 @@ fn with_plural(number: usize, noun: &str) -> String {
 /// learning curves, and a film.
 fn overview(methods: &[MethodRuns], groups: &[String]) -> String {
     let first = &methods[0];
-    let success = first.scores(groups, |group| group.success);
+    let success = first.success(groups);
     let (count, seeds) = (groups.len(), first.runs.len());
     // left out where no run knows it
     let known = |metric: fn(&RunMetrics) -> Result<f64, UndefinedReason>, meaning: &str| {
@@ -140,11 +139,10 @@ fn comparison(methods: &[MethodRuns], groups: &[String]) -> String {
     if others.is_empty() {
         return String::new();
     }
-    let of = |method: &MethodRuns| method.scores(groups, |group| group.success);
-    let scores: Vec<MethodScores> = methods.iter().map(of).collect();
+    let scores: Vec<MethodScores> = methods.iter().map(|method| method.success(groups)).collect();
     let better = others.iter().zip(&scores[1..]).map(|(other, own)| {
-        let (value, interval) = MethodComparison::new(&scores[0], own).probability_of_improvement;
-        IntervalEstimate { name: &other.name, value, interval }
+        let value = scores[0].probability_of_improvement(own);
+        IntervalEstimate { name: &other.name, value, interval: None }
     });
     let title = format!("Probability that a run of {} is better than one of", first.name);
     let better =

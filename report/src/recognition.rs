@@ -137,7 +137,7 @@ mod tests {
         let answers = [("a", 1, Some(0), 4), ("b", 1, Some(0), 4)];
         let mut lumping = run(Method::Covers, &answers);
         lumping.rollouts[1].policy = 0;
-        lumping.rollouts.push(lumping.rollouts[0].clone());
+        lumping.rollouts.push(RolloutRow { decisions: 300, ..lumping.rollouts[0].clone() });
         assert_eq!(rows(lumping)[0][2..5], ["1.000", "0.000", "0.500"]);
     }
 
@@ -145,8 +145,9 @@ mod tests {
     #[test]
     fn the_answer_of_an_heir_is_right_where_its_policy_was() {
         let mut merged = run(Method::Covers, &[("a", 1, Some(2), 4), ("b", 1, Some(1), 4)]);
-        merged.rollouts.push(merged.rollouts[0].clone());
-        merged.rollouts.push(RolloutRow { policy: 2, ..merged.rollouts[0].clone() });
+        let first = merged.rollouts[0].clone();
+        merged.rollouts.push(RolloutRow { decisions: 300, ..first.clone() });
+        merged.rollouts.push(RolloutRow { decisions: 400, policy: 2, ..first });
         assert_eq!(rows(merged.clone())[0][2..5], ["0.000", "1.000", "0.500"]);
         merged.rollouts[3].merged_into = vec![Some(2), None, None];
         assert_eq!(rows(merged)[0][2..5], ["1.000", "1.000", "1.000"]);

@@ -4,9 +4,10 @@ use std::collections::HashSet;
 
 use experiments::evaluation::{DORMANCY_THRESHOLD, mean};
 
-use super::comparison::MethodComparison;
+use super::comparison::{EQUIVALENCE_MARGIN, MethodComparison};
 use super::format::{
-    bracketed_interval, empty_cell, mean_cell, method_cell, unfinished_remark, with_footnotes,
+    bracketed_interval, empty_cell, mean_cell, method_cell, p_value_cell, unfinished_remark,
+    with_footnotes,
 };
 use super::method::MethodRuns;
 use super::metrics::{GroupMetrics, RunMetrics, UndefinedReason};
@@ -72,7 +73,7 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     let mut printed = HashSet::new();
     for method in methods {
         let of = |chosen: &[String]| {
-            let success = method.scores(chosen, |group| group.success);
+            let success = method.success(chosen);
             let reward = method.scores(chosen, |group| group.reward).pooled_statistic(mean);
             let interval = bracketed_interval(success.bootstrap_interval(mean), 2);
             format!("{:.3}{interval} / {reward:.0}", success.pooled_statistic(mean))
@@ -130,14 +131,17 @@ fn own_policies(table: &mut ReportTable, method: &MethodRuns, groups: &[String])
 }
 
 /// Names of the columns of the table of statistics over seeds.
-const OVER_SEEDS: [&str; 14] = [
+const OVER_SEEDS: [&str; 17] = [
     "method",
     "seeds",
     "decisions",
     "mean",
     "IQM",
     "at the last step",
-    "forgetting",
+    "during training",
+    "forgetting: best earlier less final",
+    "forgetting (Continual World)",
+    "backward transfer",
     "forward transfer (GEM)",
     "assignment",
     "when groups come back",
@@ -150,9 +154,10 @@ const OVER_SEEDS: [&str; 14] = [
 /// Returns the table of statistics over seeds: success, forgetting, transfer and assignment.
 fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     let caption = format!(
-        "Over seeds: mean and interquartile mean of success with stratified bootstrap intervals of \
-         95 %; forgetting, transfer and accuracy are means over groups and seeds. Dormant units put \
-         out at most {DORMANCY_THRESHOLD} of their layer's mean."
+        "Over seeds: mean and interquartile mean of success with intervals of 95 % by a bootstrap \
+         over runs and placements; success during training is that of all decisions; forgetting, \
+         transfer and accuracy are means over groups and seeds. Dormant units put out at most \
+         {DORMANCY_THRESHOLD} of their layer's mean."
     );
     let mut table = ReportTable::new(&caption, &OVER_SEEDS);
     for method in methods {
@@ -164,7 +169,7 @@ fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
 
 fn over_seeds_row(table: &mut ReportTable, method: &MethodRuns, groups: &[String]) -> Vec<String> {
     let title = method_cell(table, method);
-    let success = method.scores(groups, |group| group.success);
+    let success = method.success(groups);
     let at_end = method.scores(groups, |group| group.success_at_end);
     let with_interval = |statistic: fn(&[f64]) -> f64| {
         let interval = bracketed_interval(success.bootstrap_interval(statistic), 3);
@@ -182,7 +187,10 @@ fn over_seeds_row(table: &mut ReportTable, method: &MethodRuns, groups: &[String
         with_interval(mean),
         with_interval(interquartile_mean),
         format!("{:.3}", at_end.pooled_statistic(mean)),
+        mean_of(|run| run.training_success),
+        mean_of(|run| run.mean_over_groups(|group| group.loss_from_best)),
         mean_of(|run| run.mean_over_groups(|group| group.forgetting)),
+        mean_of(|run| run.mean_over_groups(|group| group.backward_transfer)),
         mean_of(|run| run.mean_over_groups(|group| group.forward_transfer)),
         mean_of(|run| run.assignment_accuracy),
         mean_of(|run| run.revisit_accuracy),
@@ -195,37 +203,43 @@ fn over_seeds_row(table: &mut ReportTable, method: &MethodRuns, groups: &[String
 
 /// Returns the table that compares the first method with each of the others.
 fn comparisons(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
-    let success = |method: &MethodRuns| method.scores(groups, |group| group.success);
     let first = &methods[0];
     let header = [
         "against",
-        "difference",
+        "difference (Welch's t, 95 %)",
+        "p (Welch's t)",
+        "p (permutations of runs)",
+        "over runs and placements, 95 %",
         "probability of improvement",
-        "by the interval",
+        "outcome",
         "in the paper (1)",
     ];
     let mut table = ReportTable::new("", &header);
     // the header holds the mark (1), so this must be the first note
     table.add_footnote(NOT_ONE_TO_ONE);
-    table.caption =
-        format!("{} against the other methods, by success.", method_cell(&mut table, first));
+    table.caption = format!(
+        "{} against the other methods, by success after the stream. A method is above or below if \
+         both tests say so at 5 %, and equal if the difference lies within {EQUIVALENCE_MARGIN} by \
+         two one-sided tests at 5 %.",
+        method_cell(&mut table, first)
+    );
     let printed = |method: &MethodRuns| {
         let row = method.preset_match.method.and_then(paper::paper_row);
         row.map(|row| row.average_success_and_reward.0)
     };
     for other in &methods[1..] {
-        let comparison = MethodComparison::new(&success(first), &success(other));
-        let (improvement, interval) = comparison.probability_of_improvement;
+        let comparison = MethodComparison::new(&first.success(groups), &other.success(groups));
+        let interval = |interval| bracketed_interval(interval, 3).trim_start().to_owned();
+        let welch = comparison.welch.map(|test| test.interval);
         let paper = printed(first).zip(printed(other));
         let against = method_cell(&mut table, other);
         table.rows.push(vec![
             against,
-            format!(
-                "{:+.3}{}",
-                comparison.mean_difference,
-                bracketed_interval(comparison.difference_interval, 3)
-            ),
-            format!("{improvement:.2}{}", bracketed_interval(interval, 2)),
+            format!("{:+.3} {}", comparison.mean_difference, interval(welch)).trim_end().to_owned(),
+            p_value_cell(comparison.welch.map(|test| test.p_value)),
+            p_value_cell(comparison.permutation_p_value),
+            interval(comparison.bootstrap_interval),
+            format!("{:.2}", comparison.probability_of_improvement),
             comparison.outcome().label().to_owned(),
             paper.map_or_else(empty_cell, |(ours, theirs)| format!("{:+.2}", ours - theirs)),
         ]);
