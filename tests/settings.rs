@@ -143,6 +143,7 @@ impl Types {
             "" => String::new(),
             "usize" | "u64" | "u8" => "integer".to_owned(),
             "f32" | "f64" => "number".to_owned(),
+            "bool" => "`true` or `false`".to_owned(),
             "String" | "Embodiment" => "name".to_owned(),
             _ if self.0[kind].is_enum => {
                 let names = self.0[kind].members.iter().map(|member| format!("`{}`", member.name));

@@ -58,6 +58,7 @@ pub struct Evaluator {
     groups: Vec<TaskGroup>,
     schedule: TaskSchedule,
     seed: u64,
+    distinct_placements: bool,
     labels: TaskLabel,
     cache: EvaluationCache,
 }
@@ -92,6 +93,7 @@ impl Evaluator {
             groups,
             schedule,
             seed,
+            distinct_placements: false,
             labels,
             cache: EvaluationCache::default(),
         })
@@ -109,7 +111,14 @@ impl Evaluator {
     ) -> Result<Self, RunError> {
         let (schedule, seed) = (run.schedule.clone(), run.evaluation_seed());
         let (envs, ranks) = (run.envs.without_randomisation(), run.learner.process_ranks().clone());
-        Self::on_ranks(envs, tasks, schedule, seed, labels, ranks)
+        let evaluator = Self::on_ranks(envs, tasks, schedule, seed, labels, ranks)?;
+        Ok(Self { distinct_placements: run.evaluation.distinct_placements, ..evaluator })
+    }
+
+    /// Returns the seed of the episodes of a variant.
+    fn episode_seed(&self, variant: TaskVariant) -> u64 {
+        let offset = if self.distinct_placements { variant.element as u64 } else { 0 };
+        self.seed.wrapping_add(offset)
     }
 
     /// Returns all variants of the scheduled task groups, in the order in which they are scored.
@@ -152,10 +161,10 @@ impl Evaluator {
         learner: &mut dyn Learner,
         variant: TaskVariant,
     ) -> Result<usize, RunError> {
-        let mut rng = recognition_rng(self.seed);
+        let mut rng = recognition_rng(self.episode_seed(variant));
         self.labels.set(variant.group.name());
         self.stream.switch_task_group(variant.group, &[variant.element])?;
-        self.stream.reseed(self.seed)?;
+        self.stream.reseed(self.episode_seed(variant))?;
         let recognised = learner.recognise_policy(&mut self.stream, None, &mut rng)?;
         Ok(recognised.policy)
     }
@@ -221,8 +230,9 @@ impl Evaluator {
         policy: usize,
         rounds: usize,
     ) -> Result<PolicyEvaluationResult, RunError> {
+        let seed = self.episode_seed(variant);
         let stream = &mut self.stream;
-        stream.reseed(self.seed)?;
+        stream.reseed(seed)?;
         let key = CacheKey { variant, episodes_per_env: rounds, policy };
         self.cache.get_or_play(key, learner, |learner| {
             Ok(learner.evaluate_policy(policy, stream, rounds)?)

@@ -84,6 +84,11 @@ pub struct EvaluationPlan {
     /// same episodes.
     #[serde(default)]
     pub seed: u64,
+    /// Whether each variant is scored at placements of its own. By default, the placements of the
+    /// four variants of a group are mirror images of one another, so that their scores differ by
+    /// broken symmetries alone; but four such episodes hold hardly more information than one.
+    #[serde(default)]
+    pub distinct_placements: bool,
 }
 
 impl EvaluationPlan {
@@ -95,6 +100,7 @@ impl EvaluationPlan {
         every: None,
         recognition_repeats: 0,
         seed: 0,
+        distinct_placements: false,
     };
 
     /// Returns the number of episodes per environment in the evaluation that is due within a visit,

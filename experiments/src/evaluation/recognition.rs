@@ -55,7 +55,7 @@ impl Evaluator {
         let TaskVariant { group, element } = variant;
         self.labels.set(group.name());
         self.stream.switch_task_group(group, &[element])?;
-        let mut seeds = ChaCha8Rng::seed_from_u64(self.seed);
+        let mut seeds = ChaCha8Rng::seed_from_u64(self.episode_seed(variant));
         seeds.set_stream(EPISODES);
         let mut found = Vec::new();
         for episodes in RECOGNITION_EPISODE_COUNTS {

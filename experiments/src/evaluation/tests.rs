@@ -207,3 +207,43 @@ fn a_groups_own_policy_plays_the_same_episodes_where_another_one_was_chosen() {
     assert_eq!((other_own.policy, other_own.success, other_own.success_at_end), (1, 1.0, 0.0));
     assert!(other_own.reward > 0.0);
 }
+
+/// Placements are compared by the pictures of the first observations, each mirrored back.
+#[test]
+fn variants_have_mirrored_placements_or_placements_of_their_own() {
+    let pictures = |distinct_placements| {
+        let mut run = Budget::Smoke.preset_experiment(Method::Covers).with_threads(1);
+        run.evaluation.distinct_placements = distinct_placements;
+        // without an arm, whose pictures are not symmetric
+        run.envs.embodiment = envs::Embodiment::FLOATING_HAND;
+        let (tasks, labels) = (TaskRegistry::with_standard(), TaskLabel::default());
+        let mut evaluator = Evaluator::for_experiment(&run, &tasks, labels).unwrap();
+        let mut spy = Spy::default();
+        let (per_group, mut variants) = (D2::ALL.len(), evaluator.task_variants());
+        // of Button Press: pictures of Goal Reach do not show where the goal is
+        for variant in variants.drain(per_group..2 * per_group) {
+            let findings = &mut EvaluationResults::default();
+            let own = OwnPolicyByGroup::default();
+            evaluator.score_variant(&mut spy, variant, &own, 1, findings).unwrap();
+        }
+        let spec = evaluator.stream.spec();
+        let [height, width, channels] = spec.image_shape;
+        // a look and a round for each variant
+        assert_eq!(spy.seen.len(), 2 * D2::ALL.len());
+        let shown = spy.seen.iter().step_by(2).zip(D2::ALL);
+        let mirrored_back = shown.map(|(seen, element)| {
+            let images = seen.images.chunks(spec.image_len());
+            images
+                .flat_map(|image| element.transform_image(image, height, width, channels))
+                .collect()
+        });
+        mirrored_back.collect::<Vec<Vec<u8>>>()
+    };
+    let mirrored = pictures(false);
+    assert!(mirrored.iter().all(|images| *images == mirrored[0]));
+    let distinct = pictures(true);
+    assert!(distinct[0] == mirrored[0], "seeds of the identity are the same");
+    for (index, images) in distinct.iter().enumerate() {
+        assert!(distinct[..index].iter().all(|others| others != images));
+    }
+}
