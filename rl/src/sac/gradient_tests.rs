@@ -10,6 +10,7 @@ use crate::env::{Observations, transform_vector};
 use crate::fixtures::{central_difference, network, replay, settings, spec, strided};
 use crate::policy::{Actor, ActorMemory};
 use crate::replay::ReplayBuffer;
+use crate::sac::minibatch::Augmentation;
 use crate::sac::network::SacNetwork;
 use crate::sac::policy::SacPolicy;
 use crate::sac::settings::RecurrentContextSettings;
@@ -38,7 +39,7 @@ impl<T: Scalar> Case<T> {
         let minibatch = SampledMinibatch {
             indices: Vec::new(),
             steps: steps.to_vec(),
-            elements: vec![D2::Identity; steps.len()],
+            augmentations: vec![Augmentation::NONE; steps.len()],
             noise: [noise(), noise()],
         };
         Self { network, params, target_params, minibatch, gamma }
@@ -46,7 +47,7 @@ impl<T: Scalar> Case<T> {
 
     /// Transforms every step and its noise by g.
     fn moved(mut self, g: D2) -> Self {
-        self.minibatch.elements.fill(g);
+        self.minibatch.augmentations.fill(Augmentation { element: g, shift: [0, 0] });
         let irreps = &self.network.spec().action_irreps;
         for noise in &mut self.minibatch.noise {
             let rows = noise.chunks(A).flat_map(|row| transform_vector(g, row, irreps));

@@ -4,12 +4,11 @@
 use std::ops::Range;
 
 use equivariant::Scalar;
-use symmetry::D2;
 
 use crate::distributions::{sample_tanh_gaussian, tanh_gaussian_gradient};
-use crate::env::{transform_image, transform_vector};
+use crate::env::transform_vector;
 use crate::replay::{ReplayBuffer, ReplayStep};
-use crate::sac::minibatch::{SacWorkspace, SampledMinibatch};
+use crate::sac::minibatch::{Augmentation, SacWorkspace, SampledMinibatch};
 use crate::sac::network::{CriticParamRanges, SacNetwork};
 use crate::sac::stats::SacSums;
 use crate::trunk::TrunkWorkspace;
@@ -86,8 +85,8 @@ impl<T: Scalar> Losses<'_, T> {
         let (own, reader) = (&self.params[ranges.reader.clone()], &network.reader);
         reader.forward(own, fields, &w.gru_inputs, &w.context_steps[0], &mut w.critic_reader);
         for (slot, position) in range.clone().enumerate() {
-            let (step, g) = self.sampled_step(position);
-            let action = self.action(step, g);
+            let (step, augmentation) = self.sampled_step(position);
+            let action = self.action(step, augmentation);
             let row = &mut w.actions[slot * width..(slot + 1) * width];
             row.iter_mut().zip(action).for_each(|(to, a)| *to = a.into());
         }
@@ -226,8 +225,8 @@ impl<T: Scalar> Losses<'_, T> {
             let (action, d_action) = (&w.actions[own.clone()], &w.d_actions[own]);
             let output = &w.output[both];
             tanh_gaussian_gradient(output, noise, action, d_action, d_log_pi, d_output);
-            let (step, g) = self.sampled_step(position);
-            let done = self.action(step, g);
+            let (step, augmentation) = self.sampled_step(position);
+            let done = self.action(step, augmentation);
             for ((d, &mean), taken) in d_output.iter_mut().zip(output).zip(done) {
                 let (mean, taken) = (mean.tanh(), f64::from(taken));
                 let error = mean - taken;
@@ -248,16 +247,16 @@ impl<T: Scalar> Losses<'_, T> {
 }
 
 impl<'a, T: Scalar> Losses<'a, T> {
-    /// Returns the step at a position of the minibatch, and the group element that transforms it.
-    pub fn sampled_step(&self, position: usize) -> (ReplayStep<'a>, D2) {
+    /// Returns the step at a position of the minibatch, and its augmentation.
+    pub fn sampled_step(&self, position: usize) -> (ReplayStep<'a>, Augmentation) {
         let (index, offset) = self.minibatch.steps[position];
         let step = self.replay.get(index).wrapping_later(offset);
-        (step, self.minibatch.elements[position])
+        (step, self.minibatch.augmentations[position])
     }
 
-    /// Returns the action `[A]` of a step, transformed by the group element `g`.
-    fn action(&self, step: ReplayStep, g: D2) -> Vec<f32> {
-        transform_vector(g, step.action(), &self.network.spec().action_irreps)
+    /// Returns the action `[A]` of a step, transformed by the augmentation's group element.
+    fn action(&self, step: ReplayStep, augmentation: Augmentation) -> Vec<f32> {
+        transform_vector(augmentation.element, step.action(), &self.network.spec().action_irreps)
     }
 
     /// Returns the weight of one step in a mean over the B steps of the minibatch, 1 / B.
@@ -272,30 +271,37 @@ impl<'a, T: Scalar> Losses<'a, T> {
         w.observation_keys.clear();
         w.observation_positions.clear();
         for (slot, position) in range.clone().enumerate() {
-            let (step, g) = self.sampled_step(position);
+            let (step, augmentation) = self.sampled_step(position);
             step.write_image(&mut w.image);
             load_transformed(
                 network,
                 slot,
-                g,
+                augmentation,
                 step.observation_vector(),
                 &mut w.image,
                 &mut w.current,
             );
-            w.observation_keys.push((step.index(), g));
+            w.observation_keys.push((step.index(), augmentation));
         }
         for position in range.clone() {
-            let (step, g) = self.sampled_step(position);
-            if let Some(slot) = w.assign_observation_slot((step.next_index(), g), n) {
+            let (step, augmentation) = self.sampled_step(position);
+            if let Some(slot) = w.assign_observation_slot((step.next_index(), augmentation), n) {
                 step.write_next_image(&mut w.image);
                 let vector = step.next_observation_vector();
-                load_transformed(network, slot, g, vector, &mut w.image, &mut w.others);
+                load_transformed(network, slot, augmentation, vector, &mut w.image, &mut w.others);
             }
             for earlier in earlier_steps(network, step) {
-                if let Some(slot) = w.assign_observation_slot((earlier.index(), g), n) {
+                if let Some(slot) = w.assign_observation_slot((earlier.index(), augmentation), n) {
                     earlier.write_image(&mut w.image);
                     let vector = earlier.observation_vector();
-                    load_transformed(network, slot, g, vector, &mut w.image, &mut w.others);
+                    load_transformed(
+                        network,
+                        slot,
+                        augmentation,
+                        vector,
+                        &mut w.image,
+                        &mut w.others,
+                    );
                 }
             }
         }
@@ -324,13 +330,13 @@ impl<'a, T: Scalar> Losses<'a, T> {
         let mut sources = w.observation_positions.iter().copied();
         for (slot, position) in range.clone().enumerate() {
             let own = slot * width..(slot + 1) * width;
-            let (step, g) = self.sampled_step(position);
+            let (step, augmentation) = self.sampled_step(position);
             let copied = w.next_fields[own].iter_mut();
             copied.zip(fields_of(sources.next().unwrap_or_default())).for_each(|(to, &x)| *to = x);
             if reader.max_steps() == 0 {
                 continue;
             }
-            let (action, reward) = (self.action(step, g), step.reward());
+            let (action, reward) = (self.action(step, augmentation), step.reward());
             reader.write_gru_input(slot, fields_of(slot), &action, reward, &mut w.gru_inputs);
             next.prepend(slot, slot);
             for earlier in earlier_steps(network, step) {
@@ -338,7 +344,7 @@ impl<'a, T: Scalar> Losses<'a, T> {
                 // steps of this chunk have written their own GRU input already, or will
                 if source >= n {
                     let (earlier_action, earlier_reward) =
-                        (self.action(earlier, g), earlier.reward());
+                        (self.action(earlier, augmentation), earlier.reward());
                     reader.write_gru_input(
                         source,
                         fields_of(source),
@@ -362,21 +368,18 @@ fn earlier_steps<'r, T: Scalar>(
     (1..=network.reader.max_steps()).map_while(move |count| step.nth_step_before(count))
 }
 
-/// Loads an observation, transformed by the group element `g`, into a slot of `pass`; `image` holds
-/// its pixels.
+/// Loads an observation, transformed by `augmentation`, into a slot of `pass`; `image` holds its
+/// pixels.
 fn load_transformed<T: Scalar>(
     network: &SacNetwork<T>,
     slot: usize,
-    g: D2,
+    augmentation: Augmentation,
     vector: &[f32],
     image: &mut Vec<u8>,
     pass: &mut TrunkWorkspace<T>,
 ) {
     let spec = network.spec();
-    // no copy for the identity, the only element without augmentation
-    if g != D2::Identity {
-        *image = transform_image(g, image, spec);
-    }
-    let vector = transform_vector(g, vector, &spec.vector_irreps);
+    augmentation.transform_image(image, spec);
+    let vector = transform_vector(augmentation.element, vector, &spec.vector_irreps);
     network.trunk.load_observation(slot, image, &vector, pass);
 }

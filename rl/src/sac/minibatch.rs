@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
 use crate::distributions::standard_normals;
+use crate::env::{EnvSpec, transform_image};
 use crate::replay::{ReplayBuffer, StepId};
 use crate::sac::context::{ContextSteps, ContextWorkspace, GruInputs};
 use crate::sac::network::SacNetwork;
@@ -20,7 +21,64 @@ pub(super) fn training_chunk(window: usize) -> usize {
     window.clamp(8, 32)
 }
 
-/// Steps, group elements and noise that were sampled for a minibatch of B steps; kept between
+/// Random transformation of a step: a shift of its images, and then a group element that transforms
+/// images, vectors and actions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Augmentation {
+    pub element: D2,
+    /// Pixels by which images move down and to the right; negative for up and left.
+    pub shift: [i8; 2],
+}
+
+impl Augmentation {
+    #[cfg(test)]
+    pub const NONE: Self = Self { element: D2::Identity, shift: [0, 0] };
+
+    fn sample(settings: &SacSettings, rng: &mut ChaCha8Rng) -> Self {
+        let group = settings.augmentation.elements();
+        let element = group[rng.random_range(0..group.len())];
+        // at most 16
+        let limit = settings.random_shift as i8;
+        let shift = match limit {
+            // without shifts, no random numbers are drawn for them
+            0 => [0, 0],
+            _ => [(); 2].map(|()| rng.random_range(-limit..=limit)),
+        };
+        Self { element, shift }
+    }
+
+    /// Transforms an image `[H, W, C]` of the sizes in `spec`.
+    pub fn transform_image(self, image: &mut Vec<u8>, spec: &EnvSpec) {
+        // no copies without augmentation
+        if self.shift != [0, 0] {
+            *image = shifted_image(image, spec.image_shape, self.shift);
+        }
+        if self.element != D2::Identity {
+            *image = transform_image(self.element, image, spec);
+        }
+    }
+}
+
+/// Returns the image `[H, W, C]` moved down and to the right by `shift` pixels, with the pixels of
+/// its edge repeated.
+fn shifted_image(image: &[u8], shape: [usize; 3], shift: [i8; 2]) -> Vec<u8> {
+    let [height, width, channels] = shape;
+    if image.is_empty() {
+        return Vec::new();
+    }
+    let source = |to: usize, shift: i8, len: usize| {
+        to.saturating_add_signed(-isize::from(shift)).min(len - 1)
+    };
+    let pixel = |row: usize, column: usize| {
+        let (row, column) = (source(row, shift[0], height), source(column, shift[1], width));
+        let start = (row * width + column) * channels;
+        &image[start..start + channels]
+    };
+    let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));
+    pixels.flat_map(|(row, column)| pixel(row, column)).copied().collect()
+}
+
+/// Steps, augmentations and noise that were sampled for a minibatch of B steps; kept between
 /// gradient steps to reuse the allocations.
 #[derive(Debug, Default)]
 pub(super) struct SampledMinibatch {
@@ -29,15 +87,15 @@ pub(super) struct SampledMinibatch {
     /// Index of the window's first step, and offset in the window, of each of the minibatch's
     /// steps, `[B]`.
     pub steps: Vec<(usize, usize)>,
-    /// Group element that transforms each step, `[B]`, the same for all steps of a window.
-    pub elements: Vec<D2>,
+    /// Augmentation of each step, `[B]`, the same for all steps of a window.
+    pub augmentations: Vec<Augmentation>,
     /// Standard normal noise of the actor at the current, and at the next observations, `[B, A]`
     /// each.
     pub noise: [Vec<f32>; 2],
 }
 
 impl SampledMinibatch {
-    /// Samples a minibatch: first the windows of consecutive steps, then their group elements, then
+    /// Samples a minibatch: first the windows of consecutive steps, then their augmentations, then
     /// the actor's noise.
     pub fn sample(&mut self, settings: &SacSettings, replay: &ReplayBuffer, rng: &mut ChaCha8Rng) {
         let (batch, window) = (settings.batch, settings.window);
@@ -46,13 +104,12 @@ impl SampledMinibatch {
         let in_window = |&index: &usize| (0..window).map(move |offset| (index, offset));
         self.steps.clear();
         self.steps.extend(self.indices.iter().flat_map(in_window).take(batch));
-        let group = settings.augmentation.elements();
-        self.elements.clear();
+        self.augmentations.clear();
         for _ in 0..windows {
-            let element = group[rng.random_range(0..group.len())];
-            self.elements.extend([element].repeat(window));
+            let augmentation = Augmentation::sample(settings, rng);
+            self.augmentations.extend([augmentation].repeat(window));
         }
-        self.elements.truncate(batch);
+        self.augmentations.truncate(batch);
         for noise in &mut self.noise {
             noise.resize(batch * replay.spec().action_irreps.len(), 0.0);
             standard_normals(rng, noise);
@@ -60,9 +117,8 @@ impl SampledMinibatch {
     }
 }
 
-/// Key of an encoded observation: its identifier in the replay buffer and the group element that
-/// transforms it.
-pub(crate) type ObservationKey = (StepId, D2);
+/// Key of an encoded observation: its identifier in the replay buffer and its augmentation.
+pub(crate) type ObservationKey = (StepId, Augmentation);
 
 /// Activations, gradients and scratch memory of a [`SacNetwork`]'s passes over up to K steps,
 /// allocated once.
@@ -158,5 +214,44 @@ impl<T: Scalar> SacWorkspace<T> {
         }
         self.observation_keys.push(observed);
         Some(source - n)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+
+    use super::*;
+
+    #[test]
+    fn shifted_images_repeat_the_pixels_of_their_edges() {
+        // two channels, of which the second is 10 times the first
+        let image = |pixels: [u8; 6]| pixels.into_iter().flat_map(|p| [p, 10 * p]).collect();
+        let original: Vec<u8> = image([1, 2, 3, 4, 5, 6]);
+        for (shift, expected) in [
+            ([0, 0], [1, 2, 3, 4, 5, 6]),
+            ([1, 0], [1, 2, 3, 1, 2, 3]),
+            ([-1, 0], [4, 5, 6, 4, 5, 6]),
+            ([0, 1], [1, 1, 2, 4, 4, 5]),
+            ([0, -2], [3, 3, 3, 6, 6, 6]),
+            ([5, -5], [3, 3, 3, 3, 3, 3]),
+        ] {
+            let expected: Vec<u8> = image(expected);
+            assert_eq!(shifted_image(&original, [2, 3, 2], shift), expected, "{shift:?}");
+        }
+        assert!(shifted_image(&[], EnvSpec::NO_IMAGE, [1, 1]).is_empty());
+    }
+
+    #[test]
+    fn shifts_are_drawn_evenly_within_their_limit() {
+        let settings = SacSettings { random_shift: 2, ..SacSettings::default() };
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut counts = [[0_usize; 5]; 5];
+        for _ in 0..25_000 {
+            let [down, right] = Augmentation::sample(&settings, &mut rng).shift;
+            counts[(down + 2) as usize][(right + 2) as usize] += 1;
+        }
+        // five standard errors of about 31
+        assert!(counts.concat().iter().all(|count| count.abs_diff(1000) < 155), "{counts:?}");
     }
 }

@@ -10,6 +10,8 @@ use crate::ppo::settings::PpoSettings;
 const MAX_BATCH: usize = 1 << 16;
 /// Maximum number of gradient steps for one recorded step that settings may ask for.
 const MAX_UPDATES_PER_STEP: f32 = 1000.0;
+/// Maximum shift of images (pixels) that settings may ask for.
+const MAX_RANDOM_SHIFT: usize = 16;
 
 /// Settings of [`crate::Sac`]. [`SacSettings::paper`] is the default.
 ///
@@ -67,6 +69,10 @@ pub struct SacSettings {
     /// Symmetry group for data augmentation: a random element transforms images, vectors and
     /// actions of each window. C1 for none.
     pub augmentation: Group,
+    /// Largest random shift of the images of each window (pixels) along rows and columns, at most
+    /// 16; 0 for none. Pixels of the edge are repeated (Yarats et al., "Image augmentation is all
+    /// you need", ICLR 2021, section 3.1, where 4 pixels of 84).
+    pub random_shift: usize,
     /// Weight of behavioural cloning, at least 0: of the squared distance between the actor's mean
     /// action and the action in the replay buffer (Fujimoto and Gu, NeurIPS 2021, equation 3).
     pub cloning_weight: f32,
@@ -114,6 +120,7 @@ impl SacSettings {
             // section 4)
             newest_share: 0.5,
             augmentation: Group::C1,
+            random_shift: 0,
             cloning_weight: 0.0,
         };
         settings.with_update_ratio_of_ppo(&PpoSettings::tuned())
@@ -150,6 +157,8 @@ impl SacSettings {
             require(name, rate, "a number in (0, 1]", rate > 0.0 && rate <= 1.0)?;
         }
         require_share("newest_share", self.newest_share)?;
+        let shift_fits = self.random_shift <= MAX_RANDOM_SHIFT;
+        require("random_shift", self.random_shift as f32, "0 to 16 pixels", shift_fits)?;
         require_weight("cloning_weight", self.cloning_weight)?;
         self.temperature.check()
     }

@@ -3,7 +3,7 @@
 
 use rand::SeedableRng;
 use safetensors::SafeTensors;
-use symmetry::{D2, Group, Irrep};
+use symmetry::{Group, Irrep};
 
 use super::*;
 use crate::encoder::EncoderSettings;
@@ -11,6 +11,7 @@ use crate::env::{EnvSpec, Observations, Transition};
 use crate::fixtures;
 use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::replay::ReplaySettings;
+use crate::sac::minibatch::Augmentation;
 use crate::sac::settings::RecurrentContextSettings;
 
 const GOLDEN: &[u8] = include_bytes!("../../tests/golden/sac.safetensors");
@@ -108,7 +109,7 @@ fn check(case: &str, context: Option<RecurrentContextSettings>) {
     sac.minibatch = SampledMinibatch {
         indices: Vec::new(),
         steps: golden("indices").into_iter().map(|i| (i as usize, 0)).collect(),
-        elements: vec![D2::Identity; BATCH],
+        augmentations: vec![Augmentation::NONE; BATCH],
         noise: [0, 1].map(|i| noise[i * BATCH * 2..(i + 1) * BATCH * 2].to_vec()),
     };
     let sums = sac.losses(&policy, &replay()).unwrap();
@@ -234,8 +235,8 @@ fn counts(window: usize) -> Vec<usize> {
     let mut counts = vec![0; replay.len()];
     for _ in 0..SAMPLES {
         minibatch.sample(&settings, &replay, &mut rng);
-        assert_eq!((minibatch.steps.len(), minibatch.elements.len()), (6, 6));
-        assert!(minibatch.elements.chunks(window).all(|own| own.iter().all(|g| *g == own[0])));
+        assert_eq!((minibatch.steps.len(), minibatch.augmentations.len()), (6, 6));
+        assert!(minibatch.augmentations.chunks(window).all(|own| own.iter().all(|g| *g == own[0])));
         for &(index, offset) in &minibatch.steps {
             let place = replay.get(index).wrapping_later(offset).index();
             let mut steps = 0..replay.len();
