@@ -88,7 +88,7 @@ impl RolloutBuffer {
     /// # Errors
     /// [`RlError::InvalidSetting`] for a correlation outside [0, 1).
     pub fn with_noise_correlation(mut self, correlation: f32) -> Result<Self, RlError> {
-        self.noise.set_correlation(correlation)?;
+        self.noise.set_correlation(correlation, 1.0)?;
         Ok(self)
     }
 
@@ -378,10 +378,7 @@ impl<P: OnPolicyActor> ExperienceBuffer<P> for RolloutBuffer {
         let result = self.push(from, &decisions, to, &final_values);
         (self.step_decisions, self.step_final_values) = (decisions, final_values);
         result?;
-        // a new episode starts with new noise
-        let ended = |&(_, outcome): &(usize, &StepOutcome)| outcome.is_ended();
-        let ends = to.outcomes.iter().enumerate().filter(ended);
-        ends.for_each(|(env, _)| self.noise.restart(env));
+        self.noise.restart_ended(&to.outcomes);
         Ok(())
     }
 

@@ -71,6 +71,7 @@ pub use algorithm::{Algorithm, AlgorithmState, Metrics};
 pub use buffer::RolloutBuffer;
 #[cfg(feature = "wgpu")]
 pub use device::GpuPolicy;
+pub use distributions::ActionNoise;
 pub use encoder::EncoderSettings;
 pub use env::{EnvSpec, MAX_ABS_OBSERVATION, Observations, StepOutcome, Transition, VectorEnv};
 pub use error::{BoxedEnvError, InvalidNumberLocation, RlError, SymmetryViolation};

@@ -74,6 +74,31 @@ impl SacPolicy {
         Ok(Self::from_network(Arc::new(network), params, SacForwardWorkspace::new))
     }
 
+    /// Writes the actions `[N, A]` that follow from the standard normal `noise` `[N, A]`. The noise
+    /// is the only source of randomness. With independent noise, actions are distributed like those
+    /// of [`Actor::act`].
+    ///
+    /// # Errors
+    /// [`RlError::ShapeMismatch`] when an array does not fit.
+    pub fn act_with_noise(
+        &mut self,
+        observations: &Observations,
+        memory: &mut SacActorMemory,
+        noise: &[f32],
+        out: &mut [f32],
+    ) -> Result<(), RlError> {
+        check_len("noise", "[N, A]", noise.len(), out.len())?;
+        let row = self.run(observations, memory, "actions", out.len())?;
+        let width = self.action_dim();
+        let mut action = vec![0.0; width];
+        let samples = noise.chunks_exact(width).zip(out.chunks_exact_mut(width));
+        for (output, (noise, target)) in self.outputs.chunks_exact(row).zip(samples) {
+            sample_tanh_gaussian(&output[..2 * width], noise, &mut action);
+            target.iter_mut().zip(&action).for_each(|(o, &a)| *o = a as f32);
+        }
+        Ok(())
+    }
+
     /// Runs the network on N observations: fills `outputs` with rows `[2 A + h]` of mean, raw
     /// log_std and the h fields that a context remembers, which are also stored in `memory`;
     /// returns the length of a row. `what` and `got` are name and length of the caller's output
@@ -187,17 +212,9 @@ impl Actor for SacPolicy {
         rng: &mut ChaCha8Rng,
         out: &mut [f32],
     ) -> Result<(), RlError> {
-        let row = self.run(observations, memory, "actions", out.len())?;
-        standard_normals(rng, out);
-        let width = self.action_dim();
-        let mut action = vec![0.0; width];
-        let rows = self.outputs.chunks_exact(row);
-        for (output, target) in rows.zip(out.chunks_exact_mut(width)) {
-            // `target` holds the noise, until the action replaces it
-            sample_tanh_gaussian(&output[..2 * width], target, &mut action);
-            target.iter_mut().zip(&action).for_each(|(o, &a)| *o = a as f32);
-        }
-        Ok(())
+        let mut noise = vec![0.0; out.len()];
+        standard_normals(rng, &mut noise);
+        self.act_with_noise(observations, memory, &noise, out)
     }
 
     /// Writes the tanh of the Gaussian's means, `[N, A]`, to `out`.

@@ -1,7 +1,10 @@
 //! Rollout that is stored until it is assigned to a policy and its replay buffer.
 
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use rl::{
-    Actor, EnvSpec, ExperienceBuffer, Observations, ReplayBuffer, RlError, SacPolicy, Transition,
+    ActionNoise, EnvSpec, ExperienceBuffer, Observations, ReplayBuffer, RlError, SacActorMemory,
+    SacPolicy, Transition,
 };
 
 use crate::learners::collection::{Rollout, SingleEnvStep};
@@ -16,6 +19,8 @@ pub struct StagedRollout {
     rollouts: Vec<Vec<Step>>,
     /// Actions of the step that is being collected, `[number of environments, action dimensions]`.
     actions: Vec<f32>,
+    /// Exploration noise of the actions.
+    noise: ActionNoise,
 }
 
 struct Step {
@@ -25,9 +30,21 @@ struct Step {
 }
 
 impl StagedRollout {
-    /// Creates empty storage for rollouts of `steps` steps in every environment.
-    pub fn new(spec: &EnvSpec, steps: usize) -> Self {
-        Self { spec: spec.clone(), steps, uniform: 0, rollouts: Vec::new(), actions: Vec::new() }
+    /// Creates empty storage for rollouts of `steps` steps in every environment, whose exploration
+    /// noise has the correlation `correlation` from step to step in a share of the episodes.
+    ///
+    /// # Errors
+    /// Errors of [`ActionNoise::set_correlation`].
+    pub fn new(
+        spec: &EnvSpec,
+        steps: usize,
+        [correlation, correlated_share]: [f32; 2],
+    ) -> Result<Self, RlError> {
+        let width = spec.action_irreps.len();
+        let mut noise = ActionNoise::independent(spec.num_envs, width);
+        noise.set_correlation(correlation, correlated_share)?;
+        let (spec, rollouts, actions) = (spec.clone(), Vec::new(), Vec::new());
+        Ok(Self { spec, steps, uniform: 0, rollouts, actions, noise })
     }
 
     /// Makes the actions of the next `decisions` decisions, all environments together, uniformly
@@ -55,7 +72,7 @@ impl StagedRollout {
     }
 }
 
-impl<A: Actor> ExperienceBuffer<A> for StagedRollout {
+impl ExperienceBuffer<SacPolicy> for StagedRollout {
     fn steps_per_env(&self) -> usize {
         self.steps
     }
@@ -63,6 +80,7 @@ impl<A: Actor> ExperienceBuffer<A> for StagedRollout {
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
         self.spec = spec.clone();
         self.actions.resize(spec.num_envs * spec.action_irreps.len(), 0.0);
+        self.noise.restart_all();
         self.rollouts.push(Vec::with_capacity(self.steps));
         Ok(())
     }
@@ -73,7 +91,30 @@ impl<A: Actor> ExperienceBuffer<A> for StagedRollout {
         (&mut self.actions, warm_up)
     }
 
-    fn record(&mut self, _: &mut A, from: &Observations, to: &Transition) -> Result<(), RlError> {
+    /// Samples actions from `policy` with the exploration noise, or uniformly in the warm-up.
+    fn decide(
+        &mut self,
+        policy: &mut SacPolicy,
+        observations: &Observations,
+        memory: &mut SacActorMemory,
+        rng: &mut ChaCha8Rng,
+    ) -> Result<&[f32], RlError> {
+        let noise = self.noise.sample(rng);
+        // in a warm-up, too: a recurrent actor's memory needs every observation
+        policy.act_with_noise(observations, memory, noise, &mut self.actions)?;
+        let (actions, warm_up) = ExperienceBuffer::<SacPolicy>::action_buffer(self);
+        if warm_up {
+            actions.fill_with(|| rng.random_range(-1.0..=1.0));
+        }
+        Ok(actions)
+    }
+
+    fn record(
+        &mut self,
+        _: &mut SacPolicy,
+        from: &Observations,
+        to: &Transition,
+    ) -> Result<(), RlError> {
         let step = Step {
             observations: from.clone(),
             actions: self.actions.clone(),
@@ -82,6 +123,7 @@ impl<A: Actor> ExperienceBuffer<A> for StagedRollout {
         if let Some(rollout) = self.rollouts.last_mut() {
             rollout.push(step);
         }
+        self.noise.restart_ended(&to.outcomes);
         Ok(())
     }
 }
@@ -117,5 +159,64 @@ impl Rollout for StagedRollout {
     fn keep_latest(&mut self, rollouts: usize) {
         let too_many = self.rollouts.len().saturating_sub(rollouts);
         self.rollouts.drain(..too_many);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rl::{EncoderSettings, NetworkSettings, StepOutcome};
+    use symmetry::{Group, Irrep};
+
+    use super::*;
+
+    const ENVS: usize = 4000;
+
+    /// Returns the correlation of two rows of numbers with mean 0.
+    fn correlation(one: &[f32], other: &[f32]) -> f64 {
+        let product =
+            |a: &[f32], b: &[f32]| -> f64 { a.iter().zip(b).map(|(a, b)| f64::from(a * b)).sum() };
+        product(one, other) / (product(one, one) * product(other, other)).sqrt()
+    }
+
+    /// All observations are equal, so that actions differ by their noise alone. The first half of
+    /// the episodes ends with every step.
+    #[test]
+    fn the_noise_of_an_episode_goes_on_and_that_of_the_next_begins_afresh() {
+        let spec = EnvSpec {
+            num_envs: ENVS,
+            image_shape: EnvSpec::NO_IMAGE,
+            vector_irreps: vec![Irrep::Trivial],
+            action_irreps: vec![Irrep::Trivial],
+            choices: Vec::new(),
+        };
+        let network = NetworkSettings {
+            group: Group::C1,
+            encoder: EncoderSettings::Blind,
+            ..NetworkSettings::default()
+        };
+        let mut policy = SacPolicy::new(&network, None, &spec, 0).unwrap();
+        let mut memory = rl::Actor::new_memory(&policy, ENVS);
+        let (seen, mut transition) = (Observations::new(&spec), Transition::new(&spec));
+        transition.outcomes[..ENVS / 2].fill(StepOutcome::Truncated);
+        let mut rng = ChaCha8Rng::seed_from_u64(2);
+        let mut rollout = StagedRollout::new(&spec, 2, [0.8, 1.0]).unwrap();
+        rollout.begin(&spec).unwrap();
+        let mut actions = Vec::new();
+        for _ in 0..2 {
+            let decided = rollout.decide(&mut policy, &seen, &mut memory, &mut rng).unwrap();
+            // the noise before the policy's tanh, but for its scale
+            let raw: Vec<f32> = decided.iter().map(|action| action.atanh()).collect();
+            let mean = raw.iter().sum::<f32>() / ENVS as f32;
+            actions.push(raw.iter().map(|noise| noise - mean).collect::<Vec<f32>>());
+            rollout.record(&mut policy, &seen, &transition).unwrap();
+        }
+        let halves = [0..ENVS / 2, ENVS / 2..ENVS];
+        let [ended, running] =
+            halves.map(|half| correlation(&actions[0][half.clone()], &actions[1][half]));
+        // five standard errors of 2000 pairs
+        assert!(ended.abs() < 0.11, "{ended}");
+        assert!((running - 0.8).abs() < 0.05, "{running}");
+        assert!(StagedRollout::new(&spec, 2, [1.0, 1.0]).is_err());
     }
 }
