@@ -88,9 +88,11 @@ impl MethodComparison {
         let welch = self.welch.map_or(0.0, |test| test.p_value);
         let narrow = self.welch.map_or(zero, |test| test.narrow_interval);
         if self.mean_difference != 0.0 && welch.max(permutation) <= LEVEL {
-            return match self.mean_difference > 0.0 {
-                true => HypothesisOutcome::Confirmed,
-                false => HypothesisOutcome::Refuted,
+            let is_above = self.mean_difference > 0.0;
+            return if is_above {
+                HypothesisOutcome::Confirmed
+            } else {
+                HypothesisOutcome::Refuted
             };
         }
         if narrow.low >= -EQUIVALENCE_MARGIN && narrow.high <= EQUIVALENCE_MARGIN {

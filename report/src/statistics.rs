@@ -263,8 +263,8 @@ mod tests {
         assert!((interval.low - (0.8 - expected)).abs() < 0.01, "{interval:?}");
         assert!((interval.high - (0.8 + expected)).abs() < 0.01, "{interval:?}");
         let certain = MethodScores { by_group: vec![vec![1.0, 0.0]], placements: Some(100) };
-        let interval = certain.bootstrap_interval(mean).unwrap();
-        assert_eq!((interval.low, interval.high), (0.0, 1.0));
+        let of_certain = certain.bootstrap_interval(mean).unwrap();
+        assert_eq!((of_certain.low, of_certain.high), (0.0, 1.0));
     }
 
     #[test]

@@ -66,12 +66,11 @@ fn shifted_image(image: &[u8], shape: [usize; 3], shift: [i8; 2]) -> Vec<u8> {
     if image.is_empty() {
         return Vec::new();
     }
-    let source = |to: usize, shift: i8, len: usize| {
-        to.saturating_add_signed(-isize::from(shift)).min(len - 1)
-    };
+    let [down, right] = shift.map(isize::from);
     let pixel = |row: usize, column: usize| {
-        let (row, column) = (source(row, shift[0], height), source(column, shift[1], width));
-        let start = (row * width + column) * channels;
+        let from_row = row.saturating_add_signed(-down).min(height - 1);
+        let from_column = column.saturating_add_signed(-right).min(width - 1);
+        let start = (from_row * width + from_column) * channels;
         &image[start..start + channels]
     };
     let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (row, column)));

@@ -92,8 +92,8 @@ impl SacPolicy {
         let width = self.action_dim();
         let mut action = vec![0.0; width];
         let samples = noise.chunks_exact(width).zip(out.chunks_exact_mut(width));
-        for (output, (noise, target)) in self.outputs.chunks_exact(row).zip(samples) {
-            sample_tanh_gaussian(&output[..2 * width], noise, &mut action);
+        for (output, (own_noise, target)) in self.outputs.chunks_exact(row).zip(samples) {
+            sample_tanh_gaussian(&output[..2 * width], own_noise, &mut action);
             target.iter_mut().zip(&action).for_each(|(o, &a)| *o = a as f32);
         }
         Ok(())
