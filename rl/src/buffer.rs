@@ -88,7 +88,7 @@ impl RolloutBuffer {
     /// # Errors
     /// [`RlError::InvalidSetting`] for a correlation outside [0, 1).
     pub fn with_noise_correlation(mut self, correlation: f32) -> Result<Self, RlError> {
-        self.noise.set_correlation(correlation, 1.0)?;
+        self.noise.set_correlation(correlation)?;
         Ok(self)
     }
 

@@ -10,7 +10,7 @@ use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
 
 use crate::env::{StepOutcome, choice_ranges};
-use crate::error::{RlError, require, require_share};
+use crate::error::{RlError, require};
 
 /// Fills `out` with independent standard normal numbers: Box and Muller, "A note on the generation
 /// of random normal deviates" (Annals of Mathematical Statistics 29, 1958). Unlike rejection
@@ -236,16 +236,13 @@ pub(crate) fn tanh_gaussian_gradient(
 /// continuous control deep reinforcement learning", IJCAI 2019, p = 1).
 #[derive(Clone, Debug)]
 pub struct ActionNoise {
-    /// Correlation c of the noise of consecutive steps, in [0, 1), in episodes that have any.
+    /// Correlation c of the noise of consecutive steps, in [0, 1).
     correlation: f32,
-    /// Share of the episodes whose noise is correlated, in [0, 1].
-    correlated_share: f32,
     width: usize,
     values: Vec<f32>,
     new_values: Vec<f32>,
-    /// Correlation of the noise of each environment's running episode, `[N]`; `None` if it has not
-    /// been given noise yet.
-    episodes: Vec<Option<f32>>,
+    /// `true` for each environment whose running episode has already been given noise, `[N]`.
+    is_running: Vec<bool>,
 }
 
 impl ActionNoise {
@@ -254,58 +251,50 @@ impl ActionNoise {
     pub fn independent(envs: usize, width: usize) -> Self {
         Self {
             correlation: 0.0,
-            correlated_share: 1.0,
             width,
             values: vec![0.0; envs * width],
             new_values: vec![0.0; envs * width],
-            episodes: vec![None; envs],
+            is_running: vec![false; envs],
         }
     }
 
-    /// Sets the correlation c of the noise of consecutive steps, in [0, 1), and the share of the
-    /// episodes whose noise has it, in [0, 1]: which ones is random. The noise of the others is
-    /// independent from step to step.
+    /// Sets the correlation c of the noise of consecutive steps, in [0, 1).
     ///
     /// # Errors
-    /// [`RlError::InvalidSetting`] for a correlation or a share out of its range.
-    pub fn set_correlation(&mut self, correlation: f32, share: f32) -> Result<(), RlError> {
+    /// [`RlError::InvalidSetting`] for a correlation outside [0, 1).
+    pub fn set_correlation(&mut self, correlation: f32) -> Result<(), RlError> {
         let allowed = (0.0..1.0).contains(&correlation);
         let expected = "a number in [0, 1)";
         require("noise_correlation", correlation, expected, allowed)?;
-        require_share("correlated_share", share)?;
-        (self.correlation, self.correlated_share) = (correlation, share);
+        self.correlation = correlation;
         Ok(())
     }
 
     /// Starts a new noise sequence in every environment, independent of the noise so far.
     pub fn restart_all(&mut self) {
-        self.episodes.fill(None);
+        self.is_running.fill(false);
     }
 
     /// Starts a new noise sequence, independent of the noise so far, in every environment whose
     /// episode has ended by `outcomes`, `[N]`.
     pub fn restart_ended(&mut self, outcomes: &[StepOutcome]) {
-        let ended = self.episodes.iter_mut().zip(outcomes).filter(|(_, how)| how.is_ended());
-        ended.for_each(|(episode, _)| *episode = None);
+        for (is_running, outcome) in self.is_running.iter_mut().zip(outcomes) {
+            *is_running &= !outcome.is_ended();
+        }
     }
 
     /// Samples the noise `[N, A]` of the next step of all environments: standard normal numbers.
     pub fn sample(&mut self, rng: &mut ChaCha8Rng) -> &[f32] {
         standard_normals(rng, &mut self.new_values);
+        // weights whose squares add up to 1 keep the variance at 1
+        let (kept, new) = (self.correlation, (1.0 - self.correlation.powi(2)).sqrt());
         let rows = self.values.chunks_exact_mut(self.width);
         let new_values = self.new_values.chunks_exact(self.width);
-        for ((row, drawn), episode) in rows.zip(new_values).zip(&mut self.episodes) {
-            if let Some(kept) = *episode {
-                // weights whose squares add up to 1 keep the variance at 1
-                let new = (1.0 - kept.powi(2)).sqrt();
+        for ((row, drawn), begun) in rows.zip(new_values).zip(&mut self.is_running) {
+            if std::mem::replace(begun, true) {
                 row.iter_mut().zip(drawn).for_each(|(x, e)| *x = kept * *x + new * e);
             } else {
                 row.copy_from_slice(drawn);
-                // nothing is drawn where all episodes are alike
-                let is_correlated = self.correlation == 0.0
-                    || self.correlated_share == 1.0
-                    || rng.random::<f32>() < self.correlated_share;
-                *episode = Some(if is_correlated { self.correlation } else { 0.0 });
             }
         }
         &self.values
@@ -464,7 +453,7 @@ mod tests {
     fn a_correlation_that_keeps_everything_is_refused() {
         let mut noise = ActionNoise::independent(1, 1);
         for wrong in [-0.1, 1.0, f32::NAN] {
-            let message = noise.set_correlation(wrong, 1.0).unwrap_err().to_string();
+            let message = noise.set_correlation(wrong).unwrap_err().to_string();
             assert!(message.contains("noise_correlation") && message.contains("[0, 1)"));
         }
     }

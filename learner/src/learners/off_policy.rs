@@ -47,11 +47,8 @@ pub struct OffPolicySettings {
     /// Number of decisions with uniformly random actions, until a policy's replay buffer holds as
     /// many.
     pub warm_up: u64,
-    /// Correlation of the noise of consecutive actions, in [0, 1), in episodes that have any
-    /// ([`rl::ActionNoise`]).
+    /// Correlation of the noise of consecutive actions, in [0, 1) ([`rl::ActionNoise`]).
     pub noise_correlation: f32,
-    /// Share of the episodes whose noise is correlated, in [0, 1].
-    pub correlated_share: f32,
     /// Number of last channels of a picture that do not change during an episode. The replay stores
     /// them once for each episode.
     pub still_channels: usize,
@@ -94,7 +91,6 @@ impl OffPolicySettings {
             capacity: 200_000,
             warm_up: 1000,
             noise_correlation: 0.0,
-            correlated_share: 1.0,
             // three channels for the first picture of the episode
             still_channels: 3,
             newest_steps: 10_000,
@@ -222,7 +218,7 @@ impl PolicyCollectionSettings for OffPolicySettings {
 
     fn new_rollout(&self, spec: &EnvSpec, steps: usize) -> Result<StagedRollout, RlError> {
         spec.check_rollout_memory(steps)?;
-        StagedRollout::new(spec, steps, [self.noise_correlation, self.correlated_share])
+        StagedRollout::new(spec, steps, self.noise_correlation)
     }
 
     fn new_training(&self, spec: &EnvSpec, policy: &SacPolicy) -> Result<SacTrainer, RlError> {

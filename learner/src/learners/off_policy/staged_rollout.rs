@@ -31,18 +31,14 @@ struct Step {
 
 impl StagedRollout {
     /// Creates empty storage for rollouts of `steps` steps in every environment, whose exploration
-    /// noise has the correlation `correlation` from step to step in a share of the episodes.
+    /// noise has the correlation `noise_correlation` from step to step.
     ///
     /// # Errors
     /// Errors of [`ActionNoise::set_correlation`].
-    pub fn new(
-        spec: &EnvSpec,
-        steps: usize,
-        [correlation, correlated_share]: [f32; 2],
-    ) -> Result<Self, RlError> {
+    pub fn new(spec: &EnvSpec, steps: usize, noise_correlation: f32) -> Result<Self, RlError> {
         let width = spec.action_irreps.len();
         let mut noise = ActionNoise::independent(spec.num_envs, width);
-        noise.set_correlation(correlation, correlated_share)?;
+        noise.set_correlation(noise_correlation)?;
         let (spec, rollouts, actions) = (spec.clone(), Vec::new(), Vec::new());
         Ok(Self { spec, steps, uniform: 0, rollouts, actions, noise })
     }
@@ -200,7 +196,7 @@ mod tests {
         let (seen, mut transition) = (Observations::new(&spec), Transition::new(&spec));
         transition.outcomes[..ENVS / 2].fill(StepOutcome::Truncated);
         let mut rng = ChaCha8Rng::seed_from_u64(2);
-        let mut rollout = StagedRollout::new(&spec, 2, [0.8, 1.0]).unwrap();
+        let mut rollout = StagedRollout::new(&spec, 2, 0.8).unwrap();
         rollout.begin(&spec).unwrap();
         let mut actions = Vec::new();
         for _ in 0..2 {
@@ -217,6 +213,6 @@ mod tests {
         // five standard errors of 2000 pairs
         assert!(ended.abs() < 0.11, "{ended}");
         assert!((running - 0.8).abs() < 0.05, "{running}");
-        assert!(StagedRollout::new(&spec, 2, [1.0, 1.0]).is_err());
+        assert!(StagedRollout::new(&spec, 2, 1.0).is_err());
     }
 }
