@@ -275,7 +275,8 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
         experiment.envs.without_randomisation()
     };
     let tasks = TaskRegistry::with_all();
-    let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?;
+    let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?
+        .with_distinct_placements(experiment.evaluation.distinct_placements);
     // a round of one group is an episode of each environment in each of four variants
     let rounds = options.episodes.div_ceil(4 * envs.num_envs);
     let pool = thread_pool(envs.threads)?;

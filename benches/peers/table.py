@@ -258,9 +258,10 @@ def training_success(run):
 
 
 def forgetting(run):
-    """Best success in an earlier evaluation less that after the stream."""
-    best = {group: max(run.score(group, time) for time in run.times[:-1]) for group in run.groups}
-    return mean(best[group] - run.score(group) for group in run.groups)
+    """Best success in an earlier evaluation less that after the stream, but for its last group."""
+    groups = [group for group in run.groups if run.visits(group)[-1][1] < len(run.rollouts)]
+    best = {group: max(run.score(group, time) for time in run.times[:-1]) for group in groups}
+    return mean(best[group] - run.score(group) for group in groups)
 
 
 def forgetting_since_visit(run):
@@ -343,6 +344,8 @@ def seeds(methods, draws):
 def comparisons(methods, draws):
     """Table of the first method against the others."""
     def p_cell(low, high):
+        if math.isnan(low):
+            return NOTHING
         return ["< 0.0001"] if high < 0.0001 else [(low, high, 4, False)]
 
     first, *others = methods
@@ -358,7 +361,9 @@ def comparisons(methods, draws):
                  for run in methods[first] for opponent in methods[name]]
         better = mean(0.5 + np.sign(own - its) / 2 for own, its in pairs)
         interval = drawn(gaps, 3)
-        interval[0] = "["
+        interval = ["["] + interval[1:] if interval else [NOTHING[0]]
+        # without any spread there is no test by Welch's t
+        p = p if len(difference) > 1 else math.nan
         yield [[name], difference, p_cell(p, p), p_cell(share - error, share + error), interval,
                [number(better, 2)], outcome]
 

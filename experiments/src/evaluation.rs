@@ -112,7 +112,14 @@ impl Evaluator {
         let (schedule, seed) = (run.schedule.clone(), run.evaluation_seed());
         let (envs, ranks) = (run.envs.without_randomisation(), run.learner.process_ranks().clone());
         let evaluator = Self::on_ranks(envs, tasks, schedule, seed, labels, ranks)?;
-        Ok(Self { distinct_placements: run.evaluation.distinct_placements, ..evaluator })
+        Ok(evaluator.with_distinct_placements(run.evaluation.distinct_placements))
+    }
+
+    /// Sets [`EvaluationPlan::distinct_placements`](crate::EvaluationPlan::distinct_placements),
+    /// which is `false` in a new evaluator.
+    #[must_use]
+    pub fn with_distinct_placements(self, distinct_placements: bool) -> Self {
+        Self { distinct_placements, ..self }
     }
 
     /// Returns the seed of the episodes of a variant.

@@ -84,7 +84,7 @@ pub struct EvaluationPlan {
     /// same episodes.
     #[serde(default)]
     pub seed: u64,
-    /// Whether each variant is scored at placements of its own. By default, the placements of the
+    /// `true` if each variant is scored at placements of its own. By default, the placements of the
     /// four variants of a group are mirror images of one another, so that their scores differ by
     /// broken symmetries alone; but four such episodes hold hardly more information than one.
     #[serde(default)]

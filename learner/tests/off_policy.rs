@@ -158,10 +158,11 @@ type Case = (fn(&mut OffPolicySettings), &'static str);
 
 #[test]
 fn settings_out_of_range_are_named() {
-    let cases: [Case; 6] = [
+    let cases: [Case; 7] = [
         (|s| s.capacity = 0, "capacity"),
         (|s| s.still_channels = 2, "still_channels"),
         (|s| s.sac.window = 3, "window"),
+        (|s| s.noise_correlation = 1.0, "noise_correlation"),
         (|s| s.rollout_steps = 7, "`rollout_steps` is 7"),
         (|s| s.rollout_steps = 1000 << 40, "the rollouts"),
         // D2 needs a multiple of four

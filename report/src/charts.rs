@@ -23,7 +23,7 @@ pub struct IntervalEstimate<'a> {
     pub name: &'a str,
     /// Estimate, in `[0, 1]`.
     pub value: f64,
-    /// 95 % interval; `None` for fewer than two seeds.
+    /// 95 % interval; `None` for fewer than two seeds, and for estimates without one.
     pub interval: Option<ConfidenceInterval>,
 }
 

@@ -75,9 +75,9 @@ pub fn sample_efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Opt
     let caption = format!(
         "How fast methods learn: the area under mean-action success over the decisions spent in a \
          group, decisions until it is at least 0.9 in an evaluation, and until it is so in all that \
-         follow, with bootstrap intervals of 95 %. A decision lasts {} control steps. Forward \
-         transfer is the difference of the areas divided by 1 less the area of {first}, which \
-         should learn every group alone.",
+         follow, with bootstrap intervals of 95 %, and those of Welch's t for differences. A \
+         decision lasts {} control steps. Forward transfer is the difference of the areas divided \
+         by 1 less the area of {first}, which should learn every group alone.",
         methods[0].runs[0].experiment.envs.control.action_repeat,
         first = methods[0].name,
     );

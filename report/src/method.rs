@@ -103,8 +103,8 @@ impl MethodRuns {
         MethodScores::new(groups.iter().map(of_group).collect())
     }
 
-    /// Returns the success after the stream in these task groups, `[groups][seeds]`, for all runs of
-    /// the method.
+    /// Returns the success after the stream in these task groups, `[groups][seeds]`, for all runs
+    /// of the method.
     pub fn success(&self, groups: &[String]) -> MethodScores {
         let placements = self.runs.iter().filter_map(|run| {
             let of_variant = run.last_scores().map(|row| row.episodes).min()?;
@@ -184,6 +184,18 @@ mod tests {
         assert_ne!(world(&few), world(&many));
         many.evaluation.every = Some(4);
         assert_eq!(world(&few), world(&many));
+    }
+
+    #[test]
+    fn mirror_images_of_a_placement_count_once() {
+        let placements = |distinct_placements| {
+            let mut run = crate::fixtures::scored_run(&["a"], &[(1, 0.5)]);
+            run.experiment.evaluation.distinct_placements = distinct_placements;
+            let methods = MethodRuns::group_by_method(vec![run]).unwrap();
+            methods[0].success(&["a".to_owned()]).placements
+        };
+        // the fixture's variants have ten episodes
+        assert_eq!([false, true].map(placements), [Some(10), Some(40)]);
     }
 
     #[test]

@@ -35,8 +35,8 @@ pub struct RunMetrics {
     /// groups that were visited before
     /// ([`RunStats::correct_revisits`](experiments::RunStats::correct_revisits)).
     pub revisit_accuracy: Result<f64, UndefinedReason>,
-    /// Success of the episodes of the whole stream, in `[0, 1]`: the mean over rollouts, by their
-    /// decisions.
+    /// Success during the whole stream, in `[0, 1]`: the mean over rollouts, weighted by their
+    /// decisions, those thrown away before a rollout included.
     pub training_success: Result<f64, UndefinedReason>,
     /// Share of dormant units after the stream over all scored policies together, in `[0, 1]`.
     pub dormant_share: Result<f64, UndefinedReason>,
@@ -200,7 +200,7 @@ fn of_own(
     Ok(sum / episodes as f64)
 }
 
-/// Returns the success of the episodes of the whole stream, weighted by decisions.
+/// Returns the success during the whole stream, the mean over rollouts weighted by decisions.
 fn training_success(run: &RunData) -> Result<f64, UndefinedReason> {
     let before = std::iter::once(0).chain(run.rollouts.iter().map(|row| row.decisions));
     let known = run.rollouts.iter().zip(before).filter_map(|(row, start)| {
@@ -211,8 +211,10 @@ fn training_success(run: &RunData) -> Result<f64, UndefinedReason> {
     if decisions > 0.0 { Ok(successes / decisions) } else { Err(NO_EPISODES) }
 }
 
-/// Returns the highest success in a group before the evaluation after `end` rollouts.
+/// Returns the highest success in a group before the evaluation after `end` rollouts. The group
+/// that the stream ends with has none: it may still be learnt then.
 fn best_before(run: &RunData, group: &str, end: usize) -> Result<f64, UndefinedReason> {
+    end_of_last_visit(run, group)?;
     let earlier = run.rollouts_before_evaluations().filter(|&rollouts| rollouts < end);
     let success = |rollouts| run.mean_group_score_after(rollouts, group, |row| row.success);
     earlier.filter_map(success).map(|(_, success)| success).reduce(f64::max).ok_or(UNSCORED)
@@ -229,13 +231,21 @@ fn backward_transfer(run: &RunData, group: &str) -> Result<f64, UndefinedReason>
     let change = |&end: &usize| {
         // after the last visit there is none to come
         let next = end + run.rollouts[end..].iter().position(|row| shows_group(&row))?;
-        // where the next visit begins within a rollout, the evaluation before that rollout counts
-        let pause =
-            run.rollouts_before_evaluations().filter(|time| (end + 1..=next).contains(time));
-        Some(success(pause.max()?).and_then(|later| Ok(later - success(end)?)))
+        // no pause: the next visit begins within the rollout after the one that ended this one
+        (next > end).then(|| {
+            // where the next visit begins within a rollout, the evaluation before that one counts
+            let times = run.rollouts_before_evaluations();
+            let last = times.filter(|time| (end + 1..=next).contains(time)).max();
+            Ok(success(last.ok_or(UNSCORED)?)? - success(end)?)
+        })
     };
-    let changes = ends.iter().filter_map(change).collect::<Result<Vec<f64>, UndefinedReason>>()?;
-    if changes.is_empty() { Err(NO_RETURN) } else { Ok(mean(&changes)) }
+    let changes: Vec<Result<f64, UndefinedReason>> = ends.iter().filter_map(change).collect();
+    let known: Vec<f64> = changes.iter().filter_map(|change| change.ok()).collect();
+    match (known.len(), changes.first()) {
+        (0, Some(&Err(reason))) => Err(reason),
+        (0, _) => Err(NO_RETURN),
+        _ => Ok(mean(&known)),
+    }
 }
 
 /// Returns the share of dormant network units in the last evaluation.
@@ -317,17 +327,35 @@ mod tests {
         assert!(near(b.forward_transfer, 0.15), "{b:?}");
         assert_eq!(a.forward_transfer, Err(FIRST));
         assert!(near(metrics.mean_over_groups(|group| group.forgetting), 0.2));
-        // the best of a was 0.9, after 5 rollouts; b ends at its best
-        assert!(near(a.loss_from_best, 0.2) && near(b.loss_from_best, -0.1), "{a:?} {b:?}");
+        // the best of a was 0.9, after 5 rollouts
+        assert!(near(a.loss_from_best, 0.2), "{a:?}");
+        assert_eq!(b.loss_from_best, Err(ENDS));
         // a paused from 2 to 4, b from 4 to 5
         assert!(near(a.backward_transfer, -0.1) && near(b.backward_transfer, -0.05));
         assert_eq!(metrics.training_success, Err(NO_EPISODES));
+        // the third rollout took 300 decisions, the others 100
         for (row, success) in run.rollouts.iter_mut().zip([0.0, 0.5, 1.0]) {
             row.success = Some(success);
         }
-        assert!(near(RunMetrics::of_run(&run).training_success, 0.5));
+        run.rollouts[2..].iter_mut().for_each(|row| row.decisions += 200);
+        assert!(near(RunMetrics::of_run(&run).training_success, 0.7));
         assert_eq!((metrics.assignment_accuracy, metrics.revisit_accuracy), (Ok(1.0), Ok(1.0)));
         assert_eq!((metrics.policy_count, metrics.rollout_and_switch_counts), (2, [6, 0]));
+    }
+
+    /// Group `a` pauses three times: from 1 to 3 rollouts, from 4 to 6, where a rollout of two groups
+    /// brings it back, and from 8 to 9, where nothing was scored.
+    #[test]
+    fn pauses_end_with_the_last_evaluation_before_the_next_visit() {
+        let stream = ["a", "b", "b", "a", "b", "b", "b*", "a", "b", "a"].map(|group| (group, 0));
+        let mut run = run(Method::Covers, &stream);
+        for (rollouts, a) in [(0, 0.0), (1, 0.4), (3, 0.3), (4, 0.8), (6, 0.5), (8, 0.9)] {
+            score(&mut run, rollouts, a, 0.0);
+        }
+        // -0.1 and -0.3
+        assert!(near(RunMetrics::of_run(&run).groups[0].backward_transfer, -0.2));
+        run.scores.retain(|row| row.rollouts == 0 || row.rollouts == 8);
+        assert_eq!(RunMetrics::of_run(&run).groups[0].backward_transfer, Err(UNSCORED));
     }
 
     #[test]

@@ -25,11 +25,11 @@ pub struct MethodScores {
     /// Scores `[groups][seeds]`; the scores of one run have the same place in every group.
     pub by_group: Vec<Vec<f64>>,
     /// Number of different placements that each score is the success rate of; `None` for scores
-    /// that are no success rates.
+    /// that are not success rates.
     pub placements: Option<u64>,
 }
 
-/// Bounds of a confidence interval, of 95 % where nothing else is said.
+/// Bounds of a confidence interval, 95 % unless stated otherwise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConfidenceInterval {
     /// Lower bound.
@@ -74,7 +74,7 @@ fn quantile_of_sorted(values: &[f64], share: f64) -> f64 {
 }
 
 impl MethodScores {
-    /// Returns scores `[groups][seeds]` that are no success rates.
+    /// Returns scores `[groups][seeds]` that are not success rates.
     pub fn new(by_group: Vec<Vec<f64>>) -> Self {
         Self { by_group, placements: None }
     }
@@ -170,7 +170,7 @@ impl<'a> Bootstrap<'a> {
     fn with_seed(scores: &'a MethodScores, seed: u64) -> Self {
         let mut successes = HashMap::new();
         for &rate in scores.by_group.iter().flatten() {
-            // of rates of 0 and 1, all draws are equal, and other scores are drawn as they are
+            // a rate of 0 stays 0, and scores that are not success rates have no second level
             if let Some(placements) = scores.placements
                 && rate > 0.0
                 && let Ok(binomial) = Binomial::new(rate, placements)

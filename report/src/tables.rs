@@ -66,7 +66,8 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     header.extend(groups.iter().map(String::as_str));
     header.extend(["average", "average with own policies", "mismatched variants"]);
     let caption = "Success and reward (of 500) after the stream: means over seeds and variants, with \
-        95 % intervals of success for two seeds or more. A variant is played by the policy that the method recognises; it \
+        95 % intervals of success for two seeds or more, unless all draws of the bootstrap are \
+        equal. A variant is played by the policy that the method recognises; it \
         is mismatched where that is not the group's own, which served the group in most rollouts.";
     let mut table = ReportTable::new(caption, &header);
     // two methods may stand for one of the paper's
@@ -141,7 +142,7 @@ const OVER_SEEDS: [&str; 17] = [
     "during training",
     "forgetting: best earlier less final",
     "forgetting (Continual World)",
-    "backward transfer",
+    "backward transfer (in pauses)",
     "forward transfer (GEM)",
     "assignment",
     "when groups come back",
@@ -155,7 +156,7 @@ const OVER_SEEDS: [&str; 17] = [
 fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     let caption = format!(
         "Over seeds: mean and interquartile mean of success with intervals of 95 % by a bootstrap \
-         over runs and placements; success during training is that of all decisions; forgetting, \
+         over runs and placements; success during training is weighted by decisions; forgetting, \
          transfer and accuracy are means over groups and seeds. Dormant units put out at most \
          {DORMANCY_THRESHOLD} of their layer's mean."
     );
@@ -229,16 +230,16 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     };
     for other in &methods[1..] {
         let comparison = MethodComparison::new(&first.success(groups), &other.success(groups));
-        let interval = |interval| bracketed_interval(interval, 3).trim_start().to_owned();
-        let welch = comparison.welch.map(|test| test.interval);
+        let welch = bracketed_interval(comparison.welch.map(|test| test.interval), 3);
+        let bootstrap = bracketed_interval(comparison.bootstrap_interval, 3);
         let paper = printed(first).zip(printed(other));
         let against = method_cell(&mut table, other);
         table.rows.push(vec![
             against,
-            format!("{:+.3} {}", comparison.mean_difference, interval(welch)).trim_end().to_owned(),
+            format!("{:+.3}{welch}", comparison.mean_difference),
             p_value_cell(comparison.welch.map(|test| test.p_value)),
             p_value_cell(comparison.permutation_p_value),
-            interval(comparison.bootstrap_interval),
+            if bootstrap.is_empty() { empty_cell() } else { bootstrap.trim_start().to_owned() },
             format!("{:.2}", comparison.probability_of_improvement),
             comparison.outcome().label().to_owned(),
             paper.map_or_else(empty_cell, |(ours, theirs)| format!("{:+.2}", ours - theirs)),

@@ -71,6 +71,7 @@ fn settings_of_learners_out_of_range_are_refused_by_name() {
             ("average_rate =", |s| s.average_rate = Some(f32::NAN)),
             ("average_rate =", |s| s.average_rate = Some(1.5)),
             ("newest_share =", |s| s.newest_share = 1.1),
+            ("random_shift =", |s| s.random_shift = 17),
             ("cloning_weight =", |s| s.cloning_weight = f32::INFINITY),
             ("temperature =", |s| s.temperature = EntropyTemperatureSettings::Fixed(-0.1)),
             ("temperature.initial =", |s| s.temperature = learned(0.0, -1.0)),

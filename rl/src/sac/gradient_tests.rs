@@ -254,6 +254,22 @@ fn what_is_shared_changes_nothing() {
     }
 }
 
+/// A shift and the half turn after it are the half turn and the opposite shift after it, so an
+/// equivariant network learns the same from steps that were moved either way.
+#[test]
+fn images_are_shifted_before_they_are_transformed() {
+    let replay = replay();
+    let case = |element, shift| {
+        let mut case = Case::new(network(Group::D2, strided(), false), &STEPS, 0.9).moved(element);
+        case.minibatch.augmentations.fill(Augmentation { element, shift });
+        case.run(STEPS.len(), &replay).1
+    };
+    let shifted = case(D2::Identity, [1, -1]);
+    assert!(distance(&shifted, &case(D2::HalfTurn, [1, -1])) < 1e-9);
+    assert!(distance(&shifted, &case(D2::Identity, [0, 0])) > 1e-3);
+    assert!(distance(&shifted, &case(D2::HalfTurn, [-1, 1])) > 1e-3);
+}
+
 /// Three consecutive steps need four observations; with a context, also those of the two steps
 /// before them, if the episode has them.
 #[test]

@@ -71,7 +71,7 @@ pub struct SacSettings {
     pub augmentation: Group,
     /// Largest random shift of the images of each window (pixels) along rows and columns, at most
     /// 16; 0 for none. Pixels of the edge are repeated (Yarats et al., "Image augmentation is all
-    /// you need", ICLR 2021, section 3.1, where 4 pixels of 84).
+    /// you need", ICLR 2021, section 3.1: 4 pixels of 84).
     pub random_shift: usize,
     /// Weight of behavioural cloning, at least 0: of the squared distance between the actor's mean
     /// action and the action in the replay buffer (Fujimoto and Gu, NeurIPS 2021, equation 3).

@@ -39,7 +39,8 @@ impl StagedRollout {
         let width = spec.action_irreps.len();
         let mut noise = ActionNoise::independent(spec.num_envs, width);
         noise.set_correlation(noise_correlation)?;
-        let (spec, rollouts, actions) = (spec.clone(), Vec::new(), Vec::new());
+        let actions = vec![0.0; spec.num_envs * width];
+        let (spec, rollouts) = (spec.clone(), Vec::new());
         Ok(Self { spec, steps, uniform: 0, rollouts, actions, noise })
     }
 
@@ -74,8 +75,15 @@ impl ExperienceBuffer<SacPolicy> for StagedRollout {
     }
 
     fn begin(&mut self, spec: &EnvSpec) -> Result<(), RlError> {
-        self.spec = spec.clone();
-        self.actions.resize(spec.num_envs * spec.action_irreps.len(), 0.0);
+        self.spec.check_compatible(spec)?;
+        if spec.num_envs != self.spec.num_envs {
+            return Err(RlError::ShapeMismatch {
+                what: "environments",
+                shape: "[N]",
+                got: spec.num_envs,
+                expected: self.spec.num_envs,
+            });
+        }
         self.noise.restart_all();
         self.rollouts.push(Vec::with_capacity(self.steps));
         Ok(())
@@ -199,7 +207,10 @@ mod tests {
         let mut rollout = StagedRollout::new(&spec, 2, 0.8).unwrap();
         rollout.begin(&spec).unwrap();
         let mut actions = Vec::new();
-        for _ in 0..2 {
+        for step in 0..3 {
+            if step == 2 {
+                rollout.begin(&spec).unwrap();
+            }
             let decided = rollout.decide(&mut policy, &seen, &mut memory, &mut rng).unwrap();
             // the noise before the policy's tanh, but for its scale
             let raw: Vec<f32> = decided.iter().map(|action| action.atanh()).collect();
@@ -210,9 +221,12 @@ mod tests {
         let halves = [0..ENVS / 2, ENVS / 2..ENVS];
         let [ended, running] =
             halves.map(|half| correlation(&actions[0][half.clone()], &actions[1][half]));
+        let restarted = correlation(&actions[1], &actions[2]);
         // five standard errors of 2000 pairs
-        assert!(ended.abs() < 0.11, "{ended}");
+        assert!(ended.abs() < 0.11 && restarted.abs() < 0.11, "{ended} {restarted}");
         assert!((running - 0.8).abs() < 0.05, "{running}");
+        let fewer = EnvSpec { num_envs: 1, ..spec.clone() };
+        assert!(rollout.begin(&fewer).unwrap_err().to_string().contains("environments"));
         assert!(StagedRollout::new(&spec, 2, 1.0).is_err());
     }
 }
