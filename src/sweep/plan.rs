@@ -337,10 +337,11 @@ mod tests {
         let (tables, others): (Vec<_>, Vec<_>) =
             plans().into_iter().partition(|(name, _)| name.starts_with("table-"));
         for (name, plan) in others {
-            let (seeds, number) = match name.split_once('-') {
-                Some(("efficiency", _)) => (20..30, Some(10)),
-                Some(("groups", _)) => (30..40, Some(10)),
-                Some(("sac", _)) => (50..60, Some(10)),
+            let (seeds, number) = match name.split('-').next() {
+                Some("efficiency") => (20..30, Some(10)),
+                Some("groups") => (30..40, Some(10)),
+                Some("ten") => (40..45, Some(5)),
+                Some("sac") => (50..60, Some(10)),
                 _ => (1000..u64::MAX, None),
             };
             assert!(plan.seeds.iter().all(|seed| seeds.contains(seed)), "{name}");
