@@ -240,7 +240,7 @@ fn backward_transfer(run: &RunData, group: &str) -> Result<f64, UndefinedReason>
         })
     };
     let changes: Vec<Result<f64, UndefinedReason>> = ends.iter().filter_map(change).collect();
-    let known: Vec<f64> = changes.iter().filter_map(|change| change.ok()).collect();
+    let known: Vec<f64> = changes.iter().filter_map(|own| own.ok()).collect();
     match (known.len(), changes.first()) {
         (0, Some(&Err(reason))) => Err(reason),
         (0, _) => Err(NO_RETURN),
