@@ -45,11 +45,6 @@ pub struct MethodComparison {
     /// Two-sided p-value of the difference of means under random exchange of runs between the
     /// methods; `None` for fewer than two seeds.
     pub permutation_p_value: Option<f64>,
-    /// 95 % interval of `mean_difference` by the bootstrap over runs and placements; `None` for
-    /// fewer than two seeds.
-    pub bootstrap_interval: Option<ConfidenceInterval>,
-    /// Probability that a run of the first method scores above one of the second in a group.
-    pub probability_of_improvement: f64,
 }
 
 /// Welch's t-test of the difference of two means, which assumes no equal variances.
@@ -72,8 +67,6 @@ impl MethodComparison {
             mean_difference: one.pooled_statistic(mean) - other.pooled_statistic(mean),
             welch: WelchTest::new(&ours, &theirs),
             permutation_p_value: permutation_p_value(&ours, &theirs),
-            bootstrap_interval: one.mean_difference_interval(other),
-            probability_of_improvement: one.probability_of_improvement(other),
         }
     }
 

@@ -100,7 +100,7 @@ impl MethodScores {
     pub fn bootstrap_interval(&self, statistic: fn(&[f64]) -> f64) -> Option<ConfidenceInterval> {
         (self.min_seed_count() > 1).then(|| {
             let mut bootstrap = Bootstrap::new(self);
-            let draws = (0..DRAWS).map(|_| statistic(&bootstrap.draw().concat()));
+            let draws = (0..DRAWS).map(|_| statistic(&bootstrap.draw()));
             percentiles(draws.collect())
         })
     }
@@ -111,7 +111,7 @@ impl MethodScores {
         let enough = self.min_seed_count().min(other.min_seed_count()) > 1;
         enough.then(|| {
             let (mut own, mut others) = (Bootstrap::new(self), Bootstrap::with_seed(other, 1));
-            let mut difference = || mean(&own.draw().concat()) - mean(&others.draw().concat());
+            let mut difference = || mean(&own.draw()) - mean(&others.draw());
             percentiles((0..DRAWS).map(|_| difference()).collect())
         })
     }
@@ -138,7 +138,7 @@ impl MethodScores {
     ) -> Vec<(f64, Option<ConfidenceInterval>)> {
         let mut bootstrap = Bootstrap::new(self);
         let draws = if self.min_seed_count() > 1 { PROFILE_DRAWS } else { 0 };
-        let draws: Vec<Vec<f64>> = (0..draws).map(|_| bootstrap.draw().concat()).collect();
+        let draws: Vec<Vec<f64>> = (0..draws).map(|_| bootstrap.draw()).collect();
         let share = |scores: &[f64], threshold: f64| {
             scores.iter().filter(|score| **score > threshold).count() as f64 / scores.len() as f64
         };
@@ -182,15 +182,16 @@ impl<'a> Bootstrap<'a> {
         Self { scores, successes, rng: ChaCha8Rng::seed_from_u64(seed) }
     }
 
-    /// Returns one bootstrap sample `[groups][seeds]`.
-    fn draw(&mut self) -> Vec<Vec<f64>> {
+    /// Returns one bootstrap sample: the scores of all groups and seeds together.
+    fn draw(&mut self) -> Vec<f64> {
         let seeds = self.scores.min_seed_count();
         let runs: Vec<usize> = (0..seeds).map(|_| self.rng.random_range(0..seeds)).collect();
-        let groups = self.scores.by_group.iter();
-        let draw = |own: &Vec<f64>| {
-            runs.iter().map(|&run| drawn(&self.successes, own[run], &mut self.rng)).collect()
-        };
-        groups.map(draw).collect()
+        let mut sample = Vec::with_capacity(self.scores.by_group.len() * seeds);
+        for own in &self.scores.by_group {
+            let rates = runs.iter().map(|&run| own[run]);
+            sample.extend(rates.map(|rate| drawn(&self.successes, rate, &mut self.rng)));
+        }
+        sample
     }
 }
 

@@ -229,9 +229,10 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
         row.map(|row| row.average_success_and_reward.0)
     };
     for other in &methods[1..] {
-        let comparison = MethodComparison::new(&first.success(groups), &other.success(groups));
+        let (ours, theirs) = (first.success(groups), other.success(groups));
+        let comparison = MethodComparison::new(&ours, &theirs);
         let welch = bracketed_interval(comparison.welch.map(|test| test.interval), 3);
-        let bootstrap = bracketed_interval(comparison.bootstrap_interval, 3);
+        let bootstrap = bracketed_interval(ours.mean_difference_interval(&theirs), 3);
         let paper = printed(first).zip(printed(other));
         let against = method_cell(&mut table, other);
         table.rows.push(vec![
@@ -240,7 +241,7 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
             p_value_cell(comparison.welch.map(|test| test.p_value)),
             p_value_cell(comparison.permutation_p_value),
             if bootstrap.is_empty() { empty_cell() } else { bootstrap.trim_start().to_owned() },
-            format!("{:.2}", comparison.probability_of_improvement),
+            format!("{:.2}", ours.probability_of_improvement(&theirs)),
             comparison.outcome().label().to_owned(),
             paper.map_or_else(empty_cell, |(ours, theirs)| format!("{:+.2}", ours - theirs)),
         ]);
