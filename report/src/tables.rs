@@ -243,7 +243,7 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
             if bootstrap.is_empty() { empty_cell() } else { bootstrap.trim_start().to_owned() },
             format!("{:.2}", ours.probability_of_improvement(&theirs)),
             comparison.outcome().label().to_owned(),
-            paper.map_or_else(empty_cell, |(ours, theirs)| format!("{:+.2}", ours - theirs)),
+            paper.map_or_else(empty_cell, |(one, two)| format!("{:+.2}", one - two)),
         ]);
     }
     table
