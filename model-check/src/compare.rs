@@ -80,21 +80,23 @@ pub(crate) struct Comparison {
     pub mirrors: Vec<Option<Mirror>>,
     /// Sign by which each joint's coordinate is mirrored.
     pub joint_signs: Vec<f64>,
+    /// Sign by which the change of each tendon's length is mirrored.
+    pub tendon_signs: Vec<f64>,
     /// Sign by which each control is mirrored.
     pub control_signs: Vec<f64>,
 }
 
-struct Comparer<'a> {
-    snapshot: &'a PosedModel<'a>,
-    pairs: &'a MirrorPairs,
+pub(crate) struct Comparer<'a> {
+    pub snapshot: &'a PosedModel<'a>,
+    pub pairs: &'a MirrorPairs,
     tolerance: f64,
 }
 
 /// Objects whose properties are compared, [left, right].
 #[derive(Clone, Copy)]
-struct Subject {
-    kind: ModelObjectKind,
-    pair: [usize; 2],
+pub(crate) struct Subject {
+    pub kind: ModelObjectKind,
+    pub pair: [usize; 2],
 }
 
 impl Comparison {
@@ -109,11 +111,18 @@ impl Comparison {
             differences: Vec::new(),
             mirrors: vec![None; snapshot.count(ModelObjectKind::Body)],
             joint_signs: vec![1.0; snapshot.count(ModelObjectKind::Joint)],
+            tendon_signs: vec![1.0; snapshot.count(ModelObjectKind::Tendon)],
             control_signs: vec![1.0; snapshot.count(ModelObjectKind::Actuator)],
         };
         let list = |kind| pairs.left_right_pairs(kind, snapshot, plane);
         for pair in list(ModelObjectKind::Body) {
             comparison.compare_bodies(&comparer, pair, plane);
+        }
+        for pair in list(ModelObjectKind::Tendon) {
+            comparison.compare_tendons(&comparer, pair);
+        }
+        for pair in list(ModelObjectKind::Equality) {
+            comparison.compare_equalities(&comparer, pair);
         }
         for pair in list(ModelObjectKind::Actuator) {
             comparison.compare_actuators(&comparer, pair);
@@ -195,8 +204,8 @@ impl Comparison {
         for kind in ModelObjectKind::ALL {
             let unpaired_count =
                 (0..snapshot.count(kind)).filter(|&at| pairs.counterpart_of(kind, at).is_none());
-            for index in unpaired_count
-                .filter(|&at| kind != ModelObjectKind::Geom || snapshot.geom_collides(at))
+            for index in
+                unpaired_count.filter(|&at| kind != ModelObjectKind::Geom || snapshot.geom_acts(at))
             {
                 let owner = match kind {
                     ModelObjectKind::Body => Some(snapshot.parent(index)),
@@ -230,6 +239,9 @@ impl Comparison {
         let sign = match comparer.snapshot.target_object(ModelObjectKind::Actuator, pair[0]) {
             Some((ModelObjectKind::Joint, joint)) => {
                 self.joint_signs[joint] * (gear[0] * other_gear[0]).signum()
+            }
+            Some((ModelObjectKind::Tendon, tendon)) => {
+                self.tendon_signs[tendon] * (gear[0] * other_gear[0]).signum()
             }
             _ => 1.0,
         };
@@ -544,13 +556,18 @@ impl Comparer<'_> {
         }
     }
 
-    fn integers(&self, subject: Subject, property: &str, array: Int) -> Option<MirrorDifference> {
+    pub(crate) fn integers(
+        &self,
+        subject: Subject,
+        property: &str,
+        array: Int,
+    ) -> Option<MirrorDifference> {
         let values = subject.pair.map(|row| [f64::from(self.snapshot.integer(array, row))]);
         self.compare(subject, property, Exact, &values, None)
     }
 
     /// Compares rows that mirroring does not change.
-    fn same(
+    pub(crate) fn same(
         &self,
         subject: Subject,
         property: &str,
@@ -588,7 +605,7 @@ impl Comparer<'_> {
 
     /// Returns the difference between the mirror image of left values and right ones if it is above
     /// the tolerance.
-    fn compare(
+    pub(crate) fn compare(
         &self,
         subject: Subject,
         property: &str,
@@ -630,11 +647,11 @@ impl Comparer<'_> {
 }
 
 /// Returns the limits of a mirrored coordinate.
-fn mirrored_range([low, high]: [f64; 2], sign: f64) -> [f64; 2] {
+pub(crate) fn mirrored_range([low, high]: [f64; 2], sign: f64) -> [f64; 2] {
     if sign < 0.0 { [-high, -low] } else { [low, high] }
 }
 
-fn row_edit(array: Num, row: usize, values: &[f64]) -> RowEdit {
+pub(crate) fn row_edit(array: Num, row: usize, values: &[f64]) -> RowEdit {
     RowEdit { array, row, values: values.to_vec() }
 }
 

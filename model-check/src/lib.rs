@@ -2,6 +2,7 @@
 
 mod check;
 mod compare;
+mod constraints;
 mod effect;
 mod error;
 mod maps;

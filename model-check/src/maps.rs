@@ -243,6 +243,9 @@ fn sensor_map(
             raw::mjSENS_JOINTPOS | raw::mjSENS_JOINTVEL => {
                 map.set(to, from, [[comparison.joint_signs[object]]])?
             }
+            raw::mjSENS_TENDONPOS | raw::mjSENS_TENDONVEL => {
+                map.set(to, from, [[comparison.tendon_signs[object]]])?
+            }
             raw::mjSENS_ACTUATORPOS | raw::mjSENS_ACTUATORVEL | raw::mjSENS_ACTUATORFRC => {
                 map.set(to, from, [[comparison.control_signs[object]]])?
             }

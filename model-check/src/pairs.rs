@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use mujoco::{IntegerArray, raw};
+use mujoco::IntegerArray;
 use robots::without_byte_order_mark;
 use serde::{Deserialize, Serialize};
 
+use crate::constraints::{held_object_order, paths_correspond};
 use crate::error::ModelSymmetryError;
 use crate::mirror::MirrorPlane;
 use crate::names::are_mirror_names;
@@ -74,7 +75,7 @@ impl PlaneAndPairCorrections {
 
 /// Counterparts of all objects of a model on its other side.
 pub(crate) struct MirrorPairs {
-    counterparts: [Vec<Option<usize>>; 8],
+    counterparts: [Vec<Option<usize>>; 10],
 }
 
 impl MirrorPairs {
@@ -103,8 +104,14 @@ impl MirrorPairs {
                 finder.pair_up(kind, &one, &other, &mut pairs);
             }
         }
-        for kind in [ModelObjectKind::Actuator, ModelObjectKind::Sensor, ModelObjectKind::Keyframe]
-        {
+        // each after what it connects, moves or observes
+        for kind in [
+            ModelObjectKind::Tendon,
+            ModelObjectKind::Equality,
+            ModelObjectKind::Actuator,
+            ModelObjectKind::Sensor,
+            ModelObjectKind::Keyframe,
+        ] {
             let all: Vec<usize> = (0..snapshot.count(kind)).collect();
             finder.pair_up(kind, &all, &all, &mut pairs);
         }
@@ -160,7 +167,7 @@ impl Finder<'_> {
             ModelObjectKind::Body => index > 0 && self.snapshot.parent(index) == owner,
             ModelObjectKind::Geom => {
                 self.snapshot.body_of_object(kind, index) == Some(owner)
-                    && self.snapshot.geom_collides(index)
+                    && self.snapshot.geom_acts(index)
             }
             _ => self.snapshot.body_of_object(kind, index) == Some(owner),
         };
@@ -226,6 +233,17 @@ impl Finder<'_> {
                 let cosine = image.dot(snapshot.joint_axis(other)).abs();
                 distance += NEARNESS * snapshot.extent * (1.0 - cosine);
             }
+            // what corresponds does so however far its anchors were moved
+            ModelObjectKind::Tendon => {
+                let corresponds = is_named || paths_correspond(snapshot, pairs, [one, other]);
+                return corresponds.then_some((2 - u8::from(is_named), distance));
+            }
+            ModelObjectKind::Equality => {
+                let corresponds =
+                    is_named || held_object_order(snapshot, pairs, [one, other]).is_some();
+                return (corresponds && agree(IntegerArray::EqType))
+                    .then_some((2 - u8::from(is_named), distance));
+            }
             ModelObjectKind::Actuator => {
                 let types = [IntegerArray::ActuatorTrntype, IntegerArray::ActuatorGaintype];
                 if !types.into_iter().all(agree)
@@ -265,22 +283,8 @@ impl Finder<'_> {
     ) -> bool {
         match (self.snapshot.target_object(kind, one), self.snapshot.target_object(kind, other)) {
             (Some((of, from)), Some((_, to))) => pairs.counterpart_of(of, from) == Some(to),
-            (None, None) if kind == ModelObjectKind::Actuator => {
-                self.tendons_correspond(one, other)
-            }
             (None, None) => one == other,
             _ => false,
-        }
-    }
-
-    /// Returns `true` if two actuators pull tendons whose names are counterparts, or the same one.
-    fn tendons_correspond(&self, one: usize, other: usize) -> bool {
-        let [one, other] =
-            [one, other].map(|at| self.snapshot.index(IntegerArray::ActuatorTrnid, 2 * at));
-        let name = |tendon| self.snapshot.model.object_name(raw::mjOBJ_TENDON, tendon);
-        match (name(one), name(other)) {
-            (Some(a), Some(b)) if one != other => are_mirror_names(a, b),
-            _ => one == other,
         }
     }
 }

@@ -18,22 +18,30 @@ pub enum ModelObjectKind {
     Geom,
     Site,
     Camera,
+    Tendon,
+    Equality,
     Actuator,
     Sensor,
     Keyframe,
 }
 
 impl ModelObjectKind {
-    pub(crate) const ALL: [Self; 8] = [
+    pub(crate) const ALL: [Self; 10] = [
         Self::Body,
         Self::Joint,
         Self::Geom,
         Self::Site,
         Self::Camera,
+        Self::Tendon,
+        Self::Equality,
         Self::Actuator,
         Self::Sensor,
         Self::Keyframe,
     ];
+
+    fn from_object_type(object: raw::mjtObj) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.facts().1 == object)
+    }
 
     /// Returns the kind's name and its `mjtObj`.
     fn facts(self) -> (&'static str, raw::mjtObj) {
@@ -43,6 +51,8 @@ impl ModelObjectKind {
             Self::Geom => ("geom", raw::mjOBJ_GEOM),
             Self::Site => ("site", raw::mjOBJ_SITE),
             Self::Camera => ("camera", raw::mjOBJ_CAMERA),
+            Self::Tendon => ("tendon", raw::mjOBJ_TENDON),
+            Self::Equality => ("equality constraint", raw::mjOBJ_EQUALITY),
             Self::Actuator => ("actuator", raw::mjOBJ_ACTUATOR),
             Self::Sensor => ("sensor", raw::mjOBJ_SENSOR),
             Self::Keyframe => ("keyframe", raw::mjOBJ_KEY),
@@ -93,6 +103,8 @@ impl<'a> PosedModel<'a> {
             ModelObjectKind::Geom => raw.ngeom,
             ModelObjectKind::Site => raw.nsite,
             ModelObjectKind::Camera => raw.ncam,
+            ModelObjectKind::Tendon => raw.ntendon,
+            ModelObjectKind::Equality => raw.neq,
             ModelObjectKind::Actuator => raw.nu,
             ModelObjectKind::Sensor => raw.nsensor,
             ModelObjectKind::Keyframe => raw.nkey,
@@ -143,8 +155,8 @@ impl<'a> PosedModel<'a> {
         }
     }
 
-    /// Returns the body that an object belongs to; `None` for keyframes, and for actuators and
-    /// sensors of the whole model.
+    /// Returns the body that an object belongs to; `None` for tendons, equality constraints and
+    /// keyframes, and for actuators and sensors of the whole model or of a tendon.
     pub fn body_of_object(&self, kind: ModelObjectKind, index: usize) -> Option<usize> {
         let array = match kind {
             ModelObjectKind::Body => return Some(index),
@@ -156,13 +168,15 @@ impl<'a> PosedModel<'a> {
                 let (kind, target) = self.target_object(kind, index)?;
                 return self.body_of_object(kind, target);
             }
-            ModelObjectKind::Keyframe => return None,
+            ModelObjectKind::Tendon | ModelObjectKind::Equality | ModelObjectKind::Keyframe => {
+                return None;
+            }
         };
         Some(self.index(array, index))
     }
 
     /// Returns the object that an actuator acts on or a sensor observes; `None` for a target that
-    /// is not compared, such as a tendon.
+    /// is not compared, such as the crank of a slider.
     pub fn target_object(
         &self,
         kind: ModelObjectKind,
@@ -171,20 +185,53 @@ impl<'a> PosedModel<'a> {
         if kind == ModelObjectKind::Sensor {
             let object = self.integer(IntegerArray::SensorObjtype, index).cast_unsigned();
             let object = if object == raw::mjOBJ_XBODY { raw::mjOBJ_BODY } else { object };
-            let target =
-                ModelObjectKind::ALL.into_iter().find(|target| target.facts().1 == object)?;
+            let target = ModelObjectKind::from_object_type(object)?;
             return Some((target, self.index(IntegerArray::SensorObjid, index)));
         }
         let target = match self.integer(IntegerArray::ActuatorTrntype, index).cast_unsigned() {
             raw::mjTRN_JOINT | raw::mjTRN_JOINTINPARENT => ModelObjectKind::Joint,
             raw::mjTRN_SITE => ModelObjectKind::Site,
             raw::mjTRN_BODY => ModelObjectKind::Body,
+            raw::mjTRN_TENDON => ModelObjectKind::Tendon,
             _ => return None,
         };
         Some((target, self.index(IntegerArray::ActuatorTrnid, 2 * index)))
     }
 
-    /// Returns the position of an object in the world; for bodies, of their centre of mass, and for
+    /// Returns the objects that an equality constraint holds together; `None` for the second where
+    /// there is one alone, and for both if they are of a kind that is not compared.
+    pub fn held_objects(&self, equality: usize) -> [Option<(ModelObjectKind, usize)>; 2] {
+        let kind = ModelObjectKind::from_object_type(self.model.equality_object_type(equality));
+        [IntegerArray::EqObj1id, IntegerArray::EqObj2id].map(|array| {
+            let object = usize::try_from(self.integer(array, equality)).ok()?;
+            Some((kind?, object))
+        })
+    }
+
+    /// Returns the point at which an equality constraint holds its first body, in that body's frame.
+    fn anchor(&self, equality: usize) -> DVec3 {
+        let data = self.row(NumberArray::EqData, equality, raw::mjNEQDATA as usize);
+        let is_weld =
+            self.integer(IntegerArray::EqType, equality).cast_unsigned() == raw::mjEQ_WELD;
+        // a weld has the anchor in the second body's frame first
+        DVec3::from_slice(&data[if is_weld { 3 } else { 0 }..])
+    }
+
+    /// Returns the path of a tendon: the index in `wrap_prm`, the type and the object of each of
+    /// its points.
+    pub fn tendon_path(
+        &self,
+        tendon: usize,
+    ) -> impl DoubleEndedIterator<Item = (usize, raw::mjtWrap, usize)> {
+        let start = self.index(IntegerArray::TendonAdr, tendon);
+        (start..start + self.index(IntegerArray::TendonNum, tendon)).map(|at| {
+            let shape = self.integer(IntegerArray::WrapType, at).cast_unsigned();
+            (at, shape, self.index(IntegerArray::WrapObjid, at))
+        })
+    }
+
+    /// Returns the position of an object in the world; for bodies, of their centre of mass, for
+    /// tendons and equality constraints, of their first object or their anchor on it, and for other
     /// objects without position, of their body's.
     pub fn object_position(&self, kind: ModelObjectKind, index: usize) -> DVec3 {
         let array = match kind {
@@ -193,6 +240,24 @@ impl<'a> PosedModel<'a> {
             ModelObjectKind::Geom => NumberArray::GeomPos,
             ModelObjectKind::Site => NumberArray::SitePos,
             ModelObjectKind::Camera => NumberArray::CamPos,
+            ModelObjectKind::Tendon => {
+                let target = self.tendon_path(index).find_map(|(_, shape, object)| match shape {
+                    raw::mjWRAP_JOINT => Some((ModelObjectKind::Joint, object)),
+                    raw::mjWRAP_SITE => Some((ModelObjectKind::Site, object)),
+                    _ => None,
+                });
+                return target.map_or(DVec3::ZERO, |(of, at)| self.object_position(of, at));
+            }
+            ModelObjectKind::Equality => {
+                return match self.held_objects(index)[0] {
+                    Some((ModelObjectKind::Body, body)) => {
+                        let (origin, turn) = self.frames[body];
+                        origin + turn * self.anchor(index)
+                    }
+                    Some((of, at)) => self.object_position(of, at),
+                    None => DVec3::ZERO,
+                };
+            }
             ModelObjectKind::Actuator | ModelObjectKind::Sensor | ModelObjectKind::Keyframe => {
                 let body = self.body_of_object(kind, index).unwrap_or(0);
                 return self.frames[body].0;
@@ -222,10 +287,14 @@ impl<'a> PosedModel<'a> {
         matches!(self.joint_type(joint), raw::mjJNT_HINGE | raw::mjJNT_SLIDE)
     }
 
-    /// Returns `true` if a geom can collide with others, `false` if it is only drawn.
-    pub fn geom_collides(&self, geom: usize) -> bool {
+    /// Returns `true` if a geom can collide with others or bends a tendon, `false` if it is only
+    /// drawn.
+    pub fn geom_acts(&self, geom: usize) -> bool {
         let mask = |array| self.integer(array, geom) != 0;
         let pairs = 0..self.model.as_raw().npair as usize;
+        let bends = |(_, shape, object)| {
+            [raw::mjWRAP_SPHERE, raw::mjWRAP_CYLINDER].contains(&shape) && object == geom
+        };
         mask(IntegerArray::GeomContype)
             || mask(IntegerArray::GeomConaffinity)
             || pairs.into_iter().any(|pair| {
@@ -233,5 +302,7 @@ impl<'a> PosedModel<'a> {
                     .into_iter()
                     .any(|array| self.index(array, pair) == geom)
             })
+            || (0..self.count(ModelObjectKind::Tendon))
+                .any(|tendon| self.tendon_path(tendon).any(bends))
     }
 }

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
+mod constraints;
 mod parts;
 mod robots;
 mod seeded;

@@ -14,7 +14,7 @@ use crate::model::Model;
 use crate::raw;
 use crate::releases;
 
-/// Expands to the length of a row: a number, or a size of the model.
+/// Expands to the length of a row: a number, a size of the model, or a constant in parentheses.
 macro_rules! width {
     ($model:ident, $width:literal) => {
         $width
@@ -22,18 +22,25 @@ macro_rules! width {
     ($model:ident, $width:ident) => {
         $model.$width as usize
     };
+    ($model:ident, ($constant:ident)) => {
+        raw::$constant as usize
+    };
 }
 
 /// Declares an enum of arrays of `mjModel`, with start, number of rows and length of a row of each.
 macro_rules! arrays {
     (
         $(#[$doc:meta])* $name:ident, $start:ident, $table:ident:
-        $($variant:ident = $field:ident: [$kind:ident; $count:ident, $width:tt],)+
+        $(
+            $(#[$condition:meta])*
+            $variant:ident = $field:ident: [$kind:ident; $count:ident, $width:tt],
+        )+
     ) => {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum $name {
             $(
+                $(#[$condition])*
                 #[doc = concat!(
                     "Array `", stringify!($field), "` `[", stringify!($count), ", ",
                     stringify!($width), "]`."
@@ -45,7 +52,7 @@ macro_rules! arrays {
         impl $name {
             fn location(self, model: &raw::mjModel) -> ($start, usize, usize) {
                 match self {
-                    $(Self::$variant => {
+                    $($(#[$condition])* Self::$variant => {
                         ($start::$kind(model.$field.elements()), model.$count as usize, width!(model, $width))
                     })+
                 }
@@ -54,7 +61,10 @@ macro_rules! arrays {
 
         #[cfg(test)]
         const $table: &[[&str; 4]] = &[
-            $([stringify!($kind), stringify!($field), stringify!($count), stringify!($width)]),+
+            $(
+                $(#[$condition])*
+                [stringify!($kind), stringify!($field), stringify!($count), stringify!($width)]
+            ),+
         ];
     };
 }
@@ -93,6 +103,9 @@ arrays! {
     DofDamping = dof_damping: [f64; nv, 1],
     DofFrictionloss = dof_frictionloss: [f64; nv, 1],
     DofInvweight0 = dof_invweight0: [f64; nv, 1],
+    EqData = eq_data: [f64; neq, (mjNEQDATA)],
+    EqSolimp = eq_solimp: [f64; neq, 5],
+    EqSolref = eq_solref: [f64; neq, 2],
     GeomFriction = geom_friction: [f64; ngeom, 3],
     GeomMargin = geom_margin: [f64; ngeom, 1],
     GeomPos = geom_pos: [f64; ngeom, 3],
@@ -112,6 +125,17 @@ arrays! {
     SensorNoise = sensor_noise: [f64; nsensor, 1],
     SitePos = site_pos: [f64; nsite, 3],
     SiteQuat = site_quat: [f64; nsite, 4],
+    TendonDamping = tendon_damping: [f64; ntendon, 1],
+    TendonFrictionloss = tendon_frictionloss: [f64; ntendon, 1],
+    TendonLength0 = tendon_length0: [f64; ntendon, 1],
+    #[cfg(not(mujoco3))]
+    TendonLengthspring = tendon_lengthspring: [f64; ntendon, 1],
+    #[cfg(mujoco3)]
+    TendonLengthspring = tendon_lengthspring: [f64; ntendon, 2],
+    TendonMargin = tendon_margin: [f64; ntendon, 1],
+    TendonRange = tendon_range: [f64; ntendon, 2],
+    TendonStiffness = tendon_stiffness: [f64; ntendon, 1],
+    WrapPrm = wrap_prm: [f64; nwrap, 1],
 }
 
 arrays! {
@@ -123,6 +147,13 @@ arrays! {
     ActuatorTrntype = actuator_trntype: [i32; nu, 1],
     BodyParentid = body_parentid: [i32; nbody, 1],
     CamBodyid = cam_bodyid: [i32; ncam, 1],
+    #[cfg(not(mujoco3))]
+    EqActive = eq_active: [u8; neq, 1],
+    #[cfg(mujoco3)]
+    EqActive = eq_active0: [u8; neq, 1],
+    EqObj1id = eq_obj1id: [i32; neq, 1],
+    EqObj2id = eq_obj2id: [i32; neq, 1],
+    EqType = eq_type: [i32; neq, 1],
     GeomBodyid = geom_bodyid: [i32; ngeom, 1],
     GeomConaffinity = geom_conaffinity: [i32; ngeom, 1],
     GeomCondim = geom_condim: [i32; ngeom, 1],
@@ -141,6 +172,11 @@ arrays! {
     SensorReftype = sensor_reftype: [i32; nsensor, 1],
     SensorType = sensor_type: [i32; nsensor, 1],
     SiteBodyid = site_bodyid: [i32; nsite, 1],
+    TendonAdr = tendon_adr: [i32; ntendon, 1],
+    TendonLimited = tendon_limited: [u8; ntendon, 1],
+    TendonNum = tendon_num: [i32; ntendon, 1],
+    WrapObjid = wrap_objid: [i32; nwrap, 1],
+    WrapType = wrap_type: [i32; nwrap, 1],
 }
 
 /// New values for one row of an array of `mjModel`, for [`Model::edited`].
@@ -176,6 +212,16 @@ impl Model {
                 IntegerStart::u8(start) => elements(start, rows * width)[index].into(),
             }
         }
+    }
+
+    /// Returns the type of the two objects that an equality constraint holds together, such as
+    /// [`mjOBJ_BODY`](crate::raw::mjOBJ_BODY).
+    ///
+    /// # Panics
+    /// If the model has no such constraint.
+    pub fn equality_object_type(&self, equality: usize) -> raw::mjtObj {
+        // SAFETY: MuJoCo made the model, and nobody writes to it.
+        unsafe { releases::equality_object_type(self.as_raw(), equality) }
     }
 
     /// Returns the name of the object with this index and `mjtObj` type, such as
@@ -311,6 +357,7 @@ mod tests {
                 _ => "mjtByte",
             };
             let stated = |row| header.contains(&format!("X({kind},{field},{count},{row})"));
+            let width = width.trim_matches(['(', ')']);
             stated(width.to_owned()) || stated(format!("MJ_M({width})"))
         };
         for &array in NUMBERS.iter().chain(INTEGERS) {

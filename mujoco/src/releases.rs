@@ -6,9 +6,9 @@
 use std::ffi::CStr;
 
 #[cfg(not(mujoco3))]
-use crate::fields::model::{BODY_SIMPLE, DOF_SIMPLENUM};
+use crate::fields::model::{BODY_SIMPLE, DOF_SIMPLENUM, EQ_TYPE};
 #[cfg(mujoco3)]
-use crate::fields::model::{BODY_SIMPLE, MAT_TEXID};
+use crate::fields::model::{BODY_SIMPLE, EQ_OBJTYPE, MAT_TEXID};
 use crate::raw;
 
 /// Length of a name of a file in memory (bytes, with its NUL) that every release has room for.
@@ -93,6 +93,32 @@ pub(crate) fn disable_bounding_volumes(_model: &mut raw::mjModel) {}
 #[cfg(mujoco3)]
 pub(crate) fn disable_bounding_volumes(model: &mut raw::mjModel) {
     model.opt.disableflags |= raw::mjDSBL_MIDPHASE.cast_signed();
+}
+
+/// Returns the type of the objects of an equality constraint.
+///
+/// # Safety
+/// MuJoCo must have made the model.
+#[cfg(not(mujoco3))]
+pub(crate) unsafe fn equality_object_type(model: &raw::mjModel, equality: usize) -> raw::mjtObj {
+    // SAFETY: the caller's promise.
+    let [kind] = unsafe { EQ_TYPE.rows(model, model) }[equality];
+    match kind.cast_unsigned() {
+        raw::mjEQ_JOINT => raw::mjOBJ_JOINT,
+        raw::mjEQ_TENDON => raw::mjOBJ_TENDON,
+        _ => raw::mjOBJ_BODY,
+    }
+}
+
+/// Returns the type of the objects of an equality constraint.
+///
+/// # Safety
+/// MuJoCo must have made the model.
+#[cfg(mujoco3)]
+pub(crate) unsafe fn equality_object_type(model: &raw::mjModel, equality: usize) -> raw::mjtObj {
+    // SAFETY: the caller's promise.
+    unsafe { EQ_OBJTYPE.rows(model, model) }
+    [equality][0].cast_unsigned()
 }
 
 /// Returns `true` if the layout of the inertia matrix relies on the frames of `body` and its joints,
