@@ -354,9 +354,10 @@ mod tests {
 
     #[test]
     fn this_machine_simulates_draws_and_learns() {
-        for part in [the_simulator(), the_pictures()] {
-            assert_eq!(part.health, MachineHealth::Good, "{part:?}");
-        }
+        let is_reference = envs::mujoco::library_version() == MUJOCO;
+        let simulator = if is_reference { MachineHealth::Good } else { MachineHealth::Fair };
+        assert_eq!(the_simulator().health, simulator, "{:?}", the_simulator());
+        assert_eq!(the_pictures().health, MachineHealth::Good, "{:?}", the_pictures());
         let mut experiment = Budget::Smoke.preset_experiment(Method::default());
         assert!(time_learning(experiment.clone()).unwrap() > 0.0);
         experiment.envs.num_envs = 0;

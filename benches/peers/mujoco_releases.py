@@ -84,7 +84,7 @@ def figures(release: Release, sheet: np.ndarray) -> dict[str, str]:
 
 def main() -> None:
     reference = Release(Path(sys.argv[1]), None)
-    others = [Release(Path(name) / "build/debug/covers", Path(name) / "mujoco") for name in sys.argv[2:]]
+    others = [Release(Path(name) / "build/covers", Path(name) / "mujoco") for name in sys.argv[2:]]
     sheet = reference.pictures()
     columns = [figures(release, sheet) for release in [reference, *others]]
     for row, name in enumerate(columns[0]):

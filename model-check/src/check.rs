@@ -193,6 +193,9 @@ impl MirrorDifference {
         }
         let [expected, found] = [&self.expected, &self.found].map(|side| Self::numbers_text(side));
         let (property, amount) = (&self.property, self.amount_text());
+        if self.found.is_empty() {
+            return format!("{names}: {property} {amount}");
+        }
         format!("{names}: {property} {amount}: mirror image {expected}, found {found}")
     }
 

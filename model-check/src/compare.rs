@@ -48,7 +48,8 @@ pub struct MirrorDifference {
     pub right: String,
     /// Name of the property, such as `mass`; `counterpart` for an object that has none.
     pub property: String,
-    /// Values that the right object would have as mirror image of the left one, in its own frame.
+    /// Values that the right object would have as mirror image of the left one, in its own frame;
+    /// empty, as `found`, for properties that are no numbers, such as the path of a tendon.
     pub expected: Vec<f64>,
     /// Values of the right object.
     pub found: Vec<f64>,
@@ -204,9 +205,9 @@ impl Comparison {
         for kind in ModelObjectKind::ALL {
             let unpaired_count =
                 (0..snapshot.count(kind)).filter(|&at| pairs.counterpart_of(kind, at).is_none());
-            for index in
-                unpaired_count.filter(|&at| kind != ModelObjectKind::Geom || snapshot.geom_acts(at))
-            {
+            for index in unpaired_count.filter(|&at| {
+                kind != ModelObjectKind::Geom || snapshot.geom_collides_or_bends_tendon(at)
+            }) {
                 let owner = match kind {
                     ModelObjectKind::Body => Some(snapshot.parent(index)),
                     _ => snapshot.body_of_object(kind, index),
@@ -260,9 +261,19 @@ impl Comparison {
             ("bias", Num::ActuatorBiasprm, Share, [bias, other_bias]),
             ("control range", Num::ActuatorCtrlrange, Scale, mirrored(Num::ActuatorCtrlrange)),
             ("force range", Num::ActuatorForcerange, Scale, mirrored(Num::ActuatorForcerange)),
+            ("dynamics", Num::ActuatorDynprm, Share, row(Num::ActuatorDynprm, 10)),
+            ("crank length", Num::ActuatorCranklength, Share, row(Num::ActuatorCranklength, 1)),
         ] {
             let edit = Some((array, pair[1]));
             self.differences.extend(comparer.compare(subject, property, measure, &values, edit));
+        }
+        for (property, array) in [
+            ("dynamics type", Int::ActuatorDyntype),
+            ("bias type", Int::ActuatorBiastype),
+            ("control limited", Int::ActuatorCtrllimited),
+            ("force limited", Int::ActuatorForcelimited),
+        ] {
+            self.differences.extend(comparer.integers(subject, property, array));
         }
     }
 
@@ -458,6 +469,8 @@ impl Comparer<'_> {
             let limits = self.limits(pair, sign);
             let edit = edit(Num::JntRange);
             found.extend(self.compare(subject, "range", Scale, &limits, edit));
+            found.extend(self.same(subject, "limit solref", Num::JntSolref, 2));
+            found.extend(self.same(subject, "limit solimp", Num::JntSolimp, 5));
         }
         let at = address(Int::JntQposadr);
         let rest = at.map(|at| snapshot.number(Num::Qpos0, at));
@@ -517,6 +530,8 @@ impl Comparer<'_> {
             ("solref", Num::GeomSolref, 2),
             ("solimp", Num::GeomSolimp, 5),
             ("margin", Num::GeomMargin, 1),
+            ("gap", Num::GeomGap, 1),
+            ("solmix", Num::GeomSolmix, 1),
         ] {
             found.extend(self.same(subject, property, array, width));
         }
@@ -524,6 +539,7 @@ impl Comparer<'_> {
             ("contype", Int::GeomContype),
             ("conaffinity", Int::GeomConaffinity),
             ("condim", Int::GeomCondim),
+            ("priority", Int::GeomPriority),
         ] {
             found.extend(self.integers(subject, property, array));
         }
@@ -622,8 +638,6 @@ impl Comparer<'_> {
             Radians => (distance(image, found), self.tolerance),
             Share | Scale => (share(measure, image, found), self.tolerance),
         };
-        let [left, right] =
-            subject.pair.map(|index| self.snapshot.object_label(subject.kind, index));
         let is_in_plane = subject.pair[0] == subject.pair[1];
         let expected: Vec<f64> = if is_in_plane && measure != Exact {
             image.iter().zip(found).map(|(a, b)| 0.5 * (a + b)).collect()
@@ -631,18 +645,34 @@ impl Comparer<'_> {
             image.to_vec()
         };
         let edits = edit.map(|(array, row)| row_edit(array, row, &expected)).into_iter().collect();
-        (amount > limit).then(|| MirrorDifference {
+        let found = found.to_vec();
+        let difference = self.mismatch(subject, property);
+        (amount > limit).then_some(MirrorDifference {
+            expected,
+            found,
+            amount,
+            measure,
+            edits,
+            ..difference
+        })
+    }
+
+    /// Returns the difference of objects of which a property has no values that could be compared.
+    pub(crate) fn mismatch(&self, subject: Subject, property: &str) -> MirrorDifference {
+        let [left, right] =
+            subject.pair.map(|index| self.snapshot.object_label(subject.kind, index));
+        MirrorDifference {
             kind: subject.kind,
             left,
             right,
             property: property.to_owned(),
-            expected,
-            found: found.to_vec(),
-            amount,
-            measure,
+            expected: Vec::new(),
+            found: Vec::new(),
+            amount: 1.0,
+            measure: Exact,
             effect: None,
-            edits,
-        })
+            edits: Vec::new(),
+        }
     }
 }
 

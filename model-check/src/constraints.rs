@@ -3,52 +3,79 @@
 use glam::{DMat3, DQuat, DVec3};
 use mujoco::{IntegerArray as Int, NumberArray as Num, raw};
 
-use crate::compare::DifferenceMeasure::{Exact, Metres, Radians, Scale, Share};
+use crate::compare::DifferenceMeasure::{Metres, Radians, Scale, Share};
 use crate::compare::{Comparer, Comparison, Subject, mirrored_range, row_edit};
 use crate::mirror::{Mirror, quat, quat_values};
 use crate::pairs::MirrorPairs;
 use crate::snapshot::{ModelObjectKind, PosedModel};
 
-/// Point of a tendon's path: its type, its object and the site beside it.
-type PathPoint = (raw::mjtWrap, Option<usize>, Option<usize>);
+/// Index that stands for an object without counterpart.
+const NONE: usize = usize::MAX / 2;
 
-/// Returns the objects of a tendon's path. The order of joints does not matter; they are sorted.
-fn path(snapshot: &PosedModel, tendon: usize) -> Vec<PathPoint> {
-    let points = snapshot.tendon_path(tendon).map(|(at, shape, object)| match shape {
-        raw::mjWRAP_PULLEY => (shape, None, None),
-        raw::mjWRAP_SPHERE | raw::mjWRAP_CYLINDER => {
-            // MuJoCo has -1 for none
-            let side = snapshot.number(Num::WrapPrm, at);
-            (shape, Some(object), (side >= 0.0).then_some(side as usize))
+/// Part of a tendon's path between two pulleys.
+#[derive(Default)]
+struct Branch {
+    /// Type, object and side site of each point, with its row of `wrap_prm`, from the end that makes
+    /// them smaller. Those of joints, whose order does not matter, are sorted.
+    points: Vec<([usize; 3], usize)>,
+    /// Row of `wrap_prm` of the pulley before the branch, if there is one.
+    pulley: Option<usize>,
+}
+
+impl Branch {
+    fn sort(&mut self) {
+        let shapes = self.points.iter().map(|([shape, ..], _)| *shape);
+        if shapes.eq(std::iter::repeat_n(raw::mjWRAP_JOINT as usize, self.points.len())) {
+            self.points.sort_unstable();
+        } else if self.objects().gt(self.objects().rev()) {
+            self.points.reverse();
         }
-        _ => (shape, Some(object), None),
-    });
-    sorted_joints(points.collect())
-}
-
-fn sorted_joints(mut path: Vec<PathPoint>) -> Vec<PathPoint> {
-    if path.iter().all(|(shape, ..)| *shape == raw::mjWRAP_JOINT) {
-        path.sort_unstable();
     }
-    path
+
+    fn objects(&self) -> impl DoubleEndedIterator<Item = [usize; 3]> {
+        self.points.iter().map(|(point, _)| *point)
+    }
+
+    fn rows(&self) -> impl Iterator<Item = usize> {
+        self.points.iter().map(|(_, row)| *row).chain(self.pulley)
+    }
 }
 
-/// Returns the mirror image of a tendon's path; `None` if one of its objects has no counterpart.
-fn path_image(snapshot: &PosedModel, pairs: &MirrorPairs, tendon: usize) -> Option<Vec<PathPoint>> {
-    let site = |index| pairs.counterpart_of(ModelObjectKind::Site, index);
-    let points = path(snapshot, tendon).into_iter().map(|(shape, object, side)| {
-        let kind = match shape {
-            raw::mjWRAP_JOINT => ModelObjectKind::Joint,
-            raw::mjWRAP_SITE => ModelObjectKind::Site,
-            _ => ModelObjectKind::Geom,
+/// Returns the branches of a tendon, sorted, with `map` of its objects in the place of these.
+fn branches(
+    snapshot: &PosedModel,
+    tendon: usize,
+    map: impl Fn(ModelObjectKind, usize) -> Option<usize>,
+) -> Vec<Branch> {
+    let image = |kind, index| map(kind, index).unwrap_or(NONE);
+    let mut all = vec![Branch::default()];
+    for (row, shape, object) in snapshot.tendon_path(tendon) {
+        let (kind, side) = match shape {
+            raw::mjWRAP_PULLEY => {
+                all.push(Branch { pulley: Some(row), ..Branch::default() });
+                continue;
+            }
+            raw::mjWRAP_JOINT => (ModelObjectKind::Joint, 0),
+            raw::mjWRAP_SITE => (ModelObjectKind::Site, 0),
+            _ => {
+                // MuJoCo has -1 for a geom without side site
+                let side = snapshot.number(Num::WrapPrm, row);
+                let site = (side >= 0.0).then(|| 1 + image(ModelObjectKind::Site, side as usize));
+                (ModelObjectKind::Geom, site.unwrap_or(0))
+            }
         };
-        let image = match object {
-            Some(object) => Some(pairs.counterpart_of(kind, object)?),
-            None => None,
-        };
-        Some((shape, image, if let Some(side) = side { Some(site(side)?) } else { None }))
-    });
-    Some(sorted_joints(points.collect::<Option<_>>()?))
+        if let Some(branch) = all.last_mut() {
+            branch.points.push(([shape as usize, image(kind, object), side], row));
+        }
+    }
+    all.iter_mut().for_each(Branch::sort);
+    all.sort_by(|one, other| one.objects().cmp(other.objects()));
+    all
+}
+
+/// Returns the branches of the mirror image of a tendon's path.
+fn image_branches(snapshot: &PosedModel, pairs: &MirrorPairs, tendon: usize) -> Vec<Branch> {
+    branches(snapshot, tendon, |kind, index| pairs.counterpart_of(kind, index))
 }
 
 /// Returns `true` if the path of the second tendon is the mirror image of that of the first, from
@@ -58,44 +85,46 @@ pub(crate) fn paths_correspond(
     pairs: &MirrorPairs,
     [one, other]: [usize; 2],
 ) -> bool {
-    let (image, found) = (path_image(snapshot, pairs, one), path(snapshot, other));
-    let has_pulleys = found.iter().any(|(shape, ..)| *shape == raw::mjWRAP_PULLEY);
-    image.is_some_and(|mut image| {
-        image == found
-            || (!has_pulleys && {
-                image.reverse();
-                image == found
-            })
-    })
+    let image = image_branches(snapshot, pairs, one);
+    let found = branches(snapshot, other, |_, index| Some(index));
+    let are_equal = |(left, right): (&Branch, &Branch)| {
+        left.objects().eq(right.objects()) && left.pulley.is_some() == right.pulley.is_some()
+    };
+    image.len() == found.len() && image.iter().zip(&found).all(are_equal)
 }
 
-/// Correspondence of the two objects of an equality constraint to those of its counterpart.
+/// Order of the mirror images of the two objects of an equality constraint in its counterpart.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum HeldObjectOrder {
+pub(crate) enum ObjectOrder {
     Same,
     Swapped,
 }
 
-/// Returns the order in which the objects of two equality constraints are counterparts; `None` if
-/// they are not.
-pub(crate) fn held_object_order(
+/// Returns the order of the objects of the first equality constraint in the second; `None` if they
+/// are not counterparts.
+pub(crate) fn object_order(
     snapshot: &PosedModel,
     pairs: &MirrorPairs,
     equalities: [usize; 2],
-) -> Option<HeldObjectOrder> {
-    let [one, other] = equalities.map(|equality| snapshot.held_objects(equality));
+) -> Option<ObjectOrder> {
+    let [one, other] = equalities.map(|equality| snapshot.connected_objects(equality));
     let image = |object: Option<(ModelObjectKind, usize)>| match object {
         Some((kind, index)) => pairs.counterpart_of(kind, index).map(|index| Some((kind, index))),
         None => Some(None),
     };
     let [first, second] = [image(one[0])?, image(one[1])?];
-    // coordinates of joints and tendons are functions of the second object
-    let holds_points = one[0]
-        .is_none_or(|(kind, _)| ![ModelObjectKind::Joint, ModelObjectKind::Tendon].contains(&kind));
+    let data = snapshot.equality_data(equalities[0]);
+    // of a joint or tendon that follows another, the other is a polynomial only if it is a line
+    let can_swap = match one[0] {
+        Some((ModelObjectKind::Joint | ModelObjectKind::Tendon, _)) => {
+            data[1] != 0.0 && data[2..5] == [0.0; 3]
+        }
+        _ => true,
+    };
     if [first, second] == other {
-        Some(HeldObjectOrder::Same)
-    } else if holds_points && [second, first] == other {
-        Some(HeldObjectOrder::Swapped)
+        Some(ObjectOrder::Same)
+    } else if can_swap && [second, first] == other {
+        Some(ObjectOrder::Swapped)
     } else {
         None
     }
@@ -107,42 +136,33 @@ impl Comparison {
         let Comparer { snapshot, pairs, .. } = *comparer;
         let subject = Subject { kind: ModelObjectKind::Tendon, pair };
         if !paths_correspond(snapshot, pairs, pair) {
-            let image = path_image(snapshot, pairs, pair[0]).unwrap_or_default();
-            let values = [image, path(snapshot, pair[1])].map(|points| {
-                let objects = points.iter().flat_map(|(_, object, side)| [*object, *side]);
-                objects.flatten().map(|object| object as f64).collect::<Vec<_>>()
-            });
-            self.differences.extend(comparer.compare(subject, "path", Exact, &values, None));
+            self.differences.push(comparer.mismatch(subject, "path"));
             return;
         }
         let sign = self.compare_coefficients(comparer, subject);
         pair.iter().for_each(|&tendon| self.tendon_signs[tendon] = sign);
-        for (property, array) in [
-            ("stiffness", Num::TendonStiffness),
-            ("damping", Num::TendonDamping),
-            ("friction loss", Num::TendonFrictionloss),
-            ("margin", Num::TendonMargin),
+        for (property, array, width) in [
+            ("stiffness", Num::TendonStiffness, 1),
+            ("damping", Num::TendonDamping, 1),
+            ("friction loss", Num::TendonFrictionloss, 1),
+            ("margin", Num::TendonMargin, 1),
+            ("limit solref", Num::TendonSolrefLim, 2),
+            ("limit solimp", Num::TendonSolimpLim, 5),
         ] {
-            self.differences.extend(comparer.same(subject, property, array, 1));
+            self.differences.extend(comparer.same(subject, property, array, width));
         }
         self.differences.extend(comparer.integers(subject, "limited", Int::TendonLimited));
-        // lengths of joints count from those in `qpos0`, lengths of space from 0
-        let is_fixed =
-            snapshot.tendon_path(pair[0]).any(|(_, shape, _)| shape == raw::mjWRAP_JOINT);
-        let rest = pair
-            .map(|tendon| if is_fixed { snapshot.number(Num::TendonLength0, tendon) } else { 0.0 });
+        let is_limited = snapshot.integer(Int::TendonLimited, pair[1]) != 0;
         for (property, array) in
             [("range", Num::TendonRange), ("spring length", Num::TendonLengthspring)]
         {
             let width = snapshot.model.numbers(array).len() / snapshot.count(subject.kind);
             let [one, other] = pair.map(|tendon| snapshot.row(array, tendon, width));
-            let moved = [one[0] - rest[0], one[width - 1] - rest[0]];
-            let image = mirrored_range(moved, sign).map(|length| length + rest[1]);
+            let image = mirrored_range([one[0], one[width - 1]], sign);
             let values = [&image[..width], other];
-            let is_used =
-                array != Num::TendonRange || snapshot.integer(Int::TendonLimited, pair[1]) != 0;
-            let edit = Some((array, pair[1]));
-            let difference = comparer.compare(subject, property, Scale, &values, edit);
+            let difference =
+                comparer.compare(subject, property, Scale, &values, Some((array, pair[1])));
+            let is_used = is_limited || array != Num::TendonRange;
             self.differences.extend(difference.filter(|_| is_used));
         }
     }
@@ -151,32 +171,27 @@ impl Comparison {
     /// tendons with corresponding paths. Returns the sign by which the length is mirrored.
     fn compare_coefficients(&mut self, comparer: &Comparer, subject: Subject) -> f64 {
         let Comparer { snapshot, pairs, .. } = *comparer;
-        let joint_image = |joint| pairs.counterpart_of(ModelObjectKind::Joint, joint);
-        let mut rows = Vec::new();
-        let [mut images, mut found] = [const { Vec::new() }; 2];
-        let [left, right] = subject.pair.map(|tendon| snapshot.tendon_path(tendon));
-        let mut left: Vec<_> = left.collect();
-        for (at, shape, object) in right {
-            let own = match shape {
-                raw::mjWRAP_JOINT => {
-                    left.iter().position(|(_, _, joint)| joint_image(*joint) == Some(object))
-                }
-                raw::mjWRAP_PULLEY => left.iter().position(|(_, other, _)| *other == shape),
-                _ => None,
-            };
-            let Some((from, _, joint)) = own.map(|own| left.remove(own)) else { continue };
-            let sign = if shape == raw::mjWRAP_JOINT { self.joint_signs[joint] } else { 1.0 };
-            rows.push(at);
-            images.push(sign * snapshot.number(Num::WrapPrm, from));
-            found.push(snapshot.number(Num::WrapPrm, at));
-        }
-        let product: f64 = images.iter().zip(&found).map(|(image, found)| image * found).sum();
+        let left = image_branches(snapshot, pairs, subject.pair[0]);
+        let right = branches(snapshot, subject.pair[1], |_, index| Some(index));
+        let rows = left.iter().flat_map(Branch::rows).zip(right.iter().flat_map(Branch::rows));
+        let shape = |row| snapshot.integer(Int::WrapType, row).cast_unsigned();
+        let has_coefficient =
+            |row: &(usize, usize)| [raw::mjWRAP_JOINT, raw::mjWRAP_PULLEY].contains(&shape(row.0));
+        let rows: Vec<(usize, usize)> = rows.filter(has_coefficient).collect();
+        let value = |row| snapshot.number(Num::WrapPrm, row);
+        let images = rows.iter().map(|&(row, _)| match shape(row) {
+            raw::mjWRAP_JOINT => self.joint_signs[snapshot.index(Int::WrapObjid, row)] * value(row),
+            _ => value(row),
+        });
+        let mut images: Vec<f64> = images.collect();
+        let found: Vec<f64> = rows.iter().map(|&(_, row)| value(row)).collect();
+        let product: f64 = images.iter().zip(&found).map(|(one, other)| one * other).sum();
         let sign = if product < 0.0 { -1.0 } else { 1.0 };
-        images.iter_mut().for_each(|image| *image *= sign);
+        images.iter_mut().for_each(|coefficient| *coefficient *= sign);
         let difference = comparer.compare(subject, "coefficients", Share, &[images, found], None);
         self.differences.extend(difference.map(|mut difference| {
             let edits = rows.iter().zip(&difference.expected);
-            let edits = edits.map(|(&row, value)| row_edit(Num::WrapPrm, row, &[*value]));
+            let edits = edits.map(|((_, row), image)| row_edit(Num::WrapPrm, *row, &[*image]));
             difference.edits = edits.collect();
             difference
         }));
@@ -187,51 +202,53 @@ impl Comparison {
     pub(crate) fn compare_equalities(&mut self, comparer: &Comparer, pair: [usize; 2]) {
         let Comparer { snapshot, pairs, .. } = *comparer;
         let subject = Subject { kind: ModelObjectKind::Equality, pair };
+        let agree =
+            snapshot.integer(Int::EqType, pair[0]) == snapshot.integer(Int::EqType, pair[1]);
+        let Some(order) = object_order(snapshot, pairs, pair).filter(|_| agree) else {
+            let property = if agree { "objects" } else { "type" };
+            self.differences.push(comparer.mismatch(subject, property));
+            return;
+        };
         self.differences.extend(comparer.integers(subject, "active", Int::EqActive));
         for (property, array, width) in [("solref", Num::EqSolref, 2), ("solimp", Num::EqSolimp, 5)]
         {
             self.differences.extend(comparer.same(subject, property, array, width));
         }
-        let Some(order) = held_object_order(snapshot, pairs, pair) else {
-            let objects = |held: [Option<(ModelObjectKind, usize)>; 2]| -> Vec<f64> {
-                held.iter().flatten().map(|&(_, index)| index as f64).collect()
-            };
-            let image = snapshot.held_objects(pair[0]).map(|object| {
-                let (kind, index) = object?;
-                Some((kind, pairs.counterpart_of(kind, index)?))
-            });
-            let values = [objects(image), objects(snapshot.held_objects(pair[1]))];
-            self.differences.extend(comparer.compare(subject, "objects", Exact, &values, None));
-            return;
-        };
-        let width = raw::mjNEQDATA as usize;
-        let [one, found] = pair.map(|equality| snapshot.row(Num::EqData, equality, width));
+        let [one, found] = pair.map(|equality| snapshot.equality_data(equality));
+        let [first, second] = snapshot.connected_objects(pair[0]);
         let shape = snapshot.integer(Int::EqType, pair[0]).cast_unsigned();
         let mut image = one.to_vec();
-        match snapshot.held_objects(pair[0])[0] {
-            Some((ModelObjectKind::Joint | ModelObjectKind::Tendon, _)) => {
-                self.mirror_polynomial(snapshot, pair[0], &mut image);
+        let parts: &[_] = match (first, shape) {
+            (Some((ModelObjectKind::Joint | ModelObjectKind::Tendon, _)), _) => {
+                self.mirror_polynomial([first, second], order, &mut image);
+                // of a joint alone, the other coefficients have no effect
+                let len = if second.is_none() { 1 } else { 5 };
+                &[("coefficients", Scale, 0..len)]
             }
-            Some((ModelObjectKind::Body, _)) => {
-                if self.mirror_anchors(snapshot, pair[0], order, &mut image).is_none() {
-                    return;
+            (Some((ModelObjectKind::Body, _)), raw::mjEQ_CONNECT) => {
+                self.mirror_anchors([first, second], order, false, &mut image);
+                // MuJoCo computes the point in the other frame from this one
+                &[("anchor", Metres, 0..3)]
+            }
+            (Some((ModelObjectKind::Body, _)), raw::mjEQ_WELD) => {
+                self.mirror_anchors([first, second], order, true, &mut image);
+                // a quaternion and its negative are one rotation
+                if image[6..10].iter().zip(&found[6..10]).map(|(a, b)| a * b).sum::<f64>() < 0.0 {
+                    image[6..10].iter_mut().for_each(|part| *part = -*part);
                 }
+                &[
+                    ("anchor", Metres, 0..6),
+                    ("orientation", Radians, 6..10),
+                    ("torque scale", Share, 10..11),
+                ]
             }
-            // the poses of sites say where they are held together
-            _ => image[..10].copy_from_slice(&found[..10]),
-        }
-        if image[6..10].iter().zip(&found[6..10]).map(|(a, b)| a * b).sum::<f64>() < 0.0 {
-            // a quaternion and its negative are one rotation
-            image[6..10].iter_mut().for_each(|part| *part = -*part);
-        }
-        let parts: &[_] = match shape {
-            raw::mjEQ_CONNECT => &[("anchor", Metres, 0..6)],
-            raw::mjEQ_WELD => &[
-                ("anchor", Metres, 0..6),
-                ("orientation", Radians, 6..10),
-                ("torque scale", Share, 10..11),
-            ],
-            raw::mjEQ_JOINT | raw::mjEQ_TENDON => &[("coefficients", Scale, 0..5)],
+            (Some((ModelObjectKind::Site, _)), raw::mjEQ_WELD) => {
+                let turn = self.site_turn(comparer, [first, second]);
+                let values = [DQuat::IDENTITY, turn].map(quat_values);
+                let difference = comparer.compare(subject, "orientation", Radians, &values, None);
+                self.differences.extend(difference);
+                &[("torque scale", Share, 10..11)]
+            }
             _ => &[],
         };
         let differences = parts.iter().filter_map(|(property, measure, part)| {
@@ -242,7 +259,7 @@ impl Comparison {
         let mut differences: Vec<_> = differences.collect();
         if let Some(difference) = differences.first_mut() {
             if pair[0] == pair[1] {
-                image.iter_mut().zip(found).for_each(|(image, own)| *image = 0.5 * (*image + own));
+                image.iter_mut().zip(found).for_each(|(value, own)| *value = 0.5 * (*value + own));
             }
             difference.edits = vec![row_edit(Num::EqData, pair[1], &image)];
         }
@@ -251,13 +268,24 @@ impl Comparison {
 
     /// Mirrors the polynomial by which the deviation of one joint or tendon from `qpos0` follows
     /// that of another.
-    fn mirror_polynomial(&self, snapshot: &PosedModel, equality: usize, data: &mut [f64]) {
-        let [follower, leader] = snapshot.held_objects(equality).map(|object| match object {
+    fn mirror_polynomial(
+        &self,
+        objects: [Option<(ModelObjectKind, usize)>; 2],
+        order: ObjectOrder,
+        data: &mut [f64],
+    ) {
+        let mut signs = objects.map(|object| match object {
             Some((ModelObjectKind::Joint, joint)) => self.joint_signs[joint],
             Some((ModelObjectKind::Tendon, tendon)) => self.tendon_signs[tendon],
             _ => 1.0,
         });
-        let mut sign = follower;
+        if order == ObjectOrder::Swapped {
+            // y = a + b x is x = -a / b + y / b
+            signs.reverse();
+            data[1] = data[1].recip();
+            data[0] *= -data[1];
+        }
+        let [mut sign, leader] = signs;
         for coefficient in &mut data[..5] {
             *coefficient *= sign;
             sign *= leader;
@@ -265,23 +293,24 @@ impl Comparison {
     }
 
     /// Mirrors the anchors of a connection of two bodies and, of a weld, their relative
-    /// orientation; `None` if a body has no counterpart.
+    /// orientation.
     fn mirror_anchors(
         &self,
-        snapshot: &PosedModel,
-        equality: usize,
-        order: HeldObjectOrder,
+        objects: [Option<(ModelObjectKind, usize)>; 2],
+        order: ObjectOrder,
+        is_weld: bool,
         data: &mut [f64],
-    ) -> Option<()> {
-        let [first, second] = snapshot.held_objects(equality);
-        let [first, second]: [Mirror; 2] = [self.mirrors[first?.1]?, self.mirrors[second?.1]?];
-        let is_weld = snapshot.integer(Int::EqType, equality).cast_unsigned() == raw::mjEQ_WELD;
+    ) {
+        let mirror = |object: Option<(_, usize)>| object.and_then(|(_, body)| self.mirrors[body]);
+        let [Some(first), Some(second)]: [Option<Mirror>; 2] = objects.map(mirror) else {
+            return;
+        };
         // a weld has the anchor in the second body's frame first
         let owners = if is_weld { [second, first] } else { [first, second] };
         let mut anchors = [0, 1].map(|at| owners[at].point(DVec3::from_slice(&data[3 * at..])));
         let rotation = DMat3::from_quat(quat(&data[6..10]));
         let mut rotation = first.turn * rotation * second.turn.transpose();
-        if order == HeldObjectOrder::Swapped {
+        if order == ObjectOrder::Swapped {
             anchors.reverse();
             rotation = rotation.transpose();
         }
@@ -291,6 +320,29 @@ impl Comparison {
         if is_weld {
             data[6..10].copy_from_slice(&quat_values(DQuat::from_mat3(&rotation)));
         }
-        Some(())
+    }
+
+    /// Returns the rotation by which the counterparts of two welded sites, whose frames may be
+    /// turned by convention, are held apart from the mirror images of the two.
+    fn site_turn(
+        &self,
+        comparer: &Comparer,
+        sites: [Option<(ModelObjectKind, usize)>; 2],
+    ) -> DQuat {
+        let Comparer { snapshot, pairs, .. } = *comparer;
+        let flips = sites.map(|object| {
+            let (kind, site) = object?;
+            let [one, other] = [site, pairs.counterpart_of(kind, site)?]
+                .map(|index| DMat3::from_quat(snapshot.rotation(Num::SiteQuat, index)));
+            let mirror = self.mirrors[snapshot.body_of_object(kind, site)?]?;
+            Some(other.transpose() * mirror.turn * one)
+        });
+        match flips {
+            [Some(first), Some(second)] => {
+                let turn = DQuat::from_mat3(&(first * second.transpose()));
+                if turn.w < 0.0 { -turn } else { turn }
+            }
+            _ => DQuat::IDENTITY,
+        }
     }
 }

@@ -7,7 +7,7 @@ use mujoco::IntegerArray;
 use robots::without_byte_order_mark;
 use serde::{Deserialize, Serialize};
 
-use crate::constraints::{held_object_order, paths_correspond};
+use crate::constraints::{object_order, paths_correspond};
 use crate::error::ModelSymmetryError;
 use crate::mirror::MirrorPlane;
 use crate::names::are_mirror_names;
@@ -167,7 +167,7 @@ impl Finder<'_> {
             ModelObjectKind::Body => index > 0 && self.snapshot.parent(index) == owner,
             ModelObjectKind::Geom => {
                 self.snapshot.body_of_object(kind, index) == Some(owner)
-                    && self.snapshot.geom_acts(index)
+                    && self.snapshot.geom_collides_or_bends_tendon(index)
             }
             _ => self.snapshot.body_of_object(kind, index) == Some(owner),
         };
@@ -239,8 +239,7 @@ impl Finder<'_> {
                 return corresponds.then_some((2 - u8::from(is_named), distance));
             }
             ModelObjectKind::Equality => {
-                let corresponds =
-                    is_named || held_object_order(snapshot, pairs, [one, other]).is_some();
+                let corresponds = is_named || object_order(snapshot, pairs, [one, other]).is_some();
                 return (corresponds && agree(IntegerArray::EqType))
                     .then_some((2 - u8::from(is_named), distance));
             }
@@ -283,7 +282,7 @@ impl Finder<'_> {
     ) -> bool {
         match (self.snapshot.target_object(kind, one), self.snapshot.target_object(kind, other)) {
             (Some((of, from)), Some((_, to))) => pairs.counterpart_of(of, from) == Some(to),
-            (None, None) => one == other,
+            (None, None) => kind == ModelObjectKind::Sensor && one == other,
             _ => false,
         }
     }

@@ -52,7 +52,7 @@ impl ModelObjectKind {
             Self::Site => ("site", raw::mjOBJ_SITE),
             Self::Camera => ("camera", raw::mjOBJ_CAMERA),
             Self::Tendon => ("tendon", raw::mjOBJ_TENDON),
-            Self::Equality => ("equality constraint", raw::mjOBJ_EQUALITY),
+            Self::Equality => ("equality", raw::mjOBJ_EQUALITY),
             Self::Actuator => ("actuator", raw::mjOBJ_ACTUATOR),
             Self::Sensor => ("sensor", raw::mjOBJ_SENSOR),
             Self::Keyframe => ("keyframe", raw::mjOBJ_KEY),
@@ -155,8 +155,9 @@ impl<'a> PosedModel<'a> {
         }
     }
 
-    /// Returns the body that an object belongs to; `None` for tendons, equality constraints and
-    /// keyframes, and for actuators and sensors of the whole model or of a tendon.
+    /// Returns the body that an object belongs to, or that the first object belongs to that it
+    /// connects, moves or observes; `None` for keyframes, and for actuators and sensors of the whole
+    /// model.
     pub fn body_of_object(&self, kind: ModelObjectKind, index: usize) -> Option<usize> {
         let array = match kind {
             ModelObjectKind::Body => return Some(index),
@@ -168,15 +169,21 @@ impl<'a> PosedModel<'a> {
                 let (kind, target) = self.target_object(kind, index)?;
                 return self.body_of_object(kind, target);
             }
-            ModelObjectKind::Tendon | ModelObjectKind::Equality | ModelObjectKind::Keyframe => {
-                return None;
+            ModelObjectKind::Tendon => {
+                let (of, target) = self.tendon_points(index).next()?;
+                return self.body_of_object(of, target);
             }
+            ModelObjectKind::Equality => {
+                let (of, target) = self.connected_objects(index)[0]?;
+                return self.body_of_object(of, target);
+            }
+            ModelObjectKind::Keyframe => return None,
         };
         Some(self.index(array, index))
     }
 
     /// Returns the object that an actuator acts on or a sensor observes; `None` for a target that
-    /// is not compared, such as the crank of a slider.
+    /// is not compared, such as a flex.
     pub fn target_object(
         &self,
         kind: ModelObjectKind,
@@ -190,7 +197,7 @@ impl<'a> PosedModel<'a> {
         }
         let target = match self.integer(IntegerArray::ActuatorTrntype, index).cast_unsigned() {
             raw::mjTRN_JOINT | raw::mjTRN_JOINTINPARENT => ModelObjectKind::Joint,
-            raw::mjTRN_SITE => ModelObjectKind::Site,
+            raw::mjTRN_SITE | raw::mjTRN_SLIDERCRANK => ModelObjectKind::Site,
             raw::mjTRN_BODY => ModelObjectKind::Body,
             raw::mjTRN_TENDON => ModelObjectKind::Tendon,
             _ => return None,
@@ -198,9 +205,9 @@ impl<'a> PosedModel<'a> {
         Some((target, self.index(IntegerArray::ActuatorTrnid, 2 * index)))
     }
 
-    /// Returns the objects that an equality constraint holds together; `None` for the second where
-    /// there is one alone, and for both if they are of a kind that is not compared.
-    pub fn held_objects(&self, equality: usize) -> [Option<(ModelObjectKind, usize)>; 2] {
+    /// Returns the objects that an equality constraint connects; `None` for the second where there
+    /// is one alone, and for both if they are of a kind that is not compared.
+    pub fn connected_objects(&self, equality: usize) -> [Option<(ModelObjectKind, usize)>; 2] {
         let kind = ModelObjectKind::from_object_type(self.model.equality_object_type(equality));
         [IntegerArray::EqObj1id, IntegerArray::EqObj2id].map(|array| {
             let object = usize::try_from(self.integer(array, equality)).ok()?;
@@ -208,13 +215,17 @@ impl<'a> PosedModel<'a> {
         })
     }
 
+    /// Returns the data of an equality constraint, a row of `eq_data`.
+    pub fn equality_data(&self, equality: usize) -> &'a [f64] {
+        self.row(NumberArray::EqData, equality, raw::mjNEQDATA as usize)
+    }
+
     /// Returns the point at which an equality constraint holds its first body, in that body's frame.
     fn anchor(&self, equality: usize) -> DVec3 {
-        let data = self.row(NumberArray::EqData, equality, raw::mjNEQDATA as usize);
         let is_weld =
             self.integer(IntegerArray::EqType, equality).cast_unsigned() == raw::mjEQ_WELD;
         // a weld has the anchor in the second body's frame first
-        DVec3::from_slice(&data[if is_weld { 3 } else { 0 }..])
+        DVec3::from_slice(&self.equality_data(equality)[if is_weld { 3 } else { 0 }..])
     }
 
     /// Returns the path of a tendon: the index in `wrap_prm`, the type and the object of each of
@@ -230,9 +241,18 @@ impl<'a> PosedModel<'a> {
         })
     }
 
-    /// Returns the position of an object in the world; for bodies, of their centre of mass, for
-    /// tendons and equality constraints, of their first object or their anchor on it, and for other
-    /// objects without position, of their body's.
+    /// Returns the joints or sites of a tendon.
+    fn tendon_points(&self, tendon: usize) -> impl Iterator<Item = (ModelObjectKind, usize)> {
+        self.tendon_path(tendon).filter_map(|(_, shape, object)| match shape {
+            raw::mjWRAP_JOINT => Some((ModelObjectKind::Joint, object)),
+            raw::mjWRAP_SITE => Some((ModelObjectKind::Site, object)),
+            _ => None,
+        })
+    }
+
+    /// Returns the position of an object in the world: for bodies, of their centre of mass, for
+    /// tendons, the mean of their points, for equality constraints, their anchor or first object,
+    /// for actuators and sensors, their target, and for keyframes the origin.
     pub fn object_position(&self, kind: ModelObjectKind, index: usize) -> DVec3 {
         let array = match kind {
             ModelObjectKind::Body => NumberArray::BodyIpos,
@@ -241,15 +261,12 @@ impl<'a> PosedModel<'a> {
             ModelObjectKind::Site => NumberArray::SitePos,
             ModelObjectKind::Camera => NumberArray::CamPos,
             ModelObjectKind::Tendon => {
-                let target = self.tendon_path(index).find_map(|(_, shape, object)| match shape {
-                    raw::mjWRAP_JOINT => Some((ModelObjectKind::Joint, object)),
-                    raw::mjWRAP_SITE => Some((ModelObjectKind::Site, object)),
-                    _ => None,
-                });
-                return target.map_or(DVec3::ZERO, |(of, at)| self.object_position(of, at));
+                let points = self.tendon_points(index).map(|(of, at)| self.object_position(of, at));
+                let points: Vec<DVec3> = points.collect();
+                return points.iter().sum::<DVec3>() / points.len().max(1) as f64;
             }
             ModelObjectKind::Equality => {
-                return match self.held_objects(index)[0] {
+                return match self.connected_objects(index)[0] {
                     Some((ModelObjectKind::Body, body)) => {
                         let (origin, turn) = self.frames[body];
                         origin + turn * self.anchor(index)
@@ -258,10 +275,11 @@ impl<'a> PosedModel<'a> {
                     None => DVec3::ZERO,
                 };
             }
-            ModelObjectKind::Actuator | ModelObjectKind::Sensor | ModelObjectKind::Keyframe => {
-                let body = self.body_of_object(kind, index).unwrap_or(0);
-                return self.frames[body].0;
+            ModelObjectKind::Actuator | ModelObjectKind::Sensor => {
+                let target = self.target_object(kind, index);
+                return target.map_or(DVec3::ZERO, |(of, at)| self.object_position(of, at));
             }
+            ModelObjectKind::Keyframe => return DVec3::ZERO,
         };
         let (origin, turn) = self.frames[self.body_of_object(kind, index).unwrap_or(0)];
         origin + turn * self.vector(array, index)
@@ -289,7 +307,7 @@ impl<'a> PosedModel<'a> {
 
     /// Returns `true` if a geom can collide with others or bends a tendon, `false` if it is only
     /// drawn.
-    pub fn geom_acts(&self, geom: usize) -> bool {
+    pub fn geom_collides_or_bends_tendon(&self, geom: usize) -> bool {
         let mask = |array| self.integer(array, geom) != 0;
         let pairs = 0..self.model.as_raw().npair as usize;
         let bends = |(_, shape, object)| {

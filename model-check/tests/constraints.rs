@@ -8,78 +8,146 @@ fn checked(xml: &str) -> ModelSymmetryReport {
     check_model_symmetry(&model, &ModelSymmetrySettings::default()).unwrap()
 }
 
-/// A floating trunk with two legs. Each has a tendon of joints, one of space that bends around the
-/// thigh, a motor and sensors of both, and toes that follow the knee; the shins are connected with
-/// each other, and the hands welded.
-///
-/// Hips turn about x, so their coordinates change signs in the mirror; those of knees and toes, about
-/// y, stay. The right tendon of joints is written with the opposite sign.
-fn biped() -> String {
-    let leg = |side: &str, y: f64| {
-        let s = y.signum();
+/// Side of the biped, with the signs by which coordinates of hips (about x) and of knees and toes
+/// (about y) are those of the left side.
+#[derive(Clone, Copy)]
+struct Side {
+    name: &'static str,
+    y: f64,
+    /// -1 if the frames of the leg are turned by half a turn about z.
+    turn: f64,
+    hip: f64,
+    knee: f64,
+}
+
+impl Side {
+    /// Returns the left and the right side, whose leg may have turned frames.
+    fn both(turned: bool) -> [Self; 2] {
+        let left = Self { name: "l", y: 1.0, turn: 1.0, hip: 1.0, knee: 1.0 };
+        let (turn, hip, knee) = if turned { (-1.0, 1.0, -1.0) } else { (1.0, -1.0, 1.0) };
+        [left, Self { name: "r", y: -1.0, turn, hip, knee }]
+    }
+
+    /// Returns a point of the left leg on this side, in the frame of this leg.
+    fn place(self, [x, y, z]: [f64; 3]) -> String {
+        format!("{} {} {z}", self.turn * x, self.turn * self.y * y)
+    }
+
+    fn body(self) -> String {
+        let Self { name, y, .. } = self;
+        let turn = if self.turn < 0.0 { "quat='0 0 0 1'" } else { "" };
         format!(
-            "<site name='start_{side}' pos='0.05 {a} -0.02'/>\
-             <body name='thigh_{side}' pos='0 {y} 0'><joint name='hip_{side}' axis='1 0 0'/>\
-             <geom name='drum_{side}' type='cylinder' size='0.03 0.02' zaxis='0 1 0' \
-             pos='0.02 0 -0.1' contype='0' conaffinity='0'/>\
-             <geom type='capsule' fromto='0 0 0 0 {b} -0.3' size='0.02'/>\
-             <site name='side_{side}' pos='0.08 0 -0.1'/>\
-             <body name='shin_{side}' pos='0 {b} -0.3'><joint name='knee_{side}' axis='0 1 0'/>\
+            "<site name='start_{name}' pos='0.05 {} -0.02'/>\
+             <body name='thigh_{name}' pos='0 {} 0' {turn}>\
+             <joint name='hip_{name}' axis='1 0 0' ref='{}'/>\
+             <geom name='drum_{name}' type='cylinder' size='0.03 0.02' zaxis='0 1 0' pos='{}' \
+             contype='0' conaffinity='0'/><site name='side_{name}' pos='{}'/>\
+             <geom type='capsule' fromto='0 0 0 {knee}' size='0.02'/>\
+             <body name='shin_{name}' pos='{knee}'><joint name='knee_{name}' axis='0 1 0'/>\
              <geom type='capsule' fromto='0 0 0 0 0 -0.3' size='0.02'/>\
-             <site name='end_{side}' pos='0.03 {c} -0.05'/>\
-             <body name='toe_{side}' pos='0 0 -0.3'><joint name='toe_{side}' axis='0 1 0'/>\
-             <geom type='capsule' fromto='0 0 0 0.1 {c} 0' size='0.01'/></body></body></body>\
-             <body name='hand_{side}' pos='0.2 {y} 0.2'><joint name='hand_{side}' axis='0 1 0'/>\
-             <geom type='box' size='0.02 0.01 0.03' pos='0.05 {c} 0'/></body>",
-            a = y + 0.01 * s,
-            b = 0.02 * s,
-            c = 0.01 * s,
+             <site name='end_{name}' pos='{}'/>\
+             <body name='toe_{name}' pos='0 0 -0.3'><joint name='toe_{name}' axis='0 1 0'/>\
+             <geom type='capsule' fromto='0 0 0 {}' size='0.01'/></body></body></body>\
+             <body name='hand_{name}' pos='0.2 {} 0.2'><joint name='hand_{name}' axis='0 1 0'/>\
+             <geom type='box' size='0.02 0.01 0.03' pos='0.05 {} 0'/></body>",
+            0.11 * y,
+            0.1 * y,
+            0.2 * self.hip,
+            self.place([0.02, 0.0, -0.1]),
+            self.place([0.08, 0.0, -0.1]),
+            self.place([0.03, 0.01, -0.05]),
+            self.place([0.1, 0.01, 0.0]),
+            0.1 * y,
+            0.01 * y,
+            knee = self.place([0.0, 0.02, -0.3]),
         )
-    };
-    let tendons = |side: &str, sign: f64, range: &str| {
+    }
+
+    /// Returns a fixed tendon, whose right side is written with the opposite sign, and a spatial one,
+    /// whose right side is written from the other end.
+    fn tendons(self) -> String {
+        let Self { name, y, hip, knee, .. } = self;
+        let range = if y > 0.0 { "-0.2 0.6" } else { "-0.6 0.2" };
+        let start = format!("<site site='start_{name}'/>");
+        let drum = format!("<geom geom='drum_{name}' sidesite='side_{name}'/>");
+        let end = format!("<site site='end_{name}'/>");
+        let [first, second] = if y > 0.0 {
+            [format!("{start}{drum}{end}"), format!("{start}{end}")]
+        } else {
+            [format!("{end}{drum}{start}"), format!("{end}{start}")]
+        };
         format!(
-            "<fixed name='sum_{side}' limited='true' range='{range}' stiffness='3' damping='0.1' \
-             frictionloss='0.02'><joint joint='hip_{side}' coef='1'/>\
-             <joint joint='knee_{side}' coef='{coef}'/></fixed>\
-             <spatial name='cord_{side}' stiffness='40' springlength='0.4' limited='true' \
-             range='0 0.9'>\
-             <site site='start_{side}'/><geom geom='drum_{side}' sidesite='side_{side}'/>\
-             <site site='end_{side}'/><pulley divisor='2'/><site site='start_{side}'/>\
-             <site site='end_{side}'/></spatial>",
-            coef = 0.5 * sign,
+            "<fixed name='sum_{name}' limited='true' range='{range}' stiffness='3' damping='0.1' \
+             frictionloss='0.02'><joint joint='hip_{name}' coef='{}'/>\
+             <joint joint='knee_{name}' coef='{}'/></fixed>\
+             <spatial name='cord_{name}' stiffness='40' springlength='0.4' limited='true' \
+             range='0 0.9'>{first}<pulley divisor='2'/>{second}</spatial>",
+            y * hip,
+            0.5 * y * knee,
         )
-    };
-    let motors = |side: &str| {
+    }
+
+    /// Returns a hip that follows a toe, a loop of thigh and toe, and a weld of trunk and toe.
+    fn equalities(self) -> String {
+        let Self { name, hip, knee, .. } = self;
+        let relative = if self.y > 0.0 {
+            "0.9 0.1 0.2 0.3"
+        } else if self.turn > 0.0 {
+            "0.9 -0.1 0.2 -0.3"
+        } else {
+            // times half a turn about z
+            "0.3 0.2 0.1 0.9"
+        };
         format!(
-            "<motor name='sum_{side}' tendon='sum_{side}' gear='2'/>\
-             <motor name='cord_{side}' tendon='cord_{side}' gear='5'/>"
+            "<joint name='hips_{name}' joint1='hip_{name}' joint2='toe_{name}' \
+             polycoef='{} {} {} 0 0'/>\
+             <connect name='bar_{name}' body1='thigh_{name}' body2='toe_{name}' anchor='{}'/>\
+             <weld name='stay_{name}' body1='trunk' body2='toe_{name}' anchor='{}' \
+             relpose='0.01 {} -0.6 {relative}' torquescale='0.5'/>",
+            0.1 * hip,
+            0.4 * hip * knee,
+            0.3 * hip,
+            self.place([0.03, 0.02, -0.5]),
+            self.place([0.02, 0.03, 0.01]),
+            0.12 * self.y,
         )
-    };
-    let sensors =
-        |side: &str| format!("<tendonpos tendon='sum_{side}'/><tendonvel tendon='cord_{side}'/>");
-    let toes = |side: &str| {
+    }
+
+    fn motors(self) -> String {
+        let name = self.name;
         format!(
-            "<joint name='toes_{side}' joint1='toe_{side}' joint2='hip_{side}' \
-                 polycoef='0.1 {} 0.3 0 0'/>",
-            if side == "l" { 0.4 } else { -0.4 }
+            "<motor name='sum_{name}' tendon='sum_{name}' gear='2'/>\
+             <motor name='cord_{name}' tendon='cord_{name}' gear='5'/>"
         )
-    };
-    let both = |part: &dyn Fn(&str) -> String| part("l") + &part("r");
+    }
+
+    fn sensors(self) -> String {
+        let name = self.name;
+        format!("<tendonpos tendon='sum_{name}'/><tendonvel tendon='cord_{name}'/>")
+    }
+}
+
+/// A floating trunk with two legs and two hands. The hands follow each other and are welded, the
+/// shins are connected, and the neck is locked.
+fn biped(turned: bool) -> String {
+    let sides = Side::both(turned);
+    let both = |part: fn(Side) -> String| sides.map(part).concat();
     format!(
         "<mujoco><compiler angle='radian'/><option gravity='0 0 -1'/><worldbody>\
          <body name='trunk' pos='0 0 1'><freejoint/>\
-         <geom type='box' size='0.1 0.05 0.1'/>{}{}</body></worldbody>\
-         <tendon>{}{}</tendon><equality>{}\
+         <geom type='box' size='0.1 0.05 0.1'/>{}\
+         <body name='head' pos='0 0 0.2'><joint name='neck' axis='0 0 1'/>\
+         <geom type='box' size='0.05 0.04 0.05'/></body></body></worldbody>\
+         <tendon>{}</tendon><equality>{}\
          <connect name='shins' body1='shin_l' body2='shin_r' anchor='0 -0.12 -0.2'/>\
-         <weld name='hands' body1='hand_l' body2='hand_r' anchor='0 0.1 0'/></equality>\
-         <actuator>{}</actuator><sensor>{}</sensor></mujoco>",
-        leg("l", 0.1),
-        leg("r", -0.1),
-        tendons("l", 1.0, "-0.2 0.6"),
-        tendons("r", -1.0, "-0.6 0.2"),
-        both(&toes),
-        both(&motors),
-        both(&sensors),
+         <weld name='hands' body1='hand_l' body2='hand_r' anchor='0 0.1 0'/>\
+         <joint name='grip' joint1='hand_l' joint2='hand_r'/><joint name='lock' joint1='neck'/>\
+         </equality><actuator>{}</actuator><sensor>{}</sensor></mujoco>",
+        both(Side::body),
+        both(Side::tendons),
+        both(Side::equalities),
+        both(Side::motors),
+        both(Side::sensors),
     )
 }
 
@@ -91,66 +159,73 @@ fn with_last_replaced(model: &str, from: &str, to: &str) -> String {
 
 #[test]
 fn a_model_with_tendons_and_equality_constraints_is_its_own_mirror_image() {
-    let found = checked(&biped());
-    assert!(found.differences.is_empty(), "{}", found.text());
-    let twins = found.twin_divergence.unwrap();
-    assert!(twins < 1e-6, "{twins}");
-    let maps = found.maps.unwrap();
-    // the right tendon of joints is written with the opposite sign
-    assert_eq!(maps.ctrl.signs, [-1, 1, -1, 1]);
-    assert_eq!(maps.ctrl.sources, [2, 3, 0, 1]);
-    let sensors = maps.sensordata.unwrap();
-    assert_eq!((sensors.signs, sensors.sources), (vec![-1, 1, -1, 1], vec![2, 3, 0, 1]));
+    for turned in [false, true] {
+        let found = checked(&biped(turned));
+        assert!(found.differences.is_empty(), "{turned}: {}", found.text());
+        let twins = found.twin_divergence.unwrap();
+        assert!(twins < 1e-6, "{turned}: {twins}");
+        let maps = found.maps.unwrap();
+        // the right tendon of joints is written with the opposite sign
+        assert_eq!(maps.ctrl.signs, [-1, 1, -1, 1]);
+        assert_eq!(maps.ctrl.sources, [2, 3, 0, 1]);
+        let sensors = maps.sensordata.unwrap();
+        assert_eq!((sensors.signs, sensors.sources), (vec![-1, 1, -1, 1], vec![2, 3, 0, 1]));
+    }
 }
 
 #[test]
 fn every_difference_of_a_tendon_or_an_equality_constraint_is_named() {
-    let sound = biped();
-    let last = |from: &str, to: &str| with_last_replaced(&sound, from, to);
-    let site = |y| format!("<site site='end_r'/><pulley divisor='{y}'/>");
-    for (faulty, expected) in [
-        (last("coef='-0.5'", "coef='-0.6'"), "tendon sum_l | sum_r: coefficients"),
-        (last("coef='-0.5'", "coef='0.5'"), "tendon sum_l | sum_r: coefficients"),
-        (last("range='-0.6 0.2'", "range='-0.2 0.6'"), "tendon sum_l | sum_r: range"),
-        (last("stiffness='3'", "stiffness='4'"), "tendon sum_l | sum_r: stiffness"),
+    let sound = biped(false);
+    for (from, to, expected) in [
+        ("coef='-0.5'", "coef='-0.6'", "tendon sum_l | sum_r: coefficients"),
+        ("coef='-0.5'", "coef='0.5'", "tendon sum_l | sum_r: coefficients"),
+        ("range='-0.6 0.2'", "range='-0.2 0.6'", "tendon sum_l | sum_r: range"),
+        ("stiffness='3'", "stiffness='4'", "tendon sum_l | sum_r: stiffness"),
+        ("springlength='0.4'", "springlength='0.3'", "tendon cord_l | cord_r: spring length"),
+        ("frictionloss='0.02'", "frictionloss='0.03'", "tendon sum_l | sum_r: friction loss"),
+        (" sidesite='side_r'", "", "tendon cord_l | cord_r: path differs"),
         (
-            last("frictionloss='0.02'", "frictionloss='0.02' springlength='0.1'"),
-            "tendon sum_l | sum_r: spring length",
+            "<site site='end_r'/><geom",
+            "<pulley divisor='2'/><site site='end_r'/><geom",
+            "cord_r: path differs",
         ),
-        (last("frictionloss='0.02'", "frictionloss='0.03'"), "tendon sum_l | sum_r: friction loss"),
-        (last("sidesite='side_r'", ""), "tendon cord_l | cord_r: path"),
-        (last(&site(2), &site(3)), "tendon cord_l | cord_r: coefficients"),
-        (last("range='0 0.9'", "range='0 0.8'"), "tendon cord_l | cord_r: range"),
-        (last("gear='5'", "gear='6'"), "actuator cord_l | cord_r: gear"),
+        ("divisor='2'", "divisor='3'", "tendon cord_l | cord_r: coefficients"),
+        ("range='0 0.9'", "range='0 0.8'", "tendon cord_l | cord_r: range"),
+        ("gear='5'", "gear='6'", "actuator cord_l | cord_r: gear"),
+        ("polycoef='-0.1 -0.4", "polycoef='-0.1 0.4", "equality hips_l | hips_r: coefficients"),
+        ("polycoef='-0.1", "polycoef='0.1", "equality hips_l | hips_r: coefficients"),
+        ("joint2='toe_r'", "joint2='knee_r'", "equality hips_l | hips_r: objects differs"),
+        ("name='hips_r'", "name='hips_r' active='false'", "equality hips_l | hips_r: active"),
+        ("name='hips_r'", "name='hips_r' solref='0.05 1'", "equality hips_l | hips_r: solref"),
+        ("anchor='0.03 -0.02 -0.5'", "anchor='0.03 0.02 -0.5'", "bar_l | bar_r: anchor"),
+        ("anchor='0.02 -0.03 0.01'", "anchor='0.02 0.03 0.01'", "stay_l | stay_r: anchor"),
+        ("0.9 -0.1 0.2 -0.3", "0.9 0.1 0.2 -0.3", "stay_l | stay_r: orientation"),
+        ("torquescale='0.5'", "torquescale='0.6'", "stay_l | stay_r: torque scale"),
+        ("anchor='0 -0.12 -0.2'", "anchor='0 -0.1 -0.2'", "shins and its mirror image: anchor"),
+        // a weld has its anchor in the right hand by default
+        (" anchor='0 0.1 0'", "", "hands and its mirror image: anchor"),
         (
-            last("polycoef='0.1 -0.4", "polycoef='0.1 0.4"),
-            "equality constraint toes_l | toes_r: coefficients",
-        ),
-        (last("joint2='hip_r'", "joint2='knee_r'"), "equality constraint toes_l | toes_r: objects"),
-        (
-            last("name='toes_r'", "name='toes_r' active='false'"),
-            "equality constraint toes_l | toes_r: active",
-        ),
-        (
-            last("name='toes_r'", "name='toes_r' solref='0.05 1'"),
-            "equality constraint toes_l | toes_r: solref",
-        ),
-        (
-            last("anchor='0 -0.12 -0.2'", "anchor='0 -0.1 -0.2'"),
-            "equality constraint shins and its mirror image: anchor",
-        ),
-        // a weld turns both bodies about its anchor, which lies in the right hand by default
-        (last("anchor='0 0.1 0'", ""), "equality constraint hands and its mirror image: anchor"),
-        (
-            last("body2='hand_r'", "body2='hand_r' relpose='0 -0.1 0 1 0 0.1 0'"),
-            "equality constraint hands and its mirror image: orientation",
+            "body2='hand_r'",
+            "body2='hand_r' relpose='0 -0.1 0 1 0 0.1 0'",
+            "equality hands and its mirror image: orientation",
         ),
         (
-            last("<connect name='shins' body1='shin_l'", "<connect name='shins' body1='toe_l'"),
-            "equality constraint shins has no counterpart",
+            "joint2='hand_r'",
+            "joint2='hand_r' polycoef='0 0.8 0 0 0'",
+            "equality grip and its mirror image: coefficients",
+        ),
+        (
+            "joint1='neck'",
+            "joint1='neck' polycoef='0.2 1 0 0 0'",
+            "equality lock and its mirror image: coefficients",
+        ),
+        (
+            "body1='shin_l' body2='shin_r'",
+            "body1='toe_l' body2='shin_r'",
+            "shins has no counterpart",
         ),
     ] {
-        let found = checked(&faulty);
+        let found = checked(&with_last_replaced(&sound, from, to));
         let text = found.text();
         assert!(text.contains(expected), "{expected}: {text}");
         assert_eq!(found.differences.len(), 1, "{expected}: {text}");
@@ -159,9 +234,9 @@ fn every_difference_of_a_tendon_or_an_equality_constraint_is_named() {
 
 #[test]
 fn changes_of_tendons_and_equality_constraints_have_an_effect() {
-    let sound = biped();
+    let sound = biped(true);
     for (from, to) in [
-        ("coef='-0.5'", "coef='-0.6'"),
+        ("coef='0.5'", "coef='0.6'"),
         ("stiffness='3'", "stiffness='4'"),
         ("polycoef='0.1 -0.4", "polycoef='0.1 -0.5"),
         ("anchor='0 -0.12 -0.2'", "anchor='0 -0.1 -0.2'"),

@@ -86,7 +86,9 @@ arrays! {
     /// Array of numbers in `mjModel`; MuJoCo's documentation describes each of them.
     NumberArray, NumberStart, NUMBERS:
     ActuatorBiasprm = actuator_biasprm: [f64; nu, 10],
+    ActuatorCranklength = actuator_cranklength: [f64; nu, 1],
     ActuatorCtrlrange = actuator_ctrlrange: [f64; nu, 2],
+    ActuatorDynprm = actuator_dynprm: [f64; nu, 10],
     ActuatorForcerange = actuator_forcerange: [f64; nu, 2],
     ActuatorGainprm = actuator_gainprm: [f64; nu, 10],
     ActuatorGear = actuator_gear: [f64; nu, 6],
@@ -107,15 +109,19 @@ arrays! {
     EqSolimp = eq_solimp: [f64; neq, 5],
     EqSolref = eq_solref: [f64; neq, 2],
     GeomFriction = geom_friction: [f64; ngeom, 3],
+    GeomGap = geom_gap: [f64; ngeom, 1],
     GeomMargin = geom_margin: [f64; ngeom, 1],
     GeomPos = geom_pos: [f64; ngeom, 3],
     GeomQuat = geom_quat: [f64; ngeom, 4],
     GeomSize = geom_size: [f64; ngeom, 3],
     GeomSolimp = geom_solimp: [f64; ngeom, 5],
+    GeomSolmix = geom_solmix: [f64; ngeom, 1],
     GeomSolref = geom_solref: [f64; ngeom, 2],
     JntAxis = jnt_axis: [f64; njnt, 3],
     JntPos = jnt_pos: [f64; njnt, 3],
     JntRange = jnt_range: [f64; njnt, 2],
+    JntSolimp = jnt_solimp: [f64; njnt, 5],
+    JntSolref = jnt_solref: [f64; njnt, 2],
     JntStiffness = jnt_stiffness: [f64; njnt, 1],
     KeyCtrl = key_ctrl: [f64; nkey, nu],
     KeyQpos = key_qpos: [f64; nkey, nq],
@@ -127,13 +133,14 @@ arrays! {
     SiteQuat = site_quat: [f64; nsite, 4],
     TendonDamping = tendon_damping: [f64; ntendon, 1],
     TendonFrictionloss = tendon_frictionloss: [f64; ntendon, 1],
-    TendonLength0 = tendon_length0: [f64; ntendon, 1],
     #[cfg(not(mujoco3))]
     TendonLengthspring = tendon_lengthspring: [f64; ntendon, 1],
     #[cfg(mujoco3)]
     TendonLengthspring = tendon_lengthspring: [f64; ntendon, 2],
     TendonMargin = tendon_margin: [f64; ntendon, 1],
     TendonRange = tendon_range: [f64; ntendon, 2],
+    TendonSolimpLim = tendon_solimp_lim: [f64; ntendon, 5],
+    TendonSolrefLim = tendon_solref_lim: [f64; ntendon, 2],
     TendonStiffness = tendon_stiffness: [f64; ntendon, 1],
     WrapPrm = wrap_prm: [f64; nwrap, 1],
 }
@@ -142,6 +149,10 @@ arrays! {
     /// Array of integers, indices or flags in `mjModel`; MuJoCo's documentation describes each of
     /// them.
     IntegerArray, IntegerStart, INTEGERS:
+    ActuatorBiastype = actuator_biastype: [i32; nu, 1],
+    ActuatorCtrllimited = actuator_ctrllimited: [u8; nu, 1],
+    ActuatorDyntype = actuator_dyntype: [i32; nu, 1],
+    ActuatorForcelimited = actuator_forcelimited: [u8; nu, 1],
     ActuatorGaintype = actuator_gaintype: [i32; nu, 1],
     ActuatorTrnid = actuator_trnid: [i32; nu, 2],
     ActuatorTrntype = actuator_trntype: [i32; nu, 1],
@@ -153,11 +164,14 @@ arrays! {
     EqActive = eq_active0: [u8; neq, 1],
     EqObj1id = eq_obj1id: [i32; neq, 1],
     EqObj2id = eq_obj2id: [i32; neq, 1],
+    #[cfg(mujoco3)]
+    EqObjtype = eq_objtype: [i32; neq, 1],
     EqType = eq_type: [i32; neq, 1],
     GeomBodyid = geom_bodyid: [i32; ngeom, 1],
     GeomConaffinity = geom_conaffinity: [i32; ngeom, 1],
     GeomCondim = geom_condim: [i32; ngeom, 1],
     GeomContype = geom_contype: [i32; ngeom, 1],
+    GeomPriority = geom_priority: [i32; ngeom, 1],
     GeomType = geom_type: [i32; ngeom, 1],
     JntBodyid = jnt_bodyid: [i32; njnt, 1],
     JntDofadr = jnt_dofadr: [i32; njnt, 1],
@@ -220,8 +234,11 @@ impl Model {
     /// # Panics
     /// If the model has no such constraint.
     pub fn equality_object_type(&self, equality: usize) -> raw::mjtObj {
-        // SAFETY: MuJoCo made the model, and nobody writes to it.
-        unsafe { releases::equality_object_type(self.as_raw(), equality) }
+        match self.integer(IntegerArray::EqType, equality).cast_unsigned() {
+            raw::mjEQ_JOINT => raw::mjOBJ_JOINT,
+            raw::mjEQ_TENDON => raw::mjOBJ_TENDON,
+            _ => releases::held_object_type(self, equality),
+        }
     }
 
     /// Returns the name of the object with this index and `mjtObj` type, such as
@@ -347,6 +364,7 @@ mod tests {
             ("mjNIMP", raw::mjNIMP),
             ("mjNGAIN", raw::mjNGAIN),
             ("mjNBIAS", raw::mjNBIAS),
+            ("mjNDYN", raw::mjNDYN),
         ] {
             header = header.replace(&format!("{name})"), &format!("{size})"));
         }

@@ -5,10 +5,13 @@
 
 use std::ffi::CStr;
 
-#[cfg(not(mujoco3))]
-use crate::fields::model::{BODY_SIMPLE, DOF_SIMPLENUM, EQ_TYPE};
 #[cfg(mujoco3)]
-use crate::fields::model::{BODY_SIMPLE, EQ_OBJTYPE, MAT_TEXID};
+use crate::arrays::IntegerArray;
+#[cfg(not(mujoco3))]
+use crate::fields::model::{BODY_SIMPLE, DOF_SIMPLENUM};
+#[cfg(mujoco3)]
+use crate::fields::model::{BODY_SIMPLE, MAT_TEXID};
+use crate::model::Model;
 use crate::raw;
 
 /// Length of a name of a file in memory (bytes, with its NUL) that every release has room for.
@@ -95,30 +98,16 @@ pub(crate) fn disable_bounding_volumes(model: &mut raw::mjModel) {
     model.opt.disableflags |= raw::mjDSBL_MIDPHASE.cast_signed();
 }
 
-/// Returns the type of the objects of an equality constraint.
-///
-/// # Safety
-/// MuJoCo must have made the model.
+/// Returns the type of the objects that a constraint holds at a point or in a pose.
 #[cfg(not(mujoco3))]
-pub(crate) unsafe fn equality_object_type(model: &raw::mjModel, equality: usize) -> raw::mjtObj {
-    // SAFETY: the caller's promise.
-    let [kind] = unsafe { EQ_TYPE.rows(model, model) }[equality];
-    match kind.cast_unsigned() {
-        raw::mjEQ_JOINT => raw::mjOBJ_JOINT,
-        raw::mjEQ_TENDON => raw::mjOBJ_TENDON,
-        _ => raw::mjOBJ_BODY,
-    }
+pub(crate) fn held_object_type(_model: &Model, _equality: usize) -> raw::mjtObj {
+    raw::mjOBJ_BODY
 }
 
-/// Returns the type of the objects of an equality constraint.
-///
-/// # Safety
-/// MuJoCo must have made the model.
+/// Returns the type of the objects that a constraint holds at a point or in a pose.
 #[cfg(mujoco3)]
-pub(crate) unsafe fn equality_object_type(model: &raw::mjModel, equality: usize) -> raw::mjtObj {
-    // SAFETY: the caller's promise.
-    unsafe { EQ_OBJTYPE.rows(model, model) }
-    [equality][0].cast_unsigned()
+pub(crate) fn held_object_type(model: &Model, equality: usize) -> raw::mjtObj {
+    model.integer(IntegerArray::EqObjtype, equality).cast_unsigned()
 }
 
 /// Returns `true` if the layout of the inertia matrix relies on the frames of `body` and its joints,

