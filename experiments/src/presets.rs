@@ -97,7 +97,8 @@ impl Method {
         }
     }
 
-    /// Returns the settings of the method's learner, which no budget but `smoke` changes.
+    /// Returns the settings of the method's learner under the budgets of the four standard groups,
+    /// of which `smoke` changes them.
     pub fn learner_settings(self) -> LearnerSettings {
         LearnerSettings::OffPolicy(match self {
             Self::Clear => OffPolicySettings::clear_baseline(),
@@ -239,11 +240,12 @@ impl Budget {
             envs.control.horizon = 100;
             hurry(&mut learner);
         }
-        let rollout = learner.rollout_steps();
+        let schedule = self.schedule(method, learner.rollout_steps());
+        adapt_noise(&mut learner, method, &schedule);
         Experiment {
             learner,
             envs,
-            schedule: self.schedule(method, rollout),
+            schedule,
             evaluation: self.evaluation(),
             checkpoints: CheckpointPlan {
                 every: if self == Self::Smoke { 3 } else { 20 },
@@ -258,6 +260,7 @@ impl Budget {
     pub fn preset_with_run_settings(self, method: Method, run: &Experiment) -> Experiment {
         let mut preset = self.preset_experiment(method).with_seed(run.learner.seed());
         preset.learner.copy_removed_grouping_from(&run.learner);
+        adapt_noise(&mut preset.learner, method, &run.schedule);
         Experiment {
             schedule: run.schedule.clone(),
             evaluation: run.evaluation,
@@ -329,6 +332,17 @@ impl Budget {
                 ..EvaluationPlan::FINAL_ONLY
             },
         }
+    }
+}
+
+/// Lets the noise of `covers-sac` last where the stream has other groups than the standard four:
+/// handles are pulled in some of them, which independent noise rarely does by chance
+/// (docs/results/efficiency.md, "Noise that lasts").
+fn adapt_noise(learner: &mut LearnerSettings, method: Method, schedule: &TaskSchedule) {
+    let is_standard = |name: &String| TaskGroup::STANDARD.iter().any(|group| group.name() == name);
+    let has_others = !schedule.groups.iter().all(|plan| is_standard(&plan.group));
+    if let (LearnerSettings::OffPolicy(settings), Method::CoversSac) = (learner, method) {
+        settings.noise_correlation = if has_others { 0.5 } else { 0.0 };
     }
 }
 

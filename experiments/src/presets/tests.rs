@@ -71,6 +71,17 @@ fn the_budget_of_the_table_is_the_same_for_all_methods() {
     }
 }
 
+/// Handles are pulled in streams of ten groups and more, where noise that lasts is the default.
+#[test]
+fn noise_lasts_in_streams_of_many_groups_alone() {
+    let noise = |budget: Budget| match budget.preset_experiment(Method::CoversSac).learner {
+        LearnerSettings::OffPolicy(settings) => settings.noise_correlation,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!([Budget::Ten, Budget::Mt10, Budget::All].map(noise), [0.5; 3]);
+    assert_eq!([Budget::Smoke, Budget::Short, Budget::Full].map(noise), [0.0; 3]);
+}
+
 /// Streams of many groups visit each twice, in an order that the seed draws, and rollouts of two
 /// episodes do not end where visits do.
 #[test]
