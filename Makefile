@@ -239,7 +239,7 @@ prebuilt: deps
 # Tests with MuJoCo 3, an early and a late release, from their wheels on PyPI, and a table of what
 # differs from 2.2.2: 45 minutes.
 MUJOCO3 := $(abspath $(TARGET))/mujoco3
-MUJOCO3_RELEASES := 3.2.7 3.17.0
+MUJOCO3_RELEASES := 3.3.7 3.17.0
 
 mujoco3: deps
 	$(PYTHON) -m venv $(MUJOCO3)/python

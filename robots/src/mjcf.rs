@@ -499,8 +499,10 @@ fn placed(pose: &Pose) -> String {
 }
 
 /// Returns a number as text that reads back to the same bits, with an exponent where it would be
-/// long: MuJoCo 3 refuses words of hundreds of digits.
+/// long: MuJoCo 3 refuses words of hundreds of digits. It also refuses subnormal numbers, which
+/// become zero.
 fn short_number(value: f64) -> String {
+    let value = if value.is_subnormal() { 0.0 } else { value };
     let plain = value.to_string();
     if plain.len() > 25 { format!("{value:e}") } else { plain }
 }

@@ -98,12 +98,13 @@ fn limits_names_and_servos_are_in_the_model() {
     }
 }
 
-/// MuJoCo 3 refuses words of hundreds of digits, which tiny angles and sizes may have.
+/// MuJoCo 3 refuses words of hundreds of digits and subnormal numbers, which tiny angles and sizes
+/// may have.
 #[test]
-fn no_number_is_long() {
+fn no_number_is_long_or_subnormal() {
     let tiny = SIX_JOINT.replace("rpy=\"0 0.4 0\"", "rpy=\"0 1e-300 0\"");
     assert_ne!(tiny, SIX_JOINT);
-    let shapes = "<link name=\"tip\"><collision><origin xyz=\"1e-300 0 0\" rpy=\"0 0 1e-300\"/>\
+    let shapes = "<link name=\"tip\"><collision><origin xyz=\"1e-300 3e-310 0\" rpy=\"0 0 1e-300\"/>\
                   <geometry><capsule radius=\"1.1e-6\" length=\"2.3456789012345678e-6\"/>\
                   </geometry></collision></link>";
     let arm = RobotDescription::from_urdf(&tiny.replace("<link name=\"tip\"/>", shapes)).unwrap();
@@ -111,6 +112,7 @@ fn no_number_is_long() {
     let longest = mjcf.split(['"', ' ', '\n']).max_by_key(|word| word.len()).unwrap();
     assert!(longest.len() <= 25, "{longest}");
     assert!(mjcf.contains("e-301"), "the angles are in the model: {mjcf}");
+    assert!(!mjcf.contains("e-310"), "{mjcf}");
     model(&mjcf, "arm.xml");
 }
 
