@@ -53,7 +53,12 @@ fn drawn(arm: &RobotDescription, generator: &mut ChaCha8Rng, clear: f64) -> Vec<
 /// falls.
 #[test]
 fn arms_fall_as_mujoco_has_them_fall() {
+    let version = mujoco::library_version();
     for urdf in [gen3::GEN3_URDF, SIX_JOINT] {
+        // these ignore the `rpy` of inertias, which the second arm has
+        if urdf == SIX_JOINT && (version.starts_with("3.2.") || version.starts_with("3.3.")) {
+            continue;
+        }
         // without shapes and mimics, which MuJoCo's own reading of a URDF treats differently
         let urdf = without(&without(urdf, "<collision>", "</collision>"), "<mimic", "/>");
         let urdf = urdf.replace("effort=\"0\" velocity=\"0\"", "effort=\"1\" velocity=\"1\"");
