@@ -20,9 +20,10 @@ if [ "$arch" != "$(uname -m)" ]; then
   for file in /etc/apt/sources.list /etc/apt/sources.list.d/debian.sources; do
     if [ -s "$file" ]; then sources+=("$file"); fi
   done
+  mkdir "$root"
   mmdebstrap --quiet --variant=extract --architectures=arm64 \
     --include=libmujoco-dev,python3,libegl1,libegl-mesa0,libgl1-mesa-dri,libosmesa6 \
-    bookworm "$root" "${sources[@]}"
+    bookworm - "${sources[@]}" | tar -x --no-same-owner --exclude="./dev/*" -C "$root"
   mkdir "$root/mujoco"
   ln -s ../usr/include "$libraries" "$root/mujoco"
   mv "$root/mujoco/$arch-linux-gnu" "$root/mujoco/lib"
@@ -46,7 +47,7 @@ inside=$(cd covers_envs.libs && printf '%s\n' *.so.*)
 licences=$(echo ./*.dist-info)/licenses
 mkdir -p "$licences"
 cp "$project"/LICENSE-* "$licences"
-owners() { for file in $inside; do dpkg-query --search "*/${file%%-*}.so.*"; done; }
+owners() { for file in $inside; do dpkg-query --search "*/${file%%-*}.so.*" || return 1; done; }
 packages=$(owners | cut -d: -f1 | sort -u)
 for package in $packages; do
   cp "/usr/share/doc/$package/copyright" "$licences/$package"
@@ -70,9 +71,11 @@ print("the wheel simulates and renders without installed libraries on", platform
 PYTHON
 if [ "$arch" != "$(uname -m)" ]; then
   for file in $inside; do rm -f "$libraries/${file%%-*}".so*; done
-  python3 -m pip install --quiet --target "$work/site" --platform "manylinux_2_28_$arch" \
-    --platform "manylinux_2_35_$arch" --platform "manylinux2014_$arch" --only-binary=:all: \
-    --python-version 3.11 "$out"/covers_envs-*"_$arch.whl"
+  wheel=$(echo "$out"/covers_envs-*"_$arch.whl")
+  tag=$(basename "${wheel##*-}" .whl)
+  python3 -m pip install --quiet --target "$work/site" --platform "$tag" \
+    --platform "manylinux_2_28_$arch" --platform "manylinux2014_$arch" --only-binary=:all: \
+    --python-version 3.11 "$wheel"
   cd "$work"
   env -i QEMU_LD_PREFIX="$root" "$(command -v "qemu-$arch-static")" \
     -E PYTHONHOME="$root/usr" -E PYTHONPATH="$work/site" "$root/usr/bin/python3.11" test.py

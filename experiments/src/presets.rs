@@ -97,8 +97,8 @@ impl Method {
         }
     }
 
-    /// Returns the settings of the method's learner under the budgets of the four standard groups,
-    /// of which `smoke` changes them.
+    /// Returns the settings of the method's learner for the standard four groups, as all budgets of
+    /// these but `smoke` have them.
     pub fn learner_settings(self) -> LearnerSettings {
         LearnerSettings::OffPolicy(match self {
             Self::Clear => OffPolicySettings::clear_baseline(),

@@ -49,7 +49,7 @@ pub struct MirrorDifference {
     /// Name of the property, such as `mass`; `counterpart` for an object that has none.
     pub property: String,
     /// Values that the right object would have as mirror image of the left one, in its own frame;
-    /// empty, as `found`, for properties that are no numbers, such as the path of a tendon.
+    /// empty, as `found`, for properties that are not numbers, such as the path of a tendon.
     pub expected: Vec<f64>,
     /// Values of the right object.
     pub found: Vec<f64>,
@@ -243,6 +243,12 @@ impl Comparison {
             }
             Some((ModelObjectKind::Tendon, tendon)) => {
                 self.tendon_signs[tendon] * (gear[0] * other_gear[0]).signum()
+            }
+            // the length of a slider-crank is the same on both sides
+            _ if comparer.snapshot.integer(Int::ActuatorTrntype, pair[0]).cast_unsigned()
+                == raw::mjTRN_SLIDERCRANK =>
+            {
+                (gear[0] * other_gear[0]).signum()
             }
             _ => 1.0,
         };
@@ -469,6 +475,7 @@ impl Comparer<'_> {
             let limits = self.limits(pair, sign);
             let edit = edit(Num::JntRange);
             found.extend(self.compare(subject, "range", Scale, &limits, edit));
+            found.extend(self.same(subject, "limit margin", Num::JntMargin, 1));
             found.extend(self.same(subject, "limit solref", Num::JntSolref, 2));
             found.extend(self.same(subject, "limit solimp", Num::JntSolimp, 5));
         }

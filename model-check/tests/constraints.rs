@@ -240,6 +240,7 @@ fn changes_of_tendons_and_equality_constraints_have_an_effect() {
         ("stiffness='3'", "stiffness='4'"),
         ("polycoef='0.1 -0.4", "polycoef='0.1 -0.5"),
         ("anchor='0 -0.12 -0.2'", "anchor='0 -0.1 -0.2'"),
+        ("joint2='hand_r'", "joint2='hand_r' polycoef='0 0.8 0 0 0'"),
     ] {
         let found = checked(&with_last_replaced(&sound, from, to));
         let twins = found.twin_divergence.unwrap();

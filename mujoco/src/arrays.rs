@@ -118,6 +118,7 @@ arrays! {
     GeomSolmix = geom_solmix: [f64; ngeom, 1],
     GeomSolref = geom_solref: [f64; ngeom, 2],
     JntAxis = jnt_axis: [f64; njnt, 3],
+    JntMargin = jnt_margin: [f64; njnt, 1],
     JntPos = jnt_pos: [f64; njnt, 3],
     JntRange = jnt_range: [f64; njnt, 2],
     JntSolimp = jnt_solimp: [f64; njnt, 5],
