@@ -248,3 +248,32 @@ fn changes_of_tendons_and_equality_constraints_have_an_effect() {
         assert!(twins < 1e-6 && effect > 1e3 * twins, "{from}: {effect}, {twins}");
     }
 }
+
+/// Sites that are welded, which releases before MuJoCo 3 refuse.
+#[test]
+fn welds_of_sites_hold_mirrored_poses() {
+    let model = |turn: &str| {
+        let side = |name: &str, y: f64, end: &str| {
+            format!(
+                "<site name='a_{name}' pos='0 {y} 0'/><body name='arm_{name}' pos='0.1 {y} 0'>\
+                 <joint name='j_{name}' axis='0 1 0'/><geom size='0.02' pos='0.05 0 0'/>\
+                 <site name='b_{name}' pos='-0.1 0 0' {end}/></body>"
+            )
+        };
+        format!(
+            "<mujoco><worldbody><body name='trunk'><freejoint/><geom size='0.05'/>{}{}</body>\
+             </worldbody><equality><weld name='w_l' site1='a_l' site2='b_l'/>\
+             <weld name='w_r' site1='a_r' site2='b_r'/></equality></mujoco>",
+            side("l", 0.1, ""),
+            side("r", -0.1, turn)
+        )
+    };
+    let [sound, turned] = ["", "quat='0 0 0 1'"].map(model);
+    if mujoco::library_version() == "2.2.2" {
+        assert!(Model::from_xml(&sound).is_err());
+        return;
+    }
+    assert!(checked(&sound).differences.is_empty(), "{}", checked(&sound).text());
+    let text = checked(&turned).text();
+    assert!(text.contains("equality w_l | w_r: orientation differs"), "{text}");
+}
