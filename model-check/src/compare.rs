@@ -67,6 +67,22 @@ pub struct MirrorDifference {
 }
 
 impl MirrorDifference {
+    /// Returns the difference of two objects in a property without values.
+    fn mismatch(kind: ModelObjectKind, [left, right]: [String; 2], property: &str) -> Self {
+        Self {
+            kind,
+            left,
+            right,
+            property: property.to_owned(),
+            expected: Vec::new(),
+            found: Vec::new(),
+            amount: 1.0,
+            measure: Exact,
+            effect: None,
+            edits: Vec::new(),
+        }
+    }
+
     /// Returns the size of the difference in a unit in which lengths, angles and shares are
     /// comparable.
     pub(crate) fn scaled_amount(&self) -> f64 {
@@ -217,18 +233,13 @@ impl Comparison {
                 else {
                     continue;
                 };
-                self.differences.push(MirrorDifference {
+                let left = snapshot.object_label(kind, index);
+                let right = snapshot.object_label(ModelObjectKind::Body, other);
+                self.differences.push(MirrorDifference::mismatch(
                     kind,
-                    left: snapshot.object_label(kind, index),
-                    right: snapshot.object_label(ModelObjectKind::Body, other),
-                    property: "counterpart".to_owned(),
-                    expected: Vec::new(),
-                    found: Vec::new(),
-                    amount: 1.0,
-                    measure: Exact,
-                    effect: None,
-                    edits: Vec::new(),
-                });
+                    [left, right],
+                    "counterpart",
+                ));
             }
         }
     }
@@ -666,20 +677,8 @@ impl Comparer<'_> {
 
     /// Returns the difference of objects of which a property has no values that could be compared.
     pub(crate) fn mismatch(&self, subject: Subject, property: &str) -> MirrorDifference {
-        let [left, right] =
-            subject.pair.map(|index| self.snapshot.object_label(subject.kind, index));
-        MirrorDifference {
-            kind: subject.kind,
-            left,
-            right,
-            property: property.to_owned(),
-            expected: Vec::new(),
-            found: Vec::new(),
-            amount: 1.0,
-            measure: Exact,
-            effect: None,
-            edits: Vec::new(),
-        }
+        let labels = subject.pair.map(|index| self.snapshot.object_label(subject.kind, index));
+        MirrorDifference::mismatch(subject.kind, labels, property)
     }
 }
 

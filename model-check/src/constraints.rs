@@ -5,137 +5,16 @@ use mujoco::{IntegerArray as Int, NumberArray as Num, raw};
 
 use crate::compare::DifferenceMeasure::{Metres, Radians, Scale, Share};
 use crate::compare::{Comparer, Comparison, Subject, mirrored_range, row_edit};
+use crate::connections::{Branch, ObjectOrder, branches, object_order, paths_correspond};
 use crate::mirror::{Mirror, quat, quat_values};
-use crate::pairs::MirrorPairs;
-use crate::snapshot::{ModelObjectKind, PosedModel};
-
-/// Index that stands for an object without counterpart.
-const NONE: usize = usize::MAX / 2;
-
-/// Part of a tendon's path between two pulleys.
-#[derive(Default)]
-struct Branch {
-    /// Type, object and side site of each point, with its row of `wrap_prm`, from the end that makes
-    /// them smaller. Those of joints, whose order does not matter, are sorted.
-    points: Vec<([usize; 3], usize)>,
-    /// Row of `wrap_prm` of the pulley before the branch, if there is one.
-    pulley: Option<usize>,
-}
-
-impl Branch {
-    fn sort(&mut self) {
-        let shapes = self.points.iter().map(|([shape, ..], _)| *shape);
-        if shapes.eq(std::iter::repeat_n(raw::mjWRAP_JOINT as usize, self.points.len())) {
-            self.points.sort_unstable();
-        } else if self.objects().gt(self.objects().rev()) {
-            self.points.reverse();
-        }
-    }
-
-    fn objects(&self) -> impl DoubleEndedIterator<Item = [usize; 3]> {
-        self.points.iter().map(|(point, _)| *point)
-    }
-
-    fn rows(&self) -> impl Iterator<Item = usize> {
-        self.points.iter().map(|(_, row)| *row).chain(self.pulley)
-    }
-}
-
-/// Returns the branches of a tendon, sorted, with `map` of its objects in the place of these.
-fn branches(
-    snapshot: &PosedModel,
-    tendon: usize,
-    map: impl Fn(ModelObjectKind, usize) -> Option<usize>,
-) -> Vec<Branch> {
-    let image = |kind, index| map(kind, index).unwrap_or(NONE);
-    let mut all = vec![Branch::default()];
-    for (row, shape, object) in snapshot.tendon_path(tendon) {
-        let (kind, side) = match shape {
-            raw::mjWRAP_PULLEY => {
-                all.push(Branch { pulley: Some(row), ..Branch::default() });
-                continue;
-            }
-            raw::mjWRAP_JOINT => (ModelObjectKind::Joint, 0),
-            raw::mjWRAP_SITE => (ModelObjectKind::Site, 0),
-            _ => {
-                // MuJoCo has -1 for a geom without side site
-                let side = snapshot.number(Num::WrapPrm, row);
-                let site = (side >= 0.0).then(|| 1 + image(ModelObjectKind::Site, side as usize));
-                (ModelObjectKind::Geom, site.unwrap_or(0))
-            }
-        };
-        if let Some(branch) = all.last_mut() {
-            branch.points.push(([shape as usize, image(kind, object), side], row));
-        }
-    }
-    all.iter_mut().for_each(Branch::sort);
-    all.sort_by(|one, other| one.objects().cmp(other.objects()));
-    all
-}
-
-/// Returns the branches of the mirror image of a tendon's path.
-fn image_branches(snapshot: &PosedModel, pairs: &MirrorPairs, tendon: usize) -> Vec<Branch> {
-    branches(snapshot, tendon, |kind, index| pairs.counterpart_of(kind, index))
-}
-
-/// Returns `true` if the path of the second tendon is the mirror image of that of the first, from
-/// either end.
-pub(crate) fn paths_correspond(
-    snapshot: &PosedModel,
-    pairs: &MirrorPairs,
-    [one, other]: [usize; 2],
-) -> bool {
-    let image = image_branches(snapshot, pairs, one);
-    let found = branches(snapshot, other, |_, index| Some(index));
-    let are_equal = |(left, right): (&Branch, &Branch)| {
-        left.objects().eq(right.objects()) && left.pulley.is_some() == right.pulley.is_some()
-    };
-    image.len() == found.len() && image.iter().zip(&found).all(are_equal)
-}
-
-/// Order of the mirror images of the two objects of an equality constraint in its counterpart.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum ObjectOrder {
-    Same,
-    Swapped,
-}
-
-/// Returns the order of the objects of the first equality constraint in the second; `None` if they
-/// are not counterparts.
-pub(crate) fn object_order(
-    snapshot: &PosedModel,
-    pairs: &MirrorPairs,
-    equalities: [usize; 2],
-) -> Option<ObjectOrder> {
-    let [one, other] = equalities.map(|equality| snapshot.connected_objects(equality));
-    let image = |object: Option<(ModelObjectKind, usize)>| match object {
-        Some((kind, index)) => pairs.counterpart_of(kind, index).map(|index| Some((kind, index))),
-        None => Some(None),
-    };
-    let [first, second] = [image(one[0])?, image(one[1])?];
-    let data = snapshot.equality_data(equalities[0]);
-    // of a joint or tendon that follows another, the other is a polynomial only if it is a line
-    let can_swap = match one[0] {
-        Some((ModelObjectKind::Joint | ModelObjectKind::Tendon, _)) => {
-            data[1] != 0.0 && data[2..5] == [0.0; 3]
-        }
-        _ => true,
-    };
-    if [first, second] == other {
-        Some(ObjectOrder::Same)
-    } else if can_swap && [second, first] == other {
-        Some(ObjectOrder::Swapped)
-    } else {
-        None
-    }
-}
+use crate::snapshot::ModelObjectKind;
 
 impl Comparison {
     /// Adds the differences of two tendons, and sets the sign by which their lengths are mirrored.
     pub(crate) fn compare_tendons(&mut self, comparer: &Comparer, pair: [usize; 2]) {
         let Comparer { snapshot, pairs, .. } = *comparer;
         let subject = Subject { kind: ModelObjectKind::Tendon, pair };
-        if !paths_correspond(snapshot, pairs, pair) {
+        if !paths_correspond(snapshot, |kind, at| pairs.counterpart_of(kind, at), pair) {
             self.differences.push(comparer.mismatch(subject, "path"));
             return;
         }
@@ -172,7 +51,7 @@ impl Comparison {
     /// tendons with corresponding paths. Returns the sign by which the length is mirrored.
     fn compare_coefficients(&mut self, comparer: &Comparer, subject: Subject) -> f64 {
         let Comparer { snapshot, pairs, .. } = *comparer;
-        let left = image_branches(snapshot, pairs, subject.pair[0]);
+        let left = branches(snapshot, subject.pair[0], |kind, at| pairs.counterpart_of(kind, at));
         let right = branches(snapshot, subject.pair[1], |_, index| Some(index));
         let rows = left.iter().flat_map(Branch::rows).zip(right.iter().flat_map(Branch::rows));
         let shape = |row| snapshot.integer(Int::WrapType, row).cast_unsigned();
@@ -205,7 +84,8 @@ impl Comparison {
         let subject = Subject { kind: ModelObjectKind::Equality, pair };
         let agree =
             snapshot.integer(Int::EqType, pair[0]) == snapshot.integer(Int::EqType, pair[1]);
-        let Some(order) = object_order(snapshot, pairs, pair).filter(|_| agree) else {
+        let order = object_order(snapshot, |kind, at| pairs.counterpart_of(kind, at), pair);
+        let Some(order) = order.filter(|_| agree) else {
             let property = if agree { "objects" } else { "type" };
             self.differences.push(comparer.mismatch(subject, property));
             return;
@@ -215,24 +95,34 @@ impl Comparison {
         {
             self.differences.extend(comparer.same(subject, property, array, width));
         }
-        let [one, found] = pair.map(|equality| snapshot.equality_data(equality));
-        let [first, second] = snapshot.connected_objects(pair[0]);
+        self.compare_equality_data(comparer, subject, order);
+    }
+
+    /// Adds the differences of the anchors, poses and coefficients of two equality constraints with
+    /// corresponding objects.
+    fn compare_equality_data(&mut self, comparer: &Comparer, subject: Subject, order: ObjectOrder) {
+        let Comparer { snapshot, .. } = *comparer;
+        let Subject { pair, .. } = subject;
+        let found = snapshot.equality_data(pair[1]);
+        let objects = snapshot.connected_objects(pair[0]);
+        let mut image = snapshot.equality_data(pair[0]).to_vec();
         let shape = snapshot.integer(Int::EqType, pair[0]).cast_unsigned();
-        let mut image = one.to_vec();
-        let parts: &[_] = match (first, shape) {
-            (Some((ModelObjectKind::Joint | ModelObjectKind::Tendon, _)), _) => {
-                self.mirror_polynomial([first, second], order, &mut image);
+        let kind = objects[0].map(|(kind, _)| kind);
+        let is_polynomial = matches!(kind, Some(ModelObjectKind::Joint | ModelObjectKind::Tendon));
+        let parts: &[_] = match (kind, shape) {
+            _ if is_polynomial => {
+                self.mirror_polynomial(objects, order, &mut image);
                 // of a joint alone, the other coefficients have no effect
-                let len = if second.is_none() { 1 } else { 5 };
+                let len = if objects[1].is_none() { 1 } else { 5 };
                 &[("coefficients", Scale, 0..len)]
             }
-            (Some((ModelObjectKind::Body, _)), raw::mjEQ_CONNECT) => {
-                self.mirror_anchors([first, second], order, false, &mut image);
+            (Some(ModelObjectKind::Body), raw::mjEQ_CONNECT) => {
+                self.mirror_anchors(objects, order, false, &mut image);
                 // MuJoCo computes the point in the other frame from this one
                 &[("anchor", Metres, 0..3)]
             }
-            (Some((ModelObjectKind::Body, _)), raw::mjEQ_WELD) => {
-                self.mirror_anchors([first, second], order, true, &mut image);
+            (Some(ModelObjectKind::Body), raw::mjEQ_WELD) => {
+                self.mirror_anchors(objects, order, true, &mut image);
                 // a quaternion and its negative are one rotation
                 if image[6..10].iter().zip(&found[6..10]).map(|(a, b)| a * b).sum::<f64>() < 0.0 {
                     image[6..10].iter_mut().for_each(|part| *part = -*part);
@@ -243,9 +133,8 @@ impl Comparison {
                     ("torque scale", Share, 10..11),
                 ]
             }
-            (Some((ModelObjectKind::Site, _)), raw::mjEQ_WELD) => {
-                let turn = self.site_turn(comparer, [first, second]);
-                let values = [DQuat::IDENTITY, turn].map(quat_values);
+            (Some(ModelObjectKind::Site), raw::mjEQ_WELD) => {
+                let values = [DQuat::IDENTITY, self.site_turn(comparer, objects)].map(quat_values);
                 let difference = comparer.compare(subject, "orientation", Radians, &values, None);
                 self.differences.extend(difference);
                 &[("torque scale", Share, 10..11)]
@@ -259,7 +148,7 @@ impl Comparison {
         // one change of the whole row removes all of them
         let mut differences: Vec<_> = differences.collect();
         if let Some(difference) = differences.first_mut() {
-            if pair[0] == pair[1] && order == ObjectOrder::Swapped && parts[0].0 == "coefficients" {
+            if pair[0] == pair[1] && order == ObjectOrder::Swapped && is_polynomial {
                 // two joints that follow each other do so one to one
                 image[..2].copy_from_slice(&[0.0, found[1].signum()]);
                 difference.expected = image[..5].to_vec();

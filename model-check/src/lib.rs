@@ -2,6 +2,7 @@
 
 mod check;
 mod compare;
+mod connections;
 mod constraints;
 mod effect;
 mod error;

@@ -7,7 +7,7 @@ use mujoco::IntegerArray;
 use robots::without_byte_order_mark;
 use serde::{Deserialize, Serialize};
 
-use crate::constraints::{object_order, paths_correspond};
+use crate::connections::{object_order, paths_correspond};
 use crate::error::ModelSymmetryError;
 use crate::mirror::MirrorPlane;
 use crate::names::are_mirror_names;
@@ -222,53 +222,61 @@ impl Finder<'_> {
         let snapshot = self.snapshot;
         let names = [one, other].map(|index| snapshot.name(kind, index));
         let is_named = matches!(names, [Some(a), Some(b)] if are_mirror_names(a, b));
-        let position = |index| snapshot.object_position(kind, index);
-        let mut distance = self.plane.mirror().point(position(one)).distance(position(other));
-        let agree = |array| snapshot.integer(array, one) == snapshot.integer(array, other);
-        match kind {
-            ModelObjectKind::Joint if !agree(IntegerArray::JntType) => return None,
-            ModelObjectKind::Geom if !agree(IntegerArray::GeomType) => return None,
+        if !self.can_correspond(kind, [one, other], is_named, pairs) {
+            return None;
+        }
+        let [position, image] = [other, one].map(|index| snapshot.object_position(kind, index));
+        let image = self.plane.mirror().point(image);
+        let distance = match kind {
+            ModelObjectKind::Actuator | ModelObjectKind::Sensor | ModelObjectKind::Keyframe => 0.0,
             ModelObjectKind::Joint => {
-                let image = self.plane.mirror().direction(snapshot.joint_axis(one));
-                let cosine = image.dot(snapshot.joint_axis(other)).abs();
-                distance += NEARNESS * snapshot.extent * (1.0 - cosine);
+                let axis = self.plane.mirror().direction(snapshot.joint_axis(one));
+                let cosine = axis.dot(snapshot.joint_axis(other)).abs();
+                image.distance(position) + NEARNESS * snapshot.extent * (1.0 - cosine)
             }
-            // what corresponds does so however far its anchors were moved
+            _ => image.distance(position),
+        };
+        // what connects counterparts is near however far its anchors were moved
+        let is_near = distance <= NEARNESS * snapshot.extent
+            || matches!(kind, ModelObjectKind::Tendon | ModelObjectKind::Equality);
+        Some((if is_named { 1 } else { 3 - u8::from(is_near) }, distance))
+    }
+
+    /// Returns `true` if the types of two objects agree, and what they connect, move or observe are
+    /// counterparts. Tendons and equality constraints with names of sides may connect others.
+    fn can_correspond(
+        &self,
+        kind: ModelObjectKind,
+        [one, other]: [usize; 2],
+        is_named: bool,
+        pairs: &MirrorPairs,
+    ) -> bool {
+        let snapshot = self.snapshot;
+        let agree = |array| snapshot.integer(array, one) == snapshot.integer(array, other);
+        let counterpart = |of, index| pairs.counterpart_of(of, index);
+        match kind {
+            ModelObjectKind::Joint => agree(IntegerArray::JntType),
+            ModelObjectKind::Geom => agree(IntegerArray::GeomType),
             ModelObjectKind::Tendon => {
-                let corresponds = is_named || paths_correspond(snapshot, pairs, [one, other]);
-                return corresponds.then_some((2 - u8::from(is_named), distance));
+                is_named || paths_correspond(snapshot, counterpart, [one, other])
             }
             ModelObjectKind::Equality => {
-                let corresponds = is_named || object_order(snapshot, pairs, [one, other]).is_some();
-                return (corresponds && agree(IntegerArray::EqType))
-                    .then_some((2 - u8::from(is_named), distance));
+                agree(IntegerArray::EqType)
+                    && (is_named || object_order(snapshot, counterpart, [one, other]).is_some())
             }
             ModelObjectKind::Actuator => {
-                let types = [IntegerArray::ActuatorTrntype, IntegerArray::ActuatorGaintype];
-                if !types.into_iter().all(agree)
-                    || !self.targets_correspond(kind, one, other, pairs)
-                {
-                    return None;
-                }
-                distance = 0.0;
+                agree(IntegerArray::ActuatorTrntype)
+                    && agree(IntegerArray::ActuatorGaintype)
+                    && self.targets_correspond(kind, one, other, pairs)
             }
             ModelObjectKind::Sensor => {
-                let same = agree(IntegerArray::SensorType) && agree(IntegerArray::SensorReftype);
-                if !same || !self.targets_correspond(kind, one, other, pairs) {
-                    return None;
-                }
-                distance = 0.0;
+                agree(IntegerArray::SensorType)
+                    && agree(IntegerArray::SensorReftype)
+                    && self.targets_correspond(kind, one, other, pairs)
             }
-            ModelObjectKind::Keyframe => {
-                return (is_named || one == other).then_some((u8::from(!is_named), 0.0));
-            }
-            ModelObjectKind::Body
-            | ModelObjectKind::Geom
-            | ModelObjectKind::Site
-            | ModelObjectKind::Camera => {}
+            ModelObjectKind::Keyframe => is_named || one == other,
+            ModelObjectKind::Body | ModelObjectKind::Site | ModelObjectKind::Camera => true,
         }
-        let is_near = distance <= NEARNESS * snapshot.extent;
-        Some((if is_named { 1 } else { 3 - u8::from(is_near) }, distance))
     }
 
     /// Returns `true` if the objects that two actuators or sensors act on or observe are

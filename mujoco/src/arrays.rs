@@ -165,8 +165,6 @@ arrays! {
     EqActive = eq_active0: [u8; neq, 1],
     EqObj1id = eq_obj1id: [i32; neq, 1],
     EqObj2id = eq_obj2id: [i32; neq, 1],
-    #[cfg(mujoco3)]
-    EqObjtype = eq_objtype: [i32; neq, 1],
     EqType = eq_type: [i32; neq, 1],
     GeomBodyid = geom_bodyid: [i32; ngeom, 1],
     GeomConaffinity = geom_conaffinity: [i32; ngeom, 1],
@@ -238,7 +236,8 @@ impl Model {
         match self.integer(IntegerArray::EqType, equality).cast_unsigned() {
             raw::mjEQ_JOINT => raw::mjOBJ_JOINT,
             raw::mjEQ_TENDON => raw::mjOBJ_TENDON,
-            _ => releases::held_object_type(self, equality),
+            // SAFETY: MuJoCo made the model, and nobody writes to it.
+            _ => unsafe { releases::held_object_type(self.as_raw(), equality) },
         }
     }
 

@@ -152,6 +152,8 @@ pub(crate) mod model {
         DOF_SIMPLENUM = dof_simplenum: [i32; nv, 1],
         EQ_OBJ1ID = eq_obj1id: [i32; neq, 1],
         EQ_OBJ2ID = eq_obj2id: [i32; neq, 1],
+        #[cfg(mujoco3)]
+        EQ_OBJTYPE = eq_objtype: [i32; neq, 1],
         EQ_TYPE = eq_type: [i32; neq, 1],
         GEOM_BODYID = geom_bodyid: [i32; ngeom, 1],
         GEOM_CONAFFINITY = geom_conaffinity: [i32; ngeom, 1],

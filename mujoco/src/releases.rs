@@ -5,13 +5,10 @@
 
 use std::ffi::CStr;
 
-#[cfg(mujoco3)]
-use crate::arrays::IntegerArray;
 #[cfg(not(mujoco3))]
 use crate::fields::model::{BODY_SIMPLE, DOF_SIMPLENUM};
 #[cfg(mujoco3)]
-use crate::fields::model::{BODY_SIMPLE, MAT_TEXID};
-use crate::model::Model;
+use crate::fields::model::{BODY_SIMPLE, EQ_OBJTYPE, MAT_TEXID};
 use crate::raw;
 
 /// Length of a name of a file in memory (bytes, with its NUL) that every release has room for.
@@ -99,15 +96,23 @@ pub(crate) fn disable_bounding_volumes(model: &mut raw::mjModel) {
 }
 
 /// Returns the type of the objects that a constraint holds at a point or in a pose.
+///
+/// # Safety
+/// MuJoCo must have made the model.
 #[cfg(not(mujoco3))]
-pub(crate) fn held_object_type(_model: &Model, _equality: usize) -> raw::mjtObj {
+pub(crate) unsafe fn held_object_type(_model: &raw::mjModel, _equality: usize) -> raw::mjtObj {
     raw::mjOBJ_BODY
 }
 
 /// Returns the type of the objects that a constraint holds at a point or in a pose.
+///
+/// # Safety
+/// MuJoCo must have made the model.
 #[cfg(mujoco3)]
-pub(crate) fn held_object_type(model: &Model, equality: usize) -> raw::mjtObj {
-    model.integer(IntegerArray::EqObjtype, equality).cast_unsigned()
+pub(crate) unsafe fn held_object_type(model: &raw::mjModel, equality: usize) -> raw::mjtObj {
+    // SAFETY: the caller's promise.
+    let [object] = unsafe { EQ_OBJTYPE.rows(model, model) }[equality];
+    object.cast_unsigned()
 }
 
 /// Returns `true` if the layout of the inertia matrix relies on the frames of `body` and its joints,
