@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use envs::mujoco::{REFERENCE_RELEASE, is_reference_release, library_version};
 use envs::{Camera, Embodiment, EnvError, RGB_CHANNELS, Scene, SceneRenderer, TableTop, TaskGroup};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -20,8 +21,6 @@ use experiments::{
     Experiment, Run, RunError, RunFolder, cpu_instruction_sets, memory, processor_name,
 };
 
-/// Version of MuJoCo that the environments were measured with.
-const MUJOCO: &str = "2.2.2";
 /// Number of images in the measurement of rendering.
 const PICTURES: u32 = 100;
 /// Disk space that a run with the budget `full` needs (bytes), with a margin: its tables, the kept
@@ -222,14 +221,13 @@ fn free_disk(folder: &Path) -> std::io::Result<u64> {
 }
 
 fn the_simulator() -> MachineCheckResult {
-    let version = envs::mujoco::library_version();
+    let version = library_version();
     let fix = format!(
-        "published results used MuJoCo {MUJOCO}: `make deps` installs it, if the system's packages \
+        "published results used MuJoCo {REFERENCE_RELEASE}: `make deps` installs it, if the system's packages \
          have that version"
     );
-    let known = version == MUJOCO;
     MachineCheckResult::good("simulator", format!("MuJoCo {version}")).unless(
-        known,
+        is_reference_release(),
         MachineHealth::Fair,
         fix,
     )
@@ -354,7 +352,7 @@ mod tests {
 
     #[test]
     fn this_machine_simulates_draws_and_learns() {
-        let is_reference = envs::mujoco::library_version() == MUJOCO;
+        let is_reference = is_reference_release();
         let simulator = if is_reference { MachineHealth::Good } else { MachineHealth::Fair };
         assert_eq!(the_simulator().health, simulator, "{:?}", the_simulator());
         assert_eq!(the_pictures().health, MachineHealth::Good, "{:?}", the_pictures());

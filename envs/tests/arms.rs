@@ -9,12 +9,11 @@ use envs::{
     TableTop, TaskGroup, VecEnvSettings,
 };
 use glam::DVec3;
+use mujoco::is_reference_release;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::RobotState;
 use symmetry::D2;
-
-use crate::common::is_reference_release;
 
 fn scene(group: TaskGroup, embodiment: Embodiment) -> Arc<Scene> {
     Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap())

@@ -4,11 +4,10 @@ use std::sync::Arc;
 
 use envs::{Camera, ControlSettings, Embodiment, Scene, TableTop, TaskGroup};
 use glam::DVec3;
+use mujoco::is_reference_release;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
-
-use crate::common::is_reference_release;
 
 #[derive(Debug)]
 struct Press {

@@ -13,10 +13,11 @@ use envs::{
     Scene, TaskGroup, TaskState,
 };
 use glam::DVec3;
+use mujoco::is_reference_release;
 use symmetry::D2;
 
 use crate::common::spoilt::{Reward, Spoilt};
-use crate::common::{self, PushBlock, is_reference_release};
+use crate::common::{self, PushBlock};
 
 fn leaked(task: PushBlock) -> TaskGroup {
     TaskGroup::from_task(Box::leak(Box::new(task)))

@@ -9,12 +9,10 @@ use envs::{
 };
 use glam::DVec3;
 use inpainting::{ArmLink, ColorCorrection, Inpainter, InpainterSettings};
-use mujoco::Model;
+use mujoco::{Model, is_reference_release};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
-
-use crate::common::is_reference_release;
 
 mod arm;
 

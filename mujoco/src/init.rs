@@ -17,6 +17,14 @@ pub fn library_version() -> String {
     raw::release_name(version)
 }
 
+/// Release with which published figures are made.
+pub const REFERENCE_RELEASE: &str = "2.2.2";
+
+/// Returns `true` with [`REFERENCE_RELEASE`]. Others differ in contacts and equality constraints.
+pub fn is_reference_release() -> bool {
+    library_version() == REFERENCE_RELEASE
+}
+
 /// Disables the threads of Mesa's software renderer, installs MuJoCo's error handlers and compares
 /// library and header versions, once per process.
 pub(crate) fn initialise() -> Result<(), ModelError> {

@@ -71,7 +71,7 @@ pub use data::{Contact, Data};
 pub use error::{ModelError, MujocoError, OpenGlContextError, RenderError, SimError, SimQuantity};
 pub use gl::opengl_description;
 pub use ids::{ActuatorId, BodyId, CameraId, GeomId, JointId, MocapId, RendererId, SiteId};
-pub use init::library_version;
+pub use init::{REFERENCE_RELEASE, is_reference_release, library_version};
 pub use model::{GeomShape, JointType, Model};
 pub use renderer::{
     CameraAndMirror, FreeCamera, RenderMirror, RenderOptions, Renderer, StaticBackdrop,

@@ -13,8 +13,5 @@ mod refusals;
 mod structures;
 mod watchdog;
 
-#[path = "common/release.rs"]
-mod release;
-
 /// A small arm of our own.
 const SIX_JOINT: &str = include_str!("../assets/urdf/six_joint.urdf");

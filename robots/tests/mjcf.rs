@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::{DQuat, DVec3};
-use mujoco::{Data, Model};
+use mujoco::{Data, Model, is_reference_release};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use robots::{
@@ -13,7 +13,6 @@ use robots::{
 };
 
 use crate::SIX_JOINT;
-use crate::release::is_reference_release;
 
 /// Returns the text without every part from `start` to `end`.
 fn without(text: &str, start: &str, end: &str) -> String {

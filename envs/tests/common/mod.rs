@@ -1,10 +1,6 @@
 //! Foreign task: a block that is pushed along +y.
 
-#[path = "../../../robots/tests/common/release.rs"]
-mod release;
 pub mod spoilt;
-
-pub use release::is_reference_release;
 
 use envs::{
     EpisodeStart, ExpertCommand, Placement, StepReward, Task, TaskSceneParts, TaskState, reward,
