@@ -105,7 +105,10 @@ efficiency: deps
 # Charts of docs/results/benchmarks.md from kept figures: a minute, most of it to install matplotlib.
 CHARTS := $(abspath $(TARGET))/charts
 
-charts:
+# Environments of Python packages.
+charts rerun python wheel mujoco3 hyperqueue: DEBIAN_PACKAGES += python3-venv
+
+charts: deps
 	$(PYTHON) -m venv $(CHARTS)
 	$(CHARTS)/bin/pip install --quiet $$(grep -E '^(matplotlib|numpy)=' benches/peers/requirements.txt)
 	$(CHARTS)/bin/python benches/peers/charts.py
