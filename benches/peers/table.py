@@ -456,16 +456,40 @@ def recognition(methods, draws):
             yield [[name], [str(count)]] + [[number(one, 3)] for one in shares]
 
 
+def confusion(methods, draws):
+    """Table of the groups that groups are taken for."""
+    for name, runs in methods.items():
+        if runs[0].has_one_policy or runs[0].is_told:
+            continue
+        groups = runs[0].groups
+        counts = Counter()
+        for run in runs:
+            own = {group: run.policy_that_belongs(group) for group in groups}
+            rows = [("a rollout", row, 1) for row in run.alone]
+            rows += [("1 episode", row, int(row["times"])) for row in run.answers
+                     if row["episodes"] == "1"]
+            for shown, row, times in rows:
+                policy = None if row["policy"] == "" else int(row["policy"])
+                fitting = [group for group in [row["group"], *groups] if own[group] == policy]
+                taken_for = [*fitting, "another"][0] if policy is not None else "none"
+                counts[shown, row["group"], taken_for] += times
+        for shown in ["a rollout", "1 episode"]:
+            for group in groups:
+                yield [[name], [shown], [group]] + [
+                    [str(counts[shown, group, column])] for column in [*groups, "another", "none"]]
+
+
 def single_runs(methods, draws):
     """Table of single runs."""
     for run in itertools.chain(*methods.values()):
-        yield [[run.name], [number(run.average(), 3)], [number(run.average("reward"), 1)],
+        yield [[run.name], *[[number(run.score(group), 3)] for group in run.groups],
+               [number(run.average(), 3)], [number(run.average("reward"), 1)],
                [str(run.policies)], [str(run.decisions)], [number(run.seconds, 0)], [run.commit]]
 
 
 TABLES = {"results": results, "seeds": seeds, "comparisons": comparisons, "visits": visits,
           "efficiency": efficiency, "variants": variants, "recognition": recognition,
-          "runs": single_runs}
+          "confusion": confusion, "runs": single_runs}
 
 
 def table_of(folder, name):

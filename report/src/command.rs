@@ -32,7 +32,8 @@ pub struct ReportOptions {
     pub out: Option<PathBuf>,
     /// Put a GIF of each group's policies at work into `report.html`, some 20 kB each. Runs without
     /// checkpoints have none.
-    #[arg(long, requires = "out")]
+    // `requires` alone does not hold beside `tensorboard`, with which `out` conflicts
+    #[arg(long, requires = "out", conflicts_with = "tensorboard")]
     pub films: bool,
     /// Folder for TensorBoard's event files of the runs, finished or not, instead of the report.
     #[arg(long, value_name = "DIR", conflicts_with = "out")]
@@ -106,9 +107,8 @@ fn film(path: &Path, run: &mut RunData) -> Result<String, RunError> {
             Ok(format!("\n{}: {number} films, {size} kB in report.html", run.name))
         }
         // a report on runs without checkpoints is complete but for the films
-        Err(RunError::NoCheckpoint { problems, .. }) => {
-            let name = &run.name;
-            Ok(format!("\n{name}: no films, for want of policies ({problems})"))
+        Err(error @ (RunError::NoCheckpoint { .. } | RunError::NoCheckpointYet { .. })) => {
+            Ok(format!("\n{}: no films ({error})", run.name))
         }
         Err(error) => Err(error),
     }

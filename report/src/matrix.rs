@@ -1,8 +1,14 @@
-//! Confusion matrices of groups against policies.
+//! Confusion matrices of groups against policies, and against the groups that policies belong to.
 
-use super::matching::policy_after_merges;
+use super::format::method_cell;
+use super::matching::{own_policy_of_group, policy_after_merges};
+use super::method::MethodRuns;
 use super::svg::escape_xml;
+use super::table::ReportTable;
 use experiments::RunData;
+
+/// Number of episodes shown in the recognition answers that [`confusion_table`] counts.
+const EPISODES_SHOWN: usize = 1;
 
 /// Confusion matrix of task groups against policies: counts `[groups][policies]` and a caption.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -90,6 +96,78 @@ impl PolicyConfusionMatrix {
     }
 }
 
+/// Returns the table of the groups that each group was taken for: counts over all runs of each
+/// method that recognises groups. `None` for a single group, and without such a method.
+pub fn confusion_table(methods: &[MethodRuns], groups: &[String]) -> Option<ReportTable> {
+    let recognises = |method: &&MethodRuns| {
+        let mut runs = method.runs.iter();
+        runs.all(|run| run.experiment.learner.recognition_obstacle().is_none())
+    };
+    let recognising: Vec<_> = methods.iter().filter(recognises).collect();
+    if recognising.is_empty() || groups.len() < 2 {
+        return None;
+    }
+    let mut header = vec!["method", "shown", "group"];
+    header.extend(groups.iter().map(String::as_str));
+    header.extend(["another policy", "no policy"]);
+    let caption = "Confusion of groups: rollouts of each group, and looks at the first frame of one \
+        episode after the stream, by the group whose own policy got the rollout or was named; all \
+        runs together. Another policy belongs to none of these groups.";
+    let mut table = ReportTable::new(caption, &header);
+    for method in recognising {
+        let ConfusionCounts { rollouts, looks } = ConfusionCounts::of_runs(&method.runs, groups);
+        // runs that were not asked have no answers
+        let asked = looks.iter().flatten().any(|&count| count > 0);
+        let answers = if asked { looks } else { Vec::new() };
+        for (shown, counts) in [("a rollout", rollouts), ("1 episode", answers)] {
+            for (group, row) in groups.iter().zip(counts) {
+                let mut cells = vec![method_cell(&mut table, method), shown.into(), group.clone()];
+                cells.extend(row.iter().map(usize::to_string));
+                table.rows.push(cells);
+            }
+        }
+    }
+    Some(table)
+}
+
+/// Counts `[groups][groups + 2]` of the groups that each group was taken for, another policy and no
+/// policy last.
+struct ConfusionCounts {
+    rollouts: Vec<Vec<usize>>,
+    looks: Vec<Vec<usize>>,
+}
+
+impl ConfusionCounts {
+    fn of_runs(runs: &[RunData], groups: &[String]) -> Self {
+        let zeros = || vec![vec![0; groups.len() + 2]; groups.len()];
+        let mut counts = Self { rollouts: zeros(), looks: zeros() };
+        for run in runs {
+            let owned = groups.iter().map(|group| own_policy_of_group(&run.rollouts, group));
+            let owned: Vec<Option<usize>> = owned.collect();
+            let column = |own: usize, named: Option<usize>| {
+                let Some(policy) = named else { return groups.len() + 1 };
+                let heir = Some(policy_after_merges(&run.rollouts, policy));
+                // the group itself where it shares its policy
+                let other = || owned.iter().position(|&policy_of| policy_of == heir);
+                if owned[own] == heir { own } else { other().unwrap_or(groups.len()) }
+            };
+            let index = |name: &str| groups.iter().position(|group| group == name);
+            for row in run.rollouts.iter().filter(|row| !row.spans_switch) {
+                if let Some(own) = index(&row.group) {
+                    counts.rollouts[own][column(own, Some(row.policy))] += 1;
+                }
+            }
+            let shown = run.recognitions.iter();
+            for row in shown.filter(|row| row.episodes_shown == EPISODES_SHOWN) {
+                if let Some(own) = index(&row.group) {
+                    counts.looks[own][column(own, row.policy)] += row.count;
+                }
+            }
+        }
+        counts
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,5 +199,39 @@ mod tests {
         let counts: Vec<&[usize]> = matrix.rows.iter().map(|row| &row.1[..]).collect();
         assert_eq!(counts, [[3, 0, 0], [0, 2, 4]]);
         assert_eq!(PolicyConfusionMatrix::of_recognitions(&run(), 1), None);
+    }
+
+    #[test]
+    fn groups_are_counted_by_the_groups_of_their_policies() {
+        // policy 2 belongs to no group that is scored
+        let more = [("b", 1), ("b", 2), ("c", 2), ("c", 2)];
+        let served = [[("a", 0), ("b", 1), ("a", 0), ("a", 1)], more].concat();
+        let mut own = RunData { rollouts: fixtures::rollouts(&served), ..run() };
+        let answers = [("a", 1, Some(1), 3), ("a", 1, None, 1), ("b", 1, Some(2), 4)];
+        own.recognitions.extend(answers.iter().map(answer));
+        let groups = ["a".to_owned(), "b".to_owned()];
+        let methods = MethodRuns::group_by_method(vec![own]).unwrap();
+        let table = confusion_table(&methods, &groups).unwrap();
+        assert_eq!(table.header[3..], ["a", "b", "another policy", "no policy"]);
+        let cells: Vec<&[String]> = table.rows.iter().map(|row| &row[1..]).collect();
+        let expected = [
+            ["a rollout", "a", "2", "1", "0", "0"],
+            ["a rollout", "b", "0", "2", "1", "0"],
+            ["1 episode", "a", "0", "3", "0", "1"],
+            ["1 episode", "b", "0", "0", "4", "0"],
+        ];
+        assert_eq!(cells, expected);
+        assert_eq!(confusion_table(&methods, &groups[..1]), None);
+        let single = fixtures::run(Method::Equi, &[("a", 0), ("b", 0)]);
+        let alone = MethodRuns::group_by_method(vec![single]).unwrap();
+        assert_eq!(confusion_table(&alone, &groups), None);
+    }
+
+    #[test]
+    fn a_group_that_shares_its_policy_is_taken_for_itself() {
+        let shared = fixtures::run(Method::Covers, &[("a", 0), ("b", 0)]);
+        let groups = ["a".to_owned(), "b".to_owned()];
+        let counts = ConfusionCounts::of_runs(&[shared], &groups);
+        assert_eq!(counts.rollouts, [[1, 0, 0, 0], [0, 1, 0, 0]]);
     }
 }

@@ -34,7 +34,7 @@ pub fn report_html(
     tables: &[(&str, ReportTable)],
 ) -> String {
     let runs: Vec<&RunData> = methods.iter().flat_map(|method| &method.runs).collect();
-    let stream = ["seeds", "visits", "variants", "recognition"];
+    let stream = ["seeds", "visits", "variants", "recognition", "confusion"];
     let all = [
         (
             "Comparison",

@@ -13,15 +13,15 @@ use super::method::MethodRuns;
 use super::metrics::{GroupMetrics, RunMetrics, UndefinedReason};
 use super::statistics::interquartile_mean;
 use super::table::ReportTable;
-use super::{efficiency, paper, per_visit, recognition};
+use super::{efficiency, matrix, paper, per_visit, recognition};
 use experiments::RunData;
 
 const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-World's and ours were \
     built for exact symmetry, so success rates do not compare one to one";
 
 /// Names of the tables that not every report has.
-pub const OPTIONAL_REPORT_TABLES: [&str; 4] =
-    ["comparisons", "visits", "efficiency", "recognition"];
+pub const OPTIONAL_REPORT_TABLES: [&str; 5] =
+    ["comparisons", "visits", "efficiency", "recognition", "confusion"];
 
 /// Returns all tables of a report on these methods, each with a name, for the groups that every run
 /// was scored on. The first method is compared with the others.
@@ -42,7 +42,10 @@ pub fn report_tables(methods: &[MethodRuns]) -> Vec<(&'static str, ReportTable)>
     if let Some(table) = recognition::recognition_table(methods, &groups) {
         tables.push(("recognition", table));
     }
-    tables.push(("runs", runs(methods)));
+    if let Some(table) = matrix::confusion_table(methods, &groups) {
+        tables.push(("confusion", table));
+    }
+    tables.push(("runs", runs(methods, &groups)));
     tables
 }
 
@@ -285,27 +288,34 @@ fn variant(runs: &[RunData], group: &str, element: &str) -> String {
 }
 
 /// Returns the table of single runs, with one row for each.
-fn runs(methods: &[MethodRuns]) -> ReportTable {
-    let header = ["run", "success", "reward", "policies", "decisions", "seconds", "commit"];
-    let mut table =
-        ReportTable::new("Success and reward after the stream, and what they took.", &header);
+fn runs(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
+    let mut header = vec!["run"];
+    header.extend(groups.iter().map(String::as_str));
+    header.extend(["average", "reward", "policies", "decisions", "seconds", "commit"]);
+    let caption = "Success in each group and on average, and reward, after the stream, and what \
+        they took.";
+    let mut table = ReportTable::new(caption, &header);
     for method in methods {
         for (run, metrics) in method.runs.iter().zip(&method.metrics) {
-            let average = |metric: fn(&GroupMetrics) -> f64| {
-                mean(&metrics.groups.iter().map(metric).collect::<Vec<_>>())
-            };
+            let own = groups
+                .iter()
+                .filter_map(|name| metrics.groups.iter().find(|group| group.group == *name));
+            let own: Vec<&GroupMetrics> = own.collect();
+            let success: Vec<f64> = own.iter().map(|group| group.success).collect();
+            let reward: Vec<f64> = own.iter().map(|group| group.reward).collect();
             let remarks = method.preset_match.warning.clone().into_iter();
             let remarks = remarks.chain(unfinished_remark(run));
-            let name = with_footnotes(&mut table, &run.name, remarks);
-            table.rows.push(vec![
-                name,
-                format!("{:.3}", average(|group| group.success)),
-                format!("{:.1}", average(|group| group.reward)),
+            let mut row = vec![with_footnotes(&mut table, &run.name, remarks)];
+            row.extend(success.iter().map(|success| format!("{success:.3}")));
+            row.extend([
+                format!("{:.3}", mean(&success)),
+                format!("{:.1}", mean(&reward)),
                 metrics.policy_count.to_string(),
                 metrics.decisions.to_string(),
                 whole(run.training_seconds()),
                 run.git_commits().join(", "),
             ]);
+            table.rows.push(row);
         }
     }
     table
