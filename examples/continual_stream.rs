@@ -42,11 +42,11 @@ fn learn(options: &ContinualStreamExampleOptions) -> Result<CommandOutcome, Cove
     };
     say(ROLLOUT_LINE_HEADER);
     while let Some(event) = run.advance()? {
-        if let RunEvent::Rollout(progress) = event {
-            say(&format_rollout_line(&progress));
-            if let Some(warning) = progress.warning {
-                let _ = writeln!(stderr(), "warning: {warning}");
-            }
+        if let RunEvent::Rollout(progress) = &event {
+            say(&format_rollout_line(progress));
+        }
+        for warning in event.warnings() {
+            let _ = writeln!(stderr(), "warning: {warning}");
         }
     }
     summarise_or_checkpoint(&mut run, options.run_options.run_folder.json, &mut stdout())

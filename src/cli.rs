@@ -108,7 +108,8 @@ pub struct RunFolderOptions {
     #[arg(long, conflicts_with = "runs")]
     pub folder: Option<PathBuf>,
     /// Remove the run that `--folder` holds, finished or not.
-    #[arg(long, requires = "folder")]
+    // `requires` alone does not hold beside `runs`, with which `folder` conflicts
+    #[arg(long, requires = "folder", conflicts_with = "runs")]
     pub overwrite: bool,
 }
 
@@ -219,7 +220,8 @@ pub(crate) fn device_parser() -> impl TypedValueParser<Value = DeviceChoice> {
 
 /// Returns the path by which this program was started, for commands that it prints.
 pub(crate) fn program_name() -> String {
-    std::env::args().next().map_or_else(|| "covers".to_owned(), |name| shell_word(&name))
+    let name = std::env::args_os().next();
+    name.map_or_else(|| "covers".to_owned(), |name| shell_word(&name.to_string_lossy()))
 }
 
 /// Returns a word of a shell command, in quotes where it needs them.

@@ -4,6 +4,7 @@ use std::fs::create_dir_all;
 use std::io::{Write, sink, stderr};
 use std::path::PathBuf;
 
+use clap::builder::RangedU64ValueParser;
 use clap::{Args, Subcommand};
 use console::{Term, truncate_str};
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
@@ -17,7 +18,8 @@ use experiments::cli::{print_escaped, progress_bar};
 use experiments::evaluation::{EvaluationResults, Evaluator};
 use experiments::text::{ROLLOUT_LINE_HEADER, format_run_event, run_summary_table, score_table};
 use experiments::{
-    Run, RunError, RunEvent, RunFolder, StopSignal, SwitchableVecEnv, memory, thread_pool,
+    Run, RunError, RunEvent, RunFolder, StopSignal, SwitchableVecEnv, environment_failure_warning,
+    memory, thread_pool,
 };
 use learner::disk::parent_folder;
 use learner::{CheckpointExtent, DeviceChoice, TaskLabel};
@@ -68,9 +70,9 @@ pub struct EvalOptions {
     pub run_folder: PathBuf,
     /// Least number of episodes of each group, rounded up so that all variants and environments
     /// play equally many.
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, default_value_t = 100, value_parser = episode_count())]
     pub episodes: usize,
-    /// Seed of the episodes (default: the seed of the run's own evaluations).
+    /// Seed of the episodes, as `evaluation.seed` in the run's settings (default: that one).
     #[arg(long, allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Embodiment that carries the gripper (default: that of the run).
@@ -188,11 +190,9 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutc
 /// summary.
 fn print_event(event: &RunEvent, is_last: bool, out: &mut impl Write, stop: &StopSignal) {
     let mut line = format_run_event(event);
-    if let RunEvent::Rollout(progress) = event {
-        if let Some(warning) = progress.warning {
-            // the run's log.txt holds the warning, too
-            warn(&format!("warning: {warning}"));
-        }
+    // the run's log.txt holds them, too
+    event.warnings().iter().for_each(|warning| warn(&format!("warning: {warning}")));
+    if let RunEvent::Rollout(_) = event {
         let terminal = Term::stdout();
         if terminal.is_term() {
             let columns = usize::from(terminal.size().1);
@@ -268,7 +268,9 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     let labels = TaskLabel::default();
     let learner = &experiment.learner;
     let (mut learner, own) = folder.load_learner_with_own_policies(learner, &spec, &labels)?;
-    let seed = options.seed.unwrap_or_else(|| experiment.evaluation_seed());
+    // drawn from the option's seed, so that placements of two seeds have nothing in common
+    experiment.evaluation.seed = options.seed.unwrap_or(experiment.evaluation.seed);
+    let seed = experiment.evaluation_seed();
     let envs = if options.randomised {
         with_randomisation(experiment.envs)
     } else {
@@ -289,12 +291,20 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
         bar.inc(1);
     }
     bar.finish_and_clear();
+    for cause in &results.environment_failures {
+        warn(&format!("warning: {}", environment_failure_warning(cause)));
+    }
     let scores = results.scores;
     if options.threads_and_json.json {
         print_escaped(out, &serde_json::json!(scores).to_string())
     } else {
         print_escaped(out, &score_table(&scores))
     }
+}
+
+/// Returns the parser of the number of episodes of an evaluation.
+fn episode_count() -> RangedU64ValueParser<usize> {
+    RangedU64ValueParser::new().range(1..=10_000_000)
 }
 
 /// Returns settings with randomised images, by the amounts that they have or by nominal ones.

@@ -22,6 +22,13 @@ fn help_is_never_cut() {
 
 #[test]
 fn mistakes_of_newcomers_are_answered_with_what_to_do() {
+    // clap does not check what an option requires beside another one that excludes that
+    for line in [
+        "covers train --runs elsewhere --overwrite",
+        "covers report run --tensorboard boards --films",
+    ] {
+        assert!(CoversCli::try_parse_from(line.split(' ')).is_err(), "{line}");
+    }
     let seed = CoversCli::try_parse_from(["covers", "train", "--seed", "-1"]).unwrap_err();
     assert!(seed.to_string().contains("invalid value '-1' for '--seed"), "{seed}");
     let no_runs = covers(&["list", "nowhere"]).unwrap_err().to_string();

@@ -20,6 +20,8 @@ pub(crate) const OVERSAMPLING_RANGE: RangeInclusive<usize> = 1..=8;
 /// Lowest height of the camera above the table (metres). A camera at or below the hand would
 /// project it mirrored.
 const MIN_HEIGHT: f64 = 0.6;
+/// Largest radius of the mark at the gripper (metres).
+const MAX_MARK_RADIUS: f64 = 0.2;
 
 /// Settings of the top-down camera above the table: its pictures, height, light, and the mark over
 /// the gripper. A trained policy depends on them, so they serialise.
@@ -221,7 +223,7 @@ impl Light {
 
 impl GripperMark {
     fn check(&self) -> Result<(), EnvError> {
-        let drawn = self.radius >= 0.0 && self.radius.is_finite();
+        let drawn = (0.0..=MAX_MARK_RADIUS).contains(&self.radius);
         require(drawn, "mark radius", &self.radius, RADIUS)?;
         let inside = (0.0..=self.radius).contains(&self.hole);
         require(inside, "mark hole", &self.hole, HOLE)
@@ -238,7 +240,7 @@ const DRAWN: &str = "at most 4096 pixels, the largest picture that is drawn";
 const HEIGHT: &str = "at least 0.6 m, above everything that the hand can reach";
 const LENGTH: &str = "a positive length in metres";
 const SHARE: &str = "a number in 0..=1";
-const RADIUS: &str = "a length in metres, or 0 for no mark";
+const RADIUS: &str = "0 for no mark, or at most 0.2 m: a larger one hides the table";
 const HOLE: &str = "a length in metres from 0 (a disc) to the mark's radius";
 
 /// Pictures that follow the current one in an observation's image, three channels each.

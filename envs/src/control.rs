@@ -8,6 +8,9 @@ use crate::error::{EnvError, require};
 pub const PHYSICS_STEPS_PER_CONTROL_STEP: usize = 5;
 /// Duration of a control step (seconds).
 const CONTROL_STEP: f64 = 0.0125;
+/// Largest displacement of the hand's target by a full action (metres), more than the table's half
+/// width.
+const MAX_DISPLACEMENT: f64 = 1.0;
 
 /// Action scale, action repeat and episode length of an environment.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,9 +59,9 @@ impl ControlSettings {
         let value = format!("{} with action repeat {}", self.horizon, self.action_repeat);
         let expected = "a positive multiple of the action repeat";
         require(whole, "horizon", &value, expected)?;
-        let positive = self.displacement > 0.0 && self.displacement.is_finite();
-        let expected_displacement = "a positive length in metres";
-        require(positive, "displacement", &self.displacement, expected_displacement)
+        let in_range = self.displacement > 0.0 && self.displacement <= MAX_DISPLACEMENT;
+        let expected_displacement = "a length in metres above 0 and at most 1";
+        require(in_range, "displacement", &self.displacement, expected_displacement)
     }
 }
 

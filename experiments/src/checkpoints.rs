@@ -88,7 +88,7 @@ pub(crate) fn rollouts_in_name(path: &Path) -> Option<usize> {
 ///
 /// # Errors
 /// [`RunError::NoCheckpoint`] if none is intact, and every error of `read` but a [`RunError::Read`]
-/// that is not [transient](RunError::is_transient). So a checkpoint of a newer version of this
+/// about the contents of a file. So a checkpoint of a newer version of this
 /// crate is never skipped: its training would be lost.
 pub(crate) fn read_newest<T>(
     folder: &Path,
@@ -100,8 +100,7 @@ pub(crate) fn read_newest<T>(
             Ok(value) => {
                 return Ok(Some(FoundCheckpoint { contents: value, path, unreadable, problems }));
             }
-            // a file server that does not answer says nothing about the checkpoint
-            Err(error @ RunError::Read { .. }) if !error.is_transient() => {
+            Err(error @ RunError::Read { .. }) if !error.is_about_access() => {
                 unreadable.push(path);
                 problems.push(error.to_string());
             }

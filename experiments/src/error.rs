@@ -108,6 +108,16 @@ pub enum RunError {
         /// Error message of each checkpoint that could not be read.
         problems: String,
     },
+    /// Run whose folder holds no checkpoint.
+    #[error(
+        "{} holds no checkpoint yet: wait for the first one, after as many rollouts as \
+         `checkpoints.every` in experiment.json, or continue the run with `covers resume`",
+        folder.display()
+    )]
+    NoCheckpointYet {
+        /// Folder of the run.
+        folder: PathBuf,
+    },
     /// Run whose newest checkpoint is damaged, while an older one is intact.
     #[error(
         "the newest checkpoint is damaged ({problems}): repair the run with `covers resume {}`, or \
@@ -293,6 +303,23 @@ impl RunError {
                         | ErrorKind::ResourceBusy
                 )
         })
+    }
+
+    /// Returns `true` for an error of access to a file, which says nothing about its contents.
+    pub(crate) fn is_about_access(&self) -> bool {
+        /// Numbers of the system's errors "Too many open files", of the process (`EMFILE`) and of
+        /// the system (`ENFILE`).
+        const TOO_MANY_FILES: [i32; 2] = [24, 23];
+        let cause = match self {
+            Self::Read { source, .. } => source.downcast_ref::<io::Error>(),
+            _ => None,
+        };
+        self.is_transient()
+            || cause.is_some_and(|error| {
+                let of_access = [ErrorKind::PermissionDenied, ErrorKind::OutOfMemory];
+                of_access.contains(&error.kind())
+                    || error.raw_os_error().is_some_and(|own| TOO_MANY_FILES.contains(&own))
+            })
     }
 
     /// Converts a [`RunError::Write`] on a full disk to [`RunError::DiskFull`] of the run in

@@ -37,6 +37,9 @@ pub struct EvaluationResults {
     pub scores: Vec<VariantScore>,
     /// Counts of the policies that the learner named for shown episodes; empty if it was not asked.
     pub recognitions: Vec<RecognitionAnswerCount>,
+    /// Causes of failures of environments, the first few of each variant. The episode of a failed
+    /// environment counts as one that ended there.
+    pub environment_failures: Vec<String>,
     activities: UnitActivities,
 }
 
@@ -141,23 +144,6 @@ impl Evaluator {
         self.stream.set_stop_signal(stop);
     }
 
-    /// Scores the learner on all variants, with `rounds` episodes in each environment.
-    ///
-    /// # Errors
-    /// As [`Evaluator::score_variant`].
-    pub fn score_all_variants(
-        &mut self,
-        learner: &mut dyn Learner,
-        own: &OwnPolicyByGroup,
-        rounds: usize,
-    ) -> Result<EvaluationResults, RunError> {
-        let mut results = EvaluationResults::default();
-        for variant in self.task_variants() {
-            self.score_variant(learner, variant, own, rounds, &mut results)?;
-        }
-        Ok(results)
-    }
-
     /// Switches the environments to a variant and returns the index of the policy that the learner
     /// chooses for it.
     ///
@@ -212,6 +198,7 @@ impl Evaluator {
             }
             own => own.map(|_| score),
         };
+        results.environment_failures.extend(self.stream.take_failure_causes());
         results.scores.push(VariantScore {
             group: variant.group,
             element: variant.element,

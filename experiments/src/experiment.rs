@@ -7,10 +7,10 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::RlError;
 use serde::{Deserialize, Serialize};
-use symmetry::Group;
+use symmetry::{D2, Group};
 
 use crate::error::RunError;
-use crate::schedule::{StreamClock, TaskSchedule, Timetable};
+use crate::schedule::{StreamClock, TaskSchedule, Timetable, VisitOrder};
 use crate::stream::SwitchableVecEnv;
 use learner::overrides::{parse_json, read_json};
 use learner::{DeviceChoice, GroupingSettings, LearnerSettings, TaskLabel};
@@ -178,11 +178,12 @@ impl Experiment {
         self.schedule.check()?;
         self.schedule.resolve_groups(tasks)?;
         self.envs.check()?;
+        self.check_layout()?;
         self.check_camera()?;
         self.check_seed()?;
         self.check_rollouts()?;
         self.check_visits()?;
-        self.check_still_channels()?;
+        self.check_replay()?;
         let spec = SwitchableVecEnv::env_spec(&self.envs);
         self.learner.new_learner(&spec, &TaskLabel::default())?;
         Ok(())
@@ -217,6 +218,19 @@ impl Experiment {
         Ok(())
     }
 
+    /// Rejects a layout without some of the variants, which evaluations show.
+    fn check_layout(&self) -> Result<(), RunError> {
+        let layout = self.envs.layout;
+        if layout.group_elements() == D2::ALL {
+            return Ok(());
+        }
+        Err(RunError::InvalidSetting {
+            name: "envs.layout",
+            value: layout.name().to_owned(),
+            expected: "symmetric: runs are evaluated on all four variants",
+        })
+    }
+
     /// Rejects cameras so far away or with so wide a view that OpenGL overflows.
     fn check_camera(&self) -> Result<(), RunError> {
         let camera = &self.envs.camera;
@@ -246,21 +260,46 @@ impl Experiment {
     }
 
     /// Rejects a replay buffer that would store image channels once per episode although they
-    /// change within it.
-    fn check_still_channels(&self) -> Result<(), RunError> {
-        match &self.learner {
-            LearnerSettings::OffPolicy(settings)
-                if settings.still_channels
-                    > self.envs.camera.extra_views.num_constant_channels() =>
-            {
-                Err(RunError::InvalidSetting {
-                    name: "off_policy.still_channels",
-                    value: settings.still_channels.to_string(),
-                    expected: "at most 3 where `envs.camera.beside` is `first`, and 0 with close-ups",
-                })
+    /// change within it, or that holds less than a rollout, and a stream that ends before the first
+    /// action of the policy or the first gradient step.
+    fn check_replay(&self) -> Result<(), RunError> {
+        let LearnerSettings::OffPolicy(settings) = &self.learner else {
+            return Ok(());
+        };
+        let constant_channels = self.envs.camera.extra_views.num_constant_channels();
+        let decisions = self.schedule.total_decisions() as u64;
+        let (warm_up, burn_in) = (settings.warm_up, settings.sac.burn_in);
+        for (name, value, fits, expected) in [
+            (
+                "off_policy.still_channels",
+                settings.still_channels as u64,
+                settings.still_channels <= constant_channels,
+                "at most 3 where `envs.camera.beside` is `first`, and 0 with close-ups",
+            ),
+            (
+                "off_policy.capacity",
+                settings.capacity as u64,
+                settings.capacity >= settings.rollout_steps,
+                "at least `off_policy.rollout_steps`",
+            ),
+            (
+                "off_policy.warm_up",
+                warm_up,
+                warm_up < decisions,
+                "fewer decisions than the stream has: the policy would never act",
+            ),
+            (
+                "off_policy.sac.burn_in",
+                burn_in,
+                burn_in < decisions,
+                "fewer decisions than the stream has: nothing would be learnt",
+            ),
+        ] {
+            if !fits {
+                return Err(RunError::InvalidSetting { name, value: value.to_string(), expected });
             }
-            _ => Ok(()),
         }
+        Ok(())
     }
 
     /// Rejects a seed of the environments, which would have no effect.
@@ -282,14 +321,23 @@ impl Experiment {
     }
 
     /// Rejects rollouts that would make a stream on [`StreamClock::EnvironmentTime`] depend on the
-    /// learner, and visits shorter than an episode, which would be skipped.
+    /// learner, and visits so short that they would be skipped: shorter than an episode or, on
+    /// [`StreamClock::LearnerIterations`], than a rollout.
     fn check_visits(&self) -> Result<(), RunError> {
-        // on this clock groups change between rollouts, so neither can happen
-        if self.schedule.clock == StreamClock::LearnerIterations {
-            return Ok(());
-        }
         let (rollout, block) = (self.learner.rollout_steps(), self.block());
-        if !rollout.is_multiple_of(block) {
+        let (shortest, expected) = match self.schedule.clock {
+            StreamClock::EnvironmentTime => {
+                (block, "at least `envs.num_envs` times the decisions of an episode")
+            }
+            // random switches happen between rollouts
+            StreamClock::LearnerIterations if self.schedule.order == VisitOrder::Switching => {
+                return Ok(());
+            }
+            StreamClock::LearnerIterations => {
+                (rollout, "at least `rollout_steps` with `schedule.clock` = `turns`")
+            }
+        };
+        if self.schedule.clock == StreamClock::EnvironmentTime && !rollout.is_multiple_of(block) {
             return Err(RunError::InvalidSetting {
                 name: "rollout_steps",
                 value: rollout.to_string(),
@@ -298,12 +346,12 @@ impl Experiment {
             });
         }
         let mut plans = self.schedule.groups.iter();
-        match plans.find(|plan| plan.decisions < block) {
+        match plans.find(|plan| plan.decisions < shortest) {
             None => Ok(()),
             Some(plan) => Err(RunError::InvalidSetting {
                 name: "schedule.groups",
                 value: format!("{} decisions of {}", plan.decisions, plan.group),
-                expected: "at least `envs.num_envs` times the decisions of an episode",
+                expected,
             }),
         }
     }
@@ -358,8 +406,9 @@ impl SeedSequence {
 mod tests {
     use super::*;
     use crate::presets::{Budget, Method};
+    use envs::Layout;
     use evidence::RecogniserSettings;
-    use learner::CoversSettings;
+    use learner::{CoversSettings, NewPolicyInit, OffPolicySettings};
 
     fn smoke() -> Experiment {
         Budget::Smoke.preset_experiment(Method::Covers)
@@ -425,36 +474,77 @@ mod tests {
     #[test]
     fn runs_that_could_not_finish_are_refused() {
         type Spoil = fn(&mut Experiment);
-        let cases: [Spoil; 22] = [
-            |e| e.schedule.cycles = 0,
-            |e| e.evaluation.episodes_per_env = 0,
-            |e| e.evaluation.every = Some(0),
-            |e| e.evaluation.every = Some(3),
-            |e| e.checkpoints.every = 0,
-            |e| e.checkpoints.keep = 0,
-            |e| e.envs.threads = 0,
-            |e| e.envs.num_envs *= 2,
-            |e| e.envs.camera.size = 44,
-            |e| e.schedule.groups[0].group = "peg-insert".to_owned(),
-            |e| covers(e).rollout_steps += 1,
-            |e| e.envs.control.horizon *= 2,
-            |e| e.envs.seed = 1,
-            |e| e.schedule.groups[1].decisions = 79,
-            |e| covers(e).rollout_steps = 120,
-            |e| e.evaluation.episodes_per_env = usize::MAX,
-            |e| e.evaluation.visit_episodes_per_env = usize::MAX,
-            |e| e.evaluation.recognition_repeats = usize::MAX,
-            |e| covers(e).ppo.epochs = usize::MAX,
-            |e| covers(e).grouping = evidence(usize::MAX),
-            |e| e.envs.camera.height = 1e308,
-            |e| e.envs.camera.half_extent = 1e308,
+        let cases: [(Spoil, &str); 27] = [
+            (|e| e.schedule.cycles = 0, "cycles"),
+            (|e| e.evaluation.episodes_per_env = 0, "evaluation.rounds"),
+            (|e| e.evaluation.every = Some(0), "evaluation.every"),
+            (|e| e.evaluation.every = Some(3), "evaluation.visit_rounds"),
+            (|e| e.checkpoints.every = 0, "checkpoints.every"),
+            (|e| e.checkpoints.keep = 0, "checkpoints.keep"),
+            (|e| e.envs.threads = 0, "threads"),
+            (|e| e.envs.num_envs *= 2, "steps end before an episode"),
+            (|e| e.envs.camera.size = 44, "44"),
+            (|e| e.envs.camera.mark.radius = 3.0, "radius"),
+            (|e| e.envs.control.displacement = 4.0, "displacement"),
+            (|e| e.envs.layout = Layout::MetaWorld, "expected symmetric"),
+            (|e| e.schedule.groups[0].group = "peg-insert".to_owned(), "peg-insert"),
+            (|e| covers(e).rollout_steps += 1, "rollout_steps"),
+            (|e| e.envs.control.horizon *= 2, "steps end before an episode"),
+            (|e| e.envs.seed = 1, "envs.seed"),
+            (|e| e.schedule.groups[1].decisions = 79, "79 decisions of button-press"),
+            (
+                |e| {
+                    e.schedule.clock = StreamClock::LearnerIterations;
+                    e.schedule.groups[1].decisions = 79;
+                },
+                "79 decisions of button-press",
+            ),
+            (|e| covers(e).rollout_steps = 120, "rollout_steps"),
+            (
+                |e| {
+                    covers(e).grouping = GroupingSettings::Oracle;
+                    covers(e).new_policy = NewPolicyInit::Copy;
+                },
+                "new_policy",
+            ),
+            (|e| e.evaluation.episodes_per_env = usize::MAX, "evaluation.rounds"),
+            (|e| e.evaluation.visit_episodes_per_env = usize::MAX, "evaluation.visit_rounds"),
+            (|e| e.evaluation.recognition_repeats = usize::MAX, "evaluation.looks"),
+            (|e| covers(e).ppo.epochs = usize::MAX, "epochs"),
+            (|e| covers(e).grouping = evidence(usize::MAX), "permutations"),
+            (|e| e.envs.camera.height = 1e308, "height"),
+            (|e| e.envs.camera.half_extent = 1e308, "half_extent"),
         ];
-        for spoil in cases {
-            let mut experiment = smoke();
-            assert!(experiment.check(&TaskRegistry::with_standard()).is_ok());
-            spoil(&mut experiment);
-            assert!(experiment.check(&TaskRegistry::with_standard()).is_err(), "{experiment:?}");
+        for (spoil, named) in cases {
+            refused(smoke(), spoil, named);
         }
+    }
+
+    #[test]
+    fn replays_from_which_nothing_would_be_learnt_are_refused() {
+        type Spoil = fn(&mut OffPolicySettings);
+        let cases: [(Spoil, &str); 3] = [
+            (|replay| replay.capacity = replay.rollout_steps - 1, "capacity"),
+            (|replay| replay.warm_up = 1_000_000, "warm_up"),
+            (|replay| replay.sac.burn_in = 1_000_000, "burn_in"),
+        ];
+        for (spoil, named) in cases {
+            let sac = Budget::Smoke.preset_experiment(Method::CoversSac).with_threads(1);
+            let spoil_learner = |e: &mut Experiment| match &mut e.learner {
+                LearnerSettings::OffPolicy(settings) => spoil(settings),
+                other => panic!("{other:?}"),
+            };
+            refused(sac, spoil_learner, named);
+        }
+    }
+
+    /// Checks that settings are accepted before a change, and refused after it by these words.
+    fn refused(mut experiment: Experiment, spoil: impl FnOnce(&mut Experiment), named: &str) {
+        let tasks = TaskRegistry::with_standard();
+        experiment.check(&tasks).unwrap();
+        spoil(&mut experiment);
+        let message = experiment.check(&tasks).unwrap_err().to_string();
+        assert!(message.contains(named), "{named}: {message}");
     }
 
     #[test]

@@ -188,13 +188,25 @@ impl RunFolder {
         self
     }
 
-    /// Returns `true` if a new run may start in the folder: it holds no run, or its run may be
-    /// overwritten; ranks but the first always return `true`.
-    pub(crate) fn accepts_new_run(&self) -> Result<bool, RunError> {
-        let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
-        let is_free = self.overwrite || !self.holds_settings() && checkpoints.is_empty();
+    /// Rejects a folder in which no new run may start: it holds a run, or files that a run would
+    /// replace, and may not be overwritten.
+    ///
+    /// # Errors
+    /// [`RunError::FolderHoldsRun`], [`RunError::FileExists`], [`RunError::Read`].
+    pub(crate) fn check_accepts_new_run(&self) -> Result<(), RunError> {
         // the first rank may have begun to write
-        Ok(is_free || !self.ranks.is_first())
+        if self.overwrite || !self.ranks.is_first() {
+            return Ok(());
+        }
+        let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
+        if self.holds_settings() || !checkpoints.is_empty() {
+            return Err(RunError::FolderHoldsRun { folder: self.path.clone() });
+        }
+        let mut paths = FILES.iter().map(|name| self.file_path(name));
+        match paths.find(|path| path.exists()) {
+            Some(path) => Err(RunError::FileExists { path }),
+            None => Ok(()),
+        }
     }
 
     /// Removes the files of the run in the folder, so that another can start; other files stay.
@@ -286,7 +298,7 @@ impl RunFolder {
     /// Reads the run's settings, from the newest intact checkpoint if their file is lost.
     ///
     /// # Errors
-    /// [`RunError::NoRun`], [`RunError::Read`], [`RunError::NoCheckpoint`],
+    /// [`RunError::NoRun`], [`RunError::Read`], [`RunError::NoCheckpointYet`], [`RunError::NoCheckpoint`],
     /// [`learner::LearnerError::NewerFormat`].
     pub fn read_experiment(&self) -> Result<Experiment, RunError> {
         if self.holds_settings() {
@@ -349,10 +361,7 @@ impl RunFolder {
             Ok((learner, saved.state.stats.own_policies()))
         };
         let found = checkpoints::read_newest(&self.checkpoint_folder(), load)?;
-        let none = || RunError::NoCheckpoint {
-            folder: self.path.clone(),
-            problems: "there is none yet".to_owned(),
-        };
+        let none = || RunError::NoCheckpointYet { folder: self.path.clone() };
         let found = found.ok_or_else(none)?;
         if !found.problems.is_empty() {
             return Err(RunError::DamagedCheckpoint {

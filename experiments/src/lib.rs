@@ -48,7 +48,9 @@ pub use experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 pub use folder::{FileStamps, RunFolder, SUMMARY_FILE};
 pub use latest_frame::LatestFrame;
 pub use nearest_preset::NearestPreset;
-pub use progress::{EvaluationReport, RolloutReport, RunEvent, RunSummary};
+pub use progress::{
+    EvaluationReport, RolloutReport, RunEvent, RunSummary, environment_failure_warning,
+};
 pub use provenance::{Provenance, cpu_instruction_sets, processor_name};
 pub use run::Run;
 pub use run_data::{GroupFilm, RunData};

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::error::{RunError, TakenOver};
+use crate::provenance::command_line;
 use learner::disk::{Disk, os_random_u64};
 
 /// Name of the file that the writer of a folder locks. It is never read, since some file servers
@@ -90,7 +91,6 @@ impl Claim {
 /// Returns the text of the owner file: the name of this process and a random number that tells its
 /// locks apart.
 fn owner() -> String {
-    let command: Vec<String> = std::env::args().collect();
     let system = |name: &str| {
         let text = fs::read_to_string(Path::new("/proc/sys/kernel").join(name));
         text.map_or_else(|_| "unknown".to_owned(), |text| text.trim().to_owned())
@@ -99,7 +99,7 @@ fn owner() -> String {
         "process {} on {}, `{}`\nboot {}\nclaim {:016x}\n",
         std::process::id(),
         system("hostname"),
-        command.join(" "),
+        command_line().join(" "),
         system("random/boot_id"),
         os_random_u64()
     )

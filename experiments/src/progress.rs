@@ -30,6 +30,9 @@ pub struct RolloutReport {
     /// Warning about rewards that are too large or too small to train on; each kind is given once
     /// after each start or resumption.
     pub warning: Option<RewardWarning>,
+    /// Causes of the first failures of environments in the rollout. The episode of a failed
+    /// environment counts as one that ended there.
+    pub environment_failures: Vec<String>,
     /// Factor from a return to the paper's scale, on which a perfect episode earns 500.
     pub reward_scale: f64,
     /// Wall-clock seconds of the iteration, without evaluations.
@@ -72,6 +75,25 @@ pub enum RunEvent {
     Rollout(Box<RolloutReport>),
     /// Evaluation of the learner on all task variants.
     Evaluation(EvaluationReport),
+}
+
+/// Returns the warning about a failure of an environment with this cause.
+pub fn environment_failure_warning(cause: &str) -> String {
+    format!("{cause}; its episode counts as one that ended there")
+}
+
+impl RunEvent {
+    /// Returns the warnings that the event gives rise to: about rewards that are hard to train on,
+    /// and about environments that failed.
+    pub fn warnings(&self) -> Vec<String> {
+        let (rewards, causes) = match self {
+            Self::Rollout(rollout) => (rollout.warning, &rollout.environment_failures),
+            Self::Evaluation(evaluation) => (None, &evaluation.results.environment_failures),
+        };
+        let of_rewards = rewards.into_iter().map(|warning| warning.to_string());
+        let failures = causes.iter().map(|cause| environment_failure_warning(cause));
+        of_rewards.chain(failures).collect()
+    }
 }
 
 /// Summary of a whole run.

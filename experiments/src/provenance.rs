@@ -63,7 +63,7 @@ impl Provenance {
         Self {
             rollouts_before: rollouts,
             started_unix_s: seconds_since_1970(SystemTime::now()),
-            command: std::env::args().collect(),
+            command: command_line(),
             covers_version: env!("CARGO_PKG_VERSION").to_owned(),
             commit: option_env!("COVERS_COMMIT").map(str::to_owned),
             clean_checkout: option_env!("COVERS_CLEAN").map(|clean| clean == "true"),
@@ -84,10 +84,16 @@ impl Provenance {
     /// [`RunError::Read`].
     pub fn read(folder: &Path) -> Result<Vec<Self>, RunError> {
         let path = folder.join(Self::FILE_NAME);
-        let text = std::fs::read_to_string(&path).map_err(RunError::read_error_mapper(&path))?;
-        let lines = text.lines();
-        Ok(lines.flat_map(serde_json::from_str).collect())
+        let text = std::fs::read(&path).map_err(RunError::read_error_mapper(&path))?;
+        let lines = text.split(|&byte| byte == b'\n');
+        Ok(lines.flat_map(serde_json::from_slice).collect())
     }
+}
+
+/// Returns the words of the command that started this process; bytes of paths that are not UTF-8
+/// are replaced.
+pub(crate) fn command_line() -> Vec<String> {
+    std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect()
 }
 
 fn seconds_since_1970(time: SystemTime) -> i64 {

@@ -253,6 +253,9 @@ impl Run {
                 None => return Ok(None),
             },
         };
+        for warning in event.warnings() {
+            self.log(&format!("warning: {warning}"))?;
+        }
         let (every, rollouts) = (self.experiment.checkpoints.every, self.stats.rollouts);
         // the last checkpoints are saved both before and after the final evaluation, which may take
         // minutes
@@ -279,7 +282,9 @@ impl Run {
         let rollout = self.stats.rollouts;
         let (visit, before) = self.stream.visit_and_earlier(index);
         let group = self.tasks.find(&visit.group)?;
-        let returns = before.iter().any(|earlier| earlier.group == visit.group);
+        // a visit that follows one of its own group does not return to it
+        let mut since_first = before.iter().skip_while(|earlier| earlier.group != visit.group);
+        let returns = since_first.any(|earlier| earlier.group != visit.group);
         let (learner, stream) = (&mut self.learner, &mut self.stream);
         stream.begin_iteration(rollout, index)?;
         let failures_before = stream.environments().environment_failures();
@@ -312,15 +317,13 @@ impl Run {
             spans_switch: stream.spans_switch(),
             iteration,
             warning,
+            environment_failures: stream.take_failure_causes(),
             reward_scale: stream.environments().reward_scale(),
             seconds,
             environment_seconds: stream.environments().environment_seconds() - seconds_before,
         };
         self.tables.write_rollout(&progress)?;
-        if let Some(warning) = warning {
-            self.warned.push(discriminant(&warning));
-            self.log(&format!("warning: {warning}"))?;
-        }
+        self.warned.extend(warning.as_ref().map(discriminant));
         Ok(progress)
     }
 

@@ -91,7 +91,13 @@ impl RunData {
         }
         let scores: Vec<ScoreRow> = rows(&folder.file_path("evaluation.csv"))?;
         let rollouts: Vec<RolloutRow> = rows(&folder.file_path("metrics.csv"))?;
-        check(path, &folder, &rollouts, &scores)?;
+        if !folder.is_finished() {
+            return Err(unfit(path, "it is not finished; continue it with `covers resume`"));
+        }
+        check(path, &rollouts, &scores)?;
+        if scores.last().map(|row| row.rollouts) != Some(rollouts.len()) {
+            return Err(unfit(path, DISAGREE));
+        }
         let units: Vec<DormantUnitsRow> =
             rows_if_there(&folder.file_path("units.csv"))?.unwrap_or_default();
         check_units(path, &units, rollouts.len())?;
@@ -126,26 +132,25 @@ impl RunData {
     }
 
     /// Reads the settings of a run that may be in progress, and its complete rows on rollouts,
-    /// seconds and scores.
+    /// seconds and scores. Evaluations whose rollouts are not all in `metrics.csv` are left out.
     ///
     /// # Errors
-    /// [`RunError::NoRun`], [`RunError::Read`], and [`RunError::UnreportableRun`] for a policy
-    /// index that is impossible after so many rollouts.
+    /// [`RunError::NoRun`], [`RunError::Read`], and [`RunError::UnreportableRun`] for tables that
+    /// contradict each other, or with values that no run has.
     pub fn read_partial(path: &Path) -> Result<Self, RunError> {
         let folder = RunFolder::from_path(path);
         let experiment = folder.read_experiment()?;
         let name = name_of(path)?;
         let rollouts: Vec<RolloutRow> = whole_rows(&folder.file_path("metrics.csv"))?;
-        let mut rows = rollouts.iter().enumerate();
-        if rows.any(|(rollout, row)| row.policy > rollout) {
-            let problem = "metrics.csv holds a row that cannot be: its policy does not exist yet";
-            return Err(unfit(path, problem));
-        }
+        let mut scores: Vec<ScoreRow> = whole_rows(&folder.file_path("evaluation.csv"))?;
+        // a run that goes on may have written to it since, and after a power cut it may be ahead
+        scores.retain(|row| row.rollouts <= rollouts.len());
+        check(path, &rollouts, &scores)?;
         Ok(Self {
             is_finished: folder.is_finished(),
             rollouts,
             timings: whole_rows(&folder.file_path("timings.csv"))?,
-            scores: whole_rows(&folder.file_path("evaluation.csv"))?,
+            scores,
             ..Self::empty(&name, experiment)
         })
     }
@@ -227,17 +232,12 @@ impl RunData {
     }
 }
 
-/// Rejects an unfinished run, and tables that contradict each other.
-fn check(
-    path: &Path,
-    folder: &RunFolder,
-    rollouts: &[RolloutRow],
-    scores: &[ScoreRow],
-) -> Result<(), RunError> {
+/// Problem of tables of which one has more rows than the other.
+const DISAGREE: &str = "the last rows of evaluation.csv and metrics.csv do not agree";
+
+/// Rejects tables that contradict each other, and rows that no run writes.
+fn check(path: &Path, rollouts: &[RolloutRow], scores: &[ScoreRow]) -> Result<(), RunError> {
     let unfit = |problem| unfit(path, problem);
-    if !folder.is_finished() {
-        return Err(unfit("it is not finished; continue it with `covers resume`"));
-    }
     let elements = D2::ALL.map(|element| element.to_string());
     let sound = |row: &ScoreRow| {
         counted(row.episodes)
@@ -259,8 +259,8 @@ fn check(
     }
     check_rollouts(path, rollouts)?;
     let in_order = scores.is_sorted_by_key(|row| row.rollouts);
-    if !in_order || scores.last().map(|row| row.rollouts) != Some(rollouts.len()) {
-        return Err(unfit("the last rows of evaluation.csv and metrics.csv do not agree"));
+    if !in_order || scores.last().is_some_and(|row| row.rollouts > rollouts.len()) {
+        return Err(unfit(DISAGREE));
     }
     if !scores.iter().all(|row| spent(rollouts, row.rollouts) == Some(row.decisions)) {
         return Err(unfit("evaluation.csv and metrics.csv do not agree about decisions"));

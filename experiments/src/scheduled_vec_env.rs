@@ -86,6 +86,11 @@ impl ScheduledVecEnv {
         &self.stream
     }
 
+    /// Returns [`SwitchableVecEnv::take_failure_causes`] of the wrapped environments.
+    pub fn take_failure_causes(&mut self) -> Vec<String> {
+        self.stream.take_failure_causes()
+    }
+
     /// Sets the slot to which the first environment's image is written after every step.
     pub fn publish_frames_to(&mut self, latest_frame: LatestFrame) {
         self.latest_frame = Some(latest_frame);

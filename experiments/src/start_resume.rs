@@ -48,9 +48,7 @@ pub(crate) fn start(
     experiment.check(&tasks)?;
     memory::check_run_memory(&experiment)?;
     let (folder, lock) = folder.lock()?;
-    if !folder.accepts_new_run()? {
-        return Err(RunError::FolderHoldsRun { folder: folder.path().to_owned() });
-    }
+    folder.check_accepts_new_run()?;
     let locked = LockedRun { experiment, tasks, folder, lock };
     begin(locked, true, "begun".to_owned())
 }

@@ -3,7 +3,8 @@
 use std::time::Instant;
 
 use envs::{
-    ControlSettings, EnvError, ObservationsMut, StepResultsMut, TaskGroup, VecEnv, VecEnvSettings,
+    ControlSettings, EnvError, EnvFailure, ObservationsMut, StepResultsMut, TaskGroup, VecEnv,
+    VecEnvSettings,
 };
 use rl::{BoxedEnvError, EnvSpec, Observations, ProcessRanks, StepOutcome, Transition, VectorEnv};
 use symmetry::D2;
@@ -12,6 +13,8 @@ use crate::error::RunError;
 use crate::stop::StopSignal;
 
 const PERFECT_EPISODE: f64 = 500.0;
+/// Largest number of causes of failures that are kept until they are taken.
+const MAX_FAILURE_CAUSES: usize = 10;
 /// Factor from positions (metres) to network inputs, which makes them numbers of order one.
 const INPUTS_PER_METRE: f32 = 10.0;
 /// Height of the hand (metres) that becomes the network input 0, about the middle of its range.
@@ -60,6 +63,7 @@ pub struct SwitchableVecEnv {
     spec: EnvSpec,
     truncated: Vec<bool>,
     failures: usize,
+    failure_causes: Vec<String>,
     seconds: f64,
     stop: StopSignal,
     ranks: ProcessRanks,
@@ -98,6 +102,7 @@ impl SwitchableVecEnv {
             spec: Self::env_spec(&settings),
             truncated: vec![false; settings.num_envs],
             failures: 0,
+            failure_causes: Vec::new(),
             seconds: 0.0,
             stop: StopSignal::default(),
             ranks,
@@ -157,10 +162,19 @@ impl SwitchableVecEnv {
         reward_scale(&self.env.settings().control)
     }
 
-    /// Counts `failures` in the environments of this rank together with those of others.
-    fn count_failures(&mut self, failures: usize) {
-        let counts = self.ranks.all_gather_numbers(failures as u64);
+    /// Returns the causes of failures of this rank's environments since the last call, of many the
+    /// first ten.
+    pub fn take_failure_causes(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.failure_causes)
+    }
+
+    /// Records the causes of failures in the environments of this rank, and counts them together
+    /// with those of others.
+    fn record_failures(&mut self, causes: Vec<String>) {
+        let counts = self.ranks.all_gather_numbers(causes.len() as u64);
         self.failures += counts.iter().sum::<u64>() as usize;
+        self.failure_causes.extend(causes);
+        self.failure_causes.truncate(MAX_FAILURE_CAUSES);
     }
 
     fn gather_observations(&self, out: &mut Observations) {
@@ -203,8 +217,8 @@ impl VectorEnv for SwitchableVecEnv {
 
     fn reset(&mut self, out: &mut Observations) -> Result<(), BoxedEnvError> {
         let clock = Instant::now();
-        let failures = self.env.reset(borrow(out))?.len();
-        self.count_failures(failures);
+        let causes = failure_causes(self.env.reset(borrow(out))?);
+        self.record_failures(causes);
         self.gather_observations(out);
         self.seconds += clock.elapsed().as_secs_f64();
         scale_observation_vectors(&mut out.vectors);
@@ -227,8 +241,8 @@ impl VectorEnv for SwitchableVecEnv {
                 truncated: &mut self.truncated,
             },
         );
-        let failures = step?.len();
-        self.count_failures(failures);
+        let causes = failure_causes(step?);
+        self.record_failures(causes);
         self.gather_step(out);
         self.seconds += clock.elapsed().as_secs_f64();
         for (outcome, &truncated) in out.outcomes.iter_mut().zip(&self.truncated) {
@@ -239,6 +253,10 @@ impl VectorEnv for SwitchableVecEnv {
         scale_rows(&mut out.final_observations.vectors, &self.truncated);
         Ok(())
     }
+}
+
+fn failure_causes(failures: &[EnvFailure]) -> Vec<String> {
+    failures.iter().map(|EnvFailure { env, error }| format!("environment {env}: {error}")).collect()
 }
 
 fn borrow(observations: &mut Observations) -> ObservationsMut<'_> {

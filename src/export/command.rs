@@ -76,6 +76,7 @@ impl ExportOptions {
             write_atomically(&LocalDisk, &path(name), bytes)?;
         }
         // printed after all files are written, so that a closed pipe cannot prevent any
+        print_escaped(out, &format!("policy {index} of {}", learner.policy_count()))?;
         for (name, bytes) in &files {
             print_escaped(out, &format!("{}: {} bytes", path(name).display(), bytes.len()))?;
         }

@@ -4,7 +4,7 @@
 use std::process::Command;
 
 use covers::presets::Method;
-use covers::{Experiment, Run, RunError};
+use covers::{Experiment, Run, RunError, RunEvent};
 use envs::{TaskGroup, TaskRegistry};
 
 use crate::common::{Scratch, checkpoints, newest, tiny};
@@ -92,6 +92,28 @@ fn a_panic_in_a_task_is_a_failure_of_its_environment_alone() {
     while run.advance().unwrap().is_some() {}
     assert!(run.is_finished());
     assert_eq!(run.stats().environment_failures, 1);
+    let log = std::fs::read_to_string(run.folder().path().join("log.txt")).unwrap();
+    let cause = "the task fell over; its episode counts as one that ended there";
+    assert_eq!(log.matches(cause).count(), 1, "{log}");
+}
+
+#[test]
+fn a_failure_in_an_evaluation_is_logged_with_its_cause() {
+    // four rollouts, and then the evaluation
+    static TASK: Faulty =
+        Faulty::new("late-panic", 9 * ROLLOUT / 2, || panic!("it fell over late"));
+    let scratch = Scratch::new("late-panic");
+    let mut run = run_of(&scratch, &TASK);
+    let mut warnings = Vec::new();
+    while let Some(event) = run.advance().unwrap() {
+        if let RunEvent::Evaluation(_) = event {
+            warnings.extend(event.warnings());
+        }
+    }
+    assert_eq!(run.stats().environment_failures, 0, "none in training");
+    assert!(warnings.len() == 1 && warnings[0].contains("it fell over late"), "{warnings:?}");
+    let log = std::fs::read_to_string(run.folder().path().join("log.txt")).unwrap();
+    assert_eq!(log.matches("it fell over late").count(), 1, "{log}");
 }
 
 /// The first update leaves parameters that are finite, but so large that the second overflows.

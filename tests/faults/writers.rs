@@ -142,6 +142,20 @@ fn a_finished_run_is_overwritten_only_when_told() {
 }
 
 #[test]
+fn a_file_that_a_run_would_replace_is_kept_unless_told() {
+    let scratch = Scratch::new("foreign");
+    let folder = scratch.run("project");
+    fs::create_dir_all(folder.path()).unwrap();
+    let own = folder.path().join("log.txt");
+    fs::write(&own, "mine").unwrap();
+    let error = Run::start(tiny(Method::Covers), folder.clone()).err().unwrap();
+    assert!(error.to_string().contains("log.txt exists already"), "{error}");
+    assert_eq!(fs::read_to_string(&own).unwrap(), "mine");
+    Run::start(tiny(Method::Covers), folder.allow_overwriting()).unwrap();
+    assert_ne!(fs::read_to_string(&own).unwrap(), "mine");
+}
+
+#[test]
 fn files_that_are_removed_or_cut_while_the_run_goes_on_come_back_whole() {
     let scratch = Scratch::new("removed");
     let (run, folder) = begun(&scratch);

@@ -22,11 +22,18 @@ use serde::{Deserialize, Serialize};
 use web_time::Instant;
 
 use crate::error::LearnerError;
-use crate::groupings::{AssignmentData, Grouping, RolloutEpisodes};
+use crate::groupings::{AssignmentData, Grouping, GroupingSettings, RolloutEpisodes};
 
 use super::learner::IterationReport;
 use episodes::{FirstFrames, ObservedEpisodes, embed_first_frames};
 use settings::{PolicyInCollection, RolloutInCollection};
+
+/// Returns the error of a new policy that should copy the nearest one where no distances are
+/// measured.
+fn no_nearest_policy() -> LearnerError {
+    let expected = "random with a grouping that measures no distances: none is nearest";
+    LearnerError::invalid("new_policy", "copy", expected)
+}
 
 /// Learner with a growing collection of policies. It never receives a task label.
 pub struct PolicyCollection<S: PolicyCollectionSettings> {
@@ -72,6 +79,10 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         grouping: Box<dyn Grouping>,
     ) -> Result<Self, LearnerError> {
         let common = settings.common();
+        // labels measure no distances, so the run would end at its second group
+        if common.new_policy == NewPolicyInit::Copy && common.grouping == GroupingSettings::Oracle {
+            return Err(no_nearest_policy());
+        }
         let steps = common.steps_per_env(spec, grouping.requirements().episodes)?;
         let mut collection = Self {
             spec: spec.clone(),

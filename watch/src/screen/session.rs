@@ -68,7 +68,7 @@ pub fn train_with_screen(run: &mut Run) -> Result<(), RunError> {
         latest_frame,
     };
     let over = AtomicBool::new(false);
-    let (trained, shown) = thread::scope(|scope| {
+    let (trained, viewed) = thread::scope(|scope| {
         let viewer = scope.spawn(|| viewer.view(&over));
         let trained = {
             let _over = SetOnDrop(&over);
@@ -76,7 +76,16 @@ pub fn train_with_screen(run: &mut Run) -> Result<(), RunError> {
         };
         (trained, viewer.join())
     });
-    let shown = shown.unwrap_or_else(|panic| resume_unwind(panic));
+    let shown = match viewed {
+        Ok(result) => result,
+        Err(panic) => {
+            // the screen's panic stopped training in good order, so nothing of it need be lost
+            if trained.is_ok() {
+                run.save_checkpoint()?;
+            }
+            resume_unwind(panic)
+        }
+    };
     trained?;
     if shown.is_err() {
         run.save_checkpoint()?;

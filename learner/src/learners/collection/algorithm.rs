@@ -33,7 +33,7 @@ use super::episodes::{FirstFrames, ObservedEpisodes, first_frames, trajectories}
 use super::settings::{
     NewPolicyInit, PolicyCollectionSettings, PolicyTrainer, RolloutInCollection,
 };
-use super::{CandidateClouds, PolicyCollection, PolicyEntry};
+use super::{CandidateClouds, PolicyCollection, PolicyEntry, no_nearest_policy};
 
 /// Number of decisions between two measurements of the activity of a network's units, in an
 /// evaluation.
@@ -277,10 +277,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         match (self.settings.common().new_policy, decision.nearest) {
             (NewPolicyInit::Random, _) => Ok(None),
             (NewPolicyInit::Copy, Some(nearest)) => Ok(Some(nearest)),
-            (NewPolicyInit::Copy, None) => {
-                let expected = "random with a grouping that measures no distances: none is nearest";
-                Err(LearnerError::invalid("new_policy", "copy", expected))
-            }
+            (NewPolicyInit::Copy, None) => Err(no_nearest_policy()),
         }
     }
 

@@ -91,8 +91,9 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         let least = self.grouping.requirements().episodes;
         match extent {
             CheckpointExtent::Policies { episodes_per_policy: episodes } if episodes < least => {
-                let expected = "at least the `min_episodes` of the grouping, see `experiment.json`";
-                Err(LearnerError::invalid("episodes", episodes, expected))
+                let value = format!("{episodes} (the grouping compares {least})");
+                let expected = "at least as many as the grouping compares";
+                Err(LearnerError::invalid("episodes", value, expected))
             }
             CheckpointExtent::Policies { .. } | CheckpointExtent::Everything => Ok(()),
         }
