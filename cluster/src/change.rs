@@ -4,7 +4,7 @@
 use rand::Rng;
 use rand::seq::SliceRandom;
 
-use crate::check::check_range;
+use crate::check::{check_positive, check_range};
 use crate::error::{ClusterError, Result};
 use crate::euclidean::EuclideanDistances;
 use crate::frames::FrameFeatures;
@@ -41,7 +41,8 @@ pub struct ChangepointTestResult {
 /// so that sums are whole and do not depend on their order.
 ///
 /// # Errors
-/// No source, no cut, a cut that leaves one side empty, or sources of different lengths.
+/// No source, no cut, no permutation, a cut that leaves one side empty, or sources of different
+/// lengths.
 pub fn changepoint_test(
     sources: &[FrameFeatures],
     cuts: &[usize],
@@ -49,6 +50,7 @@ pub fn changepoint_test(
     rng: &mut impl Rng,
 ) -> Result<ChangepointTestResult> {
     let episodes = check(sources, cuts)?;
+    check_positive("permutations", permutations)?;
     let scans = sources.iter().map(EnergyScan::new).collect::<Result<Vec<_>>>()?;
     let mut scans: Vec<EnergyScan> = scans.into_iter().flatten().collect();
     let mut order: Vec<usize> = (0..episodes).collect();

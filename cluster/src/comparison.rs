@@ -38,7 +38,13 @@ pub fn nearer_policy_margin(comparisons: &[NearerPolicyInputs]) -> Result<f64> {
 impl NearerPolicyInputs {
     fn nearer_policy_margin(&self) -> Result<f64> {
         let (x, [y, z]) = (&self.rollout, &self.policies);
-        let (within_y, within_z) = (within(y)?, within(z)?);
+        // one episode says nothing about its spread, which is then taken for that of the other
+        let (within_y, within_z) = match [y, z].map(FrameFeatures::num_episodes) {
+            [1, 1] => (0.0, 0.0),
+            [1, _] => (within(z)?, within(z)?),
+            [_, 1] => (within(y)?, within(y)?),
+            _ => (within(y)?, within(z)?),
+        };
         let scale = (within_y + within_z + 2.0 * between(y, z)?) / 4.0;
         // E|X - X'| is equal for both policies and cancels
         let margin = 2.0 * (between(x, z)? - between(x, y)?) + within_y - within_z;
@@ -53,8 +59,8 @@ fn between(x: &FrameFeatures, y: &FrameFeatures) -> Result<f64> {
     Ok(distances.iter().sum::<f64>() / distances.len() as f64)
 }
 
-/// Returns the mean Euclidean distance between frames of different episodes; 0 for a single
-/// episode.
+/// Returns the mean Euclidean distance between frames of different episodes, of which there are at
+/// least two.
 fn within(x: &FrameFeatures) -> Result<f64> {
     let mut costs = EuclideanDistances::new();
     let distances = costs.compute(x.features(), x.features(), x.dim())?;
@@ -64,7 +70,7 @@ fn within(x: &FrameFeatures) -> Result<f64> {
         row / k != column / k
     });
     let sum: f64 = others.map(|(_, distance)| distance).sum();
-    Ok(sum / (k * k * episodes * (episodes - 1).max(1)) as f64)
+    Ok(sum / (k * k * episodes * (episodes - 1)) as f64)
 }
 
 #[cfg(test)]

@@ -44,6 +44,11 @@ pub struct RandomFilters {
 }
 
 impl RandomFilters {
+    /// Returns the shape of the images `[height, width, channels]`, and the number of filters.
+    pub(crate) fn shape_and_count(&self) -> ([usize; 3], usize) {
+        (self.image, self.count)
+    }
+
     /// Creates the bank of `count` random filters for images `[height, width, channels]`, with the
     /// same weights in every call.
     ///
@@ -68,7 +73,8 @@ impl RandomFilters {
     }
 
     /// Returns the features of an image `[height, width, channels]`: the mean response of each
-    /// filter, times 10, then the largest response of each, together scaled to Euclidean norm 1.
+    /// filter, times 10, then the largest response of each, together scaled to Euclidean norm 1;
+    /// zeros if no filter responds.
     ///
     /// # Errors
     /// An image of another size.

@@ -247,6 +247,7 @@ impl Recogniser {
         rng: &mut impl Rng,
     ) -> Result<RolloutDecision> {
         self.check_actor(context.collector)?;
+        check_comparable(all_summaries(&self.memories).chain(summaries))?;
         let summaries = self.in_order(summaries)?;
         let place = self.find_changepoint(&summaries, rng)?;
         let case = Case { summaries: &summaries[place.unwrap_or(0)..], context };
@@ -351,6 +352,7 @@ impl Recogniser {
         rng: &mut impl Rng,
     ) -> Result<RolloutDecision> {
         self.check_policy(context.collector)?;
+        check_comparable(all_summaries(&self.memories).chain(summaries))?;
         let summaries = self.in_order(summaries)?;
         let is_provisional = context.is_provisional;
         let role = if is_provisional { PolicyRole::Provisional } else { PolicyRole::Returning };
@@ -475,6 +477,7 @@ impl Recogniser {
         if summaries.is_empty() {
             return Err(EvidenceError::TooFewEpisodes { got: 0, needed: 1 });
         }
+        check_comparable(all_summaries(&self.memories).chain(summaries))?;
         let summaries: Vec<_> = summaries.iter().collect();
         // an index beyond all policies: none of them acted
         let context = RolloutDecisionContext::for_collector(self.memories.len());

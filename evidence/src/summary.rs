@@ -66,7 +66,11 @@ impl EpisodeSummary {
 /// Cache of the image features of the last call of [`EpisodeSummariser::summarise`], by image. The
 /// filters take most of the time, and a decision and the training after it use the same images.
 #[derive(Clone, Debug, Default)]
-pub struct ImageFeatureCache(HashMap<Vec<u8>, Vec<f32>>);
+pub struct ImageFeatureCache {
+    /// Shape of the images, and number of filters.
+    made_for: ([usize; 3], usize),
+    features: HashMap<Vec<u8>, Vec<f32>>,
+}
 
 /// Converter of trajectories into [`EpisodeSummary`] values.
 #[derive(Clone, Debug)]
@@ -105,10 +109,14 @@ impl EpisodeSummariser {
         trajectories: &[Trajectory],
         cache: &mut ImageFeatureCache,
     ) -> Result<Vec<EpisodeSummary>> {
+        let own = self.filters.shape_and_count();
+        if cache.made_for != own {
+            *cache = ImageFeatureCache { made_for: own, ..ImageFeatureCache::default() };
+        }
         let summaries = trajectories.par_iter().map(|trajectory| self.summary(trajectory, cache));
         let summaries = summaries.collect::<Result<Vec<_>>>()?;
         let features = summaries.iter().map(|summary| summary.image_features.clone());
-        cache.0 = trajectories.iter().map(|t| t.image.clone()).zip(features).collect();
+        cache.features = trajectories.iter().map(|t| t.image.clone()).zip(features).collect();
         Ok(summaries)
     }
 
@@ -125,7 +133,7 @@ impl EpisodeSummariser {
             Irrep::Trivial => v,
             _ => v.abs(),
         });
-        let image_features = match cache.0.get(image) {
+        let image_features = match cache.features.get(image) {
             Some(known) => known.clone(),
             None => self.filters.features(image)?,
         };

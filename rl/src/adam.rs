@@ -130,7 +130,11 @@ pub(crate) fn bias_correction(beta: f32, steps: u64) -> f32 {
 ///
 /// Pascanu et al., "On the difficulty of training recurrent neural networks" (ICML 2013),
 /// algorithm 1. The sum runs in order, in f64, so its bits do not depend on the thread count.
+///
+/// # Panics
+/// If `max_norm` is not above 0.
 pub fn clip_global_norm(gradient: &mut [f32], max_norm: f32) -> f64 {
+    assert!(max_norm > 0.0, "max_norm is {max_norm}, expected a number above 0");
     let norm = norm(gradient);
     if norm > f64::from(max_norm) {
         let scale = (f64::from(max_norm) / norm) as f32;

@@ -6,7 +6,9 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::distributions::ActionNoise;
 use crate::env::{EnvSpec, Observations, StepOutcome, Transition};
-use crate::error::{RlError, check_all_finite, check_finite, check_len, require_count};
+use crate::error::{
+    RlError, check_all_finite, check_finite, check_len, require_count, require_share,
+};
 use crate::gae::{GaeInputs, gae};
 use crate::policy::{Decisions, EvaluateActions, OnPolicyActor, ValueFunction};
 use crate::rollout::ExperienceBuffer;
@@ -208,7 +210,7 @@ impl RolloutBuffer {
     ///
     /// # Errors
     /// [`RlError::BufferNotFinished`] before `finish`, [`RlError::ShapeMismatch`] for wrong
-    /// lengths.
+    /// lengths, [`RlError::InvalidSetting`] for a `gamma` or `lambda` out of range.
     pub fn write_advantages_and_returns(
         &self,
         gamma: f32,
@@ -217,6 +219,8 @@ impl RolloutBuffer {
         returns: &mut [f32],
     ) -> Result<(), RlError> {
         self.check_finished()?;
+        require_share("gamma", gamma)?;
+        require_share("lambda", lambda)?;
         check_len("advantages", "[T, N]", advantages.len(), self.num_samples())?;
         check_len("returns", "[T, N]", returns.len(), self.num_samples())?;
         let inputs = GaeInputs {

@@ -7,7 +7,7 @@ use equivariant::hadamard_transform;
 use symmetry::{D2, Group, Irrep};
 
 use crate::error::{
-    BoxedEnvError, InvalidNumberLocation, RlError, check_finite_at, check_len, require,
+    BoxedEnvError, InvalidNumberLocation, RlError, assert_len, check_finite_at, check_len, require,
     require_memory,
 };
 
@@ -49,9 +49,23 @@ impl EnvSpec {
     }
 
     /// Returns the index of the choice in each one-hot vector of the discrete `action` `[A]`.
+    ///
+    /// # Panics
+    /// If the action has another length, or a part that is not a one-hot vector.
     pub fn choice_indices(&self, action: &[f32]) -> Vec<usize> {
-        let first_one = |part: Range<usize>| action[part].iter().position(|&a| a == 1.0);
-        choice_ranges(&self.choices).map(|part| first_one(part).unwrap_or(0)).collect()
+        assert_len("action", action.len(), self.action_irreps.len());
+        let chosen = |part: Range<usize>| {
+            let numbers = &action[part];
+            let one = numbers.iter().position(|&a| a == 1.0);
+            let is_one_hot = numbers.iter().filter(|&&a| a != 0.0).count() == 1;
+            match one {
+                Some(index) if is_one_hot => index,
+                _ => panic!(
+                    "the action has the part {numbers:?}, expected the one-hot vector of a choice"
+                ),
+            }
+        };
+        choice_ranges(&self.choices).map(chosen).collect()
     }
 
     /// Returns the ranges of the components of a discrete action whose choices the group exchanges.
@@ -137,14 +151,17 @@ impl EnvSpec {
     /// # Errors
     /// [`RlError::SpecMismatch`] names the field.
     pub fn check_compatible(&self, other: &Self) -> Result<(), RlError> {
-        let equal = [
-            ("image_shape", self.image_shape == other.image_shape),
-            ("vector_irreps", self.vector_irreps == other.vector_irreps),
-            ("action_irreps", self.action_irreps == other.action_irreps),
-            ("choices", self.choices == other.choices),
-        ];
-        match equal.iter().find(|(_, equal)| !equal) {
-            Some(&(field, _)) => Err(RlError::SpecMismatch { field }),
+        let fields = |spec: &Self| {
+            [
+                ("image_shape", format!("{:?}", spec.image_shape)),
+                ("vector_irreps", format!("{:?}", spec.vector_irreps)),
+                ("action_irreps", format!("{:?}", spec.action_irreps)),
+                ("choices", format!("{:?}", spec.choices)),
+            ]
+        };
+        let mut pairs = fields(self).into_iter().zip(fields(other));
+        match pairs.find(|(own, others)| own != others) {
+            Some(((field, one), (_, two))) => Err(RlError::SpecMismatch { field, one, two }),
             None => Ok(()),
         }
     }

@@ -161,13 +161,17 @@ pub enum RlError {
     },
     /// Environment, policy or experience made for different environments.
     #[error(
-        "EnvSpec::{field} differs between environment, policy and experience; build them from \
-         the same EnvSpec"
+        "EnvSpec::{field} differs between environment, policy and experience: it is {one} and \
+         {two}; build them from the same EnvSpec"
     )]
     SpecMismatch {
         /// Name of the field of [`crate::EnvSpec`] that differs between environment, policy and
         /// experience.
         field: &'static str,
+        /// Value of the field in one of them.
+        one: String,
+        /// Value of the field in the other.
+        two: String,
     },
     /// Rollouts that begin with a reset and are shorter than an episode.
     #[error(

@@ -57,7 +57,8 @@ impl GaeInputs<'_> {
 /// observation, and neither lets the next episode into the sum. `gamma` and `lambda` are in [0, 1].
 ///
 /// # Panics
-/// If the lengths do not agree on one T and N; [`crate::RolloutBuffer`] guarantees that they do.
+/// If the lengths do not agree on one T and N, or `gamma` or `lambda` is outside [0, 1];
+/// [`crate::RolloutBuffer`] guarantees that they do and are not.
 pub fn gae(
     inputs: &GaeInputs,
     gamma: f32,
@@ -66,6 +67,9 @@ pub fn gae(
     returns: &mut [f32],
 ) {
     inputs.check();
+    for (name, value) in [("gamma", gamma), ("lambda", lambda)] {
+        assert!((0.0..=1.0).contains(&value), "{name} is {value}, expected a number in [0, 1]");
+    }
     assert_len("advantages", advantages.len(), inputs.rewards.len());
     assert_len("returns", returns.len(), inputs.rewards.len());
     // backwards, since A_t needs A_(t+1)

@@ -4,7 +4,9 @@ use serde::{Deserialize, Serialize};
 use symmetry::Irrep;
 
 use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
-use crate::error::{BoxedEnvError, RlError, check_len, require, require_positive, require_share};
+use crate::error::{
+    BoxedEnvError, RlError, check_len, require_positive, require_saved, require_share,
+};
 
 /// Share of the root mean square below which a standard deviation does not count, so that a
 /// quantity that hardly varies is not divided by almost zero.
@@ -58,17 +60,17 @@ impl Moments {
     /// Rejects moments that no numbers have.
     fn check(&self) -> Result<(), RlError> {
         let are_zero = |moments: &[f64]| moments.iter().all(|&moment| moment == 0.0);
-        let count = self.count as f32;
+        let count = self.count as f64;
         let has_means = self.count > 0 || are_zero(&self.means);
-        require("saved count", count, "at least 1 with a mean that is not zero", has_means)?;
+        require_saved("count", count, "at least 1 with a mean that is not zero", has_means)?;
         let has_squares = self.count > 1 || are_zero(&self.squares);
-        require("saved count", count, "at least 2 with a sum of squares above zero", has_squares)?;
+        require_saved("count", count, "at least 2 with a sum of squares above zero", has_squares)?;
         for &mean in &self.means {
-            require("saved mean", mean as f32, "a finite number", mean.is_finite())?;
+            require_saved("mean", mean, "a finite number", mean.is_finite())?;
         }
         for &square in &self.squares {
             let fits = square.is_finite() && square >= 0.0;
-            require("saved sum of squares", square as f32, "a finite number from 0", fits)?;
+            require_saved("sum of squares", square, "a finite number from 0", fits)?;
         }
         Ok(())
     }
@@ -153,7 +155,7 @@ impl<E: VectorEnv> NormalisedEnv<E> {
     ///
     /// # Errors
     /// [`RlError::ShapeMismatch`] for statistics of vectors of another length;
-    /// [`RlError::InvalidSetting`] for means that are not finite, for sums of squares that are not
+    /// [`RlError::InvalidStateNumber`] for means that are not finite, for sums of squares that are not
     /// finite or are negative, and for either from too few numbers.
     pub fn restore_normalisation_state(
         &mut self,

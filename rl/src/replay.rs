@@ -132,7 +132,7 @@ impl ReplayBuffer {
     /// steps. If there is no newest experience, all are drawn from all steps.
     ///
     /// # Panics
-    /// If the buffer is empty.
+    /// If the buffer is empty, or `newest` is outside [0, 1].
     pub fn sample_indices(
         &self,
         batch: usize,
@@ -140,9 +140,10 @@ impl ReplayBuffer {
         rng: &mut ChaCha8Rng,
         out: &mut Vec<usize>,
     ) {
+        assert!((0.0..=1.0).contains(&newest), "newest is {newest}, expected a share in [0, 1]");
         let len = self.len();
         let since = ((self.total_recorded_steps - self.num_before_newest) as usize).min(len);
-        let share = (newest * batch as f32).round() as usize;
+        let share = (f64::from(newest) * batch as f64).round() as usize;
         let starts = if since == 0 { 0 } else { len - since };
         let starts = repeat_n(starts, share).chain(repeat_n(0, batch - share));
         out.clear();

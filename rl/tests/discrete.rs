@@ -56,6 +56,14 @@ impl Toy for Sides {
     }
 }
 
+#[test]
+#[should_panic(expected = "expected the one-hot vector of a choice")]
+fn probabilities_are_no_choice() {
+    let mut action = vec![0.0; spec(1).action_irreps.len()];
+    action[..2].copy_from_slice(&[0.3, 0.7]);
+    spec(1).choice_indices(&action);
+}
+
 /// Transforms a one-hot action: flips exchange left and right, and move the quadrants.
 fn moved(g: D2, action: &[f32]) -> Vec<f32> {
     let flips = |irrep: Irrep| usize::from(irrep.sign(g) < 0);

@@ -172,7 +172,7 @@ fn a_rollout_of_other_environments_is_refused() {
     let mut run = OnPolicyRun::new(PointReach::new(ENVS, 0), policy(), 2);
     run.buffer = RolloutBuffer::new(&other, 2).unwrap();
     let result = run.try_collect();
-    assert!(matches!(result, Err(RlError::SpecMismatch { field: "action_irreps" })));
+    assert!(matches!(result, Err(RlError::SpecMismatch { field: "action_irreps", .. })));
 }
 
 #[test]

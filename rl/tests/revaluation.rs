@@ -137,11 +137,15 @@ struct Faulty {
     fails: bool,
 }
 
+fn mismatch() -> RlError {
+    RlError::SpecMismatch { field: "image_shape", one: "[8, 8, 3]".into(), two: "[6, 6, 3]".into() }
+}
+
 impl Faulty {
     fn answer(&mut self, out: &mut [f32]) -> Result<(), RlError> {
         self.answers += 1;
         match (self.answers == self.spoilt + 1, self.fails) {
-            (true, true) => Err(RlError::SpecMismatch { field: "image_shape" }),
+            (true, true) => Err(mismatch()),
             (true, false) => {
                 out[1] = f32::NAN;
                 Ok(())

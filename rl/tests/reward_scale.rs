@@ -151,13 +151,13 @@ fn normalised_vectors_have_unit_variance_and_stay_symmetric_and_bad_numbers_are_
         let mut state = serde_json::to_value(env.normalisation_state()).unwrap();
         state["observations"]["squares"][0] = (-1.0).into();
         let refused = env.restore_normalisation_state(serde_json::from_value(state).unwrap());
-        assert!(refused.unwrap_err().to_string().contains("saved sum of squares = -1"));
-        for (count, expected) in [(0, "0: expected at least 1"), (1, "1: expected at least 2")] {
+        assert!(refused.unwrap_err().to_string().contains("the saved `sum of squares` holds -1"));
+        for (count, expected) in [(0, "0, expected at least 1"), (1, "1, expected at least 2")] {
             let mut few = serde_json::to_value(env.normalisation_state()).unwrap();
             few["observations"]["count"] = count.into();
             let restored = env.restore_normalisation_state(serde_json::from_value(few).unwrap());
             let message = restored.unwrap_err().to_string();
-            assert!(message.contains(&format!("saved count = {expected}")), "{message}");
+            assert!(message.contains(&format!("the saved `count` holds {expected}")), "{message}");
         }
         let infinite = Spread { env: Bandit::envs(2, 1.0), factor: f32::INFINITY, offset: 0.0 };
         let mut wrong = NormalisedEnv::new(infinite, NormalisationSettings::default()).unwrap();

@@ -193,7 +193,7 @@ fn what_does_not_fit_is_refused() {
     let other = EnvSpec { image_shape: [16, 16, 2], ..run.env.spec().clone() };
     let foreign = ReplayBuffer::new(replay_settings(), &other).unwrap();
     let result = run.sac.update(&mut run.policy, &foreign, &mut run.rng);
-    assert!(matches!(result, Err(RlError::SpecMismatch { field: "image_shape" })));
+    assert!(matches!(result, Err(RlError::SpecMismatch { field: "image_shape", .. })));
     let mut stranger = SacPolicy::new(&network(strided()), None, run.env.spec(), 0).unwrap();
     let of_stranger = run.sac.update(&mut stranger, &run.replay, &mut run.rng);
     assert!(matches!(of_stranger, Err(RlError::ParameterCountMismatch { .. })));

@@ -251,7 +251,7 @@ fn what_does_not_fit_is_refused() {
     ));
     let foreign = RolloutBuffer::new(&other, 1).unwrap();
     let of_foreign = ppo.update(&mut policy, &foreign, &mut rng);
-    assert!(matches!(of_foreign, Err(RlError::SpecMismatch { field: "image_shape" })));
+    assert!(matches!(of_foreign, Err(RlError::SpecMismatch { field: "image_shape", .. })));
 }
 
 #[test]
