@@ -117,10 +117,11 @@ function say(text) {
   element("log").prepend(item);
 }
 
-/** Returns the group that a policy learnt most often, or undefined. */
+/** Returns the group that a policy learnt most often, or undefined if it has not trained. */
 function groupOf(policy) {
-  const counts = state.policies[policy]?.counts;
-  return counts?.indexOf(Math.max(...counts));
+  const counts = state.policies[policy]?.counts ?? [];
+  const most = Math.max(0, ...counts);
+  return most > 0 ? counts.indexOf(most) : undefined;
 }
 
 /** Takes an iteration into the page's records, and says what is worth saying. */
@@ -155,7 +156,8 @@ function drawPolicies(record) {
     if (policy.into !== undefined) item.className = "merged";
     const group = groupOf(index);
     const text = document.createElement("span");
-    text.textContent = policy.into !== undefined ? `merged into policy ${policy.into + 1}` : `serves group ${letter(group)}${isActive ? ", active" : ""}`;
+    const serves = group === undefined ? "has not trained yet" : `serves group ${letter(group)}`;
+    text.textContent = policy.into !== undefined ? `merged into policy ${policy.into + 1}` : `${serves}${isActive ? ", active" : ""}`;
     const success = document.createElement("span");
     success.textContent = percent(policy.success);
     item.append(badge(index + 1, group), text, success);

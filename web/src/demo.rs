@@ -51,7 +51,10 @@ impl VectorEnv for FilmedStream {
 
     fn step(&mut self, actions: &[f32], out: &mut Transition) -> Result<(), BoxedEnvError> {
         self.stream.step(actions, out)?;
-        self.record(&out.observations.images);
+        // episodes end together, and observations are then those of the next ones
+        let is_last = out.outcomes[0].is_ended();
+        let shown = if is_last { &out.final_observations } else { &out.observations };
+        self.record(&shown.images);
         Ok(())
     }
 }

@@ -160,9 +160,14 @@ impl TaskStream {
         let next = self.round + usize::from(!self.episodes.is_empty());
         let index = self.visit_index_in_round(next);
         let rounds_before: usize = self.visits[..index].iter().map(|earlier| earlier.rounds).sum();
-        check_visit(&self.world, index + 1, &visit)?;
-        self.visits[index].rounds = next - rounds_before;
-        self.visits.insert(index + 1, visit);
+        // a visit that has not begun comes later as a whole
+        let has_begun = next > rounds_before;
+        let place = index + usize::from(has_begun);
+        check_visit(&self.world, place, &visit)?;
+        if has_begun {
+            self.visits[index].rounds = next - rounds_before;
+        }
+        self.visits.insert(place, visit);
         Ok(())
     }
 

@@ -225,8 +225,11 @@ fn a_visit_is_inserted_after_the_round_that_runs() {
     stream.insert_visit(GroupVisit::new(0, 1)).unwrap();
     assert_eq!(groups(&stream), [0, 2, 0, 1, 1, 1, 1, 1]);
     let refused = stream.insert_visit(GroupVisit::new(3, 1)).unwrap_err();
-    assert_eq!(refused, StreamError::UnknownGroup { visit: 3, group: 3, groups: 3 });
+    assert_eq!(refused, StreamError::UnknownGroup { visit: 2, group: 3, groups: 3 });
     let no_rounds = stream.insert_visit(GroupVisit::new(2, 0)).unwrap_err();
     assert!(no_rounds.to_string().contains("rounds of a visit is 0"), "{no_rounds}");
     assert_eq!(groups(&stream), [0, 2, 0, 1, 1, 1, 1, 1], "a refused visit changes nothing");
+    // a visit that has not begun is not interrupted
+    stream.insert_visit(GroupVisit::new(2, 2)).unwrap();
+    assert_eq!(groups(&stream), [0, 2, 2, 2, 0, 1, 1, 1]);
 }
