@@ -1,5 +1,6 @@
 """Vector environment whose environments have tasks of several groups."""
 
+import operator
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,12 @@ class MixedVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         """Begins episodes, see `CoversVectorEnv.reset`. Environment i has the seed `seed + i`."""
         check_options(options, "reset_mask")
         mask, seeds = (options or {}).get("reset_mask"), None if seed is None else self._seeds(seed)
+        # before any part is reset
+        if mask is not None:
+            if not (isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.num_envs,)):
+                raise ValueError(f"`reset_mask` is {mask!r}, expected an array of {self.num_envs} booleans")
+            if seeds is not None and not mask.all():
+                raise ValueError("`seed` is for all environments: give it without `reset_mask`")
         shown = [
             part.reset(
                 seed=None if seeds is None else [seeds[row] for row in rows],
@@ -67,6 +74,8 @@ class MixedVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
         actions = np.asarray(actions)
         if actions.shape != self.action_space.shape:
             raise ValueError(f"`actions` has the shape {actions.shape}, expected {self.action_space.shape}")
+        if not np.isfinite(actions).all():
+            raise ValueError("`actions` holds a number that is not finite, expected numbers in [-1, 1]")
         steps = [part.step(actions[rows]) for part, rows in zip(self.parts, self._rows, strict=True)]
         observations, *outcomes, infos = zip(*steps, strict=True)
         rewards, terminated, truncated = (self._joined([{"": each} for each in parts])[""] for parts in outcomes)
@@ -98,8 +107,8 @@ class MixedVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
             part.close()
 
     def _seeds(self, seed: Seed) -> list[int]:
-        if isinstance(seed, int):
-            return [seed + row for row in range(self.num_envs)]
+        if not isinstance(seed, (list, tuple, np.ndarray)):
+            return [operator.index(seed) + row for row in range(self.num_envs)]
         if len(seed) != self.num_envs:
             raise ValueError(f"`seed` is a list of {len(seed)}, expected {self.num_envs} whole numbers")
         return list(seed)

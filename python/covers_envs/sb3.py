@@ -31,6 +31,9 @@ class SB3VecEnv(VecEnv):
                 "the environments were made with `copy=False`, expected `copy=True`: Stable-Baselines3 stores "
                 "an observation after the next step, which would have overwritten it"
             )
+        known = list(env.single_observation_space)
+        if only is not None and only not in known:
+            raise ValueError(f"`only` is {only!r}, expected None or one of {', '.join(known)}")
         self.env = env
         self._only = only
         super().__init__(env.num_envs, self._shown(env.single_observation_space), env.single_action_space)

@@ -96,7 +96,7 @@ def check_symmetry(
         group: Symmetry to check: `D2`, `D1x` (flips of x), `D1y` or `C2` (half turns).
         episodes: Number of episodes, at least 48. Some hundred find small violations.
         max_steps: Number of steps after which an episode is cut off.
-        seed: Seed of the actions, and of the first episode; the others have the next numbers.
+        seed: Seed from which the seeds of all episodes are drawn, of first states and of actions.
     """
     if isinstance(env.unwrapped, CoversEnv):
         vector = vector or [_IRREPS[index] for index in _core.vector_irreps()]
@@ -186,6 +186,8 @@ class _Replayed:
             self._units = 255.0 * height * width * np.array([1, width, height, width * height])
         if not isinstance(actions, (Box, Discrete, MultiDiscrete)):
             raise ValueError(f"actions are of {actions}, expected Box, Discrete or MultiDiscrete")
+        if isinstance(actions, MultiDiscrete) and actions.nvec.ndim != 1:
+            raise ValueError(f"actions are of {actions}, expected one dimension")
         discrete = [actions.n] if isinstance(actions, Discrete) else getattr(actions, "nvec", [])
         #: Numbers of choices of discrete actions; empty for continuous ones.
         self._choices = [int(each) for each in discrete]
@@ -204,7 +206,8 @@ class _Replayed:
 
     def rollout(self, seed: int) -> _Rollout:
         """Runs random actions from the first state of a seed."""
-        rng, observation = np.random.default_rng(seed), self._env.reset(seed=seed)[0]
+        # not `default_rng(seed)`, from which an environment with this seed draws its first state
+        rng, observation = np.random.default_rng((seed, 1)), self._env.reset(seed=seed)[0]
         shown, actions, rewards, ended = [self._split(observation)], [], [], False
         while not ended and len(rewards) < self._max_steps:
             action, components = self._draw(rng)
@@ -266,7 +269,7 @@ class _Replayed:
         for start, end in itertools.pairwise(starts):
             orbit = ones[start:end]
             orbit[:] = _HADAMARD[: len(orbit), : len(orbit)] @ orbit
-        return space.start + chosen[0] if isinstance(space, Discrete) else np.array(chosen), ones
+        return space.start + (chosen[0] if isinstance(space, Discrete) else np.array(chosen)), ones
 
     def _split(self, observation: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Returns the observation without its image as one vector, and the moments of the image."""

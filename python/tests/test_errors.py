@@ -89,6 +89,22 @@ def test_a_reset_mask_is_an_array_of_booleans(mask):
         env.reset(options={"reset_mask": mask})
 
 
+def test_what_one_part_of_mixed_environments_would_refuse_changes_no_other():
+    env, other = (
+        covers_envs.make_vec(["goal-reach", "drawer-close"], 2, image_size=16, seed=np.int64(3)) for _ in range(2)
+    )
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="expected an array of 2 booleans"):
+        env.reset(options={"reset_mask": np.ones(3, np.bool_)})
+    with pytest.raises(ValueError, match="give it without `reset_mask`"):
+        env.reset(seed=1, options={"reset_mask": np.array([True, False])})
+    with pytest.raises(ValueError, match="not finite"):
+        env.step(np.array([[0.0] * 4, [np.nan] * 4], np.float32))
+    other.reset(seed=0)
+    shown, expected = (each.step(np.zeros((2, 4), np.float32))[0] for each in (env, other))
+    assert all(np.array_equal(shown[name], expected[name]) for name in expected)
+
+
 def test_a_seed_is_for_all():
     env = make()
     env.reset()

@@ -101,6 +101,27 @@ def test_faults_of_ten_kinds_are_named_and_none_where_there_is_none():
     assert len(missed) <= 2, missed
 
 
+class Choices(gymnasium.Env):
+    """Point that stays where it begins, whose choices and rewards have nothing to do with each other."""
+
+    observation_space, action_space = gymnasium.spaces.Box(-1, 1, (2,)), gymnasium.spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.point = self.np_random.uniform(-1, 1, 2)
+        return self.point.astype(np.float32), {}
+
+    def step(self, action):
+        return self.point.astype(np.float32), -abs(self.point[1]), False, False, {}
+
+
+def test_actions_do_not_depend_on_the_first_state():
+    irreps = {"vector": ["x", "y"], "action": ["1", "x"]}
+    for seed in range(5):
+        report = covers_envs.check_symmetry(Choices(), **irreps, episodes=500, max_steps=5, seed=seed)
+        assert report.ok, report
+
+
 def pendulum():
     return gymnasium.make("Pendulum-v1")
 
