@@ -82,13 +82,13 @@ pub fn check_model_symmetry(
     let Some((plane, pairs, mut comparison)) = best else {
         return Err(ModelSymmetryError::InvalidPlane { plane: MirrorPlane::default() });
     };
+    pairs.check_corrections(&snapshot, &forced)?;
     let mut differences = std::mem::take(&mut comparison.differences);
     let ignores = |difference: &MirrorDifference| {
         let names = [&difference.left, &difference.right];
         let names = names.map(|name| format!("{} {name}", difference.kind));
         corrections.ignore.iter().any(|ignored| names.contains(ignored))
     };
-    differences.retain(|difference| !ignores(difference));
     let maps = SymmetryMaps::new(&snapshot, &pairs, &comparison, &plane);
     let simulated = match &maps {
         Ok(maps) if settings.simulates => effect::simulate(model, maps, &mut differences),
@@ -98,6 +98,8 @@ pub fn check_model_symmetry(
         Ok(divergence) => (divergence, None),
         Err(reason) => (None, Some(reason.to_string())),
     };
+    // after the simulation, whose effects are of a model without any difference
+    differences.retain(|difference| !ignores(difference));
     sort_by_effect(&mut differences);
     let (maps, unmapped) = match maps {
         Ok(maps) => (Some(maps), None),

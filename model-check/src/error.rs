@@ -47,6 +47,25 @@ pub enum ModelSymmetryError {
         /// Names that reports use for the objects of this kind.
         known: Vec<String>,
     },
+    /// Ignored object that the model does not have.
+    #[error(
+        "the corrections ignore `{name}`, which the model does not have; expected a kind and a \
+         name, such as `body left_leg`"
+    )]
+    UnknownIgnored {
+        /// Text in the corrections.
+        name: String,
+    },
+    /// Corrected pair of objects that cannot be counterparts.
+    #[error("the corrections pair the {kind}s `{}` and `{}`: {reason}", pair[0], pair[1])]
+    UnusablePair {
+        /// Kind of the objects.
+        kind: ModelObjectKind,
+        /// Names of the objects.
+        pair: [String; 2],
+        /// Reason for which they cannot be counterparts.
+        reason: &'static str,
+    },
     /// Corrected plane without a direction or a place.
     #[error("the plane is {plane:?}; expected a normal of length 1 and a finite offset")]
     InvalidPlane {

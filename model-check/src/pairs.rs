@@ -47,12 +47,22 @@ impl PlaneAndPairCorrections {
         })
     }
 
-    /// Returns the corrected pairs of objects of each kind as indices, in both directions.
+    /// Returns the corrected pairs of objects of each kind as indices, in both directions, after
+    /// checking the names of ignored objects.
     ///
     /// # Errors
-    /// [`ModelSymmetryError::UnknownObject`].
+    /// [`ModelSymmetryError::UnknownObject`], [`ModelSymmetryError::UnknownIgnored`],
+    /// [`ModelSymmetryError::UnusablePair`] for an object in two pairs.
     pub(crate) fn indices(&self, snapshot: &PosedModel) -> Result<Forced, ModelSymmetryError> {
         let mut forced = BTreeMap::new();
+        let objects = ModelObjectKind::ALL.into_iter().flat_map(|kind| {
+            let all = 0..snapshot.count(kind);
+            all.map(move |index| format!("{kind} {}", snapshot.object_label(kind, index)))
+        });
+        let objects: Vec<String> = objects.collect();
+        if let Some(name) = self.ignore.iter().find(|name| !objects.contains(name)) {
+            return Err(ModelSymmetryError::UnknownIgnored { name: name.clone() });
+        }
         for (&kind, pairs) in &self.pairs {
             let labels = (0..snapshot.count(kind)).map(|index| snapshot.object_label(kind, index));
             let known: Vec<String> = labels.collect();
@@ -64,9 +74,14 @@ impl PlaneAndPairCorrections {
                 })
             };
             for [one, other] in pairs {
-                let [one, other] = [find(one)?, find(other)?];
-                forced.insert((kind, one), other);
-                forced.insert((kind, other), one);
+                let pair = [one, other].map(Clone::clone);
+                let [left, right] = [find(one)?, find(other)?];
+                for (from, to) in [(left, right), (right, left)] {
+                    if forced.insert((kind, from), to).is_some_and(|before| before != to) {
+                        let reason = "one of them is in another pair, too";
+                        return Err(ModelSymmetryError::UnusablePair { kind, pair, reason });
+                    }
+                }
             }
         }
         Ok(forced)
@@ -116,6 +131,26 @@ impl MirrorPairs {
             finder.pair_up(kind, &all, &all, &mut pairs);
         }
         pairs
+    }
+
+    /// Checks that corrected pairs of objects are counterparts.
+    ///
+    /// # Errors
+    /// [`ModelSymmetryError::UnusablePair`].
+    pub fn check_corrections(
+        &self,
+        snapshot: &PosedModel,
+        forced: &Forced,
+    ) -> Result<(), ModelSymmetryError> {
+        for (&(kind, one), &other) in forced {
+            if self.counterpart_of(kind, one) != Some(other) {
+                let pair = [one, other].map(|index| snapshot.object_label(kind, index));
+                let reason = "their types differ, or what they belong to, connect, move or observe \
+                    are no counterparts, or they are not compared";
+                return Err(ModelSymmetryError::UnusablePair { kind, pair, reason });
+            }
+        }
+        Ok(())
     }
 
     /// Returns the index of an object's counterpart, its own if it lies in the plane; `None` if it
@@ -216,7 +251,9 @@ impl Finder<'_> {
             .map(|(from, to)| self.forced.get(&(kind, from)).map(|&at| at == to));
         match given {
             [None, None] => {}
-            [Some(true), _] | [_, Some(true)] => return Some((0, 0.0)),
+            [Some(true), _] | [_, Some(true)] => {
+                return self.have_one_type(kind, [one, other]).then_some((0, 0.0));
+            }
             _ => return None,
         }
         let snapshot = self.snapshot;
@@ -242,6 +279,24 @@ impl Finder<'_> {
         Some((if is_named { 1 } else { 3 - u8::from(is_near) }, distance))
     }
 
+    /// Returns `true` if the types of two objects agree.
+    fn have_one_type(&self, kind: ModelObjectKind, [one, other]: [usize; 2]) -> bool {
+        let types = match kind {
+            ModelObjectKind::Joint => vec![IntegerArray::JntType],
+            ModelObjectKind::Geom => vec![IntegerArray::GeomType],
+            ModelObjectKind::Equality => vec![IntegerArray::EqType],
+            ModelObjectKind::Actuator => {
+                vec![IntegerArray::ActuatorTrntype, IntegerArray::ActuatorGaintype]
+            }
+            ModelObjectKind::Sensor => {
+                vec![IntegerArray::SensorType, IntegerArray::SensorReftype]
+            }
+            _ => Vec::new(),
+        };
+        let number = |array, index| self.snapshot.integer(array, index);
+        types.into_iter().all(|array| number(array, one) == number(array, other))
+    }
+
     /// Returns `true` if the types of two objects agree, and what they connect, move or observe are
     /// counterparts. Tendons and equality constraints with names of sides may connect others.
     fn can_correspond(
@@ -252,31 +307,21 @@ impl Finder<'_> {
         pairs: &MirrorPairs,
     ) -> bool {
         let snapshot = self.snapshot;
-        let agree = |array| snapshot.integer(array, one) == snapshot.integer(array, other);
         let counterpart = |of, index| pairs.counterpart_of(of, index);
-        match kind {
-            ModelObjectKind::Joint => agree(IntegerArray::JntType),
-            ModelObjectKind::Geom => agree(IntegerArray::GeomType),
-            ModelObjectKind::Tendon => {
-                is_named || paths_correspond(snapshot, counterpart, [one, other])
+        self.have_one_type(kind, [one, other])
+            && match kind {
+                ModelObjectKind::Tendon => {
+                    is_named || paths_correspond(snapshot, counterpart, [one, other])
+                }
+                ModelObjectKind::Equality => {
+                    is_named || object_order(snapshot, counterpart, [one, other]).is_some()
+                }
+                ModelObjectKind::Actuator | ModelObjectKind::Sensor => {
+                    self.targets_correspond(kind, one, other, pairs)
+                }
+                ModelObjectKind::Keyframe => is_named || one == other,
+                _ => true,
             }
-            ModelObjectKind::Equality => {
-                agree(IntegerArray::EqType)
-                    && (is_named || object_order(snapshot, counterpart, [one, other]).is_some())
-            }
-            ModelObjectKind::Actuator => {
-                agree(IntegerArray::ActuatorTrntype)
-                    && agree(IntegerArray::ActuatorGaintype)
-                    && self.targets_correspond(kind, one, other, pairs)
-            }
-            ModelObjectKind::Sensor => {
-                agree(IntegerArray::SensorType)
-                    && agree(IntegerArray::SensorReftype)
-                    && self.targets_correspond(kind, one, other, pairs)
-            }
-            ModelObjectKind::Keyframe => is_named || one == other,
-            ModelObjectKind::Body | ModelObjectKind::Site | ModelObjectKind::Camera => true,
-        }
     }
 
     /// Returns `true` if the objects that two actuators or sensors act on or observe are

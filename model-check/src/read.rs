@@ -20,43 +20,50 @@ pub fn read_model(path: &Path) -> Result<Model, ModelSymmetryError> {
         return Ok(Model::from_xml(&robot.to_mjcf(&MjcfSettings::default())?.text)?);
     }
     let mut files = Vec::new();
-    add_file(path, path.parent().unwrap_or(Path::new("")), &mut files)?;
+    let root = path.parent().unwrap_or(Path::new(""));
+    add_file(path, root, &[root.to_owned()], &mut files)?;
     let files: Vec<(&str, &[u8])> =
         files.iter().map(|(name, content)| (&name[..], &content[..])).collect();
     Ok(Model::from_files(files[0].0, &files)?)
 }
 
-/// Adds a file, and if it is XML, the files that it names, each by its plain name.
+/// Adds a file, and if it is XML, the files that it names, each by its plain name. They are looked
+/// for in `folders` and in those that the file names.
+///
+/// MuJoCo finds files by their plain names here, so two different files of one name are refused.
 fn add_file(
     path: &Path,
     root: &Path,
+    folders: &[PathBuf],
     files: &mut Vec<(String, Vec<u8>)>,
 ) -> Result<(), ModelSymmetryError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    if files.iter().any(|(known, _)| known.eq_ignore_ascii_case(&name)) {
-        return Ok(());
-    }
     let content =
         fs::read(path).map_err(|source| ModelSymmetryError::Read { path: path.into(), source })?;
+    let invalid = |message| ModelSymmetryError::InvalidFile { path: path.into(), message };
+    if let Some((_, known)) = files.iter().find(|(known, _)| known.eq_ignore_ascii_case(&name)) {
+        if *known == content {
+            return Ok(());
+        }
+        return Err(invalid("the model names another file of this name, too: rename one".into()));
+    }
     files.push((name, content.clone()));
     let is_xml = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("xml"));
     if !is_xml {
         return Ok(());
     }
-    let invalid = |message| ModelSymmetryError::InvalidFile { path: path.into(), message };
     let text = String::from_utf8(content).map_err(|error| invalid(error.to_string()))?;
     let document = roxmltree::Document::parse(&text).map_err(|error| invalid(error.to_string()))?;
     let attributes = || document.descendants().flat_map(|node| node.attributes());
-    let folders = attributes().filter(|attribute| attribute.name().ends_with("dir"));
-    let folders: Vec<PathBuf> = [root.to_owned()]
-        .into_iter()
-        .chain(folders.map(|folder| root.join(folder.value())))
-        .collect();
+    // what a file names holds for the files that it includes, too
+    let own = attributes().filter(|attribute| attribute.name().ends_with("dir"));
+    let own = own.map(|folder| root.join(folder.value()));
+    let all: Vec<PathBuf> = folders.iter().cloned().chain(own).collect();
     for named in attributes().filter(|attribute| attribute.name().starts_with("file")) {
-        let places = folders.iter().map(|folder| folder.join(named.value()));
+        let places = all.iter().map(|folder| folder.join(named.value()));
         // MuJoCo reports a file that is missing
         if let Some(place) = places.into_iter().find(|place| place.is_file()) {
-            add_file(&place, root, files)?;
+            add_file(&place, root, &all, files)?;
         }
     }
     Ok(())

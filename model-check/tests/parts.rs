@@ -69,6 +69,94 @@ fn cameras_are_compared_and_can_be_ignored() {
     assert_eq!(properties(&aside), ["camera orientation"], "{}", aside.text());
 }
 
+/// Two legs of a walker, each of a hinge and a ball, and what is wrong with corrections of them.
+#[test]
+fn corrections_that_cannot_be_meant_are_refused() {
+    let leg = |side: &str, y: f64| {
+        format!(
+            "<body name='{side}_leg' pos='0 {y} 0'><joint name='{side}_hip' axis='0 1 0'/>\
+             <geom size='0.05'/><body name='{side}_foot' pos='0 0 -0.2'>\
+             <joint name='{side}_ankle' type='ball'/><geom size='0.05'/></body></body>"
+        )
+    };
+    let legs = [leg("left", 0.2), leg("right", -0.2)].concat();
+    let xml = format!(
+        "<mujoco><worldbody><body name='trunk'><geom size='0.1'/>{legs}</body>\
+        </worldbody></mujoco>"
+    );
+    let model = Model::from_xml(&xml).unwrap();
+    for (pairs, says) in [
+        (r#"{"joint": [["left_hip", "right_ankle"]]}"#, "their types differ"),
+        (
+            r#"{"body": [["left_leg", "right_leg"], ["left_leg", "left_leg"]]}"#,
+            "in another pair, too",
+        ),
+        (r#"{"body": [["trunk", "right_leg"]]}"#, "no counterparts"),
+    ] {
+        let corrections = serde_json::from_str(&format!(r#"{{"pairs": {pairs}}}"#)).unwrap();
+        let settings =
+            ModelSymmetrySettings { corrections, simulates: false, ..Default::default() };
+        let message = check_model_symmetry(&model, &settings).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}");
+    }
+    let corrections = serde_json::from_str(r#"{"ignore": ["bdoy left_leg"]}"#).unwrap();
+    let settings = ModelSymmetrySettings { corrections, simulates: false, ..Default::default() };
+    let message = check_model_symmetry(&model, &settings).unwrap_err().to_string();
+    assert!(message.contains("expected a kind and a name"), "{message}");
+}
+
+/// What is ignored is not reported, and changes no figure of the rest.
+#[test]
+fn effects_do_not_depend_on_what_is_ignored() {
+    let leg = |side: &str, y: f64, mass: f64, damping: f64| {
+        format!(
+            "<body name='{side}_leg' pos='0 {y} 0'>\
+             <joint name='{side}_hip' axis='0 1 0' damping='{damping}'/>\
+             <geom size='0.05' mass='{mass}' pos='0 0 -0.2'/></body>"
+        )
+    };
+    let legs = [leg("left", 0.2, 1.0, 0.1), leg("right", -0.2, 1.5, 0.2)].concat();
+    let xml = format!(
+        "<mujoco><worldbody><body name='trunk'><freejoint/><geom size='0.1'/>{legs}\
+        </body></worldbody></mujoco>"
+    );
+    let model = Model::from_xml(&xml).unwrap();
+    let effects = |ignore: &[&str]| {
+        let ignore = ignore.iter().map(|&name| name.to_owned()).collect();
+        let corrections = PlaneAndPairCorrections { ignore, ..Default::default() };
+        let settings = ModelSymmetrySettings { corrections, ..Default::default() };
+        let found = check_model_symmetry(&model, &settings).unwrap();
+        let mut damping = found.differences.iter().filter(|d| d.property.contains("damping"));
+        (found.twin_divergence, damping.next().unwrap().effect, found.differences.len())
+    };
+    let (twins, effect, all) = effects(&[]);
+    assert!(effect.unwrap() > 0.0);
+    let (same_twins, same_effect, fewer) = effects(&["body left_leg"]);
+    assert!(fewer < all);
+    assert_eq!((same_twins, same_effect), (twins, effect));
+}
+
+#[test]
+fn two_files_of_one_name_are_refused() {
+    let folder = std::env::temp_dir().join(format!("covers-twins-{}", std::process::id()));
+    for side in ["left", "right"] {
+        std::fs::create_dir_all(folder.join(side)).unwrap();
+        let part =
+            format!("<mujocoinclude><option timestep='0.00{}'/></mujocoinclude>", side.len());
+        std::fs::write(folder.join(side).join("part.xml"), part).unwrap();
+    }
+    let model = folder.join("robot.xml");
+    let with = |second: &str| {
+        let xml =
+            format!("<mujoco><include file='left/part.xml'/><include file='{second}'/></mujoco>");
+        std::fs::write(&model, xml).unwrap();
+        read_model(&model)
+    };
+    let message = with("right/part.xml").unwrap_err().to_string();
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(message.contains("right/part.xml") && message.contains("rename one"), "{message}");
+}
+
 #[test]
 fn a_geom_on_one_side_has_no_counterpart() {
     let sound = cart(LEFT, RIGHT, AHEAD, "45");
