@@ -96,12 +96,14 @@ impl<R: Robot, C: Fn() -> Duration> Robot for Watchdog<R, C> {
     fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         // before the command, which would make an overdue robot look freshly commanded
         self.stop_if_timed_out()?;
-        let sent = command.check().and_then(|()| self.robot.command(command));
+        let checked = command.check();
+        // before the command is sent: a driver that panics or blocks may have sent it
+        self.activity = Activity::Commanded((self.clock)());
+        let sent = checked.and_then(|()| self.robot.command(command));
         if let Err(refused) = sent {
             self.halt(|| refused.to_string())?;
             return Err(refused);
         }
-        self.activity = Activity::Commanded((self.clock)());
         Ok(())
     }
 

@@ -183,6 +183,33 @@ fn default_limits_must_be_limits() {
     }
 }
 
+/// A misspelt name would leave a default value in its place.
+#[test]
+fn names_that_are_not_read_are_notes() {
+    let with = |joint: &str, shape: &str| {
+        let urdf = format!(
+            r#"<robot name="r"><link name="base"/><link name="arm"><collision name="c"><geometry>
+            <box size="1 1 1"/></geometry>{shape}</collision></link><joint name="turn"
+            type="continuous"><parent link="base"/><child link="arm"/><safety_controller/>
+            <s:mark xmlns:s="urn:s"/>{joint}</joint></robot>"#
+        );
+        read(&urdf).import_notes().join("; ")
+    };
+    let silent = with(r#"<origin xyz="1 0 0"/><axis xyz="0 0 1"/>"#, "");
+    assert!(!silent.contains("is not read"), "{silent}");
+    for (joint, shape, note) in [
+        (r#"<axis xzy="0 0 1"/>"#, "", "`xzy` of `<axis>` of the joint `turn` is not read"),
+        (r#"<origin rpw="0 0 1"/>"#, "", "`rpw` of `<origin>` of the joint `turn` is not read"),
+        (r#"<orgin xyz="1 0 0"/>"#, "", "`<orgin>` of the joint `turn` is not read"),
+        (r#"<mimick joint="turn"/>"#, "", "`<mimick>` of the joint `turn` is not read"),
+        ("", r#"<orgin xyz="1 0 0"/>"#, "`<orgin>` of the link `arm` is not read"),
+    ] {
+        let notes = with(joint, shape);
+        assert_eq!(notes.matches("is not read").count(), 1, "{notes}");
+        assert!(notes.contains(note), "{notes}");
+    }
+}
+
 /// A range that is reversed is a note, and an error where it is used.
 #[test]
 fn reversed_ranges_are_refused_where_they_are_used() {

@@ -1,6 +1,7 @@
 //! The watchdog, with a clock that the test moves.
 
 use std::cell::{Cell, RefCell};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::time::Duration;
 
 use glam::DVec3;
@@ -26,6 +27,7 @@ impl Robot for Recorded<'_> {
 
     fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         self.0.calls.borrow_mut().push("command");
+        assert!(command.twist.linear.z > -2.0, "the driver panics after the command was sent");
         if command.twist.linear.z > 0.0 {
             let source = "the cable is out".into();
             return Err(ControlError::Driver { source });
@@ -48,6 +50,19 @@ const UP: ArmCommand =
 
 fn ms(milliseconds: u64) -> Duration {
     Duration::from_millis(milliseconds)
+}
+
+#[test]
+fn a_driver_that_panics_after_a_command_is_stopped() {
+    let (tape, now) = (Tape::default(), Cell::new(ms(0)));
+    let mut watched = Watchdog::new(Recorded(&tape), || now.get());
+    let mut down = UP;
+    down.twist.linear.z = -3.0;
+    let sent = catch_unwind(AssertUnwindSafe(|| watched.command(&down)));
+    assert!(sent.is_err());
+    now.set(ms(200));
+    assert!(watched.stop_if_timed_out().unwrap());
+    assert_eq!(*tape.calls.borrow(), ["command", "stop"]);
 }
 
 #[test]

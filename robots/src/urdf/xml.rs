@@ -239,6 +239,8 @@ const REQUIRED_ATTRIBUTES: [&str; 11] =
     ["type", "link", "joint", "value", "filename", "radius", "length", "size", "ixx", "iyy", "izz"];
 const SIZE_ATTRIBUTES: [&str; 3] = ["radius", "length", "size"];
 const REQUIRED_ELEMENTS: [&str; 5] = ["mass", "geometry", SHAPES, "parent", "child"];
+/// Elements of joints and collision shapes that are known and not read.
+const UNREAD: [&str; 4] = ["calibration", "contact_coefficients", "safety_controller", "verbose"];
 
 const NUMBER: &str = "a finite number up to 1e6";
 const VECTOR: &str = "three numbers up to 1e6 with blanks between";
@@ -320,10 +322,41 @@ fn value<'a>(
     stated
 }
 
+/// Notes what is not read of an element and may be a misspelt name: attributes of elements that hold
+/// numbers, and elements inside of joints and collision shapes.
+fn note_unread(node: Node, attributes: &[&str], children: &[&str], report: &mut Report) {
+    const UNREAD_NOTE: &str = "is not read";
+    let name = node.tag_name().name();
+    // a name says nothing of an element that holds numbers
+    let holds_numbers = children.is_empty() && !attributes.contains(&"link");
+    for attribute in node.attributes().filter(|_| holds_numbers) {
+        let known = attributes.contains(&attribute.name()) || attribute.name() == "name";
+        if attribute.namespace().is_none() && !known {
+            report.note(line(node), &format!("{} {UNREAD_NOTE}", place(node, attribute.name())));
+        }
+    }
+    if ["joint", "collision"].contains(&name) {
+        let is_read =
+            |of: &str| children.iter().any(|inside| inside.split('|').any(|one| one == of));
+        for child in node.children().filter(Node::is_element) {
+            let inside = child.tag_name();
+            let is_known = is_read(inside.name())
+                || SKIPPED.contains(&inside.name())
+                || UNREAD.contains(&inside.name());
+            if inside.namespace().is_none() && !is_known {
+                report.note(line(child), &format!("{} {UNREAD_NOTE}", place(child, "")));
+            }
+        }
+    }
+}
+
 /// Writes an element with what is read of it; without `node`, one of default values.
 fn write(text: &mut String, name: &str, node: Option<Node>, report: &mut Report) {
     let read = READ.iter().find(|(names, ..)| names.split('|').any(|of| of == name));
     let (_, attributes, children) = read.unwrap_or(&("", &[], &[]));
+    if let Some(stated) = node {
+        note_unread(stated, attributes, children, report);
+    }
     *text += &format!("<{name}");
     for attribute in *attributes {
         let value = value(name, attribute, node, report);
