@@ -81,7 +81,8 @@ impl ActionController {
     /// Returns `true` if a decision lasts a whole number of command periods of 25 ms.
     pub fn supports_decision_duration(control: &ControlSettings) -> bool {
         let ticks = control.decision_seconds() / COMMAND_PERIOD.as_secs_f64();
-        ticks >= 1.0 && ticks.fract() == 0.0
+        // the quotient of two decimal fractions is rounded
+        ticks >= 0.5 && (ticks - ticks.round()).abs() < 1e-9
     }
 
     /// Returns the position (metres) that the hand follows.

@@ -30,6 +30,11 @@ use super::settings::VisionSettings;
 use super::table::TrialResult;
 use super::trial::{FirstPictureEnv, TrialEnv};
 
+/// Largest distance (mm) of the hand that a robot tells from that of the arm's model.
+const MAX_MODEL_ERROR_MM: f64 = 30.0;
+/// Largest angle (degrees) between the hand that a robot tells and that of the arm's model.
+const MAX_MODEL_ERROR_DEG: f64 = 6.0;
+
 /// Policies of a run, ready to act on a rig, with the camera and a picture of the empty table of
 /// their training.
 pub struct Deployment {
@@ -175,7 +180,9 @@ impl Deployment {
         strip: Option<&'a mut FilmStrip>,
     ) -> Result<TrialEnv<'a>, DeployError> {
         let set_up = rig.set_up(trial).map_err(|source| DeployError::Rig { source })?;
+        check_goal(trial, set_up.goal)?;
         let start = rig.state()?;
+        check_state(arm, &start)?;
         let controller = ActionController::new(arm, &self.control, &start);
         let observer = self.observer(rig, arm, &set_up, start)?;
         Ok(TrialEnv {
@@ -217,6 +224,43 @@ impl Deployment {
             refused_commands: env.controller.num_refused_commands(),
         })
     }
+}
+
+/// Rejects a goal that the policy does not observe, or that the hand cannot be sent to.
+fn check_goal(trial: &Trial, goal: Option<DVec3>) -> Result<(), DeployError> {
+    let Some(goal) = goal else {
+        return Ok(());
+    };
+    let group = trial.variant.group;
+    let [low, high] = Layout::Symmetric.hand_target_bounds();
+    if !group.identity_task().parts().goal_observable {
+        return Err(DeployError::ImplausibleGoal {
+            goal,
+            expected: format!("none: policies of {group} do not observe one"),
+        });
+    }
+    if goal.cmpge(low).all() && goal.cmple(high).all() {
+        return Ok(());
+    }
+    Err(DeployError::ImplausibleGoal {
+        goal,
+        expected: format!("a position from {low} to {high} m"),
+    })
+}
+
+/// Rejects a state of the robot whose hand is not where the arm's model has it for its joints.
+fn check_state(arm: &Arm, state: &RobotState) -> Result<(), DeployError> {
+    let dofs = arm.chain().joints().len();
+    if state.joints.len() != dofs {
+        let (got, expected) = (state.joints.len(), dofs);
+        return Err(DeployError::JointCount { got, expected });
+    }
+    let [way, turn] = arm.chain().tip_pose(&state.joints).displacement_to(&state.tip);
+    let (way_mm, turn_deg) = (1e3 * way.length(), turn.length().to_degrees());
+    if way_mm <= MAX_MODEL_ERROR_MM && turn_deg <= MAX_MODEL_ERROR_DEG {
+        return Ok(());
+    }
+    Err(DeployError::ImplausibleState { way_mm, turn_deg })
 }
 
 /// Result of a trial with its actions and times.

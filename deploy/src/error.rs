@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use experiments::RunError;
+use glam::DVec3;
 use learner::LearnerError;
 use render::RenderError;
 use rl::BoxedEnvError;
@@ -89,6 +90,36 @@ pub enum DeployError {
         path: PathBuf,
         /// Reason for which the calibration does not fit the rig.
         source: Box<DeployError>,
+    },
+    /// Goal of a rig that no trial can have.
+    #[error("the rig's goal is {goal} m, expected {expected}")]
+    ImplausibleGoal {
+        /// Goal of the rig (metres).
+        goal: DVec3,
+        /// Allowed goals, in words.
+        expected: String,
+    },
+    /// State of the robot with another number of joints than the arm has.
+    #[error(
+        "the robot tells {got} joint positions, expected {expected}, one for each joint that moves"
+    )]
+    JointCount {
+        /// Number of joint positions that the robot tells.
+        got: usize,
+        /// Number of joints that move.
+        expected: usize,
+    },
+    /// State of the robot whose hand is not where the arm's model has it.
+    #[error(
+        "the robot tells a hand {way_mm:.0} mm and {turn_deg:.1} degrees from where its joints put \
+         that of the arm's model: expected joints in radians, lengths in metres, the hand in the \
+         frame of the table, and the model of this robot"
+    )]
+    ImplausibleState {
+        /// Distance of the two hands (mm).
+        way_mm: f64,
+        /// Angle between the two hands (degrees).
+        turn_deg: f64,
     },
     /// Calibration that cannot be that of the rig's camera.
     #[error(

@@ -59,7 +59,10 @@ impl LatencyProfile {
     pub fn median_and_max(&self, stage: DecisionStage) -> Option<[Duration; 2]> {
         let mut times = self.0[stage as usize].clone();
         times.sort_unstable();
-        let median = *times.get(times.len() / 2)?;
+        let middle = times.len() / 2;
+        let upper = *times.get(middle)?;
+        let is_even = times.len().is_multiple_of(2);
+        let median = if is_even { (times[middle - 1] + upper) / 2 } else { upper };
         Some([median, *times.last()?])
     }
 }
@@ -85,5 +88,8 @@ mod tests {
             Some([8, 13])
         );
         assert_eq!(latencies.measurement_count(DecisionStage::ChooseAction), 3);
+        // of an even number, the mean of the two in the middle
+        latencies.record(DecisionStage::FetchPicture, Duration::from_millis(6));
+        assert_eq!(latencies.median_and_max(DecisionStage::FetchPicture).map(millis), Some([5, 9]));
     }
 }

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use envs::embodiments::{Arm, KinovaGen3};
-use envs::{Embodiment, Layout, TaskGroup, TaskVariant};
+use envs::{ControlSettings, Embodiment, Layout, TaskGroup, TaskVariant};
 use glam::DVec3;
 use inpainting::{CameraCalibration, Extrinsics, Intrinsics, LensDistortion};
 use rl::BoxedEnvError;
@@ -16,6 +16,7 @@ use robots::{
 };
 use symmetry::D2;
 
+use super::controller::ActionController;
 use super::deployment::check_training_conditions;
 use super::dry_run::DryRunRig;
 use super::{
@@ -53,6 +54,9 @@ struct DryRig {
     camera: Camera,
     /// `true` to panic if anything is sent to the robot.
     untouched: bool,
+    /// Vector from the hand to where the robot tells it (metres).
+    shift: DVec3,
+    goal: DVec3,
 }
 
 fn arm() -> Arm {
@@ -78,6 +82,8 @@ fn dry_rig(camera: Camera) -> DryRig {
         clock,
         camera,
         untouched: false,
+        shift: DVec3::ZERO,
+        goal: DVec3::new(0.15, -0.1, 0.15),
     }
 }
 
@@ -88,7 +94,9 @@ fn untouched(camera: Camera) -> DryRig {
 
 impl Robot for DryRig {
     fn state(&mut self) -> Result<RobotState, ControlError> {
-        self.robot.state()
+        let mut state = self.robot.state()?;
+        state.tip.position += self.shift;
+        Ok(state)
     }
 
     fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
@@ -108,7 +116,7 @@ impl Rig for DryRig {
         Ok(PreparedTrial {
             background: vec![100; 3 * 640 * 480],
             parked_state: self.robot.state()?,
-            goal: Some(DVec3::new(0.15, -0.1, 0.15)),
+            goal: Some(self.goal),
         })
     }
 
@@ -159,6 +167,33 @@ fn a_robot_without_a_simulation_runs_a_trial_and_stands_at_its_end() {
     let way = rig.state().unwrap().tip.position.distance(envs::HAND_TARGET_START);
     assert!(way > 0.02, "{way}");
     assert!(!moves(&mut rig));
+}
+
+#[test]
+fn decisions_of_any_even_number_of_control_steps_are_possible() {
+    for action_repeat in 1..=60 {
+        let control = ControlSettings { action_repeat, ..ControlSettings::default() };
+        let fits = ActionController::supports_decision_duration(&control);
+        assert_eq!(fits, action_repeat % 2 == 0, "{action_repeat}");
+    }
+}
+
+/// A hand in the frame of the base, say, or a goal in millimetres.
+#[test]
+fn a_rig_that_contradicts_the_arm_or_the_task_is_refused_before_a_command() {
+    let mut rig = dry_rig(Ok);
+    rig.shift = DVec3::new(0.0, 0.3, 0.0);
+    let displaced = deployment().run_trial(&mut rig, &arm(), &TRIAL, None).unwrap_err().to_string();
+    assert!(displaced.contains("300 mm and 0.0 degrees"), "{displaced}");
+    assert_eq!(rig.now(), Duration::ZERO);
+    let mut far = dry_rig(Ok);
+    far.goal = DVec3::new(150.0, -100.0, 150.0);
+    let unreached = deployment().run_trial(&mut far, &arm(), &TRIAL, None).unwrap_err().to_string();
+    assert!(unreached.contains("the rig's goal is [150, -100, 150] m"), "{unreached}");
+    let drawer =
+        Trial { variant: TaskVariant { group: TaskGroup::DRAWER_CLOSE, ..TRIAL.variant }, ..TRIAL };
+    let unasked = deployment().run_trial(&mut dry_rig(Ok), &arm(), &drawer, None).unwrap_err();
+    assert!(unasked.to_string().contains("do not observe one"), "{unasked}");
 }
 
 #[test]

@@ -297,7 +297,7 @@ impl VecEnv {
         Ok(())
     }
 
-    /// Returns snapshots of the running episodes, `[N]`.
+    /// Returns snapshots of the running episodes, `[N]`; of a shard, of its own environments alone.
     ///
     /// # Errors
     /// [`EnvError::NotReset`], also of a single environment whose simulation failed; episodes go
@@ -308,7 +308,7 @@ impl VecEnv {
         Ok(self.rows.iter_mut().flat_map(|rows| std::mem::take(&mut rows.snapshots)).collect())
     }
 
-    /// Restores the episodes of `snapshots` `[N]`, which then continue bit for bit as the saved
+    /// Restores the episodes of `snapshots` `[N]`, those of all shards together, which then continue bit for bit as the saved
     /// ones do, and writes their last observations to `out`.
     ///
     /// # Errors

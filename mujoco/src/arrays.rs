@@ -261,9 +261,10 @@ impl Model {
     /// # Panics
     /// If a row does not exist, or has another length than the new values.
     pub fn edited(&self, edits: &[RowEdit]) -> Result<Self, ModelError> {
+        // before the copy is made, which nobody would free
+        edits.iter().try_for_each(|edit| self.check_inertia_frame(edit.array, edit.row))?;
         let mut copy = self.copied();
         for RowEdit { array, row, values } in edits {
-            self.check_inertia_frame(*array, *row)?;
             // SAFETY: nobody else holds the copy yet.
             let (NumberStart::f64(start), rows, width) = array.location(unsafe { copy.as_ref() });
             assert_eq!(values.len(), width, "wrong number of values for a row of {array:?}");

@@ -140,8 +140,9 @@ impl CalibrateOptions {
         } else {
             text(&calibrated, self.estimate_focal, refusal.as_deref())
         };
-        print_escaped(out, &result)?;
+        // the file first: a closed standard output must not cost it
         CameraCalibrationFile::write(&calibrated.estimate.calibration, &self.out)?;
+        print_escaped(out, &result)?;
         Ok(calibrated)
     }
 

@@ -1,5 +1,7 @@
 //! Arm of a URDF whose servos follow inverse kinematics.
 
+use std::time::Duration;
+
 use glam::DVec3;
 use robots::{
     Capsule, Chain, IkSettings, JointServoSettings, LinkMjcfAddition, MjcfSettings, Pose,
@@ -277,7 +279,9 @@ impl EmbodimentSpec for Arm {
         let rotation = self.chain.tip_pose(ready).rotation;
         let target = Pose { position: hand_target, rotation };
         let orientation = self.settings.control.orientation;
-        let settings = IkSettings { orientation, ..IkSettings::default() };
+        // no limit of time, which would make episodes depend on the load of the machine
+        let settings =
+            IkSettings { orientation, time_limit: Duration::MAX, ..IkSettings::default() };
         let joints = self.chain.solve_ik_with_settings(&target, ready, &settings)?;
         let state = RobotState { tip: target, joints, gripper_closure: 0.0 };
         let positions = self.positions(&state);
