@@ -98,6 +98,9 @@ efficiency: deps
 	    "$(KEPT)/$$study"/* > /dev/null && \
 	  for file in efficiency.csv results.csv seeds.csv runs.csv; do \
 	    cp "$$made/report/$$file" "$$made" || exit 1; \
+	  done && \
+	  for file in confusion.csv recognition.csv; do \
+	    [ ! -e "$$made/report/$$file" ] || cp "$$made/report/$$file" "$$made" || exit 1; \
 	  done && cp "$$made"/report/learning-*.svg "$$made" && rm -r "$$made/report" || exit 1; \
 	done
 	rm -rf $(EFFICIENCY) && cp -r "$(TARGET)/efficiency" $(EFFICIENCY)
