@@ -19,6 +19,16 @@ TASKS = {  # ours: EnvPool's, Meta-World's
     "button-press": ("ButtonPress", "button-press-v3"),
     "drawer-close": ("DrawerClose", "drawer-close-v3"),
     "plate-slide": ("PlateSlide", "plate-slide-v3"),
+    "window-open": ("WindowOpen", "window-open-v3"),
+    "window-close": ("WindowClose", "window-close-v3"),
+    "door-open": ("DoorOpen", "door-open-v3"),
+    "door-close": ("DoorClose", "door-close-v3"),
+    "drawer-open": ("DrawerOpen", "drawer-open-v3"),
+    "button-press-topdown": ("ButtonPressTopdown", "button-press-topdown-v3"),
+    "faucet-close": ("FaucetClose", "faucet-close-v3"),
+    "push": ("Push", "push-v3"),
+    "pick-place": ("PickPlace", "pick-place-v3"),
+    "peg-insert-side": ("PegInsertSide", "peg-insert-side-v3"),
 }
 TURN = 0.4  # seconds
 ENVS = 16  # environments that take turns on a thread
@@ -150,9 +160,9 @@ def main():
     ours, count = Ours(sys.argv[1], sys.argv[2]), int(sys.argv[3])
     columns = {task: medians(measures(ours, task), count) for task in TASKS}
     print(f"ours: {sys.argv[2]}; medians of {count} rounds; control steps per second unless it says ms")
-    print("".join(f"{name:>14}" for name in ["", *TASKS]))
+    print("".join(f"{name:>22}" for name in ["", *TASKS]))
     for name in next(iter(columns.values())):
-        print(f"{name:<14}" + "".join(f"{number(columns[task][name]):>14}" for task in TASKS))
+        print(f"{name:<22}" + "".join(f"{number(columns[task][name]):>22}" for task in TASKS))
     ratios = {
         "/ EnvPool 1": ("state 1", "EnvPool 1"),
         "/ EnvPool 2": ("state 2", "EnvPool 2"),
@@ -162,9 +172,9 @@ def main():
     }
     for name, (above, below) in ratios.items():
         values = [columns[task][above] / columns[task][below] for task in TASKS]
-        print(f"{name:<14}" + "".join(f"{value:>14.2f}" for value in values))
+        print(f"{name:<22}" + "".join(f"{value:>22.2f}" for value in values))
     memory = [ours.memory(task) for task in TASKS]
-    print(f"{f'{MANY} envs MB':<14}" + "".join(f"{value:>14.0f}" for value in memory))
+    print(f"{f'{MANY} envs MB':<22}" + "".join(f"{value:>22.0f}" for value in memory))
 
 
 if __name__ == "__main__":
