@@ -134,7 +134,11 @@ impl<W: Write> Worker<'_, W> {
     fn announce<'j>(&mut self, taken: &[&'j SweepJob], waited_for: &mut Vec<&'j str>) {
         for &job in taken {
             if !waited_for.contains(&job.folder_name.as_str()) {
-                self.say(job, "another worker has it: waiting");
+                let remedy = match self.settings.take_over_after {
+                    None => " (`--take-over-after` takes over runs that stand still)",
+                    Some(_) => "",
+                };
+                self.say(job, &format!("another worker has it: waiting{remedy}"));
                 waited_for.push(&job.folder_name);
             }
         }
@@ -381,7 +385,8 @@ mod tests {
         let expected = [
             "equi-seed0: done",
             "equi-seed2: done",
-            "equi-seed1: another worker has it: waiting",
+            "equi-seed1: another worker has it: waiting (`--take-over-after` takes over runs that \
+             stand still)",
             "equi-seed1: done",
         ];
         assert_eq!(said.lines().collect::<Vec<_>>(), expected);
