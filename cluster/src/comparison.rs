@@ -24,7 +24,8 @@ pub struct NearerPolicyInputs {
 /// Statistical Planning and Inference 143 (2013)) over the mean distance within and between the
 /// policies. So a wide cloud has no advantage or disadvantage, even if the rollout is a single
 /// frame, and the scale of a space does not count. Distances within a rival are taken between
-/// different episodes only, so the number of its episodes does not count either.
+/// different episodes only, so the number of its episodes does not count either; a rival of a single
+/// episode is taken to be as wide as the other.
 ///
 /// # Errors
 /// No comparison, or frames of one comparison that cannot be compared.
@@ -39,11 +40,12 @@ impl NearerPolicyInputs {
     fn nearer_policy_margin(&self) -> Result<f64> {
         let (x, [y, z]) = (&self.rollout, &self.policies);
         // one episode says nothing about its spread, which is then taken for that of the other
-        let (within_y, within_z) = match [y, z].map(FrameFeatures::num_episodes) {
-            [1, 1] => (0.0, 0.0),
-            [1, _] => (within(z)?, within(z)?),
-            [_, 1] => (within(y)?, within(y)?),
-            _ => (within(y)?, within(z)?),
+        let (within_y, within_z) = match (within(y)?, within(z)?) {
+            (Some(of_y), Some(of_z)) => (of_y, of_z),
+            (one, other) => {
+                let known = one.or(other).unwrap_or(0.0);
+                (known, known)
+            }
         };
         let scale = (within_y + within_z + 2.0 * between(y, z)?) / 4.0;
         // E|X - X'| is equal for both policies and cancels
@@ -59,9 +61,12 @@ fn between(x: &FrameFeatures, y: &FrameFeatures) -> Result<f64> {
     Ok(distances.iter().sum::<f64>() / distances.len() as f64)
 }
 
-/// Returns the mean Euclidean distance between frames of different episodes, of which there are at
-/// least two.
-fn within(x: &FrameFeatures) -> Result<f64> {
+/// Returns the mean Euclidean distance between frames of different episodes; `None` for a single
+/// episode.
+fn within(x: &FrameFeatures) -> Result<Option<f64>> {
+    if x.num_episodes() == 1 {
+        return Ok(None);
+    }
     let mut costs = EuclideanDistances::new();
     let distances = costs.compute(x.features(), x.features(), x.dim())?;
     let (k, episodes) = (x.frames_per_episode(), x.num_episodes());
@@ -70,7 +75,7 @@ fn within(x: &FrameFeatures) -> Result<f64> {
         row / k != column / k
     });
     let sum: f64 = others.map(|(_, distance)| distance).sum();
-    Ok(sum / (k * k * episodes * (episodes - 1)) as f64)
+    Ok(Some(sum / (k * k * episodes * (episodes - 1)) as f64))
 }
 
 #[cfg(test)]
@@ -114,7 +119,7 @@ mod tests {
         assert!(nearer_policy_margin(&[comparison(&[0.0], [&wide, &narrow])]).unwrap() > 0.0);
     }
 
-    /// Eight episodes and a hundred of one distribution, two frames each of which are alike.
+    /// Eight episodes or one, and a hundred, of one distribution, two frames each of which are alike.
     #[test]
     fn a_small_cloud_loses_nothing_by_its_size() {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
@@ -122,14 +127,17 @@ mod tests {
             let features = draw(count, 0.0, &mut rng).into_iter().flat_map(|x| [x; 2]);
             FrameFeatures::new(features.collect(), 2, 1).unwrap()
         };
-        let margins = (0..400).map(|_| {
-            let comparison =
-                NearerPolicyInputs { rollout: episodes(1), policies: [8, 100].map(&mut episodes) };
-            nearer_policy_margin(&[comparison]).unwrap()
-        });
-        // with the distance of a frame to itself it was -0.09; chance moves it by some 0.03
-        let mean = margins.sum::<f64>() / 400.0;
-        assert!(mean.abs() < 0.08, "{mean}");
+        // with the distance of a frame to itself it was -0.09; chance moves it by some 0.03. With no
+        // spread of the single episode it would be 1.3; chance moves it by some 0.08.
+        for (sizes, bound) in [([8, 100], 0.08), ([1, 100], 0.3)] {
+            let margins = (0..400).map(|_| {
+                let policies = sizes.map(&mut episodes);
+                let comparison = NearerPolicyInputs { rollout: episodes(1), policies };
+                nearer_policy_margin(&[comparison]).unwrap()
+            });
+            let mean = margins.sum::<f64>() / 400.0;
+            assert!(mean.abs() < bound, "{sizes:?}: {mean}");
+        }
     }
 
     #[test]
