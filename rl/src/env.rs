@@ -151,20 +151,23 @@ impl EnvSpec {
     /// # Errors
     /// [`RlError::SpecMismatch`] names the field.
     pub fn check_compatible(&self, other: &Self) -> Result<(), RlError> {
-        let fields = |spec: &Self| {
-            [
-                ("image_shape", format!("{:?}", spec.image_shape)),
-                ("vector_irreps", format!("{:?}", spec.vector_irreps)),
-                ("action_irreps", format!("{:?}", spec.action_irreps)),
-                ("choices", format!("{:?}", spec.choices)),
-            ]
-        };
-        let mut pairs = fields(self).into_iter().zip(fields(other));
-        match pairs.find(|(own, others)| own != others) {
-            Some(((field, one), (_, two))) => Err(RlError::SpecMismatch { field, one, two }),
-            None => Ok(()),
-        }
+        check_equal("image_shape", &self.image_shape, &other.image_shape)?;
+        check_equal("vector_irreps", &self.vector_irreps, &other.vector_irreps)?;
+        check_equal("action_irreps", &self.action_irreps, &other.action_irreps)?;
+        check_equal("choices", &self.choices, &other.choices)
     }
+}
+
+/// Rejects two values of a field of [`EnvSpec`] that differ.
+fn check_equal<T: PartialEq + fmt::Debug>(
+    field: &'static str,
+    one: &T,
+    two: &T,
+) -> Result<(), RlError> {
+    if one == two {
+        return Ok(());
+    }
+    Err(RlError::SpecMismatch { field, one: format!("{one:?}"), two: format!("{two:?}") })
 }
 
 /// Returns the range that each discrete action's one-hot vector takes up in an action vector, from
