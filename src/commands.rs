@@ -291,7 +291,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
         bar.inc(1);
     }
     bar.finish_and_clear();
-    for cause in &results.environment_failures {
+    for cause in &evaluator.take_failure_causes() {
         warn(&format!("warning: {}", environment_failure_warning(cause)));
     }
     let scores = results.scores;

@@ -110,11 +110,11 @@ pub enum RunError {
     },
     /// Run whose folder holds no checkpoint.
     #[error(
-        "{} holds no checkpoint yet: wait for the first one, after as many rollouts as \
-         `checkpoints.every` in experiment.json, or continue the run with `covers resume`",
+        "{} holds no checkpoint: a run writes the first one after as many rollouts as \
+         `checkpoints.every` in experiment.json; of a run that has ended, restore a copy",
         folder.display()
     )]
-    NoCheckpointYet {
+    WithoutCheckpoints {
         /// Folder of the run.
         folder: PathBuf,
     },

@@ -37,7 +37,7 @@ pub struct EvaluationResults {
     pub scores: Vec<VariantScore>,
     /// Counts of the policies that the learner named for shown episodes; empty if it was not asked.
     pub recognitions: Vec<RecognitionAnswerCount>,
-    /// Causes of failures of environments, the first few of each variant. The episode of a failed
+    /// Causes of failures of environments, of many the first ones. The episode of a failed
     /// environment counts as one that ended there.
     pub environment_failures: Vec<String>,
     activities: UnitActivities,
@@ -139,6 +139,11 @@ impl Evaluator {
             .collect()
     }
 
+    /// Returns [`SwitchableVecEnv::take_failure_causes`] of the evaluator's environments.
+    pub fn take_failure_causes(&mut self) -> Vec<String> {
+        self.stream.take_failure_causes()
+    }
+
     /// Sets the signal after which every decision of an evaluation is an error.
     pub(crate) fn set_stop_signal(&mut self, stop: StopSignal) {
         self.stream.set_stop_signal(stop);
@@ -198,7 +203,6 @@ impl Evaluator {
             }
             own => own.map(|_| score),
         };
-        results.environment_failures.extend(self.stream.take_failure_causes());
         results.scores.push(VariantScore {
             group: variant.group,
             element: variant.element,

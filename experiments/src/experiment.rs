@@ -325,26 +325,24 @@ impl Experiment {
     /// [`StreamClock::LearnerIterations`], than a rollout.
     fn check_visits(&self) -> Result<(), RunError> {
         let (rollout, block) = (self.learner.rollout_steps(), self.block());
-        let (shortest, expected) = match self.schedule.clock {
-            StreamClock::EnvironmentTime => {
+        let (shortest, expected) = match (self.schedule.clock, self.schedule.order) {
+            (StreamClock::EnvironmentTime, _) if !rollout.is_multiple_of(block) => {
+                return Err(RunError::InvalidSetting {
+                    name: "rollout_steps",
+                    value: rollout.to_string(),
+                    expected: "a multiple of `envs.num_envs` times the decisions of an episode, \
+                        or `schedule.clock` = `turns`",
+                });
+            }
+            (StreamClock::EnvironmentTime, _) => {
                 (block, "at least `envs.num_envs` times the decisions of an episode")
             }
             // random switches happen between rollouts
-            StreamClock::LearnerIterations if self.schedule.order == VisitOrder::Switching => {
-                return Ok(());
-            }
-            StreamClock::LearnerIterations => {
+            (StreamClock::LearnerIterations, VisitOrder::Switching) => return Ok(()),
+            (StreamClock::LearnerIterations, _) => {
                 (rollout, "at least `rollout_steps` with `schedule.clock` = `turns`")
             }
         };
-        if self.schedule.clock == StreamClock::EnvironmentTime && !rollout.is_multiple_of(block) {
-            return Err(RunError::InvalidSetting {
-                name: "rollout_steps",
-                value: rollout.to_string(),
-                expected: "a multiple of `envs.num_envs` times the decisions of an episode, or \
-                    `schedule.clock` = `turns`",
-            });
-        }
         let mut plans = self.schedule.groups.iter();
         match plans.find(|plan| plan.decisions < shortest) {
             None => Ok(()),

@@ -298,7 +298,8 @@ impl RunFolder {
     /// Reads the run's settings, from the newest intact checkpoint if their file is lost.
     ///
     /// # Errors
-    /// [`RunError::NoRun`], [`RunError::Read`], [`RunError::NoCheckpointYet`], [`RunError::NoCheckpoint`],
+    /// [`RunError::NoRun`], [`RunError::Read`], [`RunError::WithoutCheckpoints`],
+    /// [`RunError::NoCheckpoint`],
     /// [`learner::LearnerError::NewerFormat`].
     pub fn read_experiment(&self) -> Result<Experiment, RunError> {
         if self.holds_settings() {
@@ -361,7 +362,7 @@ impl RunFolder {
             Ok((learner, saved.state.stats.own_policies()))
         };
         let found = checkpoints::read_newest(&self.checkpoint_folder(), load)?;
-        let none = || RunError::NoCheckpointYet { folder: self.path.clone() };
+        let none = || RunError::WithoutCheckpoints { folder: self.path.clone() };
         let found = found.ok_or_else(none)?;
         if !found.problems.is_empty() {
             return Err(RunError::DamagedCheckpoint {

@@ -62,6 +62,8 @@ impl<'a> StoppableEvaluation<'a> {
                     results.recognitions.extend(answers);
                     Ok(())
                 })?);
+        // failures of recognition, too
+        results.environment_failures = self.evaluator.take_failure_causes();
         Ok(done.then_some(results))
     }
 

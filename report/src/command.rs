@@ -107,7 +107,7 @@ fn film(path: &Path, run: &mut RunData) -> Result<String, RunError> {
             Ok(format!("\n{}: {number} films, {size} kB in report.html", run.name))
         }
         // a report on runs without checkpoints is complete but for the films
-        Err(error @ (RunError::NoCheckpoint { .. } | RunError::NoCheckpointYet { .. })) => {
+        Err(error @ (RunError::NoCheckpoint { .. } | RunError::WithoutCheckpoints { .. })) => {
             Ok(format!("\n{}: no films ({error})", run.name))
         }
         Err(error) => Err(error),
