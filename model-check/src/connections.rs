@@ -1,4 +1,5 @@
-//! What tendons and equality constraints connect, and whether two of them connect counterparts.
+//! Objects that tendons and equality constraints connect, and comparison of these with their mirror
+//! images.
 
 use mujoco::{NumberArray as Num, raw};
 

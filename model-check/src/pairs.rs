@@ -281,20 +281,18 @@ impl Finder<'_> {
 
     /// Returns `true` if the types of two objects agree.
     fn have_one_type(&self, kind: ModelObjectKind, [one, other]: [usize; 2]) -> bool {
-        let types = match kind {
-            ModelObjectKind::Joint => vec![IntegerArray::JntType],
-            ModelObjectKind::Geom => vec![IntegerArray::GeomType],
-            ModelObjectKind::Equality => vec![IntegerArray::EqType],
+        let types: &[IntegerArray] = match kind {
+            ModelObjectKind::Joint => &[IntegerArray::JntType],
+            ModelObjectKind::Geom => &[IntegerArray::GeomType],
+            ModelObjectKind::Equality => &[IntegerArray::EqType],
             ModelObjectKind::Actuator => {
-                vec![IntegerArray::ActuatorTrntype, IntegerArray::ActuatorGaintype]
+                &[IntegerArray::ActuatorTrntype, IntegerArray::ActuatorGaintype]
             }
-            ModelObjectKind::Sensor => {
-                vec![IntegerArray::SensorType, IntegerArray::SensorReftype]
-            }
-            _ => Vec::new(),
+            ModelObjectKind::Sensor => &[IntegerArray::SensorType, IntegerArray::SensorReftype],
+            _ => &[],
         };
         let number = |array, index| self.snapshot.integer(array, index);
-        types.into_iter().all(|array| number(array, one) == number(array, other))
+        types.iter().all(|&array| number(array, one) == number(array, other))
     }
 
     /// Returns `true` if the types of two objects agree, and what they connect, move or observe are

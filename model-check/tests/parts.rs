@@ -105,7 +105,7 @@ fn corrections_that_cannot_be_meant_are_refused() {
     assert!(message.contains("expected a kind and a name"), "{message}");
 }
 
-/// What is ignored is not reported, and changes no figure of the rest.
+/// Ignored differences are not reported, and change no figure of the rest.
 #[test]
 fn effects_do_not_depend_on_what_is_ignored() {
     let leg = |side: &str, y: f64, mass: f64, damping: f64| {
