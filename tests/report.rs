@@ -357,13 +357,17 @@ fn films_are_inside_of_the_page_where_they_are_asked_for() {
     };
     // of an earlier report
     fs::create_dir_all(&folder).unwrap();
-    let stale = ["recognition.csv", "recognition.tex"].map(|own| folder.join(own));
+    let stale = ["recognition.csv", "recognition.tex", "covers-seed7.svg", "learning-other.svg"];
+    let stale = stale.map(|own| folder.join(own));
+    let unrelated = folder.join("seeds.svg");
+    fs::write(&unrelated, "another program's").unwrap();
     stale.iter().for_each(|file| fs::write(file, "stale").unwrap());
     let gifs = |page: &str| page.matches("src=\"data:image/gif;base64,R0lGODlh").count();
     let (text, page) = html(&[]);
     assert!(gifs(&page) == 0 && !text.contains(" films, "));
     assert!(!text.contains("after each of its visits"), "{text}");
     assert!(stale.iter().all(|file| !file.exists()) && folder.join("equi-seed0.svg").exists());
+    assert!(unrelated.exists());
     // the one run of a page is not folded away
     assert_eq!(page.matches("<details").count(), 1);
     assert_eq!(page.matches("<details open>").count(), 1);

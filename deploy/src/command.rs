@@ -116,14 +116,15 @@ impl DeployOptions {
     /// the model of the rig's robot.
     ///
     /// # Errors
-    /// As [`DeployOptions::run`], and faults and sweeps, which only a simulated rig can set.
+    /// As [`DeployOptions::run`], and `--robot`, faults and sweeps, which are for a simulated rig
+    /// alone.
     pub fn run_on_rig(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<(), DeployError> {
-        self.run_and_rig.rig.reject_faults(self.sweep.iter().map(|of| of.fault))?;
+        self.run_and_rig.rig.reject_simulation_options(self.sweep.iter().map(|of| of.fault))?;
         let mut deployment = self.run_and_rig.load_deployment(VisionSettings::default())?;
         let results = self.results()?;
         self.act(&mut deployment, rig, arm, results.as_ref(), out)?;
@@ -178,7 +179,7 @@ impl DeployOptions {
         settings: RigAndVisionSettings,
     ) -> Result<(Deployment, SimulatedRig), DeployError> {
         let deployment = self.run_and_rig.load_deployment(settings.vision)?;
-        let robot = self.run_and_rig.rig.robot;
+        let robot = self.run_and_rig.rig.simulated_robot();
         let rig = SimulatedRig::new(settings.simulation, *deployment.training_camera(), robot)?;
         Ok((deployment, rig))
     }

@@ -118,7 +118,7 @@ impl ActionController {
             // a robot may report a refused command when its state is read: count it, and read again
             let state = match rig.state() {
                 Err(ControlError::CannotFollow { .. }) => {
-                    self.refused_commands += 1;
+                    self.take_back_command();
                     rig.state()?
                 }
                 state => state?,
@@ -129,7 +129,7 @@ impl ActionController {
                 self.limits.ramp_twist(self.twist, command.twist, COMMAND_PERIOD.as_secs_f64());
             self.reference += COMMAND_PERIOD.as_secs_f64() * self.twist.linear;
             match rig.command(&command) {
-                Err(ControlError::CannotFollow { .. }) => self.refused_commands += 1,
+                Err(ControlError::CannotFollow { .. }) => self.take_back_command(),
                 sent => sent?,
             }
             self.command_time += started.elapsed();
@@ -147,10 +147,18 @@ impl ActionController {
     ) -> Result<(), DeployError> {
         match rig.state() {
             Ok(state) => observer.record_state(rig.now(), state),
-            Err(ControlError::CannotFollow { .. }) => self.refused_commands += 1,
+            Err(ControlError::CannotFollow { .. }) => self.take_back_command(),
             Err(other) => return Err(other.into()),
         }
         Ok(())
+    }
+
+    /// Counts a refused command and moves the reference back: an arm that refuses a command stands
+    /// still.
+    fn take_back_command(&mut self) {
+        self.refused_commands += 1;
+        self.reference -= COMMAND_PERIOD.as_secs_f64() * self.twist.linear;
+        self.twist = Twist::ZERO;
     }
 
     fn move_target(&mut self, way: DVec3, finger: f64, state: &RobotState) {

@@ -27,9 +27,9 @@ pub enum FaultPreset {
 #[derive(Clone, Debug, Args)]
 pub struct RigOptions {
     /// Simulated robot: `kinova-sim`, a Kinova Gen3 with which no policy was trained, or an arm of
-    /// yours as ARM.urdf.
-    #[arg(long, value_name = "ROBOT", default_value = "kinova-sim", value_parser = robot)]
-    pub robot: Embodiment,
+    /// yours as ARM.urdf (default: kinova-sim).
+    #[arg(long, value_name = "ROBOT", value_parser = robot)]
+    pub robot: Option<Embodiment>,
     /// Seed of placements and faults.
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     pub seed: u64,
@@ -72,12 +72,25 @@ impl RigOptions {
         Ok(settings)
     }
 
-    /// Rejects single faults, and those of a sweep, for a rig that is not simulated: an ignored
-    /// fault would pass for a harmless one.
-    pub(crate) fn reject_faults(
+    /// Returns the robot of a simulated rig.
+    pub(crate) fn simulated_robot(&self) -> Embodiment {
+        self.robot.unwrap_or(Embodiment::KINOVA_GEN3)
+    }
+
+    /// Rejects a robot, single faults, and those of a sweep, for a rig that is not simulated: an
+    /// ignored fault would pass for a harmless one.
+    pub(crate) fn reject_simulation_options(
         &self,
         swept: impl IntoIterator<Item = SimulatedFault>,
     ) -> Result<(), DeployError> {
+        if let Some(robot) = self.robot {
+            return Err(RunError::InvalidSetting {
+                name: "robot",
+                value: robot.name().to_owned(),
+                expected: "none: a rig that is not simulated has its own robot",
+            }
+            .into());
+        }
         let single = self.fault_amounts.iter().map(|of| of.fault);
         single.chain(swept).next().map_or(Ok(()), |fault| {
             Err(RunError::InvalidSetting {

@@ -17,7 +17,7 @@ use crate::experiment::Experiment;
 use crate::schedule::TaskSchedule;
 use crate::stop::StopSignal;
 use crate::stream::SwitchableVecEnv;
-use learner::{Learner, PolicyEvaluationResult, TaskLabel};
+use learner::{Learner, PolicyEvaluationResult, RecognisedPolicy, TaskLabel};
 
 use cache::{CacheKey, EvaluationCache};
 use dormancy::UnitActivities;
@@ -149,8 +149,8 @@ impl Evaluator {
         self.stream.set_stop_signal(stop);
     }
 
-    /// Switches the environments to a variant and returns the index of the policy that the learner
-    /// chooses for it.
+    /// Switches the environments to a variant and returns the policy that the learner chooses for
+    /// it.
     ///
     /// # Errors
     /// Errors of the environments, the policies or the assigner.
@@ -158,13 +158,12 @@ impl Evaluator {
         &mut self,
         learner: &mut dyn Learner,
         variant: TaskVariant,
-    ) -> Result<usize, RunError> {
+    ) -> Result<RecognisedPolicy, RunError> {
         let mut rng = recognition_rng(self.episode_seed(variant));
         self.labels.set(variant.group.name());
         self.stream.switch_task_group(variant.group, &[variant.element])?;
         self.stream.reseed(self.episode_seed(variant))?;
-        let recognised = learner.recognise_policy(&mut self.stream, None, &mut rng)?;
-        Ok(recognised.policy)
+        Ok(learner.recognise_policy(&mut self.stream, None, &mut rng)?)
     }
 
     /// Scores the learner on one variant and adds the results to `results`.
@@ -191,7 +190,7 @@ impl Evaluator {
                 expected: "at least 1",
             });
         }
-        let policy = self.recognise_policy(learner, variant)?;
+        let policy = self.recognise_policy(learner, variant)?.policy;
         let chosen = self.play(learner, variant, policy, rounds)?;
         results.activities.add(policy, &chosen.activity);
         let score = self.policy_score(policy, &chosen.stats);

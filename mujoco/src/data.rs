@@ -241,20 +241,24 @@ impl Data {
 
     /// Returns the number of contacts between geoms; derived (see [`Data`]).
     pub fn contact_count(&self) -> usize {
-        self.as_raw().ncon as usize
+        self.contacts().count()
     }
 
     /// Returns the contacts between geoms, in MuJoCo's order; derived (see [`Data`]).
     pub fn contacts(&self) -> impl Iterator<Item = Contact> {
-        self.raw_contacts().iter().map(|contact| Contact {
-            geoms: [contact.geom1, contact.geom2].map(|geom| Id::new(geom as usize)),
-            distance: contact.dist,
-            position: contact.pos,
+        self.raw_contacts().iter().filter_map(|contact| {
+            let geom = |index: i32| usize::try_from(index).ok().map(Id::new);
+            // MuJoCo 3 has -1 for a flex
+            Some(Contact {
+                geoms: [geom(contact.geom1)?, geom(contact.geom2)?],
+                distance: contact.dist,
+                position: contact.pos,
+            })
         })
     }
 
     fn raw_contacts(&self) -> &[raw::mjContact] {
-        match self.contact_count() {
+        match self.as_raw().ncon as usize {
             0 => &[],
             // SAFETY: MuJoCo has filled `ncon` entries of the array, which nobody writes to while
             // `self` is borrowed.

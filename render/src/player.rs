@@ -106,7 +106,7 @@ impl PolicyPlayer {
         variant: TaskVariant,
         env: &mut dyn VectorEnv,
     ) -> Result<(usize, bool), RunError> {
-        let policy = self.evaluator.recognise_policy(&mut *self.learner, variant)?;
+        let policy = self.evaluator.recognise_policy(&mut *self.learner, variant)?.policy;
         let stats = self.learner.evaluate_policy(policy, env, 1)?.stats;
         Ok((policy, stats.success_rate() == Some(1.0)))
     }

@@ -1,5 +1,6 @@
 //! Tables and drawings of a report, and the files that it is written to.
 
+use std::ffi::OsStr;
 use std::io::ErrorKind;
 use std::path::Path;
 
@@ -58,7 +59,7 @@ impl Report {
         };
         write("report.html", self.html())?;
         write("report.md", self.markdown())?;
-        // an earlier report may have left tables that this one does not have
+        // an earlier report may have left tables and drawings that this one does not have
         for name in tables::OPTIONAL_REPORT_TABLES {
             for ending in ["csv", "tex"] {
                 remove(&folder.join(format!("{name}.{ending}")))?;
@@ -67,6 +68,12 @@ impl Report {
         for (name, table) in &self.tables {
             write(&format!("{name}.csv"), table.csv())?;
             write(&format!("{name}.tex"), table.latex())?;
+        }
+        for entry in std::fs::read_dir(folder).map_err(RunError::write_error_mapper(folder))? {
+            let path = entry.map_err(RunError::write_error_mapper(folder))?.path();
+            if is_drawing_of_report(&path) {
+                remove(&path)?;
+            }
         }
         for (name, svg) in self.drawings() {
             write(&format!("{name}.svg"), svg)?;
@@ -94,6 +101,19 @@ impl Report {
         });
         runs.chain(seeds).chain(groups).chain([success]).collect()
     }
+}
+
+/// Returns `true` if a report writes drawings of this name: of a run, of a seed or of a group.
+fn is_drawing_of_report(path: &Path) -> bool {
+    let name = path.file_name().and_then(OsStr::to_str);
+    let Some(name) = name.and_then(|name| name.strip_suffix(".svg")) else {
+        return false;
+    };
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let ends_in_seed = name.rsplit_once("seed").is_some_and(|(method, seed)| {
+        (method.is_empty() || method.ends_with('-')) && is_number(seed)
+    });
+    ends_in_seed || name.starts_with("learning-")
 }
 
 /// Removes a file if it exists.

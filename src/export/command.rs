@@ -88,7 +88,8 @@ impl ExportOptions {
 /// from images of the group.
 ///
 /// # Errors
-/// A group that the run was not trained on; errors of the environments and the learner.
+/// A group that the run was not trained on, or in a packed folder one whose images fit no policy;
+/// errors of the environments and the learner.
 fn policy_of_group(
     group: &str,
     run: &Experiment,
@@ -98,10 +99,19 @@ fn policy_of_group(
 ) -> Result<usize, RunError> {
     let tasks = TaskRegistry::with_all();
     let variant = run.schedule.resolve_group_or_all(Some(group), &tasks)?[0].variants()[0];
-    match own.get(group) {
-        Some(&policy) => Ok(policy),
-        None => Evaluator::for_experiment(run, &tasks, labels)?.recognise_policy(learner, variant),
+    if let Some(&policy) = own.get(group) {
+        return Ok(policy);
     }
+    let mut evaluator = Evaluator::for_experiment(run, &tasks, labels)?;
+    let recognised = evaluator.recognise_policy(learner, variant)?;
+    if recognised.fits {
+        return Ok(recognised.policy);
+    }
+    Err(RunError::InvalidSetting {
+        name: "policy",
+        value: format!("{group}, whose images fit none of the {} policies", learner.policy_count()),
+        expected: "a group that a policy of the run serves, or the index of a policy",
+    })
 }
 
 /// Number of environments of each task group whose observations are exported.

@@ -93,8 +93,11 @@ impl CalibrateOptions {
     /// As [`calibrate_camera`]; a file and an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), DeployError> {
         let settings = self.simulation()?;
-        let mut rig =
-            SimulatedRig::new_with_calibration_ball(settings, Camera::default(), self.rig.robot)?;
+        let mut rig = SimulatedRig::new_with_calibration_ball(
+            settings,
+            Camera::default(),
+            self.rig.simulated_robot(),
+        )?;
         let arm = rig.arm().clone();
         let calibrated = self.calibrate_on(&mut rig, &arm, out)?;
         if self.json {
@@ -112,14 +115,14 @@ impl CalibrateOptions {
     /// `out`; `arm` is the model of the rig's robot. `--faults` has no effect.
     ///
     /// # Errors
-    /// As [`CalibrateOptions::run`], and `--fault`, which only a simulated rig can set.
+    /// As [`CalibrateOptions::run`], and `--robot` and `--fault`, which are for a simulated rig alone.
     pub fn run_on_rig(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<CameraCalibrationResult, DeployError> {
-        self.rig.reject_faults([])?;
+        self.rig.reject_simulation_options([])?;
         self.calibrate_on(rig, arm, out)
     }
 

@@ -46,7 +46,7 @@ impl CheckMaskOptions {
     pub fn run(&self, out: &mut impl Write) -> Result<bool, DeployError> {
         let settings = self.run_and_rig.rig.settings()?;
         let deployment = self.run_and_rig.load_deployment(settings.vision)?;
-        let robot = self.run_and_rig.rig.robot;
+        let robot = self.run_and_rig.rig.simulated_robot();
         let camera = *deployment.training_camera();
         let mut rig = SimulatedRig::new(settings.simulation, camera, robot)?;
         let arm = rig.arm().clone();
@@ -58,14 +58,14 @@ impl CheckMaskOptions {
     /// effect.
     ///
     /// # Errors
-    /// As [`CheckMaskOptions::run`], and `--fault`, which only a simulated rig can set.
+    /// As [`CheckMaskOptions::run`], and `--robot` and `--fault`, which are for a simulated rig alone.
     pub fn run_on_rig(
         &self,
         rig: &mut dyn Rig,
         arm: &Arm,
         out: &mut impl Write,
     ) -> Result<bool, DeployError> {
-        self.run_and_rig.rig.reject_faults([])?;
+        self.run_and_rig.rig.reject_simulation_options([])?;
         let deployment = self.run_and_rig.load_deployment(VisionSettings::default())?;
         self.check(&deployment, rig, arm, out)
     }

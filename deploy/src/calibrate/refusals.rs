@@ -106,6 +106,9 @@ fn a_rig_of_your_own_takes_no_simulated_fault() {
         let message = error.unwrap().to_string();
         assert!(message.contains("position-error") && message.contains("simulated rigs alone"));
     }
+    let robot = mask_options(&["--robot", "kinova-sim"]).run_on_rig(&mut rig, &arm, &mut out);
+    let message = robot.err().unwrap().to_string();
+    assert!(message.contains("`robot`") && message.contains("its own robot"), "{message}");
 }
 
 #[test]

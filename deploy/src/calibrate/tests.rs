@@ -35,7 +35,7 @@ pub(super) const SETTINGS: CameraCalibrationSettings = CameraCalibrationSettings
 fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions {
     CalibrateOptions {
         rig: RigOptions {
-            robot: Embodiment::KINOVA_GEN3,
+            robot: None,
             seed: 1000,
             faults: FaultPreset::Nominal,
             fault_amounts: fault,
