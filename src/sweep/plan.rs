@@ -344,6 +344,7 @@ mod tests {
                 Some("mt10") => (46..49, Some(3)),
                 Some("sac") => (50..60, Some(10)),
                 Some("factorial") => (60..70, Some(10)),
+                Some("zero") => (70..80, Some(10)),
                 _ => (1000..u64::MAX, None),
             };
             assert!(plan.seeds.iter().all(|seed| seeds.contains(seed)), "{name}");
