@@ -328,7 +328,7 @@ impl TableTop {
     fn pass(&mut self, episode: &mut Episode, finger: f64) -> Result<StepReward, EnvError> {
         self.data.step(PHYSICS_STEPS_PER_CONTROL_STEP)?;
         episode.finger = finger;
-        episode.touched |= self.data.contact_count() > 0;
+        episode.touched |= self.data.contacts().next().is_some();
         // `step` leaves positions one physics step behind; kinematics alone do not alter the state
         self.data.forward_kinematics()?;
         let now = self.measure(episode.element, &episode.start.placement);

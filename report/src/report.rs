@@ -48,6 +48,7 @@ impl Report {
 
     /// Writes `report.html`, `report.md`, each table as CSV and LaTeX, and the curves of each run,
     /// each seed and each group and the chart of success as SVG, to a folder, which is created.
+    /// Files of these names that an earlier report left there are removed.
     ///
     /// # Errors
     /// [`RunError::Write`] for a file that cannot be written or removed.

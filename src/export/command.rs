@@ -10,7 +10,7 @@ use experiments::cli::print_escaped;
 use experiments::evaluation::{Evaluator, OwnPolicyByGroup};
 use experiments::{Experiment, RunError, RunFolder, SwitchableVecEnv};
 use learner::disk::{LocalDisk, write_atomically};
-use learner::{Learner, TaskLabel};
+use learner::{Learner, RecognisedPolicy, TaskLabel};
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::D2;
 
@@ -53,8 +53,8 @@ impl ExportOptions {
         let labels = TaskLabel::default();
         let (mut learner, own) =
             folder.load_learner_with_own_policies(&run.learner, &spec, &labels)?;
-        let index = match self.policy.parse() {
-            Ok(index) => index,
+        let RecognisedPolicy { policy: index, fits } = match self.policy.parse() {
+            Ok(index) => RecognisedPolicy { policy: index, fits: true },
             Err(_) => policy_of_group(&self.policy, &run, &mut *learner, &own, labels)?,
         };
         let observations = observations(&run)?;
@@ -76,7 +76,8 @@ impl ExportOptions {
             write_atomically(&LocalDisk, &path(name), bytes)?;
         }
         // printed after all files are written, so that a closed pipe cannot prevent any
-        print_escaped(out, &format!("policy {index} of {}", learner.policy_count()))?;
+        let doubt = if fits { "" } else { ", the nearest: images of the group fit none well" };
+        print_escaped(out, &format!("policy {index} of {}{doubt}", learner.policy_count()))?;
         for (name, bytes) in &files {
             print_escaped(out, &format!("{}: {} bytes", path(name).display(), bytes.len()))?;
         }
@@ -88,30 +89,20 @@ impl ExportOptions {
 /// from images of the group.
 ///
 /// # Errors
-/// A group that the run was not trained on, or in a packed folder one whose images fit no policy;
-/// errors of the environments and the learner.
+/// A group that the run was not trained on; errors of the environments and the learner.
 fn policy_of_group(
     group: &str,
     run: &Experiment,
     learner: &mut dyn Learner,
     own: &OwnPolicyByGroup,
     labels: TaskLabel,
-) -> Result<usize, RunError> {
+) -> Result<RecognisedPolicy, RunError> {
     let tasks = TaskRegistry::with_all();
     let variant = run.schedule.resolve_group_or_all(Some(group), &tasks)?[0].variants()[0];
-    if let Some(&policy) = own.get(group) {
-        return Ok(policy);
+    match own.get(group) {
+        Some(&policy) => Ok(RecognisedPolicy { policy, fits: true }),
+        None => Evaluator::for_experiment(run, &tasks, labels)?.recognise_policy(learner, variant),
     }
-    let mut evaluator = Evaluator::for_experiment(run, &tasks, labels)?;
-    let recognised = evaluator.recognise_policy(learner, variant)?;
-    if recognised.fits {
-        return Ok(recognised.policy);
-    }
-    Err(RunError::InvalidSetting {
-        name: "policy",
-        value: format!("{group}, whose images fit none of the {} policies", learner.policy_count()),
-        expected: "a group that a policy of the run serves, or the index of a policy",
-    })
 }
 
 /// Number of environments of each task group whose observations are exported.

@@ -115,7 +115,8 @@ impl CalibrateOptions {
     /// `out`; `arm` is the model of the rig's robot. `--faults` has no effect.
     ///
     /// # Errors
-    /// As [`CalibrateOptions::run`], and `--robot` and `--fault`, which are for a simulated rig alone.
+    /// As [`CalibrateOptions::run`], and `--robot` and `--fault`, which are for a simulated rig
+    /// alone.
     pub fn run_on_rig(
         &self,
         rig: &mut dyn Rig,

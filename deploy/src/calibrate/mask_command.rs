@@ -58,7 +58,8 @@ impl CheckMaskOptions {
     /// effect.
     ///
     /// # Errors
-    /// As [`CheckMaskOptions::run`], and `--robot` and `--fault`, which are for a simulated rig alone.
+    /// As [`CheckMaskOptions::run`], and `--robot` and `--fault`, which are for a simulated rig
+    /// alone.
     pub fn run_on_rig(
         &self,
         rig: &mut dyn Rig,
