@@ -11,7 +11,7 @@ use glam::DVec3;
 use inpainting::{CameraCalibration, Extrinsics, Intrinsics, LensDistortion};
 use rl::BoxedEnvError;
 use robots::{
-    ArmCommand, ControlError, KinematicArm, Robot, RobotState, TwistControlSettings,
+    ArmCommand, ControlError, KinematicArm, MissedTarget, Robot, RobotState, TwistControlSettings,
     TwistController, Watchdog,
 };
 use symmetry::D2;
@@ -54,6 +54,9 @@ struct DryRig {
     camera: Camera,
     /// `true` to panic if anything is sent to the robot.
     untouched: bool,
+    /// `true` to refuse every command.
+    refusing: bool,
+    last_command: Option<ArmCommand>,
     /// Vector from the hand to where the robot tells it (metres).
     shift: DVec3,
     goal: DVec3,
@@ -82,6 +85,8 @@ fn dry_rig(camera: Camera) -> DryRig {
         clock,
         camera,
         untouched: false,
+        refusing: false,
+        last_command: None,
         shift: DVec3::ZERO,
         goal: DVec3::new(0.15, -0.1, 0.15),
     }
@@ -101,6 +106,12 @@ impl Robot for DryRig {
 
     fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
         assert!(!self.untouched, "{command:?} was sent");
+        self.last_command = Some(*command);
+        if self.refusing {
+            let [target, reached] = [envs::HAND_TARGET_START; 2];
+            let miss = MissedTarget { target, reached, distance: 0.0, angle: 0.0, joint: None };
+            return Err(ControlError::CannotFollow { miss });
+        }
         self.robot.command(command)
     }
 
@@ -167,6 +178,16 @@ fn a_robot_without_a_simulation_runs_a_trial_and_stands_at_its_end() {
     let way = rig.state().unwrap().tip.position.distance(envs::HAND_TARGET_START);
     assert!(way > 0.02, "{way}");
     assert!(!moves(&mut rig));
+}
+
+/// An arm that stands still is told to move until it does: nothing counts as done that it refused.
+#[test]
+fn refused_commands_are_repeated() {
+    let mut rig = DryRig { refusing: true, ..dry_rig(Ok) };
+    let played = deployment().run_trial(&mut rig, &arm(), &TRIAL, None).unwrap();
+    assert_eq!(played.refused_commands, 250);
+    let speed = rig.last_command.unwrap().twist.linear.length();
+    assert!(speed > 0.2, "{speed}");
 }
 
 #[test]
