@@ -13,15 +13,17 @@ use crate::CoversError;
 pub use crate::cli::CommandOutcome;
 use crate::cli::{ThreadAndJsonOptions, TrainOptions, device_parser, program_name, shell_word};
 use crate::ranks::on_ranks;
+use crate::setting_list::OverrideParser;
 use crate::sweep_command::SweepOptions;
 use experiments::cli::{print_escaped, progress_bar};
 use experiments::evaluation::{EvaluationResults, Evaluator};
 use experiments::text::{ROLLOUT_LINE_HEADER, format_run_event, run_summary_table, score_table};
 use experiments::{
-    Run, RunError, RunEvent, RunFolder, StopSignal, SwitchableVecEnv, environment_failure_warning,
-    memory, thread_pool,
+    Experiment, Run, RunError, RunEvent, RunFolder, StopSignal, SwitchableVecEnv,
+    environment_failure_warning, memory, thread_pool,
 };
 use learner::disk::parent_folder;
+use learner::overrides::{SettingOverride, apply_overrides, setting_differences};
 use learner::{CheckpointExtent, DeviceChoice, TaskLabel};
 use report::ReportOptions;
 use rl::ProcessRanks;
@@ -82,6 +84,15 @@ pub struct EvalOptions {
     /// (default: no randomisation). Close-ups cannot be randomised.
     #[arg(long)]
     pub randomised: bool,
+    /// Set a field of `envs`, such as `envs.camera.misalignment.shift_mm=[30,0]`; may be repeated,
+    /// and the last value of a field wins.
+    #[arg(
+        long = "set",
+        value_name = "PATH=VALUE",
+        value_parser = OverrideParser,
+        hide_possible_values = true
+    )]
+    pub overrides: Vec<SettingOverride>,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub threads_and_json: ThreadAndJsonOptions,
@@ -264,6 +275,8 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
         folder.read_experiment()?.with_threads(options.threads_and_json.threads.count());
     memory::check_environment_memory(experiment.envs.threads)?;
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
+    let tasks = TaskRegistry::with_all();
+    experiment = with_env_overrides(&options.overrides, experiment, &tasks)?;
     let spec = SwitchableVecEnv::env_spec(&experiment.envs);
     let labels = TaskLabel::default();
     let learner = &experiment.learner;
@@ -276,7 +289,6 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     } else {
         experiment.envs.without_randomisation()
     };
-    let tasks = TaskRegistry::with_all();
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?
         .with_distinct_placements(experiment.evaluation.distinct_placements);
     // a round of one group is an episode of each environment in each of four variants
@@ -300,6 +312,34 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     } else {
         print_escaped(out, &score_table(&scores))
     }
+}
+
+/// Returns `experiment` with overridden settings of the environments.
+///
+/// # Errors
+/// Errors of [`apply_overrides`] and [`Experiment::check`], and [`RunError::InvalidSetting`] if any
+/// other setting is overridden.
+fn with_env_overrides(
+    overrides: &[SettingOverride],
+    experiment: Experiment,
+    tasks: &TaskRegistry,
+) -> Result<Experiment, RunError> {
+    if overrides.is_empty() {
+        return Ok(experiment);
+    }
+    let changed = apply_overrides(overrides, experiment.clone())?;
+    let envs = VecEnvSettings { threads: experiment.envs.threads, ..changed.envs };
+    let accepted = Experiment { envs, ..experiment };
+    let differences = setting_differences(&changed, &accepted)?;
+    if !differences.is_empty() {
+        return Err(RunError::InvalidSetting {
+            name: "set",
+            value: differences,
+            expected: "fields of `envs` other than `envs.threads`; other settings are the run's",
+        });
+    }
+    accepted.check(tasks)?;
+    Ok(accepted)
 }
 
 /// Returns the parser of the number of episodes of an evaluation.

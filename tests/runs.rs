@@ -302,6 +302,11 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     assert_ne!(other, scores);
     let random = ["eval", packed, "--randomised", "--episodes", "16", "--json"];
     assert_ne!(command(&random), scores);
+    let off = ["eval", packed, "--set", "envs.camera.misalignment.shift_mm=[90,0]", "--json"];
+    assert_ne!(command(&[&off[..], &["--episodes", "16"]].concat()), scores);
+    let wrong = ["eval", packed, "--set", "evaluation.rounds=2"];
+    let message = crate::common::covers(&wrong).unwrap_err().to_string();
+    assert!(message.contains("`evaluation.rounds` 2 and"), "{message}");
     let (few, none) = (scratch.0.join("few"), scratch.0.join("none"));
     command(&["pack", folder, "--out", few.to_str().unwrap(), "--episodes", "4"]);
     let table = command(&["eval", few.to_str().unwrap(), "--episodes", "16"]);

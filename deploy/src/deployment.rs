@@ -288,6 +288,13 @@ pub(super) fn check_training_conditions(
             "an even number: an arm takes a command every second control step",
         );
     }
+    if !envs.camera.is_aligned() {
+        return refuse(
+            "envs.camera.misalignment",
+            "set".to_owned(),
+            "none: pictures of the real camera are rectified by its calibration",
+        );
+    }
     match learner {
         LearnerSettings::OffPolicy(settings) if settings.context.is_some() => refuse(
             "off_policy.context",

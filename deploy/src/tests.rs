@@ -367,8 +367,9 @@ fn policies_that_would_act_otherwise_are_refused() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/pretrained-robot");
     let learnt = RunFolder::from_path(&folder).read_experiment().unwrap();
     type Spoil = fn(&mut Experiment);
-    let cases: [(&str, Spoil); 3] = [
+    let cases: [(&str, Spoil); 4] = [
         ("envs.layout", |e| e.envs.layout = Layout::MetaWorld),
+        ("envs.camera.misalignment", |e| e.envs.camera.misalignment.tilt_degrees = [0.0, 1.0]),
         ("action_repeat", |e| e.envs.control.action_repeat = 5),
         ("context", |e| {
             e.learner = LearnerSettings::OffPolicy(OffPolicySettings::three_rl_baseline());

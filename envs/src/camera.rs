@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{EnvError, require};
@@ -22,6 +22,10 @@ pub(crate) const OVERSAMPLING_RANGE: RangeInclusive<usize> = 1..=8;
 const MIN_HEIGHT: f64 = 0.6;
 /// Largest radius of the mark at the gripper (metres).
 const MAX_MARK_RADIUS: f64 = 0.2;
+/// Largest shift of a misaligned camera along either axis (mm).
+const MAX_SHIFT: f64 = 200.0;
+/// Largest tilt of a misaligned camera about either axis (degrees).
+const MAX_TILT: f64 = 20.0;
 
 /// Settings of the top-down camera above the table: its pictures, height, light, and the mark over
 /// the gripper. A trained policy depends on them, so they serialise.
@@ -53,6 +57,21 @@ pub struct Camera {
     /// no value.
     #[serde(default, rename = "beside")]
     pub extra_views: ExtraViews,
+    /// Fixed error of the camera's pose; none if a file has no value.
+    #[serde(default)]
+    pub misalignment: Misalignment,
+}
+
+/// Fixed error of the camera's pose that nobody corrects: the mark and close-ups are placed as if
+/// there were none. It breaks the symmetry of the pictures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Misalignment {
+    /// Shift of the camera along x and y, each at most 200 either way (mm).
+    pub shift_mm: [f64; 2],
+    /// Rotation of the camera about the axes x and y through it, each at most 20 either way
+    /// (degrees).
+    pub tilt_degrees: [f64; 2],
 }
 
 /// White light that is symmetric under D2: ambient, from the camera and from straight above. A
@@ -92,6 +111,7 @@ impl Default for Camera {
             light: Light::default(),
             mark: GripperMark::default(),
             extra_views: ExtraViews::default(),
+            misalignment: Misalignment::default(),
         }
     }
 }
@@ -128,7 +148,13 @@ impl Camera {
         for value in self.background {
             require((0.0..=1.0).contains(&value), "background", &value, SHARE)?;
         }
+        self.misalignment.check()?;
         self.mark.check()
+    }
+
+    /// Returns `true` if the camera looks straight down on the table's centre.
+    pub fn is_aligned(&self) -> bool {
+        self.misalignment == Misalignment::default()
     }
 
     /// Returns the last part of a scene's MJCF: the camera, its light, the floor's material and the
@@ -136,6 +162,8 @@ impl Camera {
     pub(crate) fn to_mjcf(self, name: &str) -> String {
         let fovy = 2.0 * (self.half_extent / self.height).atan().to_degrees();
         let height = self.height;
+        let [x, y] = self.misalignment.shift_mm.map(|shift| shift / 1e3);
+        let DQuat { x: i, y: j, z: k, w } = self.misalignment.rotation();
         let [r, g, b] = self.background;
         let Light { ambient, camera, overhead } = self.light;
         format!(
@@ -144,7 +172,7 @@ impl Camera {
             <worldbody>
               <light name="overhead" directional="true" castshadow="true" pos="0 0 3" dir="0 0 -1"
                      diffuse="{overhead} {overhead} {overhead}" specular="0 0 0"/>
-              <camera name="{name}" pos="0 0 {height}" quat="1 0 0 0" fovy="{fovy}"/>
+              <camera name="{name}" pos="{x} {y} {height}" quat="{w} {i} {j} {k}" fovy="{fovy}"/>
               <camera name="perspective" pos="0.95 0.75 0.85" fovy="40"
                       xyaxes="-0.6441 0.7649 0 -0.4142 -0.3488 0.8407"/>
             </worldbody>"#
@@ -209,6 +237,23 @@ pub(crate) fn for_each_ring_pixel(
     }
 }
 
+impl Misalignment {
+    fn check(&self) -> Result<(), EnvError> {
+        for shift in self.shift_mm {
+            require(shift.abs() <= MAX_SHIFT, "misalignment shift_mm", &shift, SHIFT)?;
+        }
+        for tilt in self.tilt_degrees {
+            require(tilt.abs() <= MAX_TILT, "misalignment tilt_degrees", &tilt, TILT)?;
+        }
+        Ok(())
+    }
+
+    fn rotation(&self) -> DQuat {
+        let [x, y] = self.tilt_degrees.map(f64::to_radians);
+        DQuat::from_rotation_x(x) * DQuat::from_rotation_y(y)
+    }
+}
+
 impl Light {
     fn check(&self) -> Result<(), EnvError> {
         let named = [
@@ -241,6 +286,8 @@ const HEIGHT: &str = "at least 0.6 m, above everything that the hand can reach";
 const LENGTH: &str = "a positive length in metres";
 const SHARE: &str = "a number in 0..=1";
 const RADIUS: &str = "0 for no mark, or at most 0.2 m: a larger one hides the table";
+const SHIFT: &str = "at most 200 mm either way";
+const TILT: &str = "at most 20 degrees either way";
 const HOLE: &str = "a length in metres from 0 (a disc) to the mark's radius";
 
 /// Pictures that follow the current one in an observation's image, three channels each.

@@ -66,7 +66,9 @@ mod worker;
 
 pub use actuation::{HandActuation, NamedJointPositions, ServoArmController};
 pub use batch::{ObservationsMut, StepBuffers, StepResultsMut};
-pub use camera::{Camera, ExtraViews, GripperMark, Light, ObservationPictures, RGB_CHANNELS};
+pub use camera::{
+    Camera, ExtraViews, GripperMark, Light, Misalignment, ObservationPictures, RGB_CHANNELS,
+};
 pub use control::{ControlSettings, PHYSICS_STEPS_PER_CONTROL_STEP};
 pub use embodiment::Embodiment;
 pub use embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec};

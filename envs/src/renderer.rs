@@ -101,12 +101,12 @@ impl SceneRenderer {
         Ok(())
     }
 
-    /// Returns the scene's camera, with a mirror for exactly symmetric embodiments. Each variant is
-    /// then drawn mirrored to the canonical one, so all four pass the same numbers to OpenGL, and
-    /// their pictures mirror bit for bit.
+    /// Returns the scene's camera, with a mirror for exactly symmetric scenes. Each variant is then
+    /// drawn mirrored to the canonical one, so all four pass the same numbers to OpenGL, and their
+    /// pictures mirror bit for bit.
     fn view(&self, table: &TableTop) -> Result<CameraAndMirror, EnvError> {
         let element = table.variant().ok_or(EnvError::NotReset)?.element;
-        let mirrors = self.scene.embodiment.mirrors_exactly();
+        let mirrors = self.scene.mirrors_exactly();
         Ok(CameraAndMirror {
             camera: self.scene.camera_id,
             mirror: RenderMirror {

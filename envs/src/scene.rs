@@ -160,6 +160,11 @@ impl Scene {
         })
     }
 
+    /// Returns `true` if the pictures of variants are mirror images of each other bit for bit.
+    pub(crate) fn mirrors_exactly(&self) -> bool {
+        self.embodiment.mirrors_exactly() && self.camera.is_aligned()
+    }
+
     /// Returns the simulation state in which every episode starts, with open fingers: at rest, or
     /// as Meta-World's reset leaves it.
     pub fn start_state(&self) -> &State {

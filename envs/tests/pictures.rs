@@ -4,8 +4,8 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use envs::{
-    Camera, ControlSettings, Embodiment, ExtraViews, RGB_CHANNELS, Scene, SceneRenderer,
-    StaticBackdrop, TableTop, TaskGroup,
+    Camera, ControlSettings, Embodiment, ExtraViews, Misalignment, RGB_CHANNELS, Scene,
+    SceneRenderer, StaticBackdrop, TableTop, TaskGroup,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -151,6 +151,34 @@ fn placements_of_the_arm_that_are_not_mirrored_exactly_are_few_and_off_by_an_edg
 fn without_mark() -> Camera {
     let mark = envs::GripperMark { radius: 0.0, ..envs::GripperMark::default() };
     Camera { mark, ..Camera::default() }
+}
+
+/// A camera that is moved to the right, or turned that way, sees the table farther left, in every
+/// variant. Tops of objects are nearer than the table and move a little farther.
+#[test]
+fn a_misaligned_camera_sees_the_table_elsewhere() {
+    const PIXELS: usize = 3;
+    let camera = without_mark();
+    let distance = PIXELS as f64 * 2.0 * camera.half_extent / camera.size as f64;
+    let angle = (distance / camera.height).atan().to_degrees();
+    let right = Misalignment { shift_mm: [1e3 * distance, 0.0], ..Misalignment::default() };
+    let turned = Misalignment { tilt_degrees: [0.0, -angle], ..Misalignment::default() };
+    let back = Misalignment { shift_mm: [0.0, -1e3 * distance], ..Misalignment::default() };
+    let turned_back = Misalignment { tilt_degrees: [-angle, 0.0], ..Misalignment::default() };
+    let [width, row] = [RGB_CHANNELS, camera.size * RGB_CHANNELS];
+    let cases = [(right, width), (turned, width), (back, row), (turned_back, row)];
+    let mut aligned = Studio::seen_by(TaskGroup::PLATE_SLIDE, Embodiment::FLOATING_HAND, camera);
+    for (misalignment, step) in cases {
+        let seen = Camera { misalignment, ..camera };
+        let mut studio = Studio::seen_by(TaskGroup::PLATE_SLIDE, Embodiment::FLOATING_HAND, seen);
+        for (straight, moved) in aligned.pictures(3).iter().zip(studio.pictures(3)) {
+            // columns are moved to the left, rows upwards
+            let by = PIXELS * step;
+            let differing = differing_pixels(&straight[by..], &moved[..moved.len() - by]);
+            let unmoved = differing_pixels(straight, &moved);
+            assert!(2 * differing < unmoved, "{misalignment:?}: {differing}, {unmoved}");
+        }
+    }
 }
 
 /// Variants of `hand` are drawn in a mirror, those of the arm are not. Neither picture shows the

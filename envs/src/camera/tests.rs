@@ -10,7 +10,7 @@ use super::*;
 #[test]
 fn settings_out_of_range_are_refused_with_their_value() {
     type Change = fn(&mut Camera);
-    let broken: [(Change, &str); 12] = [
+    let broken: [(Change, &str); 15] = [
         (|c| c.size = 47, "image size` is 47"),
         (|c| c.size = 1 << 40, "image size"),
         (|c| c.half_extent = 0.0, "half extent` is 0"),
@@ -23,6 +23,9 @@ fn settings_out_of_range_are_refused_with_their_value() {
         (|c| c.oversampling = 0, "oversampling` is 0"),
         (|c| c.oversampling = 9, "oversampling` is 9"),
         (|c| (c.size, c.oversampling) = (1024, 8), "size times oversampling` is 8192"),
+        (|c| c.misalignment.shift_mm[1] = -201.0, "shift_mm` is -201"),
+        (|c| c.misalignment.tilt_degrees[0] = 20.5, "tilt_degrees` is 20.5"),
+        (|c| c.misalignment.tilt_degrees[1] = f64::NAN, "tilt_degrees` is NaN"),
     ];
     for (change, says) in broken {
         let mut camera = Camera::default();
@@ -41,14 +44,20 @@ fn settings_travel_as_text() {
         mark: GripperMark { hole: 0.01, ..GripperMark::default() },
         oversampling: 3,
         extra_views: ExtraViews::CloseUp,
+        misalignment: Misalignment { shift_mm: [3.0, -4.0], tilt_degrees: [0.0, 1.5] },
         ..Camera::default()
     };
     let text = serde_json::to_string(&camera).unwrap();
     assert_eq!(serde_json::from_str::<Camera>(&text).unwrap(), camera);
-    let before = text.replace(r#","beside":"close_up""#, "").replace(r#""oversampling":3,"#, "");
+    let added = [
+        r#","beside":"close_up""#,
+        r#""oversampling":3,"#,
+        r#","misalignment":{"shift_mm":[3.0,-4.0],"tilt_degrees":[0.0,1.5]}"#,
+    ];
+    let before = added.iter().fold(text.clone(), |before, part| before.replace(part, ""));
     let before = serde_json::from_str::<Camera>(&before).unwrap();
-    let expected = (1, ExtraViews::First);
-    assert_eq!((before.oversampling, before.extra_views), expected);
+    assert_eq!((before.oversampling, before.extra_views), (1, ExtraViews::First));
+    assert!(before.is_aligned() && !camera.is_aligned());
     let unknown = text.replace("height", "hight");
     let message = serde_json::from_str::<Camera>(&unknown).unwrap_err();
     assert!(message.to_string().contains("hight"), "{message}");

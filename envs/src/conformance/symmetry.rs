@@ -115,7 +115,7 @@ impl Twins {
         let pixels = scene.camera.size * scene.camera.size * RGB_CHANNELS;
         let row = SymmetryDeviation {
             variant: VariantName::new(&scene, element),
-            exact: scene.embodiment.mirrors_exactly(),
+            exact: scene.mirrors_exactly(),
             free_deviation: 0.0,
             contact_deviation: 0.0,
             reward_deviation: 0.0,
