@@ -2,15 +2,13 @@
 //!
 //! `48 x 48 x 6 -> 4, 8, 16, 16 regular fields (4 x 4, stride 2, padding 1) -> 32 fields (3 x 3)`,
 //! every convolution followed by a ReLU, then group pooling; f32, one thread, chunks of 16 samples.
-//!
-//! They also measure exponentials after a matrix product, which must take no longer than alone.
 
 use std::hint::black_box;
 
-use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use equivariant::{
-    Group, GroupMaxPool, Layer, LayerError, LayerSignature, Linear, R2Conv, Relu, Scratch,
-    Sequential, SlidingWindow,
+    Group, GroupMaxPool, Layer, LayerError, LayerSignature, R2Conv, Relu, Scratch, Sequential,
+    SlidingWindow,
 };
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 
@@ -104,25 +102,5 @@ fn layers(c: &mut Criterion) {
     }
 }
 
-/// Measures exponentials alone and after a product, as in a recurrent unit. Kernels that leave the
-/// upper halves of vector registers in use make them fifty times as slow on a CPU with AVX-512.
-fn exponentials(c: &mut Criterion) {
-    let fields = Group::D2.regular_type(16);
-    let layer = match Linear::new(fields, fields) {
-        Ok(layer) => layer,
-        Err(error) => panic!("the layer is refused: {error}"),
-    };
-    let mut batch = Batch::new(&layer);
-    let x: Vec<f32> = (0..1000).map(|i| (i as f32 * 0.37).sin()).collect();
-    let sum = || black_box(&x).iter().map(|x| x.exp()).sum::<f32>();
-    let mut group = c.benchmark_group("thousand_exponentials_f32");
-    group.bench_function("alone", |b| b.iter(sum));
-    group.bench_function("after_a_product", |b| {
-        let product = || batch.forward(black_box(&layer));
-        b.iter_batched(product, |()| sum(), BatchSize::PerIteration);
-    });
-    group.finish();
-}
-
-criterion_group!(benches, layers, exponentials);
+criterion_group!(benches, layers);
 criterion_main!(benches);

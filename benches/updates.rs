@@ -1,6 +1,8 @@
-//! Benchmarks of the time of one sample in one gradient, on one thread: soft actor-critic, with and
-//! without a context, beside PPO on a network with the same settings. Rates are sample-passes per
-//! second.
+//! Benchmarks of policy updates on 48 x 48 x 6 images. Rates are sample-passes per second.
+//!
+//! They measure an update of PPO with its default settings on one and two threads. On one thread
+//! they measure the time of one sample in one gradient: soft actor-critic, with and without a
+//! context, beside PPO on a network with the same settings.
 
 mod noise;
 
@@ -18,7 +20,7 @@ use symmetry::Group;
 /// Number of gradient steps of 512 samples in an update of soft actor-critic.
 const STEPS: usize = 4;
 
-/// Benchmarks on networks of one symmetry group.
+/// Criterion group of benchmarks on networks with the same settings.
 struct Case<'a> {
     name: &'a str,
     network: NetworkSettings,
@@ -37,15 +39,16 @@ impl Case<'_> {
         Ok(())
     }
 
-    /// Measures PPO: two passes over 1000 decisions.
-    fn ppo(&self, c: &mut Criterion) -> Result<(), RlError> {
+    /// Measures PPO: this number of passes over 1000 decisions.
+    fn ppo(&self, c: &mut Criterion, name: &str, epochs: usize) -> Result<(), RlError> {
         let mut policy = ActorCriticPolicy::new(&self.network, &random_env_spec(), 0)?;
         let mut buffer = RolloutBuffer::new(&random_env_spec(), HORIZON)?;
         self.fill(&mut policy, &mut buffer)?;
-        let settings = PpoSettings { epochs: 2, max_kl: 1e9, ..PpoSettings::default() };
+        // no limit on the divergence, so that every update runs all of its epochs
+        let settings = PpoSettings { epochs, max_kl: 1e9, ..PpoSettings::default() };
         let fresh = || Ok((Ppo::new(settings.clone(), &policy)?, policy.clone()));
-        let samples = 2 * HORIZON * random_env_spec().num_envs;
-        self.measure(c, "ppo", (samples, "epochs", 2.0), fresh, &buffer)
+        let samples = epochs * HORIZON * random_env_spec().num_envs;
+        self.measure(c, name, (samples, "epochs", epochs as f64), fresh, &buffer)
     }
 
     fn sac(
@@ -85,7 +88,7 @@ impl Case<'_> {
         let mut rng = ChaCha8Rng::seed_from_u64(2);
         let stats = algorithm.update(&mut policy, experience, &mut rng)?;
         assert!(stats.metrics().contains(&(figure.to_owned(), expected)));
-        let mut group = c.benchmark_group(format!("updates_{}", self.name));
+        let mut group = c.benchmark_group(self.name);
         group.sample_size(10);
         group.throughput(Throughput::Elements(samples as u64));
         group.bench_function(name, |b| {
@@ -103,30 +106,46 @@ impl Case<'_> {
     }
 }
 
-fn all(c: &mut Criterion) -> Result<(), RlError> {
+/// Measures PPO with its default settings.
+fn default_ppo(c: &mut Criterion, threads: usize) -> Result<(), RlError> {
+    let name = format!("ppo_48x48x6_t{threads}");
+    let case = Case { name: &name, network: NetworkSettings::default() };
+    case.ppo(c, "update_1000_decisions", PpoSettings::default().epochs)
+}
+
+/// Measures soft actor-critic beside PPO.
+fn both_algorithms(c: &mut Criterion) -> Result<(), RlError> {
     let plain = Case {
-        name: "plain",
+        name: "updates_plain",
         network: NetworkSettings { group: Group::C1, ..NetworkSettings::default() },
     };
-    plain.ppo(c)?;
+    plain.ppo(c, "ppo", 2)?;
     plain.sac(c, "sac", None, SacSettings::paper())?;
     let windows = SacSettings { window: 16, ..SacSettings::paper() };
     let context = Some(RecurrentContextSettings::default());
     plain.sac(c, "sac_with_context", context, windows)?;
-    let equivariant = Case { name: "equivariant", network: NetworkSettings::default() };
-    equivariant.ppo(c)?;
+    let equivariant = Case { name: "updates_equivariant", network: NetworkSettings::default() };
+    equivariant.ppo(c, "ppo", 2)?;
     let augmented = SacSettings { batch: 128, augmentation: Group::D2, ..SacSettings::paper() };
     equivariant.sac(c, "sac_augmented", None, augmented)
 }
 
-fn updates(c: &mut Criterion) {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+/// Runs benchmarks on this number of threads.
+fn on_threads(threads: usize, run: impl FnOnce(&mut Criterion) -> Result<(), RlError> + Send) {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let Ok(pool) = pool else {
-        panic!("cannot start a thread");
+        panic!("cannot start {threads} threads");
     };
-    if let Err(error) = pool.install(|| all(&mut Criterion::default().configure_from_args())) {
+    if let Err(error) = pool.install(|| run(&mut Criterion::default().configure_from_args())) {
         panic!("{error}");
     }
+}
+
+fn updates(c: &mut Criterion) {
+    for threads in [1, 2] {
+        on_threads(threads, |on_pool| default_ppo(on_pool, threads));
+    }
+    on_threads(1, both_algorithms);
     c.final_summary();
 }
 

@@ -23,7 +23,7 @@ use experiments::{
     environment_failure_warning, memory, thread_pool,
 };
 use learner::disk::parent_folder;
-use learner::overrides::{SettingOverride, apply_overrides, setting_differences};
+use learner::overrides::{SettingOverride, apply_overrides, differing_settings};
 use learner::{CheckpointExtent, DeviceChoice, TaskLabel};
 use report::ReportOptions;
 use rl::ProcessRanks;
@@ -85,7 +85,7 @@ pub struct EvalOptions {
     #[arg(long)]
     pub randomised: bool,
     /// Set a field of `envs`, such as `envs.camera.misalignment.shift_mm=[30,0]`; may be repeated,
-    /// and the last value of a field wins.
+    /// and wins over `--embodiment`. Fields of `envs.randomisation` need `--randomised`.
     #[arg(
         long = "set",
         value_name = "PATH=VALUE",
@@ -275,8 +275,12 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
         folder.read_experiment()?.with_threads(options.threads_and_json.threads.count());
     memory::check_environment_memory(experiment.envs.threads)?;
     experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
-    let tasks = TaskRegistry::with_all();
-    experiment = with_env_overrides(&options.overrides, experiment, &tasks)?;
+    if options.randomised {
+        experiment.envs = with_randomisation(experiment.envs);
+    } else {
+        experiment.envs = experiment.envs.without_randomisation();
+    }
+    experiment = with_env_overrides(&options.overrides, experiment)?;
     let spec = SwitchableVecEnv::env_spec(&experiment.envs);
     let labels = TaskLabel::default();
     let learner = &experiment.learner;
@@ -284,11 +288,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     // drawn from the option's seed, so that placements of two seeds have nothing in common
     experiment.evaluation.seed = options.seed.unwrap_or(experiment.evaluation.seed);
     let seed = experiment.evaluation_seed();
-    let envs = if options.randomised {
-        with_randomisation(experiment.envs)
-    } else {
-        experiment.envs.without_randomisation()
-    };
+    let (envs, tasks) = (experiment.envs, TaskRegistry::with_all());
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, seed, labels)?
         .with_distinct_placements(experiment.evaluation.distinct_placements);
     // a round of one group is an episode of each environment in each of four variants
@@ -317,12 +317,11 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
 /// Returns `experiment` with overridden settings of the environments.
 ///
 /// # Errors
-/// Errors of [`apply_overrides`] and [`Experiment::check`], and [`RunError::InvalidSetting`] if any
-/// other setting is overridden.
+/// Errors of [`apply_overrides`] and [`Experiment::check_environments`], and
+/// [`RunError::InvalidSetting`] if any other setting is overridden.
 fn with_env_overrides(
     overrides: &[SettingOverride],
     experiment: Experiment,
-    tasks: &TaskRegistry,
 ) -> Result<Experiment, RunError> {
     if overrides.is_empty() {
         return Ok(experiment);
@@ -330,15 +329,15 @@ fn with_env_overrides(
     let changed = apply_overrides(overrides, experiment.clone())?;
     let envs = VecEnvSettings { threads: experiment.envs.threads, ..changed.envs };
     let accepted = Experiment { envs, ..experiment };
-    let differences = setting_differences(&changed, &accepted)?;
-    if !differences.is_empty() {
+    if let Some(refused) = differing_settings(&changed, &accepted)?.first() {
         return Err(RunError::InvalidSetting {
-            name: "set",
-            value: differences,
-            expected: "fields of `envs` other than `envs.threads`; other settings are the run's",
+            name: "--set",
+            value: refused.path.clone(),
+            expected: "a path below `envs`; there are `--episodes`, `--seed` and `--threads`, and \
+                       policies are evaluated as they are",
         });
     }
-    accepted.check(tasks)?;
+    accepted.check_environments()?;
     Ok(accepted)
 }
 

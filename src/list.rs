@@ -69,7 +69,7 @@ fn row(folder: &Path) -> Vec<String> {
         } else {
             format!("at {:.0} %", share.min(100.0))
         },
-        run.rollouts.iter().map(|row| row.policy + 1).max().unwrap_or(0).to_string(),
+        run.policy_count().to_string(),
         // the mean of no scores is no number
         format_number(Some(mean(&successes)), 3),
         format!("{megabytes:.1}"),

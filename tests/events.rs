@@ -5,10 +5,10 @@ use std::path::Path;
 
 use covers::CoversError;
 use covers::presets::Method;
+use prost::Message;
 
 use crate::common::covers;
 use crate::common::packed::small;
-use crate::common::protobuf::Message;
 use crate::common::scratch::Scratch;
 
 const METRICS: &str = "rollout,decisions,group,straddles,policy,reward,success,distances,loss\n\
@@ -21,6 +21,64 @@ const TIMINGS: &str = "rollout,decisions,total,update\n0,500,2.5,1\n2,500,1.5,0.
 const SCORES: &str = "rollouts,decisions,group,element,seen,policy,episodes,success,reward\n\
     2,1000,goal-reach,identity,true,0,4,1,400\n\
     2,1000,goal-reach,flip x,true,0,4,0.5,300\n";
+
+/// TensorFlow's message of this name (core/util/event.proto), without the fields that no test reads;
+/// so are those below (core/framework/summary.proto).
+#[derive(Clone, PartialEq, Message)]
+struct Event {
+    #[prost(double, tag = "1")]
+    wall_time: f64,
+    #[prost(int64, tag = "2")]
+    step: i64,
+    #[prost(string, tag = "3")]
+    file_version: String,
+    #[prost(message, optional, tag = "5")]
+    summary: Option<Summary>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Summary {
+    #[prost(message, repeated, tag = "1")]
+    value: Vec<Value>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Value {
+    #[prost(string, tag = "1")]
+    tag: String,
+    #[prost(float, optional, tag = "2")]
+    simple_value: Option<f32>,
+    #[prost(message, optional, tag = "4")]
+    image: Option<Image>,
+    #[prost(message, optional, tag = "5")]
+    histogram: Option<Histogram>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Image {
+    #[prost(int32, tag = "1")]
+    height: i32,
+    #[prost(int32, tag = "2")]
+    width: i32,
+    #[prost(bytes = "vec", tag = "4")]
+    encoded_image_string: Vec<u8>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+struct Histogram {
+    #[prost(double, tag = "1")]
+    min: f64,
+    #[prost(double, tag = "2")]
+    max: f64,
+    #[prost(double, tag = "3")]
+    num: f64,
+    #[prost(double, tag = "4")]
+    sum: f64,
+    #[prost(double, tag = "5")]
+    sum_squares: f64,
+    #[prost(double, repeated, tag = "6")]
+    bucket_limit: Vec<f64>,
+}
 
 /// A folder of a run that goes on: the last row of its metrics is being written, and nobody knows
 /// how long its second rollout took.
@@ -76,11 +134,11 @@ fn records(mut file: &[u8]) -> Option<Vec<&[u8]>> {
 
 /// The values of a tag: decisions, seconds, number.
 fn scalars(file: &[u8], tag: &str) -> Vec<(i64, f64, f32)> {
-    let events = records(file).unwrap().into_iter().map(Message::parse);
+    let events = records(file).unwrap().into_iter().map(|bytes| Event::decode(bytes).unwrap());
     let values = events.filter_map(|event| {
-        let value = event.message(5)?.message(1)?;
-        let number = value.float(2)?;
-        (value.text(1) == tag).then(|| (event.int(2), event.double(1).unwrap(), number))
+        let value = event.summary?.value.into_iter().next()?;
+        let number = value.simple_value?;
+        (value.tag == tag).then_some((event.step, event.wall_time, number))
     });
     values.collect()
 }
@@ -119,21 +177,21 @@ fn pictures_and_histograms_are_whole() {
     report(&run, &scratch.0).unwrap();
     let file = fs::read(scratch.0.join("packed/events.out.tfevents.0.covers")).unwrap();
     let records = records(&file).unwrap();
-    assert_eq!(Message::parse(records[0]).text(3), "brain.Event:2");
-    let events = records[1..].iter().map(|bytes| Message::parse(bytes));
-    let values: Vec<Message<'_>> =
-        events.map(|e| e.message(5).unwrap().message(1).unwrap()).collect();
-    let image = values.iter().find_map(|value| value.message(4)).unwrap();
+    let mut events = records.into_iter().map(|bytes| Event::decode(bytes).unwrap());
+    assert_eq!(events.next().unwrap().file_version, "brain.Event:2");
+    let values: Vec<Value> = events.flat_map(|event| event.summary.unwrap().value).collect();
     let png = fs::read(run.join("contact_sheet.png")).unwrap();
-    assert_eq!(image.blobs(4).next(), Some(&png[..]));
-    assert_eq!([image.int(1), image.int(2)], [2, 3], "height, width");
-    let histogram = values.iter().find_map(|value| value.message(5)).unwrap();
-    assert_eq!(
-        [1, 2, 3, 4, 5].map(|field| histogram.double(field).unwrap()),
-        [0.5, 1.5, 2.0, 2.0, 2.5]
-    );
-    let limits = histogram.blobs(6).next().unwrap();
-    assert_eq!(limits, [0.5f64.to_le_bytes(), 1.5f64.to_le_bytes()].concat());
+    let image = Image { height: 2, width: 3, encoded_image_string: png };
+    assert_eq!(values.iter().find_map(|value| value.image.as_ref()), Some(&image));
+    let histogram = Histogram {
+        min: 0.5,
+        max: 1.5,
+        num: 2.0,
+        sum: 2.0,
+        sum_squares: 2.5,
+        bucket_limit: vec![0.5, 1.5],
+    };
+    assert_eq!(values.iter().find_map(|value| value.histogram.as_ref()), Some(&histogram));
 }
 
 #[test]

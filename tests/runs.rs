@@ -13,6 +13,7 @@ use covers::{
 use envs::{Camera, Embodiment, Layout, TaskGroup, TaskRegistry, VecEnvSettings};
 use symmetry::Group;
 
+use crate::common::runs::{crash_after, newest, two_groups};
 use crate::common::{covers as command, faulty::Faulty, scratch::Scratch};
 
 /// The folder of the policies that come with the project.
@@ -59,19 +60,6 @@ fn finish(mut run: Run) -> (RunSummary, Vec<Vec<u8>>) {
     let bytes = files.chain([newest(folder)]).map(|file| fs::read(file).unwrap());
     let bytes = bytes.collect();
     (run.summary().unwrap().unwrap(), bytes)
-}
-
-/// Learns from this many rollouts, evaluates where that is due, and drops the run as a crash would.
-fn crash_after(rollouts: usize, mut run: Run) -> PathBuf {
-    while run.stats().rollouts < rollouts {
-        run.advance().unwrap();
-    }
-    run.folder().path().to_owned()
-}
-
-fn newest(folder: &Path) -> PathBuf {
-    let files = fs::read_dir(folder.join("checkpoints")).unwrap();
-    files.map(|file| file.unwrap().path()).max().unwrap()
 }
 
 fn lines(bytes: &[u8]) -> usize {
@@ -135,19 +123,10 @@ fn an_interrupted_run_goes_on_to_the_same_bytes() {
     assert_eq!(timeless(&ended.summary().unwrap().unwrap()), timeless(&summary));
 }
 
-/// A smoke run of two groups without an arm, which takes less time; the paper's with small
-/// pictures.
+/// Two groups, and a checkpoint after every second rollout.
 fn small(method: Method) -> Experiment {
-    let mut experiment = Budget::Smoke.preset_experiment(method).with_threads(2);
-    experiment = experiment.with_embodiment(Embodiment::FLOATING_HAND);
-    experiment.schedule.groups.truncate(2);
+    let mut experiment = two_groups(method).with_threads(2);
     experiment.checkpoints.every = 2;
-    if method == Method::Paper
-        && let LearnerSettings::Covers(settings) = &mut experiment.learner
-    {
-        settings.network = CoversSettings::default().network;
-        experiment.envs.camera.size = Camera::default().size;
-    }
     experiment
 }
 
@@ -304,15 +283,22 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     assert_ne!(command(&random), scores);
     let off = ["eval", packed, "--set", "envs.camera.misalignment.shift_mm=[90,0]", "--json"];
     assert_ne!(command(&[&off[..], &["--episodes", "16"]].concat()), scores);
-    let wrong = ["eval", packed, "--set", "evaluation.rounds=2"];
-    let message = crate::common::covers(&wrong).unwrap_err().to_string();
-    assert!(message.contains("`evaluation.rounds` 2 and"), "{message}");
+    let refusal = |arguments: &[&str]| crate::common::covers(arguments).unwrap_err().to_string();
+    let ignored = "envs.randomisation.max_position_error_mm=20";
+    for (set, part) in [
+        ("evaluation.rounds=2", "`--set` is evaluation.rounds"),
+        ("envs.threads=2", "`--set` is envs.threads"),
+        (ignored, "envs.randomisation.max_position_error_mm"),
+        ("envs.camera.misalignment.shift_mm=[300,0]", "expected at most 200 mm"),
+    ] {
+        let message = refusal(&["eval", packed, "--set", set]);
+        assert!(message.contains(part), "{message}");
+    }
     let (few, none) = (scratch.0.join("few"), scratch.0.join("none"));
     command(&["pack", folder, "--out", few.to_str().unwrap(), "--episodes", "4"]);
     let table = command(&["eval", few.to_str().unwrap(), "--episodes", "16"]);
     assert_eq!(table.lines().count(), 2 + 3, "{table}");
-    let too_few = ["pack", folder, "--out", none.to_str().unwrap(), "--episodes", "3"];
-    let message = crate::common::covers(&too_few).unwrap_err().to_string();
+    let message = refusal(&["pack", folder, "--out", none.to_str().unwrap(), "--episodes", "3"]);
     assert!(message.contains("`episodes` is 3"), "{message}");
     let sawyer = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "16"]);
     assert_eq!(sawyer.lines().count(), 2 + 3, "{sawyer}");

@@ -1,14 +1,16 @@
 """Tells how well variants that were never trained on are solved: zero_shot.py RUNS_FOLDER.
 
-RUNS_FOLDER holds finished runs of the plan docs/results/plans/zero-shot.json
-(docs/results/data/efficiency-zero-shot.tar.gz), in folders METHOD-NAME-seedN. For each network and
-group the script prints the mean success of the seen variant and of the three others after the
-stream, by the policies that the learner recognised and by the groups' own, and the share of unseen
-variants whose own policy was recognised. Below, the average over groups of the unseen variants is
+RUNS_FOLDER holds finished runs of the plan docs/results/plans/zero-shot.json, and, if you like, of
+wide-zero-shot.json, in folders covers-sac-NETWORK-seedN
+(docs/results/data/efficiency-zero-shot.tar.gz). For each network and group the script prints the
+mean success of the seen variant and of the three others after the stream, by the policies that the
+learner recognised and by the groups' own, and the share of unseen variants whose own policy was
+recognised. Below, the average over groups of the unseen variants, played by their own policies, is
 compared between networks, by Welch's t-test over seeds.
 """
 
 import csv
+import json
 import re
 import sys
 from collections import defaultdict
@@ -21,15 +23,36 @@ NETWORKS = {
     "d2": "equivariant",
     "ordinary": "ordinary",
     "mirrored": "ordinary, mirrored replay",
+    "wide-ordinary": "wide ordinary",
+    "wide-mirrored": "wide ordinary, mirrored replay",
 }
+PLACEMENTS = 3  # `evaluation.seed` of the plans
 
 
 def scores_of(folder):
-    """Rows of a run's evaluation after the stream."""
+    """Rows of a finished run's evaluation after the stream."""
+    if not (folder / "summary.json").exists():
+        sys.exit(f"{folder} is not finished")
+    experiment = json.loads((folder / "experiment.json").read_text())
+    if experiment["evaluation"]["seed"] != PLACEMENTS:
+        sys.exit(f"{folder} was not evaluated on the placements of the plan")
     with open(folder / "evaluation.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     last = max(int(row["rollouts"]) for row in rows)
     return [row for row in rows if int(row["rollouts"]) == last]
+
+
+def runs_of(runs):
+    """Scores by network and seed."""
+    scores = defaultdict(dict)
+    for folder in sorted(folder for folder in Path(runs).iterdir() if folder.is_dir()):
+        name = re.fullmatch(r"covers-sac-(.+)-seed(\d+)", folder.name)
+        if not name or name[1] not in NETWORKS:
+            sys.exit(f"{folder} is not a run of the plans")
+        scores[name[1]][int(name[2])] = scores_of(folder)
+    if "d2" not in scores:
+        sys.exit(f"{runs} has no runs of the network d2")
+    return {key: scores[key] for key in NETWORKS if key in scores}
 
 
 def own(row):
@@ -50,38 +73,41 @@ def line(name, group, rows):
 
 
 def interval(values):
-    """A mean with its 95 % interval by Student's t."""
+    """A mean, with its 95 % interval by Student's t unless all values are equal."""
+    if len(set(values)) < 2:
+        return f"{fmean(values):.3f}"
     half = stats.sem(values) * stats.t.ppf(0.975, len(values) - 1)
     return f"{fmean(values):.3f} ± {half:.3f}"
 
 
+def p_value(values, others):
+    """p-value of Welch's t-test, or a dash where it is undefined."""
+    if min(len(values), len(others)) < 2 or len({*values}) == len({*others}) == 1:
+        return "-"
+    return f"{stats.ttest_ind(values, others, equal_var=False).pvalue:.1e}"
+
+
 def main(runs):
     """Prints both tables."""
-    scores = defaultdict(dict)
-    for folder in sorted(Path(runs).iterdir()):
-        name, seed = re.fullmatch(r".+-(\w+)-seed(\d+)", folder.name).groups()
-        scores[name][int(seed)] = scores_of(folder)
-    (seeds,) = {tuple(sorted(of_seeds)) for of_seeds in scores.values()}
-    print(f"seeds {seeds[0]} to {seeds[-1]}: {len(seeds)} runs of each network\n")
+    scores = runs_of(runs)
     print("| network | group | seen | seen, own policy | unseen | unseen, own policy "
           "| own policy recognised |")
     print("|---|---|---|---|---|---|---|")
-    for key, name in NETWORKS.items():
-        rows = [row for run in scores[key].values() for row in run]
+    for key, of_seeds in scores.items():
+        rows = [row for run in of_seeds.values() for row in run]
         for group in dict.fromkeys(row["group"] for row in rows):
-            print(line(name, group, [row for row in rows if row["group"] == group]))
-        print(line(name, "average", rows))
-    print("\n| unseen variants, own policies | average (95 % by Student's t) | lowest seed "
+            print(line(NETWORKS[key], group, [row for row in rows if row["group"] == group]))
+        print(line(NETWORKS[key], "average", rows))
+    averages = {key: [fmean(own(row) for row in run if row["seen"] == "false")
+                      for run in of_seeds.values()] for key, of_seeds in scores.items()}
+    best = averages["d2"]
+    print("\n| unseen variants, own policies | seeds | average (95 % by Student's t) | lowest seed "
           "| difference from the equivariant | p (Welch's t) |")
-    print("|---|---|---|---|---|")
-    averages = {key: [fmean(own(row) for row in scores[key][seed] if row["seen"] == "false")
-                      for seed in seeds] for key in NETWORKS}
-    for key, name in NETWORKS.items():
-        values, best = averages[key], averages["d2"]
-        cells = [name, interval(values), f"{min(values):.3f}", "-", "-"]
+    print("|---|---|---|---|---|---|")
+    for key, values in averages.items():
+        cells = [NETWORKS[key], str(len(values)), interval(values), f"{min(values):.3f}", "-", "-"]
         if key != "d2":
-            cells[3] = f"{fmean(values) - fmean(best):+.3f}"
-            cells[4] = f"{stats.ttest_ind(values, best, equal_var=False).pvalue:.1e}"
+            cells[4:] = [f"{fmean(values) - fmean(best):+.3f}", p_value(values, best)]
         print("| " + " | ".join(cells) + " |")
 
 

@@ -12,8 +12,6 @@ mod overlay;
 mod poses;
 
 #[cfg(test)]
-mod fake_rig;
-#[cfg(test)]
 mod refusals;
 #[cfg(test)]
 mod tests;

@@ -26,6 +26,8 @@ mod table;
 mod trial;
 
 #[cfg(test)]
+mod dry_rig;
+#[cfg(test)]
 mod tests;
 
 pub use calibrate::{

@@ -1,27 +1,21 @@
 //! Tests of trials on a rig without a simulation, whose camera may fail, and on the simulated one.
 
-use std::cell::Cell;
 use std::path::Path;
-use std::rc::Rc;
 use std::time::Duration;
 
-use envs::embodiments::{Arm, KinovaGen3};
 use envs::{ControlSettings, Embodiment, Layout, TaskGroup, TaskVariant};
 use glam::DVec3;
-use inpainting::{CameraCalibration, Extrinsics, Intrinsics, LensDistortion};
-use rl::BoxedEnvError;
-use robots::{
-    ArmCommand, ControlError, KinematicArm, MissedTarget, Robot, RobotState, TwistControlSettings,
-    TwistController, Watchdog,
-};
+use inpainting::{CameraCalibration, Extrinsics};
+use robots::Robot;
 use symmetry::D2;
 
 use super::controller::ActionController;
 use super::deployment::check_training_conditions;
+use super::dry_rig::{Camera, DryRig, arm, dry_rig, untouched};
 use super::dry_run::DryRunRig;
 use super::{
-    DecisionStage, Deployment, MaskCheck, PreparedTrial, Rig, SimulatedRig, SimulatedRigSettings,
-    TaskVerdict, Trial, UnsentCommand, VisionSettings, calibration_poses,
+    DecisionStage, Deployment, MaskCheck, Rig, SimulatedRig, SimulatedRigSettings, Trial,
+    UnsentCommand, VisionSettings, calibration_poses,
 };
 use crate::DeployError;
 use experiments::{Experiment, RunFolder};
@@ -42,122 +36,6 @@ pub fn pretrained(name: &str, calibration: Option<CameraCalibration>) -> Deploym
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name);
     let vision = VisionSettings { calibration, ..VisionSettings::default() };
     Deployment::load(&RunFolder::from_path(&folder), vision).unwrap()
-}
-
-type Camera = fn(Duration) -> Result<Duration, BoxedEnvError>;
-
-/// Rig with a kinematic arm over a grey table, as an example of a rig of your own.
-struct DryRig {
-    robot: Watchdog<KinematicArm, Box<dyn Fn() -> Duration>>,
-    clock: Rc<Cell<Duration>>,
-    /// Function from the current time to the time of the latest picture.
-    camera: Camera,
-    /// `true` to panic if anything is sent to the robot.
-    untouched: bool,
-    /// `true` to refuse every command.
-    refusing: bool,
-    last_command: Option<ArmCommand>,
-    /// Vector from the hand to where the robot tells it (metres).
-    shift: DVec3,
-    goal: DVec3,
-}
-
-fn arm() -> Arm {
-    KinovaGen3.arm().unwrap()
-}
-
-fn dry_rig(camera: Camera) -> DryRig {
-    let arm = arm();
-    let start = robots::Pose {
-        position: envs::HAND_TARGET_START,
-        rotation: arm.chain().tip_pose(&arm.settings().ready_joint_positions).rotation,
-    };
-    let posture = arm.chain().solve_ik(&start, &arm.settings().ready_joint_positions).unwrap();
-    let settings = TwistControlSettings {
-        limits: arm.settings().control.limits,
-        ..TwistControlSettings::default()
-    };
-    let control = TwistController::new(arm.chain().clone(), &posture, settings).unwrap();
-    let clock = Rc::new(Cell::new(Duration::ZERO));
-    let time = Rc::clone(&clock);
-    DryRig {
-        robot: Watchdog::new(KinematicArm::new(control), Box::new(move || time.get())),
-        clock,
-        camera,
-        untouched: false,
-        refusing: false,
-        last_command: None,
-        shift: DVec3::ZERO,
-        goal: DVec3::new(0.15, -0.1, 0.15),
-    }
-}
-
-/// Returns a rig that panics if anything is sent to its robot.
-fn untouched(camera: Camera) -> DryRig {
-    DryRig { untouched: true, ..dry_rig(camera) }
-}
-
-impl Robot for DryRig {
-    fn state(&mut self) -> Result<RobotState, ControlError> {
-        let mut state = self.robot.state()?;
-        state.tip.position += self.shift;
-        Ok(state)
-    }
-
-    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
-        assert!(!self.untouched, "{command:?} was sent");
-        self.last_command = Some(*command);
-        if self.refusing {
-            let [target, reached] = [envs::HAND_TARGET_START; 2];
-            let miss = MissedTarget { target, reached, distance: 0.0, angle: 0.0, joint: None };
-            return Err(ControlError::CannotFollow { miss });
-        }
-        self.robot.command(command)
-    }
-
-    fn stop(&mut self) -> Result<(), ControlError> {
-        assert!(!self.untouched, "a stop was sent");
-        self.robot.stop()
-    }
-}
-
-impl Rig for DryRig {
-    fn set_up(&mut self, _: &Trial) -> Result<PreparedTrial, BoxedEnvError> {
-        assert!(!self.untouched, "the arm would have moved to its start");
-        Ok(PreparedTrial {
-            background: vec![100; 3 * 640 * 480],
-            parked_state: self.robot.state()?,
-            goal: Some(self.goal),
-        })
-    }
-
-    fn calibration(&self) -> CameraCalibration {
-        CameraCalibration {
-            intrinsics: Intrinsics::REALSENSE_D435,
-            distortion: LensDistortion::NONE,
-            extrinsics: Extrinsics::overhead(1.5),
-        }
-    }
-
-    fn now(&self) -> Duration {
-        self.clock.get()
-    }
-
-    fn wait(&mut self, time: Duration) -> Result<(), BoxedEnvError> {
-        self.robot.robot_mut().advance(time.as_secs_f64())?;
-        self.clock.set(self.clock.get() + time);
-        Ok(())
-    }
-
-    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxedEnvError> {
-        rgb.fill(100);
-        (self.camera)(self.clock.get())
-    }
-
-    fn verdict(&mut self) -> Result<TaskVerdict, BoxedEnvError> {
-        assert!(!self.untouched, "nobody is to be asked");
-        Ok(TaskVerdict::default())
-    }
 }
 
 /// Returns `true` if the hand moves in the next second.

@@ -30,8 +30,8 @@ const MAX_TILT: f64 = 20.0;
 /// Settings of the top-down camera above the table: its pictures, height, light, and the mark over
 /// the gripper. A trained policy depends on them, so they serialise.
 ///
-/// A square pinhole camera looks straight down on the table's centre; image up is +y, image right
-/// is +x. There are no shadows and no reflections.
+/// A square pinhole camera looks straight down on the table's centre, unless it is misaligned;
+/// image up is +y, image right is +x. There are no shadows and no reflections.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Camera {
@@ -62,19 +62,20 @@ pub struct Camera {
     pub misalignment: Misalignment,
 }
 
-/// Fixed error of the camera's pose that nobody corrects: the mark and close-ups are placed as if
-/// there were none. It breaks the symmetry of the pictures.
+/// Fixed error of the camera's pose, which breaks the symmetry of the pictures. Observations do not
+/// correct it: the mark and close-ups are placed as if there were none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Misalignment {
     /// Shift of the camera along x and y, each at most 200 either way (mm).
     pub shift_mm: [f64; 2],
-    /// Rotation of the camera about the axes x and y through it, each at most 20 either way
-    /// (degrees).
+    /// Rotation of the camera about y, then about x (degrees), each at most 20 either way.
+    /// A positive rotation about x turns the view towards +y, one about y towards -x.
     pub tilt_degrees: [f64; 2],
 }
 
-/// White light that is symmetric under D2: ambient, from the camera and from straight above. A
+/// White light that is symmetric under D2 if the camera is aligned: ambient, from the camera and
+/// from straight above. A
 /// surface that faces the camera shows its colour times the sum of the three.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -179,7 +180,8 @@ impl Camera {
         )
     }
 
-    /// Projects a world point (metres) to the image: pixels right of and above the image's centre.
+    /// Projects a world point (metres) to the image of the aligned camera: pixels right of and above
+    /// the image's centre.
     ///
     /// Mirroring the point negates the result exactly.
     pub fn project(&self, point: DVec3) -> [f64; 2] {

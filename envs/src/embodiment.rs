@@ -8,7 +8,7 @@ use robots::{DescriptionError, RobotFile};
 use serde::{Deserialize, Deserializer, de};
 
 use crate::embodiment_spec::EmbodimentSpec;
-use crate::embodiments::{Arm, FileArm, FloatingHand, KinovaGen3, Sawyer, kinova_gen3_arm};
+use crate::embodiments::{Arm, FloatingHand, KINOVA_GEN3, LazyArm, Sawyer};
 use crate::error::EnvError;
 use crate::instance_id::{InstanceId, impl_traits_by_name};
 
@@ -33,7 +33,7 @@ impl Embodiment {
     pub const FLOATING_HAND: Self = Self::from_spec(&FloatingHand);
     /// Kinova Gen3 with a Robotiq gripper under Cartesian control, for policies that were trained
     /// with another arm.
-    pub const KINOVA_GEN3: Self = Self::from_spec(&KinovaGen3);
+    pub const KINOVA_GEN3: Self = Self::from_spec(&KINOVA_GEN3);
 
     /// Embodiments for training, in the order in which reports list them. Every task must pass its
     /// conformance rules with them.
@@ -69,7 +69,10 @@ impl Embodiment {
         if let Some(known) = registered.iter().find(|known| known.name() == name) {
             return Ok(*known);
         }
-        let arm = Self::from_spec(Box::leak(Box::new(FileArm::new(name.to_owned()))));
+        let lazy = LazyArm::new(name.to_owned().into(), |file| {
+            Arm::from_file(file, &RobotFile::read(Path::new(file))?)
+        });
+        let arm = Self::from_spec(Box::leak(Box::new(lazy)));
         registered.push(arm);
         Ok(arm)
     }
@@ -82,11 +85,8 @@ impl Embodiment {
     /// an arm.
     pub fn arm(self) -> Result<&'static Arm, EnvError> {
         let spec: &'static dyn Any = self.0;
-        if let Some(file) = spec.downcast_ref::<FileArm>() {
-            return file.arm();
-        }
-        if spec.is::<KinovaGen3>() {
-            return kinova_gen3_arm();
+        if let Some(lazy) = spec.downcast_ref::<LazyArm>() {
+            return lazy.arm();
         }
         spec.downcast_ref::<Arm>().ok_or_else(|| EnvError::InvalidSetting {
             name: "embodiment",

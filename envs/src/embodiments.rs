@@ -3,6 +3,7 @@
 mod arm;
 mod file_arm;
 mod kinova_gen3;
+mod lazy_arm;
 mod placing;
 
 use glam::DVec3;
@@ -13,9 +14,9 @@ use crate::error::EnvError;
 use crate::mjcf::{Mjcf, part, parts};
 
 pub use arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
-pub(crate) use file_arm::FileArm;
+pub(crate) use kinova_gen3::KINOVA_GEN3;
 pub use kinova_gen3::KinovaGen3;
-pub(crate) use kinova_gen3::made as kinova_gen3_arm;
+pub(crate) use lazy_arm::LazyArm;
 
 /// Finger slides and actuators of `Sawyer` and `FloatingHand`.
 const GRIPPER: Mjcf<'static> = part!("gripper.xml");

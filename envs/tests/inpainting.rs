@@ -8,7 +8,7 @@ use envs::{
     TaskGroup,
 };
 use glam::DVec3;
-use inpainting::{ArmLink, ColorCorrection, Inpainter, InpainterSettings};
+use inpainting::{ArmLink, ColorCorrection, Inpainter, InpainterSettings, PinholeCamera};
 use mujoco::{Model, is_reference_release};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -79,7 +79,7 @@ impl Studio {
             .iter()
             .map(|link| ArmLink { radius: self.thickness * link.radius, ..*link });
         let settings = InpainterSettings {
-            camera: arm::pinhole(&camera),
+            camera: PinholeCamera::overhead(camera.size, camera.height, camera.half_extent),
             arm_links: links.collect(),
             colour_correction: correction,
             gripper_mark: arm::mark(&camera),
@@ -215,7 +215,7 @@ fn other_light_is_corrected() {
 #[test]
 fn the_pinhole_camera_projects_as_the_table_camera_does() {
     let camera = Camera::default();
-    let pinhole = arm::pinhole(&camera);
+    let pinhole = PinholeCamera::overhead(camera.size, camera.height, camera.half_extent);
     pinhole.check().unwrap();
     for point in [[0.1, -0.2, 0.3], [-0.4, 0.3, 0.0]].map(DVec3::from_array) {
         let [u, v] = camera.project(point);

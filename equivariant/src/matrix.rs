@@ -46,8 +46,7 @@ pub(crate) fn row_major_mut<T>(
 ///
 /// The kernels of faer 0.24.4 do not clear them. Until that happens the CPU pays for every
 /// switch between AVX and legacy SSE instructions: C's `expf` takes 175 ns instead of 3, and it
-/// runs right after the products of a recurrent unit. `benches/layers.rs` of the workspace measures
-/// it.
+/// runs right after the products of a recurrent unit.
 fn clear_upper_halves() {
     #[cfg(target_arch = "x86_64")]
     if let Some(simd) = pulp::x86::V3::try_new() {

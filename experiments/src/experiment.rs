@@ -177,10 +177,7 @@ impl Experiment {
         }
         self.schedule.check()?;
         self.schedule.resolve_groups(tasks)?;
-        self.envs.check()?;
-        self.check_layout()?;
-        self.check_camera()?;
-        self.check_seed()?;
+        self.check_environment_parts()?;
         self.check_rollouts()?;
         self.check_visits()?;
         self.check_replay()?;
@@ -216,6 +213,15 @@ impl Experiment {
             }
         }
         Ok(())
+    }
+
+    /// Rejects settings like [`Experiment::check_environments`], with the names of
+    /// [`Experiment::check_parts`].
+    pub(crate) fn check_environment_parts(&self) -> Result<(), RunError> {
+        self.envs.check()?;
+        self.check_layout()?;
+        self.check_camera()?;
+        self.check_seed()
     }
 
     /// Rejects a layout without some of the variants, which evaluations show.

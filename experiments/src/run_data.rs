@@ -155,6 +155,12 @@ impl RunData {
         })
     }
 
+    /// Returns the number of policies that were trained so far, merged ones included: one more than
+    /// the largest index of a policy in [`RunData::rollouts`], and 0 without rollouts.
+    pub fn policy_count(&self) -> usize {
+        self.rollouts.iter().map(|row| row.policy + 1).max().unwrap_or(0)
+    }
+
     /// Returns the name of the task group that a policy was created for: the group of its first
     /// rollout without a task switch. `None` without such a rollout.
     pub fn group_of_policy(&self, policy: usize) -> Option<&str> {

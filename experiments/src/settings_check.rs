@@ -19,6 +19,14 @@ impl Experiment {
     pub fn check(&self, tasks: &TaskRegistry) -> Result<(), RunError> {
         self.check_parts(tasks).map_err(|error| with_setting_path(error, self))
     }
+
+    /// Rejects settings of the environments in which no policy could be evaluated.
+    ///
+    /// # Errors
+    /// The first setting that is out of range.
+    pub fn check_environments(&self) -> Result<(), RunError> {
+        self.check_environment_parts().map_err(|error| with_setting_path(error, self))
+    }
 }
 
 /// Adds the path and the default of the setting to an error about a value out of range; other
@@ -87,6 +95,8 @@ fn is_value(own: &Value, text: &str) -> bool {
 /// Returns `true` if a setting's name in a check, as `camera height`, stands for a path.
 fn is_named(path: &str, name: &str) -> bool {
     let name = name.replace(' ', "_");
+    // an element of a list has the list's name
+    let path = path.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('.');
     let last = path.rsplit('.').next().unwrap_or(path);
     name.ends_with(last) || path.starts_with(&format!("{name}."))
 }
@@ -119,6 +129,7 @@ mod tests {
             ("envs.num_envs=0", "`envs.num_envs` is 0, expected at least 1 (8 with"),
             ("envs.camera.size=3", "`envs.camera.size` is 3, expected an even number"),
             ("envs.camera.mark.hole=9", "`envs.camera.mark.hole` is 9, expected a length"),
+            ("envs.camera.misalignment.shift_mm=[300,300]", "shift_mm.0` is 300, expected at most"),
             ("evaluation.looks=20000", "`evaluation.looks` is 20000, expected 0 to 10000 (1 with"),
             ("schedule.groups.0.decisions=0", "`schedule.groups.0.decisions` is 0 of goal-reach"),
             ("off_policy.grouping.evidence.level=3", "`off_policy.grouping.evidence.level` is 3"),

@@ -9,6 +9,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::DVec3;
 use mujoco::{Data, FreeCamera, Model, RenderOptions, Renderer};
+use robots::xml_escaped;
 
 use crate::check::ModelSymmetryReport;
 use crate::compare::MirrorDifference;
@@ -38,7 +39,7 @@ impl ModelSymmetryReport {
     /// # Errors
     /// [`ModelSymmetryError::Picture`] if the model cannot be drawn.
     pub fn html(&self, title: &str, model: &Arc<Model>) -> Result<String, ModelSymmetryError> {
-        let title = escaped(title);
+        let title = xml_escaped(title);
         let plane = self.corrections.plane.unwrap_or_default();
         let mut page = format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
@@ -60,7 +61,7 @@ impl ModelSymmetryReport {
         }
         page += "</div>\n";
         for fact in [Some(self.plane_text()), self.missing_text()].into_iter().flatten() {
-            let _ = writeln!(page, "<p>{}</p>", escaped(&fact));
+            let _ = writeln!(page, "<p>{}</p>", xml_escaped(&fact));
         }
         if self.differences.is_empty() {
             page += "<p>no differences</p>\n";
@@ -96,7 +97,7 @@ impl ModelSymmetryReport {
             ];
             let _ = write!(page, "<tr><td class=\"number\">{}</td>", difference.effect_text());
             for cell in cells {
-                let _ = write!(page, "<td>{}</td>", escaped(&cell));
+                let _ = write!(page, "<td>{}</td>", xml_escaped(&cell));
             }
             *page += "</tr>\n";
         }
@@ -134,15 +135,4 @@ fn pictures(
         Ok::<_, PictureError>(file)
     };
     Ok([("along the mirror plane", picture(0.0, -0.1)?), ("from a side", picture(0.8, -0.4)?)])
-}
-
-fn escaped(text: &str) -> String {
-    let escape = |character| match character {
-        '&' => "&amp;".to_owned(),
-        '<' => "&lt;".to_owned(),
-        '>' => "&gt;".to_owned(),
-        '"' => "&quot;".to_owned(),
-        other => other.to_string(),
-    };
-    text.chars().map(escape).collect()
 }

@@ -8,55 +8,55 @@ use serde::{Deserialize, Serialize};
 
 use crate::mirror::quat;
 
-/// Kind of a model's objects that the check compares.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-#[allow(missing_docs)]
-pub enum ModelObjectKind {
-    Body,
-    Joint,
-    Geom,
-    Site,
-    Camera,
-    Tendon,
-    Equality,
-    Actuator,
-    Sensor,
-    Keyframe,
+/// Declares [`ModelObjectKind`] from a table: each kind's name, its `mjtObj`, and the field of
+/// `mjModel` with the number of such objects.
+macro_rules! object_kinds {
+    ($($kind:ident: $name:literal, $object:ident, $count:ident;)+) => {
+        /// Kind of a model's objects that the check compares.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+        #[serde(rename_all = "lowercase")]
+        #[allow(missing_docs)]
+        pub enum ModelObjectKind {
+            $($kind,)+
+        }
+
+        impl ModelObjectKind {
+            pub(crate) const ALL: [Self; 10] = [$(Self::$kind),+];
+
+            /// Returns the kind's name and its `mjtObj`.
+            fn facts(self) -> (&'static str, raw::mjtObj) {
+                match self {
+                    $(Self::$kind => ($name, raw::$object),)+
+                }
+            }
+
+            /// Returns the number of objects of this kind in a model.
+            fn count_in(self, model: &raw::mjModel) -> usize {
+                let count = match self {
+                    $(Self::$kind => model.$count,)+
+                };
+                count as usize
+            }
+        }
+    };
+}
+
+object_kinds! {
+    Body: "body", mjOBJ_BODY, nbody;
+    Joint: "joint", mjOBJ_JOINT, njnt;
+    Geom: "geom", mjOBJ_GEOM, ngeom;
+    Site: "site", mjOBJ_SITE, nsite;
+    Camera: "camera", mjOBJ_CAMERA, ncam;
+    Tendon: "tendon", mjOBJ_TENDON, ntendon;
+    Equality: "equality", mjOBJ_EQUALITY, neq;
+    Actuator: "actuator", mjOBJ_ACTUATOR, nu;
+    Sensor: "sensor", mjOBJ_SENSOR, nsensor;
+    Keyframe: "keyframe", mjOBJ_KEY, nkey;
 }
 
 impl ModelObjectKind {
-    pub(crate) const ALL: [Self; 10] = [
-        Self::Body,
-        Self::Joint,
-        Self::Geom,
-        Self::Site,
-        Self::Camera,
-        Self::Tendon,
-        Self::Equality,
-        Self::Actuator,
-        Self::Sensor,
-        Self::Keyframe,
-    ];
-
     fn from_object_type(object: raw::mjtObj) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.facts().1 == object)
-    }
-
-    /// Returns the kind's name and its `mjtObj`.
-    fn facts(self) -> (&'static str, raw::mjtObj) {
-        match self {
-            Self::Body => ("body", raw::mjOBJ_BODY),
-            Self::Joint => ("joint", raw::mjOBJ_JOINT),
-            Self::Geom => ("geom", raw::mjOBJ_GEOM),
-            Self::Site => ("site", raw::mjOBJ_SITE),
-            Self::Camera => ("camera", raw::mjOBJ_CAMERA),
-            Self::Tendon => ("tendon", raw::mjOBJ_TENDON),
-            Self::Equality => ("equality", raw::mjOBJ_EQUALITY),
-            Self::Actuator => ("actuator", raw::mjOBJ_ACTUATOR),
-            Self::Sensor => ("sensor", raw::mjOBJ_SENSOR),
-            Self::Keyframe => ("keyframe", raw::mjOBJ_KEY),
-        }
     }
 }
 
@@ -96,20 +96,7 @@ impl<'a> PosedModel<'a> {
     }
 
     pub fn count(&self, kind: ModelObjectKind) -> usize {
-        let raw = self.model.as_raw();
-        let count = match kind {
-            ModelObjectKind::Body => raw.nbody,
-            ModelObjectKind::Joint => raw.njnt,
-            ModelObjectKind::Geom => raw.ngeom,
-            ModelObjectKind::Site => raw.nsite,
-            ModelObjectKind::Camera => raw.ncam,
-            ModelObjectKind::Tendon => raw.ntendon,
-            ModelObjectKind::Equality => raw.neq,
-            ModelObjectKind::Actuator => raw.nu,
-            ModelObjectKind::Sensor => raw.nsensor,
-            ModelObjectKind::Keyframe => raw.nkey,
-        };
-        count as usize
+        kind.count_in(self.model.as_raw())
     }
 
     pub fn row(&self, array: NumberArray, row: usize, width: usize) -> &'a [f64] {

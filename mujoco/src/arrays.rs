@@ -351,7 +351,8 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::fields::data::QACC;
+    use crate::fields::data::{self, QACC};
+    use crate::fields::model;
 
     #[test]
     fn every_array_has_the_type_and_the_lengths_of_the_header() {
@@ -366,23 +367,36 @@ mod tests {
             ("mjNGAIN", raw::mjNGAIN),
             ("mjNBIAS", raw::mjNBIAS),
             ("mjNDYN", raw::mjNDYN),
+            // MuJoCo 2 has no such constant
+            ("mjNTEXROLE", 10),
         ] {
             header = header.replace(&format!("{name})"), &format!("{size})"));
         }
         let declared = |[kind, field, count, width]: [&str; 4]| {
             let kind = match kind {
                 "f64" => "mjtNum",
+                "f32" => "float",
                 "i32" => "int",
-                _ => "mjtByte",
+                "u8" => "mjtByte",
+                other => panic!("{other}"),
             };
             let stated = |row| header.contains(&format!("X({kind},{field},{count},{row})"));
             let width = width.trim_matches(['(', ')']);
             stated(width.to_owned()) || stated(format!("MJ_M({width})"))
         };
-        for &array in NUMBERS.iter().chain(INTEGERS) {
+        let arrays = NUMBERS.iter().chain(INTEGERS).chain(model::TABLE).chain(data::TABLE);
+        for &array in arrays {
             assert!(declared(array), "{array:?}");
         }
-        assert!(!declared(["f64", "body_mass", "nbody", "3"]));
+        // a wrong type, count or width is noticed
+        for wrong in [
+            ["f32", "xpos", "nbody", "3"],
+            ["f64", "xpos", "ngeom", "3"],
+            ["f64", "xpos", "nbody", "4"],
+            ["f64", "body_mass", "nbody", "3"],
+        ] {
+            assert!(!declared(wrong), "{wrong:?}");
+        }
     }
 
     #[test]

@@ -100,10 +100,11 @@ impl<T, const N: usize> ArrayField<raw::mjModel, T, N> {
     }
 }
 
-/// Declares constants of type [`ArrayField`], and a table of them for a test of their lengths.
+/// Declares constants of type [`ArrayField`], and a table of them for the test of their lengths in
+/// `arrays.rs`.
 macro_rules! fields {
     (
-        $owner:ident, $table:literal:
+        $owner:ident:
         $($(#[$condition:meta])* $name:ident = $field:ident: [$kind:ty; $count:ident, $width:literal],)*
     ) => {
         use super::{ArrayField, ArrayStart};
@@ -119,19 +120,18 @@ macro_rules! fields {
         )*
 
         #[cfg(test)]
-        pub(super) const TABLE: (&str, &[(&str, &str, &str, usize)]) = (
-            $table,
-            &[$(
+        pub(crate) const TABLE: &[[&str; 4]] = &[
+            $(
                 $(#[$condition])*
-                (stringify!($kind), stringify!($field), stringify!($count), $width)
-            ),*],
-        );
+                [stringify!($kind), stringify!($field), stringify!($count), stringify!($width)]
+            ),*
+        ];
     };
 }
 
 /// Arrays of `mjModel`, one [`ArrayField`] each.
 pub(crate) mod model {
-    fields! { mjModel, "MJMODEL_POINTERS":
+    fields! { mjModel:
         #[cfg(actuator_counts)]
         ACTUATOR_CTRLNUM = actuator_ctrlnum: [i32; nu, 1],
         #[cfg(actuator_counts)]
@@ -187,7 +187,7 @@ pub(crate) mod model {
 
 /// Arrays of `mjData`, one [`ArrayField`] each.
 pub(crate) mod data {
-    fields! { mjData, "MJDATA_POINTERS":
+    fields! { mjData:
         ACT = act: [f64; na, 1],
         ACTUATOR_FORCE = actuator_force: [f64; nu, 1],
         CTRL = ctrl: [f64; nu, 1],
@@ -205,71 +205,5 @@ pub(crate) mod data {
         XFRC_APPLIED = xfrc_applied: [f64; nbody, 6],
         XPOS = xpos: [f64; nbody, 3],
         XQUAT = xquat: [f64; nbody, 4],
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use std::fs;
-    use std::path::Path;
-
-    use super::{data, model};
-
-    /// Element type, count and width of a field, in the header's words.
-    ///
-    /// MuJoCo 3 splits the table of the model by kinds of objects, and calls some macros `XMJV`.
-    fn declared<'a>(header: &'a str, table: &str, field: &str) -> Option<[&'a str; 3]> {
-        let title = format!("#define {table}");
-        let mut entries = header.match_indices(&title).flat_map(|(start, _)| {
-            let entries = header[start..].lines().skip(1);
-            entries.take_while(|line| !line.trim().is_empty())
-        });
-        entries.find_map(|line| {
-            let (name, inside) = line.split_once('(')?;
-            let words: Vec<_> = inside.split([',', ')']).map(str::trim).collect();
-            let is_entry = ["X", "XMJV"].contains(&name.trim()) && words.get(1) == Some(&field);
-            if words.len() < 4 {
-                return None;
-            }
-            let kind = if words[0] == "mjtBool" { "mjtByte" } else { words[0] };
-            // counts of actuators are equal in every model that is accepted
-            let [count, width] = [words[2], words[3]].map(|size| match size {
-                "nactuator" | "nout" => "nu",
-                "mjNTEXROLE" => "10",
-                other => other,
-            });
-            is_entry.then_some([kind, count, width])
-        })
-    }
-
-    fn c_type(rust: &str) -> &str {
-        match rust {
-            "f64" => "mjtNum",
-            "f32" => "float",
-            "i32" => "int",
-            "u8" => "mjtByte",
-            other => panic!("{other}"),
-        }
-    }
-
-    #[test]
-    fn every_field_has_the_type_and_the_lengths_of_the_header() {
-        let folder = Path::new(crate::raw::HEADER_FOLDER);
-        let header = fs::read_to_string(folder.join("mjxmacro.h")).unwrap();
-        for (table, fields) in [model::TABLE, data::TABLE] {
-            for &(kind, field, count, width) in fields {
-                let width = width.to_string();
-                let expected = Some([c_type(kind), count, &width]);
-                assert_eq!(declared(&header, table, field), expected, "{field}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_wrong_width_would_be_noticed() {
-        let header = "#define MJDATA_POINTERS \\\n  X( mjtNum,  xpos,  nbody,  3 ) \\\n\n";
-        let declared = |field| declared(header, "MJDATA_POINTERS", field);
-        assert_eq!(declared("xpos"), Some(["mjtNum", "nbody", "3"]));
-        assert_eq!(declared("xquat"), None);
     }
 }

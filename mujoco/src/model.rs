@@ -1,6 +1,6 @@
 //! `mjModel`: the simulated model, immutable and shared.
 
-use std::ffi::{CStr, CString};
+use std::ffi::CString;
 use std::ptr::NonNull;
 use std::sync::Arc;
 
@@ -179,14 +179,7 @@ impl Model {
 
     /// Returns the name of an object; `None` if the XML gives none.
     pub fn name_of<K: NamedObjectKind>(&self, id: Id<K>) -> Option<&str> {
-        let index = i32::try_from(id.index()).ok()?;
-        // SAFETY: live model; MuJoCo returns NULL for an index out of range or an unnamed object.
-        let name = unsafe { raw::mj_id2name(self.as_raw(), K::OBJECT.cast_signed(), index) };
-        if name.is_null() {
-            return None;
-        }
-        // SAFETY: names are NUL-terminated strings inside the model, which outlives the borrow.
-        unsafe { CStr::from_ptr(name) }.to_str().ok()
+        self.object_name(K::OBJECT, id.index())
     }
 
     /// Lists the bodies, joints, geoms, sites, cameras and actuators without a name, for instance

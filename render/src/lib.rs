@@ -13,7 +13,6 @@ mod palette;
 mod player;
 mod recorder;
 mod stream_film;
-mod subprocess;
 
 pub use command::RenderOptions;
 pub use error::RenderError;

@@ -199,20 +199,9 @@ fn title(group: TaskGroup, views: &[FilmView], view: usize, mirrored_back: bool)
 /// Transforms every picture of a film by `element`. Elements of D2 are their own inverses, so this
 /// mirrors a variant's film back.
 fn mirrored(cell: &FilmGridCell, element: D2) -> FilmGridCell {
-    let frames = cell.frames.iter().map(|frame| {
-        let mut rows: Vec<&[u8]> = frame.chunks_exact(cell.width * RGB_CHANNELS).collect();
-        if element.flips_y() {
-            rows.reverse();
-        }
-        let turned = rows.into_iter().flat_map(|row| {
-            let mut pixels: Vec<&[u8]> = row.chunks_exact(RGB_CHANNELS).collect();
-            if element.flips_x() {
-                pixels.reverse();
-            }
-            pixels.concat()
-        });
-        turned.collect()
-    });
+    let FilmGridCell { width, height, .. } = *cell;
+    let frames = cell.frames.iter();
+    let frames = frames.map(|frame| element.transform_image(frame, height, width, RGB_CHANNELS));
     FilmGridCell { frames: frames.collect(), caption: cell.caption.clone(), ..*cell }
 }
 

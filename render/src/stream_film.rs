@@ -167,7 +167,7 @@ fn draw(run: &RunData, newest: usize, start: usize, clip: &Clip, picture: usize)
 /// Draws a box for each policy that exists; that of the policy that serves the rollout is lit.
 fn draw_policies(canvas: &mut Canvas, run: &RunData, newest: usize, start: usize) {
     let [width, height] = PERSPECTIVE_SIZE;
-    let most = run.rollouts.iter().map(|row| row.policy + 1).max().unwrap_or(1);
+    let most = run.policy_count().max(1);
     let pitch = (height / most).clamp(1, BOX + GAP);
     let exist = run.rollouts[..=newest].iter().map(|row| row.policy + 1).max().unwrap_or(0);
     let active = run.rollouts[newest].policy;

@@ -43,7 +43,7 @@ pub fn run_curves_svg(run: &RunData) -> String {
     visits(&mut drawing, run);
     rollouts(&mut drawing, run, |row| row.reward);
     evaluations(&mut drawing, run, |row| row.reward);
-    let most = run.rollouts.iter().map(|row| row.policy).max().unwrap_or(0);
+    let most = run.policy_count().saturating_sub(1);
     let numbers: Vec<f64> = (0..=most).map(|policy| policy as f64).collect();
     drawing.begin_panel("policy", LOW_PANEL, [-0.5, most as f64 + 0.5], &numbers);
     visits(&mut drawing, run);
@@ -79,8 +79,7 @@ fn distances(drawing: &mut SvgPlot, run: &RunData) {
 
 /// Returns the colour of each policy: that of the task group that it belongs to, if there is one.
 fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
-    let policies = run.rollouts.iter().map(|row| row.policy + 1).max();
-    let mut colours = vec![TEXT_COLOUR; policies.unwrap_or(0)];
+    let mut colours = vec![TEXT_COLOUR; run.policy_count()];
     for group in run.scored_groups() {
         if let Some(policy) = own_policy_of_group(&run.rollouts, group) {
             colours[policy] = stroke_of(run, group).colour;

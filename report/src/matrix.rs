@@ -51,8 +51,7 @@ impl PolicyConfusionMatrix {
     }
 
     fn new(run: &RunData, caption: &str) -> Self {
-        let policies = run.rollouts.iter().map(|row| row.policy + 1).max();
-        let policies = 0..policies.unwrap_or(0);
+        let policies = 0..run.policy_count();
         let rows = run.scored_groups().into_iter();
         Self {
             caption: caption.to_owned(),

@@ -125,7 +125,7 @@ fn unseeded(run: &RunData) -> Experiment {
 
 /// Returns the settings that all methods of a report share, the stream and the evaluation, with the
 /// rest replaced by defaults. Methods may differ in their learner, their images (size,
-/// oversampling, extra images, randomisation) and their number of environments.
+/// oversampling, extra images, randomisation, misalignment) and their number of environments.
 fn world(experiment: &Experiment) -> Experiment {
     let mut world = experiment.clone().with_threads(1);
     let (envs, rollout) = (world.envs.num_envs, world.learner.rollout_steps());
@@ -142,6 +142,7 @@ fn world(experiment: &Experiment) -> Experiment {
             size: any.size,
             oversampling: any.oversampling,
             extra_views: any.extra_views,
+            misalignment: any.misalignment,
             ..world.envs.camera
         },
         ..world.envs.without_randomisation()

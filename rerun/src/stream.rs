@@ -76,13 +76,12 @@ fn groups(run: &RunData) -> Vec<Value> {
 
 /// Returns the policies, each in the colour of the group that it was opened for.
 fn policies(run: &RunData) -> Vec<Value> {
-    let count = run.rollouts.iter().map(|row| row.policy + 1).max();
     let coloured = |policy| {
         let schedule = &run.experiment.schedule;
         let number = run.group_of_policy(policy).and_then(|group| schedule.group_index(group));
         (policy_name(policy), number.map_or(GREY, curve_rgb))
     };
-    (0..count.unwrap_or(0)).map(coloured).collect()
+    (0..run.policy_count()).map(coloured).collect()
 }
 
 fn policy_name(policy: usize) -> String {

@@ -35,7 +35,9 @@ pub use description::{
 pub use error::{ControlError, DescriptionError, MissedTarget};
 pub use ik::{IkSettings, OrientationConstraint};
 pub use kinematic_arm::KinematicArm;
-pub use mjcf::{JointServoSettings, LinkMjcfAddition, Mjcf, MjcfSettings, TouchingLinkPairs};
+pub use mjcf::{
+    JointServoSettings, LinkMjcfAddition, Mjcf, MjcfSettings, TouchingLinkPairs, xml_escaped,
+};
 pub use pose::Pose;
 pub use robot::{ArmCommand, Robot, RobotState};
 pub use robot_file::{RobotFile, without_byte_order_mark};

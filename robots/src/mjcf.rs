@@ -512,8 +512,9 @@ fn numbers(values: &[f64]) -> String {
     values.iter().copied().map(short_number).collect::<Vec<_>>().join(" ")
 }
 
-/// Escapes a text for the value of an XML attribute.
-pub(crate) fn xml_escaped(name: &str) -> String {
+/// Returns a text with `&`, `<`, `>` and `"` escaped, for XML and HTML: for text between tags and
+/// for the value of an attribute in double quotes.
+pub fn xml_escaped(text: &str) -> String {
     let escape = |character: char| match character {
         '&' => "&amp;".to_owned(),
         '<' => "&lt;".to_owned(),
@@ -521,5 +522,5 @@ pub(crate) fn xml_escaped(name: &str) -> String {
         '"' => "&quot;".to_owned(),
         plain => plain.to_string(),
     };
-    name.chars().map(escape).collect()
+    text.chars().map(escape).collect()
 }

@@ -6,7 +6,7 @@ use covers::program::CoversCli;
 
 pub mod faulty;
 pub mod packed;
-pub mod protobuf;
+pub mod runs;
 pub mod scratch;
 
 /// Runs `covers` with these arguments; returns what it printed.

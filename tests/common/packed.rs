@@ -2,17 +2,15 @@
 
 use std::path::PathBuf;
 
-use covers::presets::{Budget, Method};
+use covers::presets::Method;
 use covers::{CheckpointExtent, Experiment, RunFolder, SwitchableVecEnv, TaskLabel};
-use envs::Embodiment;
 
+use super::runs::two_groups;
 use super::scratch::Scratch;
 
 /// Short episodes of two groups, four environments and no arm, whose variants mirror exactly.
 pub fn small(method: Method) -> Experiment {
-    let mut experiment = Budget::Smoke.preset_experiment(method);
-    experiment = experiment.with_embodiment(Embodiment::FLOATING_HAND).with_threads(1);
-    experiment.schedule.groups.truncate(2);
+    let mut experiment = two_groups(method).with_threads(1);
     experiment.envs.num_envs = 4;
     experiment.envs.control.horizon = 50;
     experiment

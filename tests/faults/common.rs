@@ -1,16 +1,16 @@
-//! Small runs, and what of their files must be equal.
+//! Small runs, what of their files must be equal, and disks that are watched.
 
-use std::collections::BTreeMap;
 use std::fmt::{self, Debug};
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use covers::presets::{Budget, Method};
-use covers::{CoversSettings, Disk, Experiment, LearnerSettings, LocalDisk, Run, RunFolder};
-use envs::{Camera, Embodiment};
+use covers::presets::Method;
+use covers::{Disk, Experiment, LocalDisk, Run, RunFolder};
 
+use crate::runs::two_groups;
+pub use crate::runs::{Bytes, TABLES, bytes, checkpoints, crash_after, newest};
 pub use crate::scratch::Scratch;
 
 impl Scratch {
@@ -25,53 +25,19 @@ pub fn full() -> bool {
 }
 
 /// Two groups, few environments, a checkpoint after every rollout, and nothing asked after the
-/// stream but scores; the paper's method with small pictures.
+/// stream but scores.
 ///
 /// COVERS learns from two rollouts of the first group; the third turn hands over to a second policy
 /// and takes three, and two more are left.
 pub fn tiny(method: Method) -> Experiment {
-    let mut experiment = Budget::Smoke.preset_experiment(method).with_threads(2);
-    experiment.schedule.groups.truncate(2);
+    let mut experiment = two_groups(method).with_threads(2);
     // this seed shuffles them: the second comes first
     experiment.schedule.groups[0].decisions = 5 * 80;
     experiment.schedule.groups[1].decisions = 2 * 80;
     experiment.checkpoints.every = 1;
     experiment.envs.num_envs = 4;
     experiment.evaluation.recognition_repeats = 0;
-    // without an arm: quicker
-    experiment.envs.embodiment = Embodiment::FLOATING_HAND;
-    if method == Method::Paper
-        && let LearnerSettings::Covers(settings) = &mut experiment.learner
-    {
-        settings.network = CoversSettings::default().network;
-        experiment.envs.camera.size = Camera::default().size;
-    }
     experiment
-}
-
-/// The tables of a run that hold no clock time.
-pub const TABLES: [&str; 4] = ["metrics.csv", "evaluation.csv", "units.csv", "recognition.csv"];
-
-/// What equal runs write: tables, and the last checkpoint, which holds the final weights.
-pub type Bytes = BTreeMap<PathBuf, Vec<u8>>;
-
-pub fn bytes(folder: &Path) -> Bytes {
-    let newest = newest(folder).strip_prefix(folder).unwrap().to_owned();
-    let files = TABLES.map(PathBuf::from).into_iter().chain([newest]);
-    let read = |file: PathBuf| (file.clone(), fs::read(folder.join(file)).unwrap());
-    files.map(read).collect()
-}
-
-pub fn newest(folder: &Path) -> PathBuf {
-    checkpoints(folder).pop().unwrap()
-}
-
-/// All checkpoints, the oldest first.
-pub fn checkpoints(folder: &Path) -> Vec<PathBuf> {
-    let files = fs::read_dir(folder.join("checkpoints")).unwrap();
-    let mut files: Vec<PathBuf> = files.map(|file| file.unwrap().path()).collect();
-    files.sort();
-    files
 }
 
 pub fn finish(mut run: Run) -> Bytes {
@@ -128,14 +94,6 @@ pub fn contents(folder: &Path) -> Bytes {
         (path.strip_prefix(folder).unwrap().to_owned(), bytes)
     };
     files.map(read).collect()
-}
-
-/// Learns from this many rollouts and drops the run as a crash would.
-pub fn crash_after(rollouts: usize, mut run: Run) -> PathBuf {
-    while run.stats().rollouts < rollouts {
-        run.advance().unwrap();
-    }
-    run.folder().path().to_owned()
 }
 
 pub fn assert_same(got: &Bytes, expected: &Bytes) {

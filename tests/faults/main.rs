@@ -14,6 +14,8 @@ mod failures;
 mod faulty;
 mod kills;
 mod power;
+#[path = "../common/runs.rs"]
+mod runs;
 #[path = "../common/scratch.rs"]
 mod scratch;
 mod signals;

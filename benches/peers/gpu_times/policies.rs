@@ -60,7 +60,7 @@ pub fn time_decisions_ms(
     num_envs: usize,
     place: &str,
 ) -> Result<f64, Box<dyn Error>> {
-    let spec = EnvSpec { num_envs, ..spec() };
+    let spec = EnvSpec { num_envs, ..random_env_spec() };
     let mut policy = ActorCriticPolicy::new(&NetworkSettings::default(), &spec, 0)?;
     if place == "gpu" {
         let mut there = GpuPolicy::new(policy, device, num_envs.min(AT_A_TIME))?;

@@ -366,6 +366,7 @@ fn focal(found: Option<FocalLengthEstimate>, estimated: bool) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dry_rig::dry_rig;
 
     #[test]
     fn three_numbers_are_read_or_refused() {
@@ -375,5 +376,35 @@ mod tests {
             let message = text.parse::<NumberTriple>().unwrap_err().to_string();
             assert!(message.contains("1,2.5,-3"), "{message}");
         }
+    }
+
+    #[test]
+    fn a_file_that_deploy_will_refuse_is_told() {
+        let rig = dry_rig(Ok);
+        let previous = rig.calibration();
+        let mut calibration = previous;
+        assert_eq!(refusal(&calibration, &rig), None);
+        calibration.extrinsics.translation.x += 0.2;
+        let reason = refusal(&calibration, &rig).unwrap();
+        assert!(reason.contains("its position is ") && reason.contains("0.15 m"), "{reason}");
+        let certain = HandEyeUncertainty {
+            position_sd: DVec3::ZERO,
+            angle_sd: DVec3::ZERO,
+            ball_offset_sd: DVec3::ZERO,
+        };
+        let estimate = HandEyeCalibration {
+            calibration,
+            ball_offset: DVec3::ZERO,
+            residuals: Vec::new(),
+            outliers: Vec::new(),
+            uncertainty: certain,
+            focal_length: None,
+            uncertainty_per_pixel: certain,
+        };
+        let calibrated = CameraCalibrationResult { previous, estimate, skipped_poses: Vec::new() };
+        let told = text(&calibrated, false, Some(&reason));
+        let last = told.lines().last().unwrap();
+        assert!(last.contains("will refuse this file") && last.ends_with(&reason), "{told}");
+        assert_eq!(object(&calibrated, false, Some(&reason))["refused_by_deploy"], reason);
     }
 }

@@ -4,22 +4,18 @@ use std::path::Path;
 use std::time::Duration;
 
 use clap::{Args, Parser};
-use envs::embodiments::{Arm, KinovaGen3};
+use robots::Robot;
 
 use super::command::CalibrateOptions;
-use super::fake_rig::KinematicRig;
 use super::file::CameraCalibrationFile;
 use super::mask::{MaskCheck, MaskComparison};
 use super::mask_command::{CheckMaskOptions, mask_check_json};
 use super::measure::{SkippedPose, calibrate_camera};
 use super::tests::SETTINGS;
+use crate::dry_rig::{DryRig, arm, dry_rig, untouched};
 use crate::rig::{Rig, Trial};
 use crate::{DeployError, DeployOptions};
 use experiments::RunError;
-
-fn arm() -> Arm {
-    KinovaGen3.arm().unwrap()
-}
 
 /// Command line of these options alone.
 #[derive(Parser)]
@@ -38,17 +34,15 @@ fn options(arguments: &[&str]) -> CalibrateOptions {
 }
 
 /// Returns the error of a calibration with a spoilt rig.
-fn spoilt(spoil: fn(&mut KinematicRig)) -> DeployError {
-    let mut rig = KinematicRig::new(&arm());
-    spoil(&mut rig);
-    let there = [rig.state.tip];
+fn spoilt(mut rig: DryRig) -> DeployError {
+    let there = [rig.state().unwrap().tip];
     let trial = Trial::on_empty_table(0);
     calibrate_camera(&mut rig, &arm(), &SETTINGS, &there, &trial).unwrap_err()
 }
 
 #[test]
 fn a_camera_whose_clock_is_ahead_calibrates_nothing() {
-    let error = spoilt(|rig| rig.ahead = Duration::from_millis(5));
+    let error = spoilt(dry_rig(|now| Ok(now + Duration::from_millis(5))));
     let message = error.to_string();
     assert!(matches!(error, DeployError::CameraClockAhead { .. }), "{message}");
 }
@@ -56,7 +50,7 @@ fn a_camera_whose_clock_is_ahead_calibrates_nothing() {
 /// Checks that a pose is skipped, and named, if the hand stays in its place but turns.
 #[test]
 fn a_hand_that_turns_does_not_stand() {
-    let error = spoilt(|rig| rig.spin = 0.02);
+    let error = spoilt(DryRig { spin: 0.02, ..dry_rig(Ok) });
     let DeployError::TooFewSightings { skipped_pose: 1, reason, .. } = error else {
         panic!("{error}");
     };
@@ -66,10 +60,8 @@ fn a_hand_that_turns_does_not_stand() {
 #[test]
 fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let still =
-        |rig: &KinematicRig| rig.time.is_zero() && rig.state == KinematicRig::new(&arm()).state;
+    let mut rig = untouched(Ok);
     for out in ["no/such/folder/c.json", "src"] {
-        let mut rig = KinematicRig::new(&arm());
         let out = root.join(out);
         let failed = options(&["--out", out.to_str().unwrap()]).run_on_rig(
             &mut rig,
@@ -78,13 +70,11 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
         );
         let error = failed.unwrap_err();
         assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
-        assert!(still(&rig));
     }
     let mask = mask_options(&["--pictures", concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml/m")]);
-    let mut rig = KinematicRig::new(&arm());
     let error = mask.run_on_rig(&mut rig, &arm(), &mut Vec::new()).err().unwrap();
     assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
-    assert!(still(&rig));
+    assert!(rig.now().is_zero());
 }
 
 /// Parses options of `covers check mask` with the policies of this repository.
@@ -95,7 +85,7 @@ fn mask_options(arguments: &[&str]) -> CheckMaskOptions {
 
 #[test]
 fn a_rig_of_your_own_takes_no_simulated_fault() {
-    let (mut rig, arm, mut out) = (KinematicRig::new(&arm()), arm(), Vec::new());
+    let (mut rig, arm, mut out) = (untouched(Ok), arm(), Vec::new());
     let fault = ["--fault", "position-error=30"];
     let calibration = options(&[&["--out", "no/such/c.json"], &fault[..]].concat());
     let refused = [
@@ -130,7 +120,7 @@ fn what_does_not_fit_the_rig_is_named_before_the_arm_moves() {
     let folder = std::env::temp_dir().join(format!("covers-cameras-{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     let [json, yaml] = ["far.json", "camera.yaml"].map(|name| folder.join(name));
-    let mut rig = KinematicRig::new(&arm());
+    let mut rig = untouched(Ok);
     let mut too_far = rig.calibration();
     too_far.extrinsics.translation.z = 99.9;
     CameraCalibrationFile::write(&too_far, &json).unwrap();
@@ -156,7 +146,7 @@ fn what_does_not_fit_the_rig_is_named_before_the_arm_moves() {
     for (error, words) in errors.iter().zip(expected) {
         assert!(words.iter().all(|word| error.to_string().contains(word)), "{error}");
     }
-    assert!(rig.time.is_zero());
+    assert!(rig.now().is_zero());
 }
 
 /// Parses options of `covers deploy` with policies that do not exist.

@@ -1,23 +1,19 @@
 //! Tests of the calibration and the mask's check on a simulated rig.
 
-use std::time::Duration;
-
-use envs::{Camera, Embodiment, HAND_TARGET_START};
+use envs::{Camera, Embodiment};
 use glam::{DMat3, DVec3};
 use inpainting::{
     BallOffsetInHand, CalibrationBall, CameraCalibration, Extrinsics, HandEyeSettings,
 };
-use rl::BoxedEnvError;
-use robots::{ArmCommand, ControlError, Pose, Robot, RobotState};
+use robots::{Pose, Robot};
 
 use super::calibration_poses;
 use super::command::{CalibrateOptions, NumberTriple, distance_mm_and_angle_deg};
-use super::fake_rig::KinematicRig;
 use super::file::CameraCalibrationFile;
 use super::mask::MaskCheck;
 use super::measure::{CameraCalibrationSettings, calibrate_camera};
-use crate::faults::FaultAmount;
-use crate::rig::{PreparedTrial, Rig, TaskVerdict, Trial};
+use crate::dry_rig::{arm, dry_rig};
+use crate::rig::Trial;
 use crate::tests::pretrained;
 use crate::{DeployError, FaultPreset, RigOptions, SimulatedRig, SimulatedRigSettings};
 
@@ -31,14 +27,17 @@ pub(super) const SETTINGS: CameraCalibrationSettings = CameraCalibrationSettings
     lens: None,
 };
 
-/// Returns options that write a file of this name.
-fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions {
-    CalibrateOptions {
+/// With all other faults, a lens that nobody knows among them. The file says what was found.
+#[test]
+fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
+    let name = format!("covers-found-{}.json", std::process::id());
+    let faults = ["position-error=30", "angle-error=3"].map(|fault| fault.parse().unwrap());
+    let options = CalibrateOptions {
         rig: RigOptions {
             robot: None,
             seed: 1000,
             faults: FaultPreset::Nominal,
-            fault_amounts: fault,
+            fault_amounts: faults.to_vec(),
         },
         out: std::env::temp_dir().join(name),
         ball_offset_mm: None,
@@ -46,16 +45,8 @@ fn options(name: &str, fault: Vec<FaultAmount>, json: bool) -> CalibrateOptions 
         camera_file: None,
         estimate_focal: false,
         ball_color: NumberTriple([255.0, 0.0, 255.0]),
-        json,
-    }
-}
-
-/// With all other faults, a lens that nobody knows among them. The file says what was found.
-#[test]
-fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
-    let name = format!("covers-found-{}.json", std::process::id());
-    let faults = ["position-error=30", "angle-error=3"].map(|fault| fault.parse().unwrap());
-    let options = options(&name, faults.to_vec(), true);
+        json: true,
+    };
     let settings = options.rig.settings().unwrap().simulation;
     let mut rig = SimulatedRig::new_with_calibration_ball(
         settings,
@@ -77,78 +68,6 @@ fn a_camera_that_is_30_mm_and_3_degrees_off_is_found() {
     let residuals = told["residuals"].as_array().unwrap().len();
     assert_eq!((calibrated.skipped_poses.len(), residuals), (0, 14));
     assert!(told["refused_by_deploy"].is_null(), "{told}");
-}
-
-/// Rig whose own calibration has more than the allowed error.
-struct Misplaced(SimulatedRig);
-
-impl Robot for Misplaced {
-    fn state(&mut self) -> Result<RobotState, ControlError> {
-        self.0.state()
-    }
-
-    fn command(&mut self, command: &ArmCommand) -> Result<(), ControlError> {
-        self.0.command(command)
-    }
-
-    fn stop(&mut self) -> Result<(), ControlError> {
-        self.0.stop()
-    }
-}
-
-impl Rig for Misplaced {
-    fn set_up(&mut self, trial: &Trial) -> Result<PreparedTrial, BoxedEnvError> {
-        self.0.set_up(trial)
-    }
-
-    fn calibration(&self) -> CameraCalibration {
-        let known = self.0.true_calibration();
-        let Extrinsics { rotation, translation } = known.extrinsics;
-        let translation = translation - rotation * DVec3::new(0.2, 0.0, 0.0);
-        CameraCalibration { extrinsics: Extrinsics { rotation, translation }, ..known }
-    }
-
-    fn now(&self) -> Duration {
-        self.0.now()
-    }
-
-    fn wait(&mut self, time: Duration) -> Result<(), BoxedEnvError> {
-        self.0.wait(time)
-    }
-
-    fn picture(&mut self, rgb: &mut [u8]) -> Result<Duration, BoxedEnvError> {
-        self.0.picture(rgb)
-    }
-
-    fn verdict(&mut self) -> Result<TaskVerdict, BoxedEnvError> {
-        self.0.verdict()
-    }
-}
-
-#[test]
-fn a_file_that_deploy_will_refuse_is_told() {
-    let name = format!("covers-refused-{}.json", std::process::id());
-    let options = options(&name, Vec::new(), false);
-    let settings = options.rig.settings().unwrap().simulation;
-    let rig = SimulatedRig::new_with_calibration_ball(
-        settings,
-        Camera::default(),
-        Embodiment::KINOVA_GEN3,
-    )
-    .unwrap();
-    let arm = rig.arm().clone();
-    let mut out = Vec::new();
-    let calibrated = options.run_on_rig(&mut Misplaced(rig), &arm, &mut out);
-    std::fs::remove_file(&options.out).unwrap();
-    let calibrated = calibrated.unwrap();
-    let [place, _] =
-        distance_mm_and_angle_deg(&calibrated.previous, &calibrated.estimate.calibration);
-    assert!(place > 190.0, "{place}");
-    let told = String::from_utf8(out).unwrap();
-    let last = told.lines().last().unwrap();
-    let says = "`covers deploy` will refuse this file until the rig's own calibration is \
-                corrected: its position is ";
-    assert!(last.starts_with(says) && last.contains("0.15 m"), "{told}");
 }
 
 /// A mask by the true camera holds, and one by a camera that is 30 mm and 3 degrees off does not.
@@ -203,10 +122,9 @@ fn masks_do_not_lag_behind_late_pictures() {
 /// The error names the first pose that was left out, and why.
 #[test]
 fn balls_that_are_not_seen_and_poses_out_of_reach_are_told() {
-    let arm = envs::embodiments::KinovaGen3.arm().unwrap();
-    let mut rig = KinematicRig::new(&arm);
-    let tip = rig.state.tip;
-    let high = Pose { position: HAND_TARGET_START + 0.1 * DVec3::Z, ..tip };
+    let (arm, mut rig) = (arm(), dry_rig(Ok));
+    let tip = rig.state().unwrap().tip;
+    let high = Pose { position: tip.position + DVec3::Z, ..tip };
     let trial = Trial::on_empty_table(0);
     for (poses, says) in
         [(vec![tip, high], "no ball of the colour"), (vec![high, tip], "cannot follow")]

@@ -36,7 +36,10 @@ pub struct SymmetryDeviation {
     pub variant: VariantName,
     /// `true` if the embodiment is exactly symmetric.
     #[serde(skip)]
-    exact: bool,
+    moves_exactly: bool,
+    /// `true` if pictures are mirror images bit for bit, too.
+    #[serde(skip)]
+    looks_exact: bool,
     /// Largest deviation (metres) of hand, fingertips, pads, claw distance or object before the
     /// first contact; open loop with mirrored actions.
     pub free_deviation: f64,
@@ -57,14 +60,14 @@ pub struct SymmetryDeviation {
 
 impl SymmetryDeviation {
     /// Returns `true` if the returns agree within 3 % and, with an exactly symmetric embodiment,
-    /// pictures mirror bit for bit and motion agrees within 1e-9 m (1e-6 m from the first contact
-    /// on).
+    /// motion agrees within 1e-9 m (1e-6 m from the first contact on) and pictures of an aligned
+    /// camera mirror bit for bit.
     pub fn passes(&self) -> bool {
         let fair = (self.return_ratio - 1.0).abs() <= RETURN_SPREAD;
-        let mirrors = self.free_deviation <= FREE_DEVIATION
-            && self.contact_deviation <= CONTACT_DEVIATION
-            && self.frames_differing == 0;
-        fair && (mirrors || !self.exact)
+        let moves =
+            self.free_deviation <= FREE_DEVIATION && self.contact_deviation <= CONTACT_DEVIATION;
+        let looks = self.frames_differing == 0;
+        fair && (moves || !self.moves_exactly) && (looks || !self.looks_exact)
     }
 }
 
@@ -115,7 +118,8 @@ impl Twins {
         let pixels = scene.camera.size * scene.camera.size * RGB_CHANNELS;
         let row = SymmetryDeviation {
             variant: VariantName::new(&scene, element),
-            exact: scene.mirrors_exactly(),
+            moves_exactly: scene.embodiment.mirrors_exactly(),
+            looks_exact: scene.mirrors_exactly(),
             free_deviation: 0.0,
             contact_deviation: 0.0,
             reward_deviation: 0.0,

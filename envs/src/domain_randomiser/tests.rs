@@ -210,23 +210,13 @@ fn patches_are_discs_around_the_gripper_in_colours_that_are_off_to_either_side()
     }
 }
 
-/// Returns a picture `[SIZE, SIZE, 3]` mapped by an element.
-fn mirrored(element: D2, picture: &[u8]) -> Vec<u8> {
-    let place = |index: usize| {
-        let (row, column) = (index / SIZE, index % SIZE);
-        let row = if element.flips_y() { SIZE - 1 - row } else { row };
-        let column = if element.flips_x() { SIZE - 1 - column } else { column };
-        (row * SIZE + column) * RGB_CHANNELS
-    };
-    let pixels = (0..SIZE * SIZE).flat_map(|index| &picture[place(index)..][..RGB_CHANNELS]);
-    pixels.copied().collect()
-}
-
 /// The mirrored error must show the mirrored table in the mirrored picture. Since errors are drawn
 /// from symmetric distributions, all variants are then equally hard.
 #[test]
 fn a_mirrored_camera_shows_a_mirrored_table_in_a_mirrored_picture() {
     let (position, turn) = (DVec3::new(0.02, 0.01, 0.03), DVec3::new(0.01, 0.02, 0.05));
+    let mirrored =
+        |element: D2, picture: &[u8]| element.transform_image(picture, SIZE, SIZE, RGB_CHANNELS);
     let shown = |element: D2| {
         let [x, y] =
             [element.flips_x(), element.flips_y()].map(|flips| if flips { -1.0 } else { 1.0 });

@@ -1,8 +1,5 @@
 //! Arm of a user's own file: gripper, place at the table and settings of its control.
 
-use std::path::Path;
-use std::sync::OnceLock;
-
 use glam::{DMat3, DQuat, DVec3};
 use robots::{
     Chain, Inertia, JointServoSettings, Link, PlacedShape, Pose, RobotDescription, RobotFile,
@@ -12,8 +9,7 @@ use robots::{
 use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
 use super::kinova_gen3::{ACCELERATION, LEAD};
 use super::placing::{BasePlacementSearch, gripper_rotation};
-use crate::actuation::{HandActuation, NamedJointPositions};
-use crate::embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec, OPEN_APERTURE};
+use crate::embodiment_spec::OPEN_APERTURE;
 use crate::error::{EnvError, require};
 
 /// Prefix of the names of links and joints, which a scene could have otherwise.
@@ -30,49 +26,6 @@ const FLANGE_TO_HAND: f64 = 0.09;
 const OPEN_HALF_WIDTH: f64 = 0.053;
 /// Minimum distance by which the outside of a finger moves outwards (metres).
 const MIN_TRAVEL: f64 = 1e-3;
-
-/// Arm of a robot's file, which is read when it is first used. Its name is the file's path.
-pub(crate) struct FileArm {
-    name: String,
-    arm: OnceLock<Arm>,
-}
-
-impl FileArm {
-    /// Creates the embodiment of the arm in the file at the path `name`, without reading the file.
-    pub fn new(name: String) -> Self {
-        Self { name, arm: OnceLock::new() }
-    }
-
-    /// Returns the arm, read on first use.
-    ///
-    /// # Errors
-    /// Those of [`Arm::from_file`].
-    pub fn arm(&self) -> Result<&Arm, EnvError> {
-        if let Some(arm) = self.arm.get() {
-            return Ok(arm);
-        }
-        let arm = Arm::from_file(&self.name, &RobotFile::read(Path::new(&self.name))?)?;
-        Ok(self.arm.get_or_init(|| arm))
-    }
-}
-
-impl EmbodimentSpec for FileArm {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn parts(&self) -> Result<EmbodimentSceneParts, EnvError> {
-        self.arm()?.parts()
-    }
-
-    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<NamedJointPositions, EnvError> {
-        self.arm()?.initial_joint_positions(hand_target)
-    }
-
-    fn actuation(&self) -> Result<HandActuation, EnvError> {
-        self.arm()?.actuation()
-    }
-}
 
 impl Arm {
     /// Builds an arm called `name` from the robot that `file` describes, with its base placed at

@@ -1,14 +1,13 @@
 //! Kinova Gen3 with a Robotiq gripper, controlled like a real one.
 
+use std::borrow::Cow;
 use std::f64::consts::FRAC_PI_2;
-use std::sync::OnceLock;
 
 use glam::DVec3;
 use robots::{JointServoSettings, Pose, TwistControlSettings, TwistLimits, gen3};
 
 use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
-use crate::actuation::{HandActuation, NamedJointPositions};
-use crate::embodiment_spec::{EmbodimentSceneParts, EmbodimentSpec};
+use super::lazy_arm::LazyArm;
 use crate::error::EnvError;
 
 /// Kinova Gen3 with a Robotiq 2F-85 gripper, on a pedestal 0.44 m behind the table's centre. Its
@@ -16,6 +15,11 @@ use crate::error::EnvError;
 #[derive(Clone, Copy, Debug)]
 pub struct KinovaGen3;
 
+/// Embodiment with this arm.
+pub(crate) static KINOVA_GEN3: LazyArm = LazyArm::new(Cow::Borrowed(NAME), |_| KinovaGen3.arm());
+
+/// Name of the embodiment.
+const NAME: &str = "kinova_gen3";
 /// Position of the base (metres). All placements of the tasks are within reach from there.
 const BASE: [f64; 3] = [0.0, -0.44, 0.15];
 /// Name of the joint that closes the fingers.
@@ -40,7 +44,7 @@ pub(super) const LEAD: f64 = 0.034;
 pub(super) const ACCELERATION: f64 = 2.0;
 
 impl KinovaGen3 {
-    /// Builds the arm of this embodiment: the Kinova Gen3 with its gripper and control.
+    /// Builds the arm: the Kinova Gen3 with its gripper and control.
     ///
     /// # Errors
     /// None in practice: the crate's tests build it.
@@ -52,7 +56,7 @@ impl KinovaGen3 {
         };
         let [pan, shoulder, turn, elbow, forearm, wrist, roll] = gen3::WORK_JOINT_POSITIONS;
         Arm::new(ArmSettings {
-            name: self.name().to_owned(),
+            name: NAME.to_owned(),
             robot: gen3::gen3_description()?
                 .with_base_pose(Pose::from_xyz_rpy(BASE, [0.0, 0.0, FRAC_PI_2]))?
                 .with_joint_range(FINGER, [OPEN, CLOSED])?,
@@ -80,33 +84,5 @@ impl KinovaGen3 {
             max_target_lead: LEAD,
             additions: Vec::new(),
         })
-    }
-}
-
-/// Returns the arm of the Kinova Gen3, built on first use.
-pub(crate) fn made() -> Result<&'static Arm, EnvError> {
-    static ARM: OnceLock<Arm> = OnceLock::new();
-    if let Some(arm) = ARM.get() {
-        return Ok(arm);
-    }
-    let arm = KinovaGen3.arm()?;
-    Ok(ARM.get_or_init(|| arm))
-}
-
-impl EmbodimentSpec for KinovaGen3 {
-    fn name(&self) -> &str {
-        "kinova_gen3"
-    }
-
-    fn parts(&self) -> Result<EmbodimentSceneParts, EnvError> {
-        made()?.parts()
-    }
-
-    fn initial_joint_positions(&self, hand_target: DVec3) -> Result<NamedJointPositions, EnvError> {
-        made()?.initial_joint_positions(hand_target)
-    }
-
-    fn actuation(&self) -> Result<HandActuation, EnvError> {
-        made()?.actuation()
     }
 }

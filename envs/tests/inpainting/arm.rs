@@ -2,26 +2,8 @@
 
 use envs::{ARM_GEOM_GROUP, Camera, TableTop};
 use glam::{DMat3, DVec3};
-use inpainting::{ArmLink, Extrinsics, GripperMark, Intrinsics, PinholeCamera};
+use inpainting::{ArmLink, GripperMark};
 use mujoco::{Data, GeomId, GeomShape, Model};
-
-/// Returns the camera above the table.
-pub fn pinhole(camera: &Camera) -> PinholeCamera {
-    let middle = camera.size as f64 / 2.0;
-    let focal = middle * camera.height / camera.half_extent;
-    PinholeCamera {
-        intrinsics: Intrinsics {
-            width: camera.size,
-            height: camera.size,
-            focal_lengths: [focal; 2],
-            principal_point: [middle; 2],
-        },
-        extrinsics: Extrinsics {
-            rotation: DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
-            translation: DVec3::new(0.0, 0.0, camera.height),
-        },
-    }
-}
 
 /// Returns the mark that learners see over the gripper.
 pub fn mark(camera: &Camera) -> GripperMark {

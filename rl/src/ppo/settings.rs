@@ -125,7 +125,7 @@ impl PpoSettings {
     /// Returns the paper's settings with the changes that made training faster here: learning rates
     /// of 1e-3 for the heads and 1e-4 for the encoder and a value weight of 0.1, from this
     /// project's feasibility study (docs/ppo.md); a discount of 0.95 and 12 epochs instead of 8,
-    /// from the comparisons in docs/results/covers.md.
+    /// from the comparisons in docs/results/ppo_tuning.md.
     pub fn tuned() -> Self {
         Self {
             // rewards are dense and episodes last 50 decisions: a horizon of 1 / (1 - gamma) = 20
