@@ -96,12 +96,13 @@ efficiency: deps
 	  tar -C "$(KEPT)" -xzf $(DATA)/efficiency-$$study.tar.gz && \
 	  cargo run --release --locked --bin covers -- report --out "$$made/report" \
 	    "$(KEPT)/$$study"/* > /dev/null && \
-	  for file in efficiency.csv results.csv seeds.csv runs.csv; do \
+	  for file in results.csv seeds.csv runs.csv; do \
 	    cp "$$made/report/$$file" "$$made" || exit 1; \
 	  done && \
-	  for file in confusion.csv recognition.csv; do \
-	    [ ! -e "$$made/report/$$file" ] || cp "$$made/report/$$file" "$$made" || exit 1; \
-	  done && cp "$$made"/report/learning-*.svg "$$made" && rm -r "$$made/report" || exit 1; \
+	  for file in "$$made"/report/efficiency.csv "$$made"/report/confusion.csv \
+	    "$$made"/report/recognition.csv "$$made"/report/learning-*.svg; do \
+	    [ ! -e "$$file" ] || cp "$$file" "$$made" || exit 1; \
+	  done && rm -r "$$made/report" || exit 1; \
 	done
 	rm -rf $(EFFICIENCY) && cp -r "$(TARGET)/efficiency" $(EFFICIENCY)
 

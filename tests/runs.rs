@@ -287,7 +287,7 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let ignored = "envs.randomisation.max_position_error_mm=20";
     for (set, part) in [
         ("evaluation.rounds=2", "`--set` is evaluation.rounds"),
-        ("envs.threads=2", "`--set` is envs.threads"),
+        ("envs.threads=7", "`--set` is envs.threads"),
         (ignored, "envs.randomisation.max_position_error_mm"),
         ("envs.camera.misalignment.shift_mm=[300,0]", "expected at most 200 mm"),
     ] {
