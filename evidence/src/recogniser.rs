@@ -15,7 +15,7 @@ use crate::memory::{PolicyMemory, all_summaries, check_comparable};
 use crate::policy_test::{
     EvidenceSource, PolicyRole, PolicyTestResult, TestStage, frames, whole_episodes,
 };
-use crate::probability::{TaskGroupProbabilities, weight};
+use crate::probability::{CandidatePolicy, TaskGroupProbabilities, weight};
 use crate::settings::RecogniserSettings;
 use crate::summary::EpisodeSummary;
 use crate::tester::PolicyTester;
@@ -483,14 +483,17 @@ impl Recogniser {
         let context = RolloutDecisionContext::for_collector(self.memories.len());
         let case = Case { summaries: &summaries, context };
         let tests = self.test_all(case, TestStage::Confirmation, PolicyRole::Other, rng)?;
-        let weighed = tests.iter().zip(&self.memories).map(|(test, memory)| {
+        let candidates = tests.iter().zip(&self.memories).map(|(test, memory)| {
             let mut rejecting = self.tester().rejecting_sources(test, self.settings.doubt);
             let may_be_drift = rejecting.next().is_none();
             let is_known = test.test.is_some() && !memory.is_merged();
-            let own = if is_known { weight(test.tail_p_value(), may_be_drift) } else { 0.0 };
-            (own, test.outlier_score())
+            CandidatePolicy {
+                weight: if is_known { weight(test.tail_p_value(), may_be_drift) } else { 0.0 },
+                outlier_score: test.outlier_score(),
+                has_gain: self.tester().has_gain(memory),
+            }
         });
-        Ok(TaskGroupProbabilities::new(weighed))
+        Ok(TaskGroupProbabilities::new(candidates.collect()))
     }
 
     /// Returns a tester of policies with the settings of the recogniser.
