@@ -60,10 +60,12 @@ def main(program, runs, table):
         for group in (row["group"], "average"):
             error = (int(row["shift_mm"]), int(row["tilt_degrees"]))
             means[row["network"], group, error].append(float(row["own_success"]))
-    names = [f"{shift} mm" if shift or not tilt else f"{-tilt} degrees" for shift, tilt in ERRORS]
+    names = [f"{-tilt}°" if tilt else f"{shift} mm" for shift, tilt in ERRORS]
     print(f"| network | group | {' | '.join(names)} |")
     print("|---" * (len(ERRORS) + 2) + "|")
-    for network, group in dict.fromkeys(key[:2] for key in means):
+    # the average last
+    pairs = dict.fromkeys(key[:2] for key in means)
+    for network, group in sorted(pairs, key=lambda pair: (pair[0], pair[1] == "average")):
         cells = [f"{fmean(means[network, group, error]):.3f}" for error in ERRORS]
         print(f"| {network} | {group} | {' | '.join(cells)} |")
 
