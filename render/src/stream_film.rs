@@ -169,6 +169,7 @@ fn draw_policies(canvas: &mut Canvas, run: &RunData, newest: usize, start: usize
     let [width, height] = PERSPECTIVE_SIZE;
     let most = run.policy_count().max(1);
     let pitch = (height / most).clamp(1, BOX + GAP);
+    let gap = if pitch < 2 * LINE_HEIGHT { 1 } else { GAP / 2 };
     let exist = run.rollouts[..=newest].iter().map(|row| row.policy + 1).max().unwrap_or(0);
     let active = run.rollouts[newest].policy;
     // the first policy exists from the start, so no rollout creates it
@@ -176,7 +177,7 @@ fn draw_policies(canvas: &mut Canvas, run: &RunData, newest: usize, start: usize
     for policy in 0..exist {
         let group = run.group_of_policy(policy).unwrap_or("");
         let corner = [2 * GAP + width, TOP + policy * pitch];
-        let size = [POLICIES, pitch.saturating_sub(GAP / 2)];
+        let size = [POLICIES, pitch.saturating_sub(gap)];
         let is_active = policy == active;
         canvas.blend_rectangle(
             corner,
@@ -190,7 +191,7 @@ fn draw_policies(canvas: &mut Canvas, run: &RunData, newest: usize, start: usize
             (true, false) => ", recalled",
         };
         let ink = if is_active { WHITE } else { INK };
-        let text = [corner[0] + GAP, corner[1] + size[1].saturating_sub(LINE_HEIGHT) / 2];
+        let text = [corner[0] + GAP, (corner[1] + size[1] / 2).saturating_sub(LINE_HEIGHT / 2)];
         canvas.draw_text(&format!("policy {policy}: {group}{state}"), text, ink);
     }
 }
@@ -209,7 +210,6 @@ fn draw_curves(canvas: &mut Canvas, run: &RunData, newest: usize) {
         let line = (at as usize).saturating_sub(LINE_HEIGHT / 2);
         canvas.draw_text(name, [GAP, line], INK);
     }
-    canvas.draw_text("success", [left + 4, bottom - STRIP[1] / 2 - LINE_HEIGHT / 2], INK);
     for visit in visits(&run.rollouts[..=newest]) {
         let own = colour(run, &run.rollouts[visit.start].group);
         let rows = &run.rollouts[visit.clone()];
