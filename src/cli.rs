@@ -62,8 +62,16 @@ pub struct SettingsOptions {
     /// equal width (default: that of the preset).
     #[arg(long)]
     pub group: Option<Group>,
-    /// Set any field of the settings, such as `off_policy.sac.gamma=0.97`; may be repeated, and the
-    /// last value of a field wins.
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub set: OverrideOptions,
+}
+
+/// Options for single fields of the settings.
+#[derive(Clone, Debug, Args)]
+pub struct OverrideOptions {
+    /// Set a field of the settings, such as `envs.num_envs=20`; may be repeated, and the last value
+    /// of a field wins.
     #[arg(
         long = "set",
         value_name = "PATH=VALUE",
@@ -91,7 +99,7 @@ impl SettingsOptions {
         }
         let experiment = experiment.with_threads(self.threads.count());
         // last, so that `--set` wins over the other options
-        Ok(overrides::apply_overrides(&self.overrides, experiment)?)
+        Ok(overrides::apply_overrides(&self.set.overrides, experiment)?)
     }
 }
 

@@ -11,9 +11,10 @@ use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
 use crate::CoversError;
 pub use crate::cli::CommandOutcome;
-use crate::cli::{ThreadAndJsonOptions, TrainOptions, device_parser, program_name, shell_word};
+use crate::cli::{
+    OverrideOptions, ThreadAndJsonOptions, TrainOptions, device_parser, program_name, shell_word,
+};
 use crate::ranks::on_ranks;
-use crate::setting_list::OverrideParser;
 use crate::sweep_command::SweepOptions;
 use experiments::cli::{print_escaped, progress_bar};
 use experiments::evaluation::{EvaluationResults, Evaluator};
@@ -37,7 +38,7 @@ pub enum TrainingRunCommand {
     Resume(ResumeOptions),
     /// Runs all combinations of methods and seeds; any number of workers may share them.
     Sweep(SweepOptions),
-    /// Scores a run on all 16 variants; the learner chooses the policy that acts.
+    /// Scores a run on all variants of its groups; the learner chooses the policy that acts.
     Eval(EvalOptions),
     /// Writes tables of methods with intervals over seeds, and learning curves, from runs.
     Report(ReportOptions),
@@ -63,9 +64,10 @@ pub struct ResumeOptions {
 
 /// Options of `covers eval`.
 #[derive(Clone, Debug, Args)]
-#[command(
-    after_help = "Examples:\n  covers eval assets/pretrained\n  covers eval runs/covers-sac-seed0 --embodiment hand --json"
-)]
+#[command(after_help = "Only fields of `envs` can be set, and those of `envs.randomisation` need \
+        `--randomised`.\n\nExamples:\n  covers eval assets/pretrained\n  covers eval \
+        runs/covers-sac-seed0 --embodiment hand --json\n  covers eval runs/covers-sac-seed0 --set \
+        'envs.camera.misalignment.shift_mm=[30,0]'")]
 pub struct EvalOptions {
     /// Folder of a run, or a folder that `covers pack` created.
     #[arg(value_name = "RUN")]
@@ -84,15 +86,9 @@ pub struct EvalOptions {
     /// (default: no randomisation). Close-ups cannot be randomised.
     #[arg(long)]
     pub randomised: bool,
-    /// Set a field of `envs`, such as `envs.camera.misalignment.shift_mm=[30,0]`; may be repeated,
-    /// and wins over `--embodiment`. Fields of `envs.randomisation` need `--randomised`.
-    #[arg(
-        long = "set",
-        value_name = "PATH=VALUE",
-        value_parser = OverrideParser,
-        hide_possible_values = true
-    )]
-    pub overrides: Vec<SettingOverride>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub set: OverrideOptions,
     #[command(flatten)]
     #[allow(missing_docs)]
     pub threads_and_json: ThreadAndJsonOptions,
@@ -280,7 +276,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     } else {
         experiment.envs = experiment.envs.without_randomisation();
     }
-    experiment = with_env_overrides(&options.overrides, experiment)?;
+    experiment = with_env_overrides(&options.set.overrides, experiment)?;
     let spec = SwitchableVecEnv::env_spec(&experiment.envs);
     let labels = TaskLabel::default();
     let learner = &experiment.learner;

@@ -75,8 +75,8 @@ pub struct Misalignment {
 }
 
 /// White light that is symmetric under D2 if the camera is aligned: ambient, from the camera and
-/// from straight above. A
-/// surface that faces the camera shows its colour times the sum of the three.
+/// from straight above. A surface that faces the camera shows its colour times the sum of the
+/// three.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Light {

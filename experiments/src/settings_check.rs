@@ -96,7 +96,8 @@ fn is_value(own: &Value, text: &str) -> bool {
 fn is_named(path: &str, name: &str) -> bool {
     let name = name.replace(' ', "_");
     // an element of a list has the list's name
-    let path = path.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('.');
+    let element = path.rsplit_once('.').filter(|(_, last)| last.parse::<usize>().is_ok());
+    let path = element.map_or(path, |(list, _)| list);
     let last = path.rsplit('.').next().unwrap_or(path);
     name.ends_with(last) || path.starts_with(&format!("{name}."))
 }

@@ -1,4 +1,4 @@
-//! Small runs, runs that a crash ends, and what of a run's files must be equal.
+//! Small runs, runs that a crash ends, and the files that equal runs have in common.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -39,6 +39,7 @@ pub fn checkpoints(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
+/// Newest checkpoint.
 pub fn newest(folder: &Path) -> PathBuf {
     checkpoints(folder).pop().unwrap()
 }
@@ -46,9 +47,11 @@ pub fn newest(folder: &Path) -> PathBuf {
 /// The tables of a run that hold no clock time.
 pub const TABLES: [&str; 4] = ["metrics.csv", "evaluation.csv", "units.csv", "recognition.csv"];
 
-/// What equal runs write: tables, and the last checkpoint, which holds the final weights.
+/// Files that equal runs write equally: tables, and the last checkpoint, which holds the final
+/// weights.
 pub type Bytes = BTreeMap<PathBuf, Vec<u8>>;
 
+/// Reads these files of a run.
 pub fn bytes(folder: &Path) -> Bytes {
     let newest = newest(folder).strip_prefix(folder).unwrap().to_owned();
     let files = TABLES.map(PathBuf::from).into_iter().chain([newest]);

@@ -171,7 +171,7 @@ fn check_names(command: Option<TrainingRunCommand>) {
     };
     let mut preset = TrainOptions { config: None, ..options.clone() };
     // the target OVERRIDES tests these
-    preset.run_options.settings.overrides.clear();
+    preset.run_options.settings.set.overrides.clear();
     let Ok(experiment) = preset.experiment() else {
         return;
     };
