@@ -17,8 +17,9 @@ impl Recogniser {
     /// group, then call [`Recogniser::confirm_duplicate`].
     pub fn find_possible_duplicate(&self, policy: usize, accepted: &[usize]) -> Option<usize> {
         let tester = self.tester();
-        let own = self.memories.get(policy).filter(|own| tester.has_proven_gain(own))?;
-        let may_serve = |memory: &PolicyMemory| !memory.is_merged() && tester.has_gain(memory);
+        let own = self.memories.get(policy).filter(|own| tester.has_proven_gain(own.gain()))?;
+        let may_serve =
+            |memory: &PolicyMemory| !memory.is_merged() && tester.has_gain(memory.gain());
         accepted.iter().copied().find(|other| {
             *other != policy
                 && !own.distinct_from.contains(other)

@@ -322,8 +322,15 @@ impl Recogniser {
         let is_rejected = own.is_some_and(|own| self.tester().rejects_surely(own));
         // motion and returns under this policy are no evidence about others, so trying another one
         // costs a rollout: it pays off if this policy is surely wrong or its images differ; in
-        // other cases another rollout of this policy is cheaper
-        let other = others.first().copied().filter(|_| is_rejected || !is_familiar);
+        // other cases another rollout of this policy is cheaper. A second policy of this group,
+        // created by a false alarm, looks right, too, but should not replace one that has learnt
+        let tester = self.tester();
+        let has_gain = |test: &PolicyTestResult| tester.has_gain(test.gain);
+        let may_replace = |policy: &usize| {
+            let is_as_good = has_gain(&tests[*policy]) || !own.is_some_and(has_gain);
+            is_rejected || (!is_familiar && is_as_good)
+        };
+        let other = others.iter().copied().find(may_replace);
         let named = choice.accepted_collector().or(other);
         Ok(RolloutDecision {
             policy: named.map_or(AssignedPolicy::Undecided, AssignedPolicy::Existing),
@@ -490,7 +497,7 @@ impl Recogniser {
             CandidatePolicy {
                 weight: if is_known { weight(test.tail_p_value(), may_be_drift) } else { 0.0 },
                 outlier_score: test.outlier_score(),
-                has_gain: self.tester().has_gain(memory),
+                has_gain: self.tester().has_gain(test.gain),
             }
         });
         Ok(TaskGroupProbabilities::new(candidates.collect()))
@@ -558,7 +565,7 @@ impl Recogniser {
         let (tester, memories) = (self.tester(), &self.memories);
         // a policy that images reject is proposed if it did not act and was not tried before
         let is_eligible = |policy| policy != collector && !rejected.contains(&policy);
-        let can_prove = |policy: usize| tester.has_proven_gain(&memories[policy]);
+        let can_prove = |policy: usize| tester.has_proven_gain(tests[policy].gain);
         let are_merged = |a: usize, b: usize| {
             memories[a].merged_into == Some(b) || memories[b].merged_into == Some(a)
         };

@@ -37,8 +37,8 @@ pub struct RecogniserSettings {
     /// for a policy that was away, and 4 times if all others are far.
     pub min_ratio: f64,
     /// Least relative change of motion (response of the vector to actions) or of the reward
-    /// gradient for it to count, above 0. Its distance must also be at least twice the mean over
-    /// random splits.
+    /// gradient for it to count, above 0. The distance of motion must also be at least three times
+    /// the mean over random splits, and that of the reward gradient twice.
     pub min_motion: f64,
     /// Least lost share of a policy's gain in return for returns to count, in `(0, 1]`.
     pub min_loss: f64,

@@ -7,11 +7,13 @@ use evidence::{
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::common::{episodes, knowing_images, must_decide, review, set_returns, settle};
+use crate::common::{
+    assign, episodes, fresh, knowing_images, must_decide, review, rng, set_returns, settle,
+};
 
 /// Motion changes while a policy trains: what is certain and small beside chance is no other group.
 #[test]
-fn motion_that_changed_by_less_than_twice_what_chance_makes_is_drift() {
+fn motion_that_changed_by_less_than_three_times_what_chance_makes_is_drift() {
     let (recogniser, mut rng) = knowing_images(&[0.0]);
     let mut test = |motion| {
         let seen = episodes(20, 0.0, motion, &mut rng);
@@ -33,6 +35,32 @@ fn motion_that_changed_while_returns_rose_is_training() {
     assert_eq!(verdict(&seen), PolicyVerdict::Rejected);
     set_returns(&mut seen, |value| value + 100.0);
     assert_eq!(verdict(&seen), PolicyVerdict::Accepted);
+}
+
+/// A false alarm creates a second policy of a group, which looks as right as the first one.
+#[test]
+fn a_policy_that_has_learnt_nothing_does_not_replace_one_that_has_and_is_only_doubted() {
+    let proposed = |learnt: [bool; 2]| {
+        let (mut recogniser, mut rng) = (fresh(), rng());
+        for (policy, (image, has_learnt)) in [0.0, 0.12].into_iter().zip(learnt).enumerate() {
+            let mut first = episodes(20, image, 1.0, &mut rng);
+            if has_learnt {
+                set_returns(&mut first, |_| 0.0);
+            }
+            for seen in [first, episodes(40, image, 1.0, &mut rng)] {
+                recogniser.record_training(policy, &seen, &mut rng).unwrap();
+            }
+        }
+        let seen = episodes(20, 0.12, 1.0, &mut ChaCha8Rng::seed_from_u64(77));
+        let decision = assign(&recogniser, &seen, 0);
+        let verdicts = [0, 1].map(|policy: usize| decision.tests[policy].verdict);
+        assert_eq!(verdicts, [PolicyVerdict::Doubted, PolicyVerdict::Accepted]);
+        decision.policy
+    };
+    assert_eq!(proposed([true, false]), AssignedPolicy::Undecided);
+    for learnt in [[true, true], [false, true], [false, false]] {
+        assert_eq!(proposed(learnt), AssignedPolicy::Existing(1), "{learnt:?}");
+    }
 }
 
 /// Policies know images around these numbers; the second one acts in episodes around `seen`.
