@@ -179,3 +179,9 @@ pub(crate) fn map_point(element: D2, point: DVec3) -> DVec3 {
 pub(crate) fn orientation_quat(element: D2) -> [f64; 4] {
     if element.flips_y() { [0.0, 0.0, 0.0, 1.0] } else { [1.0, 0.0, 0.0, 0.0] }
 }
+
+/// Returns `true` if an object that is not its own mirror image is mirrored under `element`: two
+/// flips are half a turn.
+pub(crate) fn mirrors_objects(element: D2) -> bool {
+    element.flips_x() != element.flips_y()
+}

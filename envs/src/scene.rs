@@ -3,9 +3,10 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use mujoco::{BodyId, CameraId, Data, JointType, MocapId, Model, SiteId, State};
 use rand_chacha::ChaCha8Rng;
+use symmetry::D2;
 
 use crate::actuation::{HandActuation, ServoArmController};
 use crate::camera::Camera;
@@ -13,7 +14,7 @@ use crate::control::{ControlSettings, PHYSICS_STEPS_PER_CONTROL_STEP};
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::instance_id::InstanceId;
-use crate::layout::{HAND_TARGET_START, Layout, SettlingSettings};
+use crate::layout::{HAND_TARGET_START, Layout, map_point, mirrors_objects, orientation_quat};
 use crate::mjcf::{Mjcf, part};
 use crate::task::{MetaWorldTaskSettings, Placement, TaskGroup, TaskSceneParts};
 
@@ -50,8 +51,6 @@ pub struct Scene {
     pub(crate) camera_id: CameraId,
     /// Camera beside the table, for viewers.
     pub(crate) perspective_id: CameraId,
-    /// Position of the hand's target when an episode starts (metres).
-    pub(crate) hand_target_start: DVec3,
     /// Lowest and highest corner of the box that holds the hand's target (metres).
     pub(crate) target_bounds: [DVec3; 2],
     /// Meta-World's settings of the task, if the layout follows them.
@@ -77,10 +76,19 @@ pub struct Scene {
     pub(crate) loose_joint: Option<LooseJoint>,
     /// Address in `qpos` of the position of Meta-World's loose cylinder, if the scene has it.
     pub(crate) decoy_qpos_address: Option<usize>,
-    /// State in which every episode starts.
-    pub(crate) start_state: State,
+    /// Start of the episodes of each variant, in the order of [`D2::ALL`], or of all variants.
+    starts: Vec<HandStart>,
+}
+
+/// State in which episodes start, with the hand at its target.
+#[derive(Debug)]
+pub(crate) struct HandStart {
+    /// Position of the hand's target (metres, canonical frame).
+    pub hand_target: DVec3,
+    /// State of the simulation, without the placement of objects.
+    pub state: State,
     /// Controller of an arm with servos; `None` if a weld moves the hand.
-    pub(crate) controller: Option<ServoArmController>,
+    pub controller: Option<ServoArmController>,
 }
 
 impl Scene {
@@ -110,25 +118,32 @@ impl Scene {
         group.check_name()?;
         embodiment.check_name()?;
         let meta_world = layout.meta_world_settings(group)?;
-        let hand_target_start = meta_world.map_or(HAND_TARGET_START, |spec| spec.hand_target);
+        let parts = group.identity_task().parts();
+        let of_task = parts.hand_target.unwrap_or(HAND_TARGET_START);
+        let hand_target = meta_world.map_or(of_task, |spec| spec.hand_target);
         let mut target_bounds = layout.hand_target_bounds();
         if let Some(spec) = &meta_world {
             target_bounds[0].z = spec.lowest_target;
         }
-        let settling = layout.settling(hand_target_start, embodiment.spec())?;
-        let parts = group.identity_task().parts();
         let of_meta_world = meta_world.map_or(&[][..], |spec| spec.start_joints);
         // the layout's come last and win over the task's own
         let start_joints = [parts.start_joints, of_meta_world].concat();
-        check_parts(&parts, &start_joints)?;
+        check_parts(&parts, &start_joints, target_bounds)?;
         let model = Arc::new(compile(layout, group, embodiment, &camera)?);
         let mocap = |name| model.mocap_body(name);
-        let (start_state, controller) = settle(&model, &settling, embodiment.spec().actuation()?)?;
+        let mirrored_model = mirrored(&model, &parts, layout)?;
+        let is_central = hand_target.truncate() == DVec2::ZERO;
+        let elements = if is_central { &[D2::Identity] } else { layout.group_elements() };
+        let start = |&element: &D2| {
+            let mirrored = mirrored_model.as_ref().filter(|_| mirrors_objects(element));
+            let model = mirrored.unwrap_or(&model);
+            HandStart::settle(model, layout, embodiment, element, hand_target)
+        };
+        let starts = elements.iter().map(start).collect::<Result<_, EnvError>>()?;
         Ok(Self {
             layout,
             group,
             embodiment,
-            hand_target_start,
             target_bounds,
             meta_world,
             decoy_qpos_address: meta_world.and_then(|spec| decoy(&model, &spec)),
@@ -153,9 +168,8 @@ impl Scene {
             object_offset: parts.object_offset,
             goal_observable: parts.goal_observable,
             start_joints: addresses(&model, &start_joints)?,
-            start_state,
-            controller,
-            mirrored_model: mirrored(&model, &parts, layout)?,
+            starts,
+            mirrored_model,
             model,
         })
     }
@@ -165,10 +179,14 @@ impl Scene {
         self.embodiment.mirrors_exactly() && self.camera.is_aligned()
     }
 
-    /// Returns the simulation state in which every episode starts, with open fingers: at rest, or
-    /// as Meta-World's reset leaves it.
-    pub fn start_state(&self) -> &State {
-        &self.start_state
+    /// Returns the simulation state in which every episode of the variant `element` starts, with
+    /// open fingers: at rest, or as Meta-World's reset leaves it.
+    pub fn start_state(&self, element: D2) -> &State {
+        &self.start(element).state
+    }
+
+    pub(crate) fn start(&self, element: D2) -> &HandStart {
+        self.starts.get(element.bits()).unwrap_or(&self.starts[0])
     }
 
     /// Returns the key of the scene: everything besides the state that determines the future of an
@@ -231,10 +249,19 @@ pub(crate) fn check_placement(placement: &Placement) -> Result<(), EnvError> {
 }
 
 /// Rejects task parts with values that would lead to measurements and rewards that are NaN.
-fn check_parts(parts: &TaskSceneParts<'_>, start_joints: &[(&str, f64)]) -> Result<(), EnvError> {
+fn check_parts(
+    parts: &TaskSceneParts<'_>,
+    start_joints: &[(&str, f64)],
+    [lowest, highest]: [DVec3; 2],
+) -> Result<(), EnvError> {
     let offset = parts.object_offset;
     let expected = "finite numbers of metres";
     require(offset.is_finite(), "object_offset", &offset, expected)?;
+    if let Some(hand) = parts.hand_target {
+        let is_inside = hand.cmpge(lowest).all() && hand.cmple(highest).all();
+        let expected_place = "a place within the bounds of the hand's target";
+        require(is_inside, "hand_target", &hand, expected_place)?;
+    }
     for (joint, position) in start_joints {
         let value = format!("{position} for the joint `{joint}`");
         let expected_position = "finite positions";
@@ -331,36 +358,50 @@ fn decoy(model: &Model, spec: &MetaWorldTaskSettings<'_>) -> Option<usize> {
     Some(model.joint_qpos_address(joint))
 }
 
-/// Simulates `model` to the state in which episodes start. Also returns the controller of an arm
-/// with servos.
-fn settle(
-    model: &Arc<Model>,
-    settling: &SettlingSettings,
-    actuation: HandActuation,
-) -> Result<(State, Option<ServoArmController>), EnvError> {
-    let mut data = Data::new(Arc::clone(model));
-    for (name, position) in &settling.joint_positions {
-        let address = model.joint_qpos_address(model.joint(name)?);
-        data.qpos_mut()[address] = *position;
-    }
-    let hand_target = settling.hand_target.to_array();
-    data.set_mocap_position(model.mocap_body("hand_target")?, hand_target)?;
-    let controller = match actuation {
-        HandActuation::Weld => {
-            data.set_all_ctrl(&OPEN_FINGERS)?;
-            data.step(settling.steps)?;
-            None
+impl HandStart {
+    /// Simulates `model` to the state in which the episodes of the variant `element` start, with
+    /// the hand's target at `hand_target` (metres, canonical frame).
+    fn settle(
+        model: &Arc<Model>,
+        layout: Layout,
+        embodiment: Embodiment,
+        element: D2,
+        hand_target: DVec3,
+    ) -> Result<Self, EnvError> {
+        let spec = embodiment.spec();
+        let settling = layout.settling(map_point(element, hand_target), spec)?;
+        let mut data = Data::new(Arc::clone(model));
+        for (name, position) in &settling.joint_positions {
+            let address = model.joint_qpos_address(model.joint(name)?);
+            data.qpos_mut()[address] = *position;
         }
-        HandActuation::Servos(mut controller) => {
-            controller.start(model, &settling.joint_positions)?;
-            for _ in 0..SERVOS_SETTLED {
-                controller.advance(&mut data, settling.hand_target, OPEN_ACTION)?;
-                data.step(PHYSICS_STEPS_PER_CONTROL_STEP)?;
+        if element != D2::Identity
+            && let Ok(object) = model.mocap_body("object")
+        {
+            // otherwise the hand could touch the object of another variant
+            let place = map_point(element, DVec3::from_array(data.mocap_position(object)));
+            data.set_mocap_position(object, place.to_array())?;
+            data.set_mocap_orientation(object, orientation_quat(element))?;
+        }
+        let target = settling.hand_target.to_array();
+        data.set_mocap_position(model.mocap_body("hand_target")?, target)?;
+        let controller = match spec.actuation()? {
+            HandActuation::Weld => {
+                data.set_all_ctrl(&OPEN_FINGERS)?;
+                data.step(settling.steps)?;
+                None
             }
-            Some(*controller)
-        }
-    };
-    Ok((data.save_state(), controller))
+            HandActuation::Servos(mut controller) => {
+                controller.start(model, &settling.joint_positions)?;
+                for _ in 0..SERVOS_SETTLED {
+                    controller.advance(&mut data, settling.hand_target, OPEN_ACTION)?;
+                    data.step(PHYSICS_STEPS_PER_CONTROL_STEP)?;
+                }
+                Some(*controller)
+            }
+        };
+        Ok(Self { hand_target, state: data.save_state(), controller })
+    }
 }
 
 /// Number of control steps in which servos come to rest, in any layout: 1 s.

@@ -11,8 +11,8 @@ use crate::actuation::ServoArmController;
 use crate::control::{ControlSettings, PHYSICS_STEPS_PER_CONTROL_STEP, clip_action};
 use crate::embodiment_spec::OPEN_APERTURE;
 use crate::error::EnvError;
-use crate::layout::{map_point, orientation_quat};
-use crate::scene::{ARM_GEOM_GROUP, Scene, SceneKey, check_placement};
+use crate::layout::{map_point, mirrors_objects, orientation_quat};
+use crate::scene::{ARM_GEOM_GROUP, HandStart, Scene, SceneKey, check_placement};
 use crate::task::{EpisodeStart, ExpertCommand, Placement, StepReward, TaskState, TaskVariant};
 
 mod simulated_arm;
@@ -173,19 +173,20 @@ impl TableTop {
         // ended first, so that a failure below leaves no episode on a half-set state
         self.end_episode();
         self.choose_model(element);
-        self.data.restore_state(&scene.start_state)?;
+        let HandStart { hand_target, state, controller } = scene.start(element);
+        self.data.restore_state(state)?;
         self.put_objects(element, &placement)?;
         self.data.forward_kinematics()?;
         let start = EpisodeStart {
             placement,
-            hand_target: scene.hand_target_start,
+            hand_target: *hand_target,
             task_state: self.measure(element, &placement),
         };
         self.episode = Some(Episode {
             element,
             start,
-            target: scene.hand_target_start,
-            controller: scene.controller.clone(),
+            target: map_point(element, *hand_target),
+            controller: controller.clone(),
             decisions: 0,
             finger: 0.0,
             touched: false,
@@ -197,8 +198,7 @@ impl TableTop {
     /// the other way round.
     fn choose_model(&mut self, element: D2) {
         let Some(mirrored) = &self.scene.mirrored_model else { return };
-        // two flips are half a turn, which needs no mirrored objects
-        let mirrors = element.flips_x() != element.flips_y();
+        let mirrors = mirrors_objects(element);
         if mirrors == Arc::ptr_eq(self.data.model(), mirrored) {
             return;
         }

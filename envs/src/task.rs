@@ -161,6 +161,10 @@ pub struct TaskSceneParts<'a> {
     /// Names of the joints that do not start at zero, with their start positions (metres, radians);
     /// finite.
     pub start_joints: &'a [(&'a str, f64)],
+    /// Position of the hand's target when an episode of the symmetric layout starts (metres,
+    /// canonical frame), within [`Layout::hand_target_bounds`](crate::Layout::hand_target_bounds);
+    /// `None` for [`HAND_TARGET_START`](crate::HAND_TARGET_START), the same in all variants.
+    pub hand_target: Option<DVec3>,
     /// `true` if objects are not their own mirror images along x, for instance a door with its
     /// hinges on the left. Variants that flip one axis then have mirrored objects, whose joints
     /// keep their coordinates. [`Model::with_mirrored_bodies`](mujoco::Model::with_mirrored_bodies)

@@ -35,7 +35,7 @@ fn hands_rest_below_their_target() {
     for embodiment in Embodiment::STANDARD {
         let scene = scene(TaskGroup::GOAL_REACH, embodiment);
         let mut data = Data::new(Arc::clone(&scene.model));
-        data.restore_state(scene.start_state()).unwrap();
+        data.restore_state(scene.start_state(D2::Identity)).unwrap();
         data.forward_kinematics().unwrap();
         let hand = data.body_position(scene.model.body("hand").unwrap());
         let sag = HAND_TARGET_START - glam::DVec3::from_array(hand);
@@ -53,7 +53,7 @@ fn the_hand_follows_its_target_as_the_arm_does() {
     let follow = |embodiment| {
         let scene = scene(TaskGroup::GOAL_REACH, embodiment);
         let mut data = Data::new(Arc::clone(&scene.model));
-        data.restore_state(scene.start_state()).unwrap();
+        data.restore_state(scene.start_state(D2::Identity)).unwrap();
         let (target, hand) =
             (scene.model.mocap_body("hand_target").unwrap(), scene.model.body("hand").unwrap());
         let mut lags = Vec::new();

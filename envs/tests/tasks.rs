@@ -140,3 +140,25 @@ fn placements_that_are_not_numbers_are_refused_and_change_nothing() {
         }
     }
 }
+
+/// The reward of Door Close draws the hand to the handle's target, so the way there from the start
+/// must lead through the door.
+#[test]
+fn a_hand_that_follows_the_reward_of_door_close_shuts_the_door() {
+    let scene = Scene::new(TaskGroup::DOOR_CLOSE, Embodiment::SAWYER, Camera::default()).unwrap();
+    let mut table = TableTop::new(Arc::new(scene), ControlSettings::default()).unwrap();
+    for (seed, element) in (0..).zip(D2::ALL) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let placement = table.scene().sample_placement(&mut rng);
+        table.reset_to(element, placement).unwrap();
+        let [x, y] = element.apply_xy([placement.goal.x, placement.goal.y]);
+        let mut total = 0;
+        for _ in 0..table.control_settings().decisions_per_episode() {
+            let way = glam::DVec3::new(x, y, placement.goal.z) - table.hand_position();
+            let pull = (way / 0.05).clamp(glam::DVec3::NEG_ONE, glam::DVec3::ONE).as_vec3();
+            let step = table.step(&[pull.x, pull.y, pull.z, 0.0]).unwrap();
+            total += usize::from(step.success);
+        }
+        assert!(total > 0, "{element:?}: {placement:?}, hand at {}", table.hand_position());
+    }
+}

@@ -165,7 +165,7 @@ impl Replica {
                 hand_target: DVec3::ZERO,
                 task_state: table.task_state()?,
             },
-            placed: scene.start_state().clone(),
+            placed: scene.start_state(D2::Identity).clone(),
             physics: Data::new(Arc::new(model.translated(TABLE_CENTRE.to_array())?)),
             hand: model.body("hand")?,
             hand_target: model.mocap_body("hand_target")?,

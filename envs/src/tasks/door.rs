@@ -54,7 +54,10 @@ const META_WORLD_CABINET_X: Range<f64> = 0.0..0.1;
 const META_WORLD_CABINET_Y: Range<f64> = 0.25..0.35;
 /// Height of the centre of Meta-World's cabinet (metres).
 const META_WORLD_CABINET_Z: f64 = 0.15;
-/// Start of Meta-World's hand in Door Close (metres): on the left, clear of the open door.
+/// Start of the hand in Door Close (metres): on the left, clear of the open door, and as low as the
+/// handle, so that the hand meets the door on its way to the handle's target.
+const HAND_FAR_LEFT: DVec3 = DVec3::new(-0.25, -0.05, 0.14);
+/// Start of Meta-World's hand in Door Close (metres).
 const META_WORLD_HAND_FAR_LEFT: DVec3 = DVec3::new(-0.5, 0.0, 0.2);
 
 /// Place of the expert's hand behind the handle's bar, from the hinge of a shut door (metres).
@@ -161,7 +164,11 @@ impl Task for DoorClose {
     }
 
     fn parts(&self) -> TaskSceneParts<'_> {
-        TaskSceneParts { start_joints: &[("hinge", OPEN)], ..DoorOpen.parts() }
+        TaskSceneParts {
+            start_joints: &[("hinge", OPEN)],
+            hand_target: Some(HAND_FAR_LEFT),
+            ..DoorOpen.parts()
+        }
     }
 
     fn meta_world_settings(&self) -> Option<MetaWorldTaskSettings<'_>> {
