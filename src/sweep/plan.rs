@@ -340,7 +340,7 @@ mod tests {
                 Some("efficiency") => (20..30, Some(10)),
                 Some("groups") => (30..40, Some(10)),
                 Some("ten") => (40..45, Some(5)),
-                Some("all") => (45..46, Some(1)),
+                Some("all") => (49..50, Some(1)),
                 Some("mt10") => (46..49, Some(3)),
                 Some("sac") => (50..60, Some(10)),
                 Some("factorial") => (60..70, Some(10)),
