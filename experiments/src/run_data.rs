@@ -277,6 +277,9 @@ fn check(path: &Path, rollouts: &[RolloutRow], scores: &[ScoreRow]) -> Result<()
     check_own_policies(path, rollouts, scores)
 }
 
+/// Largest number of policies of a run that is read; it bounds the memory of tables by policy.
+const MAX_POLICIES: usize = 100_000;
+
 /// Rejects rows of rollouts with values that no rollout has.
 fn check_rollouts(path: &Path, rollouts: &[RolloutRow]) -> Result<(), RunError> {
     let finite = |row: &RolloutRow| {
@@ -284,18 +287,25 @@ fn check_rollouts(path: &Path, rollouts: &[RolloutRow]) -> Result<(), RunError> 
         let scores = scores.into_iter().flatten().copied().flatten();
         row.reward.into_iter().chain(scores).all(f64::is_finite)
     };
-    // each rollout creates one policy at most, so the index of its policy cannot exceed its own
-    let sound = |(rollout, row): (usize, &RolloutRow)| {
-        row.policy <= rollout && row.success.is_none_or(share) && finite(row)
-    };
-    if rollouts.is_sorted_by_key(|row| row.decisions) && rollouts.iter().enumerate().all(sound) {
-        return Ok(());
+    // a policy is created for at least one decision; rollouts before it may have been discarded
+    let exists = |row: &RolloutRow| row.policy <= row.decisions && row.policy < MAX_POLICIES;
+    let mut before = 0;
+    for (rollout, row) in rollouts.iter().enumerate() {
+        let problem = if row.decisions < before {
+            "`decisions` is less than before"
+        } else if !exists(row) {
+            "`policy` is a policy that cannot exist yet"
+        } else if !row.success.is_none_or(share) {
+            "`success` is no share in [0, 1]"
+        } else if !finite(row) {
+            "a reward, distance or score is not finite"
+        } else {
+            before = row.decisions;
+            continue;
+        };
+        return Err(unfit(path, &format!("in row {rollout} of metrics.csv, {problem}")));
     }
-    Err(unfit(
-        path,
-        "metrics.csv holds a row that cannot be: decisions must not decrease, policies must exist, \
-         success must be in [0, 1], and numbers must be finite",
-    ))
+    Ok(())
 }
 
 /// Returns `true` for a number in `[0, 1]`.
@@ -479,6 +489,23 @@ mod tests {
         // of a process after a crash that took the table with it
         run.timings = vec![TimingRow::default()];
         assert_eq!(run.training_seconds(), None);
+    }
+
+    /// Rollouts that were discarded have no rows, and their policies may be created all the same.
+    #[test]
+    fn a_policy_exists_from_its_first_decision_on() {
+        let problem = |rows: &[(usize, usize)]| {
+            let row = |&(decisions, policy)| RolloutRow { decisions, policy, ..Default::default() };
+            let rows: Vec<RolloutRow> = rows.iter().map(row).collect();
+            check_rollouts(Path::new("run"), &rows).map_err(|error| error.to_string())
+        };
+        assert_eq!(problem(&[(80, 0), (160, 0), (720, 3)]), Ok(()));
+        for rows in [[(80, 0), (160, 161)], [(MAX_POLICIES, 0), (MAX_POLICIES, MAX_POLICIES)]] {
+            let message = problem(&rows).unwrap_err();
+            assert!(message.contains("row 1 of metrics.csv, `policy`"), "{message}");
+        }
+        let backwards = problem(&[(160, 0), (80, 0)]).unwrap_err();
+        assert!(backwards.contains("`decisions` is less than before"), "{backwards}");
     }
 
     /// A table that was sorted by variants has the rows of a group apart.

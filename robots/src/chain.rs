@@ -160,7 +160,10 @@ fn path_to(description: &RobotDescription, tip: &str) -> Result<Vec<usize>, Desc
 
 fn dof(motion: &JointMotionSpec, tip: &str, joint: &str) -> Result<usize, DescriptionError> {
     let JointPositionSource::Free { dof } = motion.drive else {
-        let reason = format!("the joint `{joint}` on it follows another joint");
+        let reason = format!(
+            "the joint `{joint}` on it follows another joint; choose a hand on a chain of joints \
+             that move by themselves"
+        );
         return Err(chain_error(tip, reason));
     };
     Ok(dof)

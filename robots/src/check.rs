@@ -19,14 +19,17 @@ use crate::robot_file::RobotFile;
 
 /// Number of targets for inverse kinematics.
 const TARGETS: usize = 100;
+/// Number of joints of a chain above which a tenth of these targets is tried.
+const MANY_JOINTS: usize = 20;
 /// Number of the first posture that makes a target. Searches start from postures with lower ones.
 const FIRST_TARGET: usize = 1000;
 /// Masses of all links together (kg) that arms have.
 const MASSES: [f64; 2] = [0.05, 500.0];
 /// Reaches (metres) that arms have.
-const REACHES: [f64; 2] = [0.05, 5.0];
-/// Distance (metres) of a shape from its link's origin beyond which its unit looks wrong.
-const SHAPE_EXTENT: f64 = 5.0;
+const REACHES: [f64; 2] = [0.005, 5.0];
+/// Distance (metres) of a shape or centre of mass from its link's origin, and position of a slide's
+/// limit, beyond which their unit looks wrong.
+const LARGEST_EXTENT: f64 = 5.0;
 /// Position (radians) of a hinge's limit, two turns, beyond which its unit looks wrong.
 const HINGE_LIMIT: f64 = 13.0;
 /// Speed of a hinge (rad/s) beyond which its unit looks wrong.
@@ -129,6 +132,10 @@ impl RobotDescription {
         let fingers = file.finger_links(self);
         let mut problems = Vec::new();
         problems.extend(fingers.as_ref().err().map(ToString::to_string));
+        for finger in fingers.iter().flatten().flatten() {
+            let found = self.link_index(finger, "a finger of the robot's hand");
+            problems.extend(found.err().map(|error| error.to_string()));
+        }
         let axis = file.approach_axis(self);
         problems.extend(axis.as_ref().err().map(ToString::to_string));
         let settings =
@@ -149,12 +156,13 @@ impl RobotDescription {
             links: self.links.len(),
             joints: self.joints.iter().filter_map(joint_check).collect(),
             mass_kg: self.mass(),
-            approach_axis: axis.ok().map(|axis| axis.to_array()),
+            // a sum with zero is never -0
+            approach_axis: axis.ok().map(|axis| (axis + DVec3::ZERO).to_array()),
             has_fixed_claws: matches!(fingers, Ok(None)),
             fingers: fingers.ok().flatten(),
             hand: hand.to_owned(),
             reach_m: reach,
-            ik_targets: chain.as_ref().map_or(0, |_| TARGETS),
+            ik_targets: chain.as_ref().map_or(0, num_targets),
             ik_found: chain.as_ref().map_or(0, found_targets),
             chain: chain.iter().flat_map(|of| of.joints()).map(|of| of.name.clone()).collect(),
             touching: self.touching_pairs(),
@@ -167,7 +175,9 @@ impl RobotDescription {
 
     /// Returns the mass of all links (kg).
     fn mass(&self) -> f64 {
-        self.links.iter().filter_map(|link| link.inertia).map(|inertia| inertia.mass).sum()
+        let masses = self.links.iter().filter_map(|link| link.inertia).map(|of| of.mass);
+        // the sum of nothing would be -0
+        masses.fold(0.0, |sum, mass| sum + mass)
     }
 
     fn restriction_notes(&self) -> impl Iterator<Item = String> {
@@ -182,7 +192,7 @@ impl RobotDescription {
     }
 
     fn unit_warnings(&self, reach: Option<f64>) -> Vec<String> {
-        let mut warnings = Vec::new();
+        let mut warnings = self.unit_warnings.clone();
         let mut warn = |is_right: bool, what: String, unit: &str| {
             if !is_right {
                 warnings.push(format!("{what}: is the file in {unit}?"));
@@ -203,22 +213,31 @@ impl RobotDescription {
             let far = extent(link);
             let shapes = format!("shapes of the link `{name}` are {far:.1} m from it");
             warn(
-                far <= SHAPE_EXTENT,
+                far <= LARGEST_EXTENT,
                 shapes,
                 "millimetres (a mesh needs `scale`) instead of metres",
             );
-            if let Some(Inertia { mass, tensor, .. }) = link.inertia.filter(|of| of.mass > 0.0) {
+            if let Some(Inertia { mass, centre_of_mass, tensor }) =
+                link.inertia.filter(|of| of.mass > 0.0)
+            {
+                let away = centre_of_mass.length();
+                let centre =
+                    format!("the centre of mass of the link `{name}` is {away:.1} m from it");
+                warn(away <= LARGEST_EXTENT, centre, "millimetres instead of metres");
                 let largest = tensor.x_axis.x.max(tensor.y_axis.y).max(tensor.z_axis.z);
                 let inertia = format!("the link `{name}` of {mass} kg has {largest} kg m^2");
                 let unit = "kg mm^2 or g m^2 instead of kg m^2";
                 warn(largest <= INERTIA_PER_MASS * mass, inertia, unit);
             }
         }
-        for (joint, motion) in
-            self.free_joints().filter(|(_, of)| of.kind == JointMotionKind::Hinge)
-        {
+        for (joint, motion) in self.free_joints() {
             let limit = motion.range.map_or(0.0, |[low, high]| low.abs().max(high.abs()));
             let name = &joint.name;
+            if motion.kind == JointMotionKind::Slide {
+                let range = format!("the joint `{name}` slides as far as {limit} m");
+                warn(limit <= LARGEST_EXTENT, range, "millimetres instead of metres");
+                continue;
+            }
             let range = format!("the joint `{name}` turns as far as {limit} rad");
             warn(limit <= HINGE_LIMIT, range, "degrees instead of radians");
             let speed = motion.max_speed.unwrap_or(0.0);
@@ -244,6 +263,12 @@ fn extent(link: &Link) -> f64 {
     capsules.map(far).fold(0.0, f64::max)
 }
 
+/// Returns the number of targets for inverse kinematics: fewer for a chain of many joints, whose
+/// searches take long.
+fn num_targets(chain: &Chain) -> usize {
+    if chain.joints().len() > MANY_JOINTS { TARGETS / 10 } else { TARGETS }
+}
+
 /// Returns the number of targets that inverse kinematics finds.
 fn found_targets(chain: &Chain) -> usize {
     let seed = chain.quasi_random_configuration(0);
@@ -253,7 +278,7 @@ fn found_targets(chain: &Chain) -> usize {
         let target = chain.tip_pose(&chain.quasi_random_configuration(FIRST_TARGET + number));
         chain.solve_ik_with_settings(&target, &seed, &settings).is_ok()
     };
-    (0..TARGETS).filter(|&number| found(number)).count()
+    (0..num_targets(chain)).filter(|&number| found(number)).count()
 }
 
 impl Chain {

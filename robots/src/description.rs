@@ -29,6 +29,7 @@ pub struct RobotDescription {
     pub(crate) num_dofs: usize,
     pub(crate) restrictions: Vec<JointRangeRestriction>,
     pub(crate) notes: Vec<String>,
+    pub(crate) unit_warnings: Vec<String>,
     pub(crate) missing_shapes: Vec<String>,
 }
 

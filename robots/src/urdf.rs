@@ -70,6 +70,7 @@ struct Report {
     repair: bool,
     errors: Vec<(usize, DescriptionError)>,
     notes: Vec<String>,
+    unit_warnings: Vec<String>,
     missing_shapes: Vec<String>,
 }
 
@@ -179,6 +180,7 @@ impl RobotDescription {
             num_dofs,
             restrictions,
             notes: Vec::new(),
+            unit_warnings: Vec::new(),
             missing_shapes: Vec::new(),
             base_pose: Pose::IDENTITY,
             name: file.name,
@@ -190,8 +192,8 @@ impl RobotDescription {
                 description.links[finding.link].inertia = inertias[finding.link];
             }
         }
-        let Report { notes, missing_shapes, .. } = report;
-        Ok(Self { notes, missing_shapes, ..description })
+        let Report { notes, unit_warnings, missing_shapes, .. } = report;
+        Ok(Self { notes, unit_warnings, missing_shapes, ..description })
     }
 }
 

@@ -52,6 +52,13 @@ fn values_in_other_units_are_named() {
             "`turn` turns at up to 86 rad/s: is the file in deg",
         ),
         ("ixx=\"0.05\"", "ixx=\"50\"", "the link `column` of 4 kg has 47.5"),
+        ("rpy=\"0 0.2 0\"", "rpy=\"0 11.5 0\"", "is \"0 11.5 0\": is the file in degrees"),
+        (
+            "<origin xyz=\"0 0 0.1\" rpy=\"0.3",
+            "<origin xyz=\"0 0 60\" rpy=\"0.3",
+            "centre of mass of the link `column` is 60.0 m from it",
+        ),
+        ("lower=\"-0.1\"", "lower=\"-100\"", "`lift` slides as far as 100 m: is the file in mill"),
     ] {
         let check = six_joint(from, to).check_report(Some("tip")).unwrap();
         assert!(!check.passes());
@@ -137,6 +144,9 @@ fn a_file_of_settings_names_the_urdf_beside_it() {
     let robot = file.read_description().unwrap();
     assert_eq!((file.hand_link(&robot), file.approach_axis(&robot).unwrap()), ("tip", DVec3::Y));
     assert!(robot.check_report(Some("tip")).unwrap().problems.is_empty());
+    let finger = read(r#"{"urdf": "arm.urdf", "fingers": ["tip", "thumb"]}"#).unwrap();
+    let problems = finger.check_report().unwrap().problems;
+    assert!(problems.iter().any(|of| of.contains("`thumb`")), "{problems:?}");
     let axis = read(r#"{"urdf": "arm.urdf", "approach_axis": [0, 0, 0]}"#).unwrap();
     let refused = axis.approach_axis(&robot).unwrap_err().to_string();
     assert!(refused.contains("`approach_axis` is 0"), "{refused}");

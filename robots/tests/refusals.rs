@@ -197,6 +197,19 @@ fn names_that_are_not_read_are_notes() {
     };
     let silent = with(r#"<origin xyz="1 0 0"/><axis xyz="0 0 1"/>"#, "");
     assert!(!silent.contains("is not read"), "{silent}");
+    let outside = |inside: &str| {
+        let urdf = format!(r#"<robot name="r"><link name="a">{inside}</link>{inside}</robot>"#);
+        read(&urdf).import_notes().join("; ")
+    };
+    assert_eq!(outside(r#"<gazebo/><s:mark xmlns:s="urn:s"/>"#), "");
+    for (inside, places) in [
+        ("<colision/>", "line 1: `<colision>` is not read; line 1: `<colision>` of the link `a`"),
+        ("<group><link name='b'/></group>", "line 1: `<group>` is not read; line 1: `<group>` of"),
+    ] {
+        assert!(outside(inside).starts_with(places), "{}", outside(inside));
+    }
+    let foreign = outside(r#"<s:collision xmlns:s="urn:s"/>"#);
+    assert!(foreign.contains("`<collision>` of the link `a` is not read"), "{foreign}");
     for (joint, shape, note) in [
         (r#"<axis xzy="0 0 1"/>"#, "", "`xzy` of `<axis>` of the joint `turn` is not read"),
         (r#"<origin rpw="0 0 1"/>"#, "", "`rpw` of `<origin>` of the joint `turn` is not read"),
@@ -547,7 +560,8 @@ fn xml_that_no_urdf_needs_is_refused_or_skipped() {
         ("<!DOCTYPE robot><robot/>", "0 links"),
         ("<robot><a:b c:d='1'/></robot>", "0 links"),
         ("<robot><?p ?></robot>", "0 links"),
-        ("<robot>\n<a b=\"<\"/></robot>", "at 2:7"),
+        ("<robot>\n<a b=\"<\"/></robot>", "at 2:7); correct the tag"),
+        ("<robot>\n<<<<<<< HEAD\n</robot>", "unresolved conflicts of Git"),
         ("<robot><xacro:arm/></robot>", "line 1: `<xacro:arm>` is xacro"),
     ] {
         let message = refusal(text);
@@ -617,6 +631,9 @@ fn templates_that_were_not_expanded_are_refused() {
     // a namespace of another tool, whose address only names xacro
     let other = "<x:note xmlns:x=\"http://example.org/xacro-editor\"/></robot>";
     read(&changed("</robot>", other));
+    let constant = read(&changed("</robot>", "<xacro:property name=\"w\" value=\"1\"/></robot>"));
+    let notes = constant.import_notes().join("; ");
+    assert!(notes.contains("`<xacro:property>` is xacro and defines a value"), "{notes}");
     // nothing but templates, whose robot would have no links
     let all = "<robot xmlns:xacro=\"http://ros.org/xacro\"><xacro:arm prefix=\"\"/></robot>";
     assert!(refusal(all).starts_with("line 1: `<xacro:arm>` is xacro"));

@@ -254,7 +254,12 @@ fn vertices(text: &str, word: &str) -> Result<Vec<DVec3>, String> {
         let ((x, y), z) = point.ok_or("a point of it has fewer than three numbers")?;
         points.push(DVec3::new(x, y, z));
     }
-    if points.is_empty() { Err(format!("no line of it starts with `{word}`")) } else { Ok(points) }
+    if points.is_empty() {
+        let is_pointer = text.starts_with("version https://git-lfs");
+        let hint = if is_pointer { "; it is a pointer of Git LFS: run `git lfs pull`" } else { "" };
+        return Err(format!("no line of it starts with `{word}`{hint}"));
+    }
+    Ok(points)
 }
 
 #[cfg(test)]
@@ -300,6 +305,7 @@ mod tests {
             ("a.obj", "v 1 2 x", "fewer than three"),
             ("a.stl", "solid", "no line of it starts with `vertex`"),
             ("a.obj", "<html>", "no line of it starts with `v`"),
+            ("a.obj", "version https://git-lfs.github.com/spec/v1", "run `git lfs pull`"),
             ("a.dae", "v 1 2 3", "COLLADA"),
         ] {
             let found = points(Path::new(name), bytes.into(), &mut Report::default());

@@ -36,7 +36,14 @@ pub(super) fn restrict(
         let whole = range_of(leader).unwrap_or(ENDLESS);
         let Some(range) = narrowed(whole, own, multiplier, offset) else {
             let ([low, high], leader) = (own, &leader.name);
-            note(index, format!("it follows `{leader}` and cannot stay from {low} to {high}"));
+            let joint = &joints[index].name;
+            note(
+                index,
+                format!(
+                    "the joint `{joint}` follows `{leader}` and cannot stay within its own range, \
+                     {low} to {high}, which is ignored"
+                ),
+            );
             joints[index].motion = Some(JointMotionSpec { range: None, ..motion });
             continue;
         };

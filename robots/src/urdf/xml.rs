@@ -20,6 +20,8 @@ const MAX_NAMESPACES: usize = 32;
 /// Maximum number of attributes of an element, since each is compared with all others.
 const MAX_ATTRIBUTES: usize = 1000;
 
+/// Angle of `rpy` (radians), a turn and a bit, from which on its unit looks wrong.
+const LARGEST_ANGLE: f64 = 6.3;
 /// Length of the shortest axis that is accepted.
 const SHORTEST_AXIS: f64 = 1e-6;
 /// Elements that are skipped with everything inside, so that they may hold anything.
@@ -107,7 +109,15 @@ pub(super) fn parse<T>(text: &str, name: &str, read: impl FnOnce(Node) -> T) -> 
             (Error::UnknownToken(_) | Error::NoRootNode, _) => {
                 return Err(format!("line {line}: {alone}"));
             }
-            (error, _) => return Err(format!("line {line}: broken XML, {error}")),
+            (error, _) => {
+                let is_merged = text.contains("\n<<<<<<< ");
+                let advice = if is_merged {
+                    "the file has unresolved conflicts of Git (`<<<<<<<`); resolve them"
+                } else {
+                    "correct the tag or quote there"
+                };
+                return Err(format!("line {line}: this is no valid XML ({error}); {advice}"));
+            }
         }
     }
     Err(format!("more than {MAX_NAMESPACES} prefixes are not declared"))
@@ -156,6 +166,12 @@ fn without_comments(text: &str) -> Result<String, String> {
 fn written(root: Node, report: &mut Report) -> Result<Cleaned, DescriptionError> {
     let mut open = vec![root];
     while let Some(node) = open.pop() {
+        if let Some(name) = constant(node) {
+            let note =
+                format!("`<{name}>` is xacro and defines a value that nothing uses; ignored");
+            report.note(line(node), &note);
+            continue;
+        }
         if let Some(found) = template(node) {
             return Err(DescriptionError::Xacro { line: line(node), found });
         }
@@ -169,14 +185,29 @@ fn written(root: Node, report: &mut Report) -> Result<Cleaned, DescriptionError>
     Ok(Cleaned { text, link_lines: lines("link"), joint_lines: lines("joint") })
 }
 
+/// Returns the name with prefix of an element that only defines a constant of xacro. Its uses, if
+/// there are any, are found by [`template`].
+fn constant<'a>(node: Node<'a, 'a>) -> Option<&'a str> {
+    let name = full_name(node);
+    let is_definition = ["property", "xacro:property"].contains(&name)
+        && node.parent() == Some(node.document().root_element())
+        && !node.has_children()
+        && node.attributes().all(|attribute| unexpanded(attribute.value()).is_none());
+    is_definition.then_some(name)
+}
+
+/// Returns an element's name as the file has it, with its prefix.
+fn full_name<'a>(node: Node<'a, 'a>) -> &'a str {
+    let name = node.document().input_text().get(node.range().start + 1..).unwrap_or_default();
+    let end = name.find(|c: char| c.is_whitespace() || "/>".contains(c));
+    &name[..end.unwrap_or(name.len())]
+}
+
 /// Describes the element, or one of its attributes, that `xacro` should have expanded, if there is
 /// one.
 fn template(node: Node) -> Option<String> {
     // a declaration of the namespace is no template: xacro leaves it in its output
-    let text = node.document().input_text();
-    let name = text.get(node.range().start + 1..).unwrap_or_default();
-    let end = name.find(|c: char| c.is_whitespace() || "/>".contains(c));
-    let name = &name[..end.unwrap_or(name.len())];
+    let (text, name) = (node.document().input_text(), full_name(node));
     let root = Some(node.document().root_element());
     let is_old = node.parent() == root && OLD_XACRO.contains(&name);
     if is_old || is_xacro(node.tag_name().namespace(), name) {
@@ -239,8 +270,9 @@ const REQUIRED_ATTRIBUTES: [&str; 11] =
     ["type", "link", "joint", "value", "filename", "radius", "length", "size", "ixx", "iyy", "izz"];
 const SIZE_ATTRIBUTES: [&str; 3] = ["radius", "length", "size"];
 const REQUIRED_ELEMENTS: [&str; 5] = ["mass", "geometry", SHAPES, "parent", "child"];
-/// Elements of joints and collision shapes that are known and not read.
-const UNREAD: [&str; 4] = ["calibration", "contact_coefficients", "safety_controller", "verbose"];
+/// Elements that are known and not read; constants of xacro have a note of their own.
+const UNREAD: [&str; 5] =
+    ["calibration", "contact_coefficients", "property", "safety_controller", "verbose"];
 
 const NUMBER: &str = "a finite number up to 1e6";
 const VECTOR: &str = "three numbers up to 1e6 with blanks between";
@@ -316,6 +348,12 @@ fn value<'a>(
         reject(report, node, attribute, problem);
         return default;
     }
+    if attribute == "rpy" && !all::<3>(stated, |angle| angle.abs() < LARGEST_ANGLE) {
+        let unit = "is the file in degrees instead of radians?";
+        let warning =
+            format!("line {}: {} is {stated:?}: {unit}", line(node), place(node, attribute));
+        report.unit_warnings.push(warning);
+    }
     if SIZE_ATTRIBUTES.contains(&attribute) && is_small(stated) {
         report.small_size(line(node), &format!("{} {problem}", place(node, attribute)));
     }
@@ -323,7 +361,7 @@ fn value<'a>(
 }
 
 /// Notes what is not read of an element and may be a misspelt name: attributes of elements that hold
-/// numbers, and elements inside of joints and collision shapes.
+/// numbers, and elements inside of the robot, links, joints and collision shapes.
 fn note_unread(node: Node, attributes: &[&str], children: &[&str], report: &mut Report) {
     const UNREAD_NOTE: &str = "is not read";
     let name = node.tag_name().name();
@@ -335,15 +373,16 @@ fn note_unread(node: Node, attributes: &[&str], children: &[&str], report: &mut 
             report.note(line(node), &format!("{} {UNREAD_NOTE}", place(node, attribute.name())));
         }
     }
-    if ["joint", "collision"].contains(&name) {
+    if ["robot", "link", "joint", "collision"].contains(&name) {
+        let own = node.document().root_element().tag_name().namespace();
         let is_read =
             |of: &str| children.iter().any(|inside| inside.split('|').any(|one| one == of));
         for child in node.children().filter(Node::is_element) {
             let inside = child.tag_name();
-            let is_known = is_read(inside.name())
-                || SKIPPED.contains(&inside.name())
-                || UNREAD.contains(&inside.name());
-            if inside.namespace().is_none() && !is_known {
+            let is_known = SKIPPED.contains(&inside.name()) || UNREAD.contains(&inside.name());
+            let is_foreign = inside.namespace() != own;
+            // foreign elements are of other tools, unless they look like something that is read
+            if !is_known && is_foreign == is_read(inside.name()) {
                 report.note(line(child), &format!("{} {UNREAD_NOTE}", place(child, "")));
             }
         }
@@ -397,8 +436,10 @@ fn check_limit(joint: Node, report: &mut Report) {
         return;
     }
     let Some(limit) = elements(joint, "limit").next() else {
-        let problem = "has no `<limit>` with `lower` and `upper`; add it, or make it continuous";
-        return reject(report, joint, "", problem.to_owned());
+        let is_hinge = joint.attribute("type") == Some("revolute");
+        let other = if is_hinge { ", or make it continuous" } else { "" };
+        let problem = format!("has no `<limit>` with `lower` and `upper`; add it{other}");
+        return reject(report, joint, "", problem);
     };
     let texts = ["lower", "upper"].map(|end| limit.attribute(end).unwrap_or("0"));
     let [lower, upper] = texts.map(|end| end.trim().parse().unwrap_or(f64::NAN));
