@@ -7,7 +7,7 @@ use crate::{RolloutReport, RunEvent, RunSummary};
 
 /// Line of column names, printed above the lines of [`format_rollout_line`].
 pub const ROLLOUT_LINE_HEADER: &str =
-    "decisions  group         policy      reward  success  distance to each policy (z)";
+    "decisions  group         policy      reward  success  distance (z) per policy";
 
 /// Formats an event of a run for the terminal: a line for a rollout, a table for an evaluation.
 pub fn format_run_event(event: &RunEvent) -> String {

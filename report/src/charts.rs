@@ -28,11 +28,13 @@ pub struct IntervalEstimate<'a> {
 }
 
 /// Draws estimates as an SVG chart with one row for each: a dot, its interval as a line, and both
-/// as numbers. `chance` is a value to compare with, drawn as a vertical line.
+/// as numbers. `first` is the number of the first one among all methods, which sets the colours;
+/// `chance` is a value to compare with, drawn as a vertical line.
 pub fn interval_svg(
     title: &str,
     axis: &'static str,
     estimates: &[IntervalEstimate<'_>],
+    first: usize,
     chance: Option<f64>,
 ) -> String {
     let mut drawing = SvgPlot::new_half_width(1.0, axis).with_side_margins(SIDES);
@@ -44,7 +46,7 @@ pub fn interval_svg(
         drawing.add_line(&line, &LineStyle { colour: TEXT_COLOUR, dashes: "3 3".to_owned() });
     }
     for (number, IntervalEstimate { name, value, interval }) in estimates.iter().enumerate() {
-        let (y, colour) = (last - number as f64, curve_colour(number));
+        let (y, colour) = (last - number as f64, curve_colour(first + number));
         let figure = format!("{value:.3}{}", bracketed_interval(*interval, 2));
         if let Some(ConfidenceInterval { low, high }) = interval {
             drawing.add_wide_line(&[(*low, y), (*high, y)], &LineStyle::solid(colour));
@@ -66,7 +68,7 @@ pub fn success_svg(methods: &[MethodRuns], groups: &[String]) -> String {
     let rows = alone.chain([("all groups", groups)]);
     let rows = rows.map(|(name, averaged)| estimate(name, method, averaged, mean));
     let title = format!("Success of {}", method.name);
-    interval_svg(&title, "success", &rows.collect::<Vec<_>>(), None)
+    interval_svg(&title, "success", &rows.collect::<Vec<_>>(), 0, None)
 }
 
 /// Draws a statistic of each method's success, such as the mean, as an SVG chart with 95 %
@@ -79,7 +81,7 @@ pub fn statistic_by_method_svg(
     statistic: fn(&[f64]) -> f64,
 ) -> String {
     let rows = methods.iter().map(|method| estimate(&method.name, method, groups, statistic));
-    interval_svg(title, axis, &rows.collect::<Vec<_>>(), None)
+    interval_svg(title, axis, &rows.collect::<Vec<_>>(), 0, None)
 }
 
 fn estimate<'a>(
@@ -134,7 +136,7 @@ mod tests {
         let wide = Some(ConfidenceInterval { low: 0.25, high: 1.0 });
         let estimate = |name, value, interval| IntervalEstimate { name, value, interval };
         let rows = [estimate("a", 0.5, wide), estimate("b", 1.0, None)];
-        let svg = interval_svg("title", "success", &rows, Some(0.5));
+        let svg = interval_svg("title", "success", &rows, 1, Some(0.5));
         let [(line, _)] = of_class(&svg, "line wide")[..] else { panic!("{svg}") };
         let dots: Vec<&str> = tags(&svg)
             .into_iter()
@@ -146,6 +148,7 @@ mod tests {
         assert_eq!(attribute(line, "points"), Some(&*format!("250.0,{y:.1} 580.0,{y:.1}")));
         assert_eq!((number(dots[0], "cx"), number(dots[1], "cx")), (360.0, 580.0));
         assert!(y < number(dots[1], "cy"), "the first estimate is on top");
+        assert!(dots[0].contains(curve_colour(1)) && dots[1].contains(curve_colour(2)), "{dots:?}");
         assert!(svg.contains("0.500 [0.25, 1.00]") && svg.contains(">1.000</text>"), "{svg}");
     }
 }

@@ -49,7 +49,7 @@ for (const chart of document.querySelectorAll(".chart")) {
 // cells without a figure come last, in either order
 const keyOf = (row, column) => {
   const text = row.cells[column].textContent;
-  const number = text === "never" ? Infinity : parseFloat(text.replace("(", ""));
+  const number = text === "never" ? Infinity : parseFloat(text.replace(/^[<([ ]+/, ""));
   return Number.isNaN(number) ? text : number;
 };
 const compare = (one, other, sign) => {

@@ -145,8 +145,8 @@ fn comparison(methods: &[MethodRuns], groups: &[String]) -> String {
         IntervalEstimate { name: &other.name, value, interval: None }
     });
     let title = format!("Probability that a run of {} is better than one of", first.name);
-    let better =
-        interval_svg(&title, "probability of improvement", &better.collect::<Vec<_>>(), Some(0.5));
+    let better = better.collect::<Vec<_>>();
+    let better = interval_svg(&title, "probability of improvement", &better, 1, Some(0.5));
     let middle = "Interquartile mean of success";
     let middle = statistic_by_method_svg(
         middle,

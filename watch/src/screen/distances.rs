@@ -51,7 +51,7 @@ pub fn draw_policy_distances(run: &RunData, frame: &mut Frame, area: Rect) {
             .take(columns),
         )
     });
-    let widths = COLUMNS.into_iter().chain([length]).map(Constraint::Length);
+    let widths = COLUMNS.into_iter().chain([length]).take(columns).map(Constraint::Length);
     let header = ["", "W1", "limit", ""].into_iter().take(columns);
     let header = Row::new(header).style(Style::new().bold());
     let table = Table::new(rows, widths).header(header);
