@@ -24,9 +24,9 @@ pub fn files(ending: &str) -> Vec<PathBuf> {
             let (path, name) = (entry.path(), entry.file_name());
             let name = name.to_string_lossy();
             if entry.file_type().unwrap().is_dir() {
-                let ours =
-                    !name.starts_with('.') && !["target", "runs", "shared"].contains(&&name[..]);
-                open.extend(ours.then_some(path));
+                let others = ["node_modules", "runs", "shared", "target"];
+                let is_ours = !name.starts_with('.') && !others.contains(&&name[..]);
+                open.extend(is_ours.then_some(path));
             } else if name.ends_with(ending) {
                 found.push(path);
             }

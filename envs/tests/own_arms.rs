@@ -83,6 +83,18 @@ fn experts_solve_every_variant_with_arms_of_three_kinds() {
     }
 }
 
+/// The expert slides the puck by pressing on it, and servos get stiffer with the efforts that a file
+/// states.
+#[test]
+fn an_expert_slides_the_puck_with_a_strong_arm() {
+    let folder = Folder::new("strong");
+    let industrial = include_str!("../assets/urdf/six_joint_industrial.urdf");
+    let strong =
+        replaced(industrial, &[("effort=\"150\"", "effort=\"600\""), ("\"28\"", "\"112\"")]);
+    let arm = Embodiment::from_file(&folder.write("strong.urdf", &strong)).unwrap();
+    assert_solves(arm, TaskGroup::PLATE_SLIDE);
+}
+
 /// The fingers open towards the upper end of their joint's range, as far as the Sawyer arm's: the
 /// outside of each, 33.5 mm from the middle when closed, comes to 53 mm.
 #[test]

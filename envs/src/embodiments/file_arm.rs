@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use robots::{
-    Chain, Inertia, JointServoSettings, Link, PlacedShape, Pose, RobotDescription, RobotFile,
-    Shape, TwistControlSettings, TwistLimits,
+    Chain, Inertia, JointMotionKind, JointServoSettings, Link, PlacedShape, Pose, RobotDescription,
+    RobotFile, Shape, TwistControlSettings, TwistLimits,
 };
 
 use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
@@ -24,6 +24,9 @@ const HAND_TO_TIP: f64 = 0.045;
 const FLANGE_TO_HAND: f64 = 0.09;
 /// Distance from the middle to the outside of open fingers (metres), as of the Sawyer arm's.
 const OPEN_HALF_WIDTH: f64 = 0.053;
+/// Maximum stiffness of a hinge's servo (newton metres per radian), about that of a Kinova Gen3.
+/// Scripted experts slide a puck by pressing on it, and a stiff arm presses it away.
+const MAX_STIFFNESS: f64 = 2000.0;
 /// Minimum distance by which the outside of a finger moves outwards (metres).
 const MIN_TRAVEL: f64 = 1e-3;
 
@@ -78,11 +81,20 @@ impl Arm {
                 orientation: placed.orientation,
                 ..TwistControlSettings::default()
             },
-            servo: JointServoSettings::default(),
+            servo: soft_servos(&framed),
             max_target_lead: LEAD,
             additions: Vec::new(),
         })
     }
+}
+
+/// Returns servos whose stiffest hinge is at most as stiff as [`MAX_STIFFNESS`].
+fn soft_servos(robot: &RobotDescription) -> JointServoSettings {
+    let hinges = robot.free_joints().filter(|(_, motion)| motion.kind == JointMotionKind::Hinge);
+    let largest = hinges.filter_map(|(_, motion)| motion.max_effort).fold(0.0, f64::max);
+    let usual = JointServoSettings::default();
+    let saturation_error = usual.saturation_error.max(largest / MAX_STIFFNESS);
+    JointServoSettings { saturation_error, ..usual }
 }
 
 /// Returns the rotation of a frame with its z along `axis` and its y along `sideways`, which are
