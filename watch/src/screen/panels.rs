@@ -47,6 +47,8 @@ fn text_on(colour: Color) -> Style {
     Style::new().bg(colour).fg(text)
 }
 
+/// Rows around those of the groups: the frame and the header.
+const AROUND_ROWS: u16 = 3;
 /// Widths of the columns of figures in the table of groups (terminal columns).
 const FIGURES: [u16; 5] = [8, 6, 6, 7, 6];
 
@@ -64,15 +66,25 @@ fn names_width(run: &RunData) -> u16 {
 }
 
 /// Draws a table with a row for each group: its number of rollouts, policy, reward and success of
-/// the latest of them, and the mean success of its variants in the latest evaluation.
+/// the latest of them, and the mean success of its variants in the latest evaluation. Where there
+/// are more groups than lines, those that ran last are shown.
 pub fn draw_groups_table(run: &RunData, frame: &mut Frame, area: Rect) {
-    let plans = run.experiment.schedule.groups.iter();
-    let rows = plans.map(|plan| group_row(run, &plan.group));
+    let mut groups: Vec<&str> =
+        run.experiment.schedule.groups.iter().map(|p| &p.group[..]).collect();
+    let (all, room) = (groups.len(), usize::from(area.height.saturating_sub(AROUND_ROWS)));
+    let mut title = "groups, newest figures".to_owned();
+    if all > room {
+        let latest = |group: &&str| run.rollouts.iter().rposition(|row| row.group == *group);
+        groups.sort_by_key(|group| std::cmp::Reverse(latest(group)));
+        groups.truncate(room);
+        title = format!("the latest {room} of {all} groups");
+    }
+    let rows = groups.into_iter().map(|group| group_row(run, group));
     let widths = std::iter::once(names_width(run)).chain(FIGURES).map(Constraint::Length);
     let header = ["group", "rollouts", "policy", "reward", "success", "scored"];
     let table = Table::new(rows, widths)
         .header(Row::new(header).style(Style::new().bold()))
-        .block(Block::bordered().title("groups, newest figures"));
+        .block(Block::bordered().title(title));
     frame.render_widget(table, area);
 }
 
@@ -110,9 +122,9 @@ pub fn draw_assignment_strips(run: &RunData, area: Rect, buffer: &mut Buffer) {
     });
     draw_strip("group", groups, lines.next(), buffer);
     let policies = shown.iter().map(|row| {
-        // a cell has room for the last digit only
-        let digit = char::from(b'0' + (row.policy % 10) as u8);
-        (digit, policy_colour(run, row.policy))
+        // a cell has room for one character: digits, then letters
+        let digit = char::from_digit((row.policy % 36) as u32, 36);
+        (digit.unwrap_or('?'), policy_colour(run, row.policy))
     });
     draw_strip("policy", policies, lines.next(), buffer);
 }

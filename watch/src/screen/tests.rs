@@ -184,6 +184,32 @@ fn the_help_explains_the_screen() {
 }
 
 #[test]
+fn of_many_groups_those_that_ran_last_are_shown() {
+    let experiment = Budget::All.preset_experiment(Method::CoversSac);
+    let mut run = RunData::empty("covers-sac-seed0", experiment);
+    let groups: Vec<_> = run.experiment.schedule.groups.iter().map(|p| p.group.clone()).collect();
+    for (policy, group) in groups.iter().enumerate() {
+        run.rollouts.push(RolloutRow {
+            decisions: 500 * (policy + 1),
+            group: group.clone(),
+            last_group: group.clone(),
+            policy,
+            distances: vec![Some(1.5); policy + 1],
+            ..RolloutRow::default()
+        });
+    }
+    for size in [(80, 24), (100, 30)] {
+        let buffer = drawn(&run, size);
+        let text = lines(&buffer).join("\n");
+        assert!(text.contains("of 14 groups") && text.contains("policy 0"), "{text}");
+        assert!(text.contains(&format!("■ {}", groups[13])), "{text}");
+        let (left, y) = strip(&buffer, "policy");
+        let digits: String = (0..14).map(|x| buffer[(left + x, y)].symbol()).collect();
+        assert_eq!(digits, "0123456789abcd");
+    }
+}
+
+#[test]
 fn distances_without_a_threshold_stand_alone() {
     let mut run = run();
     run.experiment = Budget::Smoke.preset_experiment(Method::Covers);
