@@ -77,5 +77,5 @@ fn what_is_no_run_is_refused() {
     assert!(packed_message.contains("has no tables to watch"), "{packed_message}");
     let text = "rollout,decisions,group,last_group,straddles,policy\n0,500,a,a,false,501\n";
     fs::write(packed.join("metrics.csv"), text).unwrap();
-    assert!(refusal(&packed).contains("row 0 of metrics.csv, `policy` is a policy that"));
+    assert!(refusal(&packed).contains("metrics.csv, rollout 0: `policy` is a policy that"));
 }

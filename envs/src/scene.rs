@@ -180,7 +180,8 @@ impl Scene {
     }
 
     /// Returns the simulation state in which every episode of the variant `element` starts, with
-    /// open fingers: at rest, or as Meta-World's reset leaves it.
+    /// open fingers: at rest, or as Meta-World's reset leaves it. A variant that the layout does not
+    /// have starts as the identity does.
     pub fn start_state(&self, element: D2) -> &State {
         &self.start(element).state
     }

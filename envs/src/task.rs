@@ -163,7 +163,9 @@ pub struct TaskSceneParts<'a> {
     pub start_joints: &'a [(&'a str, f64)],
     /// Position of the hand's target when an episode of the symmetric layout starts (metres,
     /// canonical frame), within [`Layout::hand_target_bounds`](crate::Layout::hand_target_bounds);
-    /// `None` for [`HAND_TARGET_START`](crate::HAND_TARGET_START), the same in all variants.
+    /// `None` for [`HAND_TARGET_START`](crate::HAND_TARGET_START), the same in all variants. The
+    /// hand comes to rest there before objects are placed and joints set, so it must be clear of
+    /// where the MJCF has them.
     pub hand_target: Option<DVec3>,
     /// `true` if objects are not their own mirror images along x, for instance a door with its
     /// hinges on the left. Variants that flip one axis then have mirrored objects, whose joints

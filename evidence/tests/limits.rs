@@ -22,6 +22,10 @@ fn motion_that_changed_by_less_than_three_times_what_chance_makes_is_drift() {
     let small = test(1.3);
     assert!(small.motion_change > 0.25 && small.tail_p_value() < 1e-6, "{small:?}");
     assert_eq!(small.verdict, PolicyVerdict::Accepted, "{small:?}");
+    let between = test(1.6);
+    let ratio = between.test.as_ref().unwrap().sources[2].unwrap().distance_ratio();
+    assert!((2.0..3.0).contains(&ratio) && between.tail_p_value() < 1e-6, "{ratio}");
+    assert_eq!(between.verdict, PolicyVerdict::Accepted);
     let large = test(2.2);
     assert_eq!(large.verdict, PolicyVerdict::Rejected, "{large:?}");
 }

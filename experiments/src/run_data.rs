@@ -278,7 +278,7 @@ fn check(path: &Path, rollouts: &[RolloutRow], scores: &[ScoreRow]) -> Result<()
 }
 
 /// Largest number of policies of a run that is read; it bounds the memory of tables by policy.
-const MAX_POLICIES: usize = 100_000;
+const MAX_POLICIES: usize = 10_000;
 
 /// Rejects rows of rollouts with values that no rollout has.
 fn check_rollouts(path: &Path, rollouts: &[RolloutRow]) -> Result<(), RunError> {
@@ -303,7 +303,7 @@ fn check_rollouts(path: &Path, rollouts: &[RolloutRow]) -> Result<(), RunError> 
             before = row.decisions;
             continue;
         };
-        return Err(unfit(path, &format!("in row {rollout} of metrics.csv, {problem}")));
+        return Err(unfit(path, &format!("metrics.csv, rollout {rollout}: {problem}")));
     }
     Ok(())
 }
@@ -502,7 +502,7 @@ mod tests {
         assert_eq!(problem(&[(80, 0), (160, 0), (720, 3)]), Ok(()));
         for rows in [[(80, 0), (160, 161)], [(MAX_POLICIES, 0), (MAX_POLICIES, MAX_POLICIES)]] {
             let message = problem(&rows).unwrap_err();
-            assert!(message.contains("row 1 of metrics.csv, `policy`"), "{message}");
+            assert!(message.contains("metrics.csv, rollout 1: `policy`"), "{message}");
         }
         let backwards = problem(&[(160, 0), (80, 0)]).unwrap_err();
         assert!(backwards.contains("`decisions` is less than before"), "{backwards}");

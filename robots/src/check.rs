@@ -25,7 +25,7 @@ const MANY_JOINTS: usize = 20;
 const FIRST_TARGET: usize = 1000;
 /// Masses of all links together (kg) that arms have.
 const MASSES: [f64; 2] = [0.05, 500.0];
-/// Reaches (metres) that arms have.
+/// Reaches (metres) outside of which the unit looks wrong.
 const REACHES: [f64; 2] = [0.005, 5.0];
 /// Distance (metres) of a shape or centre of mass from its link's origin, and position of a slide's
 /// limit, beyond which their unit looks wrong.

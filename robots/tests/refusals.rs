@@ -633,7 +633,7 @@ fn templates_that_were_not_expanded_are_refused() {
     read(&changed("</robot>", other));
     let constant = read(&changed("</robot>", "<xacro:property name=\"w\" value=\"1\"/></robot>"));
     let notes = constant.import_notes().join("; ");
-    assert!(notes.contains("`<xacro:property>` is xacro and defines a value"), "{notes}");
+    assert!(notes.contains("`<xacro:property>` is xacro; nothing that is read"), "{notes}");
     // nothing but templates, whose robot would have no links
     let all = "<robot xmlns:xacro=\"http://ros.org/xacro\"><xacro:arm prefix=\"\"/></robot>";
     assert!(refusal(all).starts_with("line 1: `<xacro:arm>` is xacro"));

@@ -88,7 +88,8 @@ impl Arm {
     }
 }
 
-/// Returns servos whose stiffest hinge is at most as stiff as [`MAX_STIFFNESS`].
+/// Returns servos whose stiffest hinge is at most as stiff as [`MAX_STIFFNESS`]. All joints are
+/// softened alike.
 fn soft_servos(robot: &RobotDescription) -> JointServoSettings {
     let hinges = robot.free_joints().filter(|(_, motion)| motion.kind == JointMotionKind::Hinge);
     let largest = hinges.filter_map(|(_, motion)| motion.max_effort).fold(0.0, f64::max);

@@ -20,7 +20,7 @@ const MAX_NAMESPACES: usize = 32;
 /// Maximum number of attributes of an element, since each is compared with all others.
 const MAX_ATTRIBUTES: usize = 1000;
 
-/// Angle of `rpy` (radians), a turn and a bit, from which on its unit looks wrong.
+/// Smallest angle of `rpy` (radians) whose unit looks wrong: just above a turn.
 const LARGEST_ANGLE: f64 = 6.3;
 /// Length of the shortest axis that is accepted.
 const SHORTEST_AXIS: f64 = 1e-6;
@@ -167,8 +167,7 @@ fn written(root: Node, report: &mut Report) -> Result<Cleaned, DescriptionError>
     let mut open = vec![root];
     while let Some(node) = open.pop() {
         if let Some(name) = constant(node) {
-            let note =
-                format!("`<{name}>` is xacro and defines a value that nothing uses; ignored");
+            let note = format!("`<{name}>` is xacro; nothing that is read uses its value");
             report.note(line(node), &note);
             continue;
         }
@@ -270,9 +269,8 @@ const REQUIRED_ATTRIBUTES: [&str; 11] =
     ["type", "link", "joint", "value", "filename", "radius", "length", "size", "ixx", "iyy", "izz"];
 const SIZE_ATTRIBUTES: [&str; 3] = ["radius", "length", "size"];
 const REQUIRED_ELEMENTS: [&str; 5] = ["mass", "geometry", SHAPES, "parent", "child"];
-/// Elements that are known and not read; constants of xacro have a note of their own.
-const UNREAD: [&str; 5] =
-    ["calibration", "contact_coefficients", "property", "safety_controller", "verbose"];
+/// Elements that are known and not read.
+const UNREAD: [&str; 4] = ["calibration", "contact_coefficients", "safety_controller", "verbose"];
 
 const NUMBER: &str = "a finite number up to 1e6";
 const VECTOR: &str = "three numbers up to 1e6 with blanks between";
@@ -379,7 +377,10 @@ fn note_unread(node: Node, attributes: &[&str], children: &[&str], report: &mut 
             |of: &str| children.iter().any(|inside| inside.split('|').any(|one| one == of));
         for child in node.children().filter(Node::is_element) {
             let inside = child.tag_name();
-            let is_known = SKIPPED.contains(&inside.name()) || UNREAD.contains(&inside.name());
+            // a constant has a note of its own
+            let is_known = SKIPPED.contains(&inside.name())
+                || UNREAD.contains(&inside.name())
+                || constant(child).is_some();
             let is_foreign = inside.namespace() != own;
             // foreign elements are of other tools, unless they look like something that is read
             if !is_known && is_foreign == is_read(inside.name()) {
