@@ -76,6 +76,8 @@ pub struct Scene {
     pub(crate) loose_joint: Option<LooseJoint>,
     /// Address in `qpos` of the position of Meta-World's loose cylinder, if the scene has it.
     pub(crate) decoy_qpos_address: Option<usize>,
+    /// Position of the hand's target when an episode starts (metres, canonical frame).
+    pub(crate) hand_target_start: DVec3,
     /// Start of the episodes of each variant, in the order of [`D2::ALL`], or of all variants.
     starts: Vec<HandStart>,
 }
@@ -83,8 +85,6 @@ pub struct Scene {
 /// State in which episodes start, with the hand at its target.
 #[derive(Debug)]
 pub(crate) struct HandStart {
-    /// Position of the hand's target (metres, canonical frame).
-    pub hand_target: DVec3,
     /// State of the simulation, without the placement of objects.
     pub state: State,
     /// Controller of an arm with servos; `None` if a weld moves the hand.
@@ -120,7 +120,7 @@ impl Scene {
         let meta_world = layout.meta_world_settings(group)?;
         let parts = group.identity_task().parts();
         let of_task = parts.hand_target.unwrap_or(HAND_TARGET_START);
-        let hand_target = meta_world.map_or(of_task, |spec| spec.hand_target);
+        let hand_target_start = meta_world.map_or(of_task, |spec| spec.hand_target);
         let mut target_bounds = layout.hand_target_bounds();
         if let Some(spec) = &meta_world {
             target_bounds[0].z = spec.lowest_target;
@@ -132,14 +132,8 @@ impl Scene {
         let model = Arc::new(compile(layout, group, embodiment, &camera)?);
         let mocap = |name| model.mocap_body(name);
         let mirrored_model = mirrored(&model, &parts, layout)?;
-        let is_central = hand_target.truncate() == DVec2::ZERO;
-        let elements = if is_central { &[D2::Identity] } else { layout.group_elements() };
-        let start = |&element: &D2| {
-            let mirrored = mirrored_model.as_ref().filter(|_| mirrors_objects(element));
-            let model = mirrored.unwrap_or(&model);
-            HandStart::settle(model, layout, embodiment, element, hand_target)
-        };
-        let starts = elements.iter().map(start).collect::<Result<_, EnvError>>()?;
+        let models = [&model, mirrored_model.as_ref().unwrap_or(&model)];
+        let starts = HandStart::of_variants(models, layout, embodiment, hand_target_start)?;
         Ok(Self {
             layout,
             group,
@@ -168,6 +162,7 @@ impl Scene {
             object_offset: parts.object_offset,
             goal_observable: parts.goal_observable,
             start_joints: addresses(&model, &start_joints)?,
+            hand_target_start,
             starts,
             mirrored_model,
             model,
@@ -360,6 +355,23 @@ fn decoy(model: &Model, spec: &MetaWorldTaskSettings<'_>) -> Option<usize> {
 }
 
 impl HandStart {
+    /// Returns the starts of all variants of a layout, or one where the hand is on the axis of all
+    /// symmetries; `models` are the plain one and that of mirrored objects.
+    fn of_variants(
+        models: [&Arc<Model>; 2],
+        layout: Layout,
+        embodiment: Embodiment,
+        hand_target: DVec3,
+    ) -> Result<Vec<Self>, EnvError> {
+        let is_central = hand_target.truncate() == DVec2::ZERO;
+        let elements = if is_central { &[D2::Identity] } else { layout.group_elements() };
+        let start = |&element: &D2| {
+            let model = models[usize::from(mirrors_objects(element))];
+            Self::settle(model, layout, embodiment, element, hand_target)
+        };
+        elements.iter().map(start).collect()
+    }
+
     /// Simulates `model` to the state in which the episodes of the variant `element` start, with
     /// the hand's target at `hand_target` (metres, canonical frame).
     fn settle(
@@ -376,9 +388,7 @@ impl HandStart {
             let address = model.joint_qpos_address(model.joint(name)?);
             data.qpos_mut()[address] = *position;
         }
-        if element != D2::Identity
-            && let Ok(object) = model.mocap_body("object")
-        {
+        if let Ok(object) = model.mocap_body("object") {
             // otherwise the hand could touch the object of another variant
             let place = map_point(element, DVec3::from_array(data.mocap_position(object)));
             data.set_mocap_position(object, place.to_array())?;
@@ -401,7 +411,7 @@ impl HandStart {
                 Some(*controller)
             }
         };
-        Ok(Self { hand_target, state: data.save_state(), controller })
+        Ok(Self { state: data.save_state(), controller })
     }
 }
 

@@ -173,19 +173,19 @@ impl TableTop {
         // ended first, so that a failure below leaves no episode on a half-set state
         self.end_episode();
         self.choose_model(element);
-        let HandStart { hand_target, state, controller } = scene.start(element);
+        let HandStart { state, controller } = scene.start(element);
         self.data.restore_state(state)?;
         self.put_objects(element, &placement)?;
         self.data.forward_kinematics()?;
         let start = EpisodeStart {
             placement,
-            hand_target: *hand_target,
+            hand_target: scene.hand_target_start,
             task_state: self.measure(element, &placement),
         };
         self.episode = Some(Episode {
             element,
             start,
-            target: map_point(element, *hand_target),
+            target: map_point(element, scene.hand_target_start),
             controller: controller.clone(),
             decisions: 0,
             finger: 0.0,

@@ -247,32 +247,32 @@ impl PolicyTester<'_> {
         source: EvidenceSource,
         test: &EvidenceSourceTestResult,
     ) -> bool {
-        let rise = self.do_returns_rise(result);
-        let least_ratio = |usual: f64| if rise { LEAST_RISING_RATIO } else { usual };
+        let is_large = |least| test.distance_ratio() >= self.least_training_ratio(result, least);
         match source {
             EvidenceSource::Image | EvidenceSource::Vector => {
                 test.distance_ratio() >= self.least_ratio(result)
             }
             EvidenceSource::Motion => {
                 let has_turned = result.motion_change >= self.0.min_motion;
-                has_turned && test.distance_ratio() >= least_ratio(LEAST_MOTION_RATIO)
+                has_turned && is_large(LEAST_MOTION_RATIO)
             }
             // a policy with a proven gain is judged by its returns instead
             EvidenceSource::RewardGradient => {
                 let has_turned = result.gradient_change >= self.0.min_motion;
-                let is_large = test.distance_ratio() >= least_ratio(LEAST_GRADIENT_RATIO);
-                result.gain < PROVEN_GAIN && has_turned && is_large
+                result.gain < PROVEN_GAIN && has_turned && is_large(LEAST_GRADIENT_RATIO)
             }
             EvidenceSource::Return => result.return_loss >= self.0.min_loss,
         }
     }
 
-    /// Returns `true` if the returns of the tested episodes are higher than the remembered ones at
-    /// the significance level of screening: the policy learns, which changes how it acts.
-    fn do_returns_rise(self, result: &PolicyTestResult) -> bool {
+    /// Returns the least distance ratio at which motion or reward gradient counts: `usual`, or more
+    /// if the returns of the tested episodes are higher than the remembered ones at the significance
+    /// level of screening. The policy learns then, which changes how it acts.
+    fn least_training_ratio(self, result: &PolicyTestResult, usual: f64) -> f64 {
         let mut returns = result.source_tests().filter(|(s, _)| *s == EvidenceSource::Return);
         // the test is one-sided: lower returns have small p-values, higher ones large p-values
-        returns.any(|(_, test)| test.tail_p_value >= 1.0 - self.0.doubt)
+        let rose = returns.any(|(_, test)| test.tail_p_value >= 1.0 - self.0.doubt);
+        if rose { LEAST_RISING_RATIO } else { usual }
     }
 
     /// Returns `true` if a test is significant enough to reject a policy after one rollout.

@@ -580,6 +580,8 @@ fn namespaces_and_attributes_are_few() {
     assert!(refusal(&urdf(1000, 10_000)).contains("32 namespaces"));
     let attributes: String = (0..1001).map(|i| format!(" a{i}='{i}'")).collect();
     assert!(refusal(&format!("<robot{attributes}/>")).contains("1000 attributes"));
+    let elements = refusal(&format!("<robot>{}</robot>", "<a/>".repeat(1 << 18)));
+    assert!(elements.contains("more than 262144 elements, texts"), "{elements}");
 }
 
 #[test]

@@ -109,6 +109,9 @@ pub(super) fn parse<T>(text: &str, name: &str, read: impl FnOnce(Node) -> T) -> 
             (Error::UnknownToken(_) | Error::NoRootNode, _) => {
                 return Err(format!("line {line}: {alone}"));
             }
+            (Error::NodesLimitReached, _) => {
+                return Err(format!("more than {MAX_NODES} elements, texts and comments"));
+            }
             (error, _) => {
                 let is_merged = text.contains("\n<<<<<<< ");
                 let advice = if is_merged {
