@@ -105,9 +105,9 @@ pub struct JointMotionSpec {
     /// Lowest and highest position; `None` for a joint without limits. A file may state them the
     /// wrong way round; control, inverse kinematics and MJCF refuse such a joint.
     pub range: Option<[f64; 2]>,
-    /// Maximum speed (m/s, rad/s); `None` if the file states none that is positive and below 1e6.
+    /// Maximum speed (m/s, rad/s); `None` if the file states none from 1e-6 to 1e6.
     pub max_speed: Option<f64>,
-    /// Maximum force or torque; `None` if the file states none that is positive and below 1e6.
+    /// Maximum force or torque; `None` if the file states none from 1e-6 to 1e6.
     pub max_effort: Option<f64>,
     /// Viscous damping: force per speed.
     pub damping: f64,

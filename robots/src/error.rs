@@ -229,7 +229,7 @@ pub enum DescriptionError {
     },
     /// Joints without maximum force or torque, which servos need.
     #[error(
-        "servos need the efforts of the joints {}: state a positive `effort` below 1e6 in their \
+        "servos need the efforts of the joints {}: state an `effort` from 1e-6 to 1e6 in their \
          `<limit>`, or set `default_effort` in the settings (`UrdfSettings`, or a JSON file)",
         .joints.join(", ")
     )]
@@ -283,7 +283,7 @@ pub enum ControlError {
     },
     /// Joints without maximum speed.
     #[error(
-        "control needs the speeds of the joints {}: state a positive `velocity` below 1e6 in their \
+        "control needs the speeds of the joints {}: state a `velocity` from 1e-6 to 1e6 in their \
          `<limit>`, or set `default_speed` in the settings (`UrdfSettings`, or a JSON file)",
         .joints.join(", ")
     )]

@@ -37,10 +37,10 @@ pub struct UrdfSettings {
     /// `true` if meshes are left out: links then collide only as their other shapes.
     pub ignore_meshes: bool,
     /// Maximum speed (rad/s, m/s) of joints for which the file states none, which control needs;
-    /// positive and below 1e6.
+    /// 1e-6 or more and below 1e6.
     pub default_speed: Option<f64>,
     /// Maximum torque or force (newton metres, newtons) of joints for which the file states none,
-    /// which servos need; positive and below 1e6.
+    /// which servos need; 1e-6 or more and below 1e6.
     pub default_effort: Option<f64>,
     /// `true` if values that cannot be simulated are replaced, with a note: moving links without
     /// mass get that of capsules of water around their shapes, or one gram, impossible inertias
@@ -57,8 +57,8 @@ impl UrdfSettings {
         ];
         defaults.into_iter().try_for_each(|(name, value)| {
             let is_limit = value.is_none_or(joints::is_limit);
-            let place = || "the settings".to_owned();
-            require(is_limit, place, name, value.unwrap_or_default(), "a positive number below 1e6")
+            let (place, expected) = (|| "the settings".to_owned(), "at least 1e-6 and below 1e6");
+            require(is_limit, place, name, value.unwrap_or_default(), expected)
         })
     }
 }

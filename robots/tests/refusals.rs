@@ -173,14 +173,32 @@ fn limits_are_needed_where_they_are_used() {
 
 #[test]
 fn default_limits_must_be_limits() {
-    for value in [0.0, -1.0, 1e6, f64::NAN, f64::INFINITY] {
+    for value in [0.0, -1.0, 1e-308, 9.9e-7, 1e6, f64::NAN, f64::INFINITY] {
         for (default_speed, default_effort) in [(Some(value), None), (None, Some(value))] {
             let settings =
                 UrdfSettings { default_speed, default_effort, ..UrdfSettings::default() };
             let error = Folder::new("defaults").read_with(SIX_JOINT, &settings).unwrap_err();
-            assert!(error.to_string().contains("expected a positive number below 1e6"), "{error}");
+            assert!(error.to_string().contains("expected at least 1e-6 and below 1e6"), "{error}");
         }
     }
+}
+
+/// MuJoCo refuses the force range of such a servo.
+#[test]
+fn an_effort_that_rounds_to_zero_is_none() {
+    let tiny = changed("effort=\"80\"", "effort=\"1e-308\"");
+    let settings =
+        MjcfSettings { servo: Some(JointServoSettings::default()), ..MjcfSettings::default() };
+    let error = read(&tiny).to_mjcf(&settings).unwrap_err();
+    assert!(error.to_string().contains("servos need the efforts of the joints pan"), "{error}");
+}
+
+/// MuJoCo refuses the range of such a joint.
+#[test]
+fn ends_that_round_to_one_number_fix_a_joint() {
+    let arm = read(&changed(r#"lower="-1.5" upper="2""#, r#"lower="0" upper="1e-308""#));
+    assert_eq!(arm.num_dofs(), 5);
+    assert!(arm.import_notes().iter().any(|note| note.contains("fixed at 0")));
 }
 
 /// A misspelt name would leave a default value in its place.

@@ -104,6 +104,9 @@ fn leader(
     Err("in the end it follows itself")
 }
 
+/// Smallest speed (rad/s, m/s) or effort (newton metres, newtons) that limits a joint.
+const MIN_LIMIT: f64 = 1e-6;
+
 /// Converts the motion of a joint, for the present as if it followed no other, with default limits
 /// of free joints. `None` for a fixed joint.
 fn motion(
@@ -122,7 +125,9 @@ fn motion(
     let limit = &joint.limit;
     // limits of 1e6 and more stand for none
     let endless = limit.lower <= -MAX_NUMBER && limit.upper >= MAX_NUMBER;
-    let range = [limit.lower, limit.upper].map(|end| end.clamp(-MAX_NUMBER, MAX_NUMBER));
+    // subnormal numbers are written as zero, and ends may become equal by that
+    let end = |end: f64| if end.is_subnormal() { 0.0 } else { end.clamp(-MAX_NUMBER, MAX_NUMBER) };
+    let range = [limit.lower, limit.upper].map(end);
     let mut maximum = |name: &str, stated: f64, default: Option<f64>| {
         let stated = Some(stated).filter(|&stated| is_limit(stated));
         let default = default.filter(|_| stated.is_none() && joint.mimic.is_none());
@@ -145,7 +150,8 @@ fn motion(
     })
 }
 
-/// Returns `true` if a speed or effort limits a joint: many files write zero or 1e6 for unknown.
+/// Returns `true` if a speed or effort limits a joint: many files write zero or 1e6 for unknown, and
+/// MuJoCo refuses a servo whose greatest force rounds to zero.
 pub(super) fn is_limit(value: f64) -> bool {
-    value > 0.0 && value < MAX_NUMBER
+    (MIN_LIMIT..MAX_NUMBER).contains(&value)
 }
