@@ -3,7 +3,7 @@
 use experiments::colours::{LineStyle, curve_colour, curve_style};
 use experiments::evaluation::mean;
 
-use super::format::bracketed_interval;
+use super::format::{bracketed_interval, score_text};
 use super::method::MethodRuns;
 use super::statistics::{ConfidenceInterval, MethodScores};
 use super::svg::{SvgPlot, TEXT_COLOUR};
@@ -21,7 +21,7 @@ const PROFILE_STEPS: u32 = 50;
 pub struct IntervalEstimate<'a> {
     /// Name of what is estimated, such as a method.
     pub name: &'a str,
-    /// Estimate, in `[0, 1]`.
+    /// Estimate, in `[0, 1]`; NaN for a method that was not evaluated yet.
     pub value: f64,
     /// 95 % interval; `None` for fewer than two seeds, and for estimates without one.
     pub interval: Option<ConfidenceInterval>,
@@ -48,10 +48,13 @@ pub fn interval_svg(
     for (number, IntervalEstimate { name, value, interval }) in estimates.iter().enumerate() {
         let (y, colour) = (last - number as f64, curve_colour(first + number));
         let figure = format!("{value:.3}{}", bracketed_interval(*interval, 2));
+        let figure = score_text(*value, figure);
         if let Some(ConfidenceInterval { low, high }) = interval {
             drawing.add_wide_line(&[(*low, y), (*high, y)], &LineStyle::solid(colour));
         }
-        drawing.add_dot((*value, y), DOT, colour, &format!("{name}: {figure}"));
+        if !value.is_nan() {
+            drawing.add_dot((*value, y), DOT, colour, &format!("{name}: {figure}"));
+        }
         drawing.add_row_label(y, name);
         drawing.add_row_value(y, &figure);
     }

@@ -88,10 +88,6 @@ fn read_run(path: &Path) -> Result<RunData, RunError> {
         let last = run.scores.last().map(|row| row.rollouts);
         run.scores.retain(|row| Some(row.rollouts) != last);
     }
-    if run.scores.is_empty() {
-        let problem = "it was not evaluated yet; `covers watch` shows its rollouts".to_owned();
-        return Err(RunError::UnreportableRun { folder: path.to_owned(), problem });
-    }
     Ok(run)
 }
 

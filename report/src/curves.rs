@@ -5,6 +5,7 @@ use experiments::colours::{LineStyle, curve_style};
 use super::matching::own_policy_of_group;
 use super::method::MethodRuns;
 use super::svg::{DOT_RADIUS, SMALL_DOT_RADIUS, SvgPlot, TEXT_COLOUR};
+use super::visits::groups_of_run;
 use experiments::evaluation::mean;
 use experiments::{RolloutRow, RunData, ScoreRow};
 
@@ -30,7 +31,7 @@ pub fn decisions_axis_label(what: &str, run: &RunData) -> String {
 /// assigned policies, and the distances that the assignment rests on.
 pub fn run_curves_svg(run: &RunData) -> String {
     let mut drawing = SvgPlot::new(end(run), &decisions_axis_label("decisions", run));
-    let groups = run.scored_groups();
+    let groups = groups_of_run(run);
     for (number, group) in groups.iter().enumerate() {
         drawing.add_legend_entry(group, &curve_style(number));
     }
@@ -80,7 +81,7 @@ fn distances(drawing: &mut SvgPlot, run: &RunData) {
 /// Returns the colour of each policy: that of the task group that it belongs to, if there is one.
 fn colours_of_policies(run: &RunData) -> Vec<&'static str> {
     let mut colours = vec![TEXT_COLOUR; run.policy_count()];
-    for group in run.scored_groups() {
+    for group in groups_of_run(run) {
         if let Some(policy) = own_policy_of_group(&run.rollouts, group) {
             colours[policy] = stroke_of(run, group).colour;
         }
@@ -114,7 +115,7 @@ fn of_seed(methods: &[MethodRuns], seed: u64) -> String {
     let axis =
         runs.first().map_or_else(String::new, |(_, run)| decisions_axis_label("decisions", run));
     let mut drawing = SvgPlot::new(longest, &axis);
-    let groups = runs.first().map_or_else(Vec::new, |(_, run)| run.scored_groups());
+    let groups = runs.first().map_or_else(Vec::new, |(_, run)| groups_of_run(run));
     for (number, group) in groups.iter().enumerate() {
         drawing.add_legend_entry(group, &curve_style(number));
     }
@@ -187,7 +188,7 @@ fn rollouts(drawing: &mut SvgPlot, run: &RunData, value: fn(&RolloutRow) -> Opti
 
 fn evaluations(drawing: &mut SvgPlot, run: &RunData, value: fn(&ScoreRow) -> f64) {
     for rollouts in run.rollouts_before_evaluations() {
-        for group in run.scored_groups() {
+        for group in groups_of_run(run) {
             let Some((decisions, y)) = run.mean_group_score_after(rollouts, group, value) else {
                 continue;
             };
@@ -200,6 +201,6 @@ fn evaluations(drawing: &mut SvgPlot, run: &RunData, value: fn(&ScoreRow) -> f64
 
 /// Returns the line style of a task group, which is equal in all drawings of a run.
 fn stroke_of(run: &RunData, group: &str) -> LineStyle {
-    let number = run.scored_groups().iter().position(|own| *own == group);
+    let number = groups_of_run(run).iter().position(|own| *own == group);
     number.map_or(LineStyle::solid(TEXT_COLOUR), curve_style)
 }

@@ -102,7 +102,8 @@ pub fn sample_efficiency_table(methods: &[MethodRuns], groups: &[String]) -> Opt
         for (number, method) in methods.iter().enumerate() {
             let [area, decisions, lasting] = scores(method, group);
             if area.min_seed_count() > 0 {
-                let compared = (number > 0).then(|| MethodComparison::new(&area, &first[0]));
+                let is_comparable = number > 0 && first[0].min_seed_count() > 0;
+                let compared = is_comparable.then(|| MethodComparison::new(&area, &first[0]));
                 let mut row = vec![group.clone(), method_cell(&mut table, method)];
                 row.extend(area_cells(&area, compared, &first[0]));
                 row.extend(reached(&decisions));

@@ -1,7 +1,7 @@
 //! Text of table cells.
 
 use super::method::MethodRuns;
-use super::metrics::UndefinedReason;
+use super::metrics::{NOT_EVALUATED, UndefinedReason};
 use super::statistics::ConfidenceInterval;
 use super::table::ReportTable;
 use experiments::RunData;
@@ -37,13 +37,21 @@ pub(super) fn with_footnotes(
 pub(super) fn unfinished_remark(run: &RunData) -> Option<String> {
     let decisions = run.rollouts.last().map_or(0, |row| row.decisions);
     let all = run.experiment.schedule.total_decisions();
+    let scores = if run.scores.is_empty() {
+        "was not evaluated yet"
+    } else {
+        "its scores are those of its last evaluation"
+    };
     (!run.is_finished).then(|| {
-        format!(
-            "{} is not finished: it took {decisions} of {all} decisions, and its scores are those \
-             of its last evaluation",
-            run.name
-        )
+        let name = &run.name;
+        format!("{name} is not finished: it took {decisions} of {all} decisions, and {scores}")
     })
+}
+
+/// Returns the text of a mean score; if there is no score, so that the mean is NaN, says that there
+/// was no evaluation.
+pub(super) fn score_text(mean: f64, text: String) -> String {
+    if mean.is_nan() { NOT_EVALUATED.to_owned() } else { text }
 }
 
 /// Returns a table cell with the mean over the seeds that have a metric; a dash and a footnote with

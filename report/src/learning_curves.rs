@@ -19,6 +19,9 @@ const SIDES: [f64; 2] = [64.0, 160.0];
 /// with [`DOT_RADIUS`], show around them.
 const FIRST_DOT: f64 = 2.2;
 
+/// Largest number of points of a curve of success in training.
+const MAX_TRAINING_POINTS: usize = 50;
+
 /// Point of a learning curve: success over the seeds of one method after a number of decisions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct CurvePoint {
@@ -46,6 +49,23 @@ pub fn group_learning_curves_svg(methods: &[MethodRuns], group: &str) -> Option<
 /// over all groups; `None` if no method was scored twice.
 pub fn stream_learning_curves_svg(methods: &[MethodRuns]) -> Option<String> {
     curves_svg(methods, "all groups", "decisions", stream_success_curve)
+}
+
+/// Draws curves of success in training as SVG, for methods that were not scored twice: each
+/// method's success while it explores, averaged over stretches of rollouts; `None` if there are
+/// fewer than two.
+pub fn training_curves_svg(methods: &[MethodRuns]) -> Option<String> {
+    curves_svg(methods, "training", "decisions", training_success_curve)
+}
+
+/// Returns a point (training decisions at the end, mean success) for each stretch of a run's
+/// rollouts, of which there are at most [`MAX_TRAINING_POINTS`]; all but the last are equally long.
+fn training_success_curve(run: &RunData) -> Vec<(f64, f64)> {
+    let rows = run.rollouts.iter().filter_map(|row| Some((row.decisions as f64, row.success?)));
+    let (decisions, successes): (Vec<f64>, Vec<f64>) = rows.unzip();
+    let length = decisions.len().div_ceil(MAX_TRAINING_POINTS).max(1);
+    let ends = decisions.chunks(length).filter_map(|stretch| stretch.last().copied());
+    ends.zip(successes.chunks(length).map(mean)).collect()
 }
 
 /// Draws one curve for each method: `curve` of its runs, averaged.
@@ -196,6 +216,18 @@ mod tests {
         of_class
             .map(|(tag, _)| (attribute(tag, "stroke"), attribute(tag, "stroke-dasharray")))
             .collect()
+    }
+
+    #[test]
+    fn long_training_is_averaged_over_stretches_of_rollouts() {
+        let mut long = run(Method::Covers, &[("goal-reach", 0); 101]);
+        for (number, row) in long.rollouts.iter_mut().enumerate() {
+            row.success = Some((number % 3) as f64 / 2.0);
+        }
+        let curve = training_success_curve(&long);
+        assert_eq!(curve[..2], [(300.0, 0.5), (600.0, 0.5)]);
+        // two rollouts are left
+        assert_eq!((curve.len(), curve[33]), (34, (10_100.0, 0.25)));
     }
 
     #[test]

@@ -5,6 +5,7 @@ use super::matching::{own_policy_of_group, policy_after_merges};
 use super::method::MethodRuns;
 use super::svg::escape_xml;
 use super::table::ReportTable;
+use super::visits::groups_of_run;
 use experiments::RunData;
 
 /// Number of episodes shown in the recognition answers that [`confusion_table`] counts.
@@ -52,7 +53,7 @@ impl PolicyConfusionMatrix {
 
     fn new(run: &RunData, caption: &str) -> Self {
         let policies = 0..run.policy_count();
-        let rows = run.scored_groups().into_iter();
+        let rows = groups_of_run(run).into_iter();
         Self {
             caption: caption.to_owned(),
             rows: rows.map(|group| (group.to_owned(), vec![0; policies.len()])).collect(),

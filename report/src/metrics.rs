@@ -8,6 +8,8 @@ use super::visits;
 /// Reason why a metric is not defined for a run, as a footnote of a table.
 pub type UndefinedReason = &'static str;
 
+/// Reason of every metric that needs evaluations, for a run without one.
+pub const NOT_EVALUATED: UndefinedReason = "not evaluated yet";
 // After the last visit of the stream nothing follows that could make a learner forget.
 const ENDS: UndefinedReason = "the stream ends with the group";
 const NOT_MET: UndefinedReason = "the group did not run";
@@ -123,7 +125,8 @@ impl RunMetrics {
         let known: Vec<f64> = metrics.iter().filter_map(|one| one.ok()).collect();
         match (known.len(), metrics.first()) {
             (0, Some(&Err(reason))) => Err(reason),
-            (0, _) => Err(NOT_MET),
+            // groups are those of evaluations
+            (0, _) => Err(NOT_EVALUATED),
             _ => Ok(mean(&known)),
         }
     }

@@ -32,6 +32,10 @@ for (const event of ["pointerover", "pointermove"]) {
   });
 }
 
+addEventListener("keydown", ({ key }) => {
+  if (key === "Escape") show("", 0, 0);
+});
+
 for (const chart of document.querySelectorAll(".chart")) {
   const points = [...chart.querySelectorAll("circle")];
   let at = -1;

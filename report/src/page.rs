@@ -11,7 +11,7 @@ use time::OffsetDateTime;
 use super::charts::{
     IntervalEstimate, interval_svg, performance_profile_svg, statistic_by_method_svg, success_svg,
 };
-use super::format::{bracketed_interval, smoke_test_notice, unfinished_remark};
+use super::format::{bracketed_interval, score_text, smoke_test_notice, unfinished_remark};
 use super::matrix::PolicyConfusionMatrix;
 use super::method::MethodRuns;
 use super::metrics::{RunMetrics, UndefinedReason};
@@ -69,7 +69,21 @@ pub fn report_html(
     )
 }
 
+/// Largest number of task groups that the title names.
+const MAX_TITLE_GROUPS: usize = 4;
+
+/// Returns the page's title: a single method in words, or as its folder is named, with the task
+/// groups of its stream; or the names of several methods.
 fn title(methods: &[MethodRuns]) -> String {
+    if let [method] = methods {
+        let run = || format!("Run {}", method.name);
+        let words = method.preset_match.method_in_words().unwrap_or_else(run);
+        let groups = &method.runs[0].experiment.schedule.groups;
+        if groups.len() > MAX_TITLE_GROUPS {
+            return format!("{words}: {}", with_plural(groups.len(), "task group"));
+        }
+        return format!("{words}: {}", groups.iter().map(|visit| &visit.group).join(", "));
+    }
     let names: Vec<&str> = methods.iter().map(|method| method.name.as_str()).collect();
     match names[..] {
         [first, _, _, _, ..] => format!("Report on {first} and {} other methods", names.len() - 1),
@@ -95,15 +109,17 @@ fn overview(methods: &[MethodRuns], groups: &[String]) -> String {
         (!known.is_empty()).then(|| (format!("{:.3}", mean(&known)), meaning.to_owned()))
     };
     let interval = bracketed_interval(success.bootstrap_interval(mean), 2);
+    let mean_success = success.pooled_statistic(mean);
+    let scope =
+        format!("{interval}, {}, {}", with_plural(count, "group"), with_plural(seeds, "seed"));
+    let scope = if groups.is_empty() { String::new() } else { scope };
     let figures = [
         Some((
-            format!("{:.3}", success.pooled_statistic(mean)),
-            format!(
-                "success after the stream{interval}, {}, {}",
-                with_plural(count, "group"),
-                with_plural(seeds, "seed")
-            ),
+            score_text(mean_success, format!("{mean_success:.3}")),
+            format!("success after the stream{scope}"),
         )),
+        known(|run| run.training_success, "success in training, while exploring")
+            .filter(|_| mean_success.is_nan()),
         known(|run| run.assignment_accuracy, "of the rollouts went to the policy of their group"),
         known(
             |run| run.mean_over_groups(|group| group.forgetting),
@@ -115,18 +131,42 @@ fn overview(methods: &[MethodRuns], groups: &[String]) -> String {
         .flatten()
         .map(|(figure, meaning)| format!("<div><dt>{meaning}</dt><dd>{figure}</dd></div>\n"))
         .collect();
-    let curves = learning_curves::stream_learning_curves_svg(methods)
-        .map_or_else(String::new, |svg| chart_html(&svg));
     let film = methods.iter().flat_map(|method| &method.runs).find_map(|run| run.films.first());
     let notice = smoke_test_notice(methods);
     let notice = notice.map(|notice| format!("<p class=\"warning\">{notice}</p>\n"));
     format!(
-        "{}<dl class=\"figures\">\n{}</dl>\n<div class=\"grid\">\n{}{curves}{}\
+        "{}<dl class=\"figures\">\n{}</dl>\n<div class=\"grid\">\n{}{}{}\
          </div>\n",
         notice.unwrap_or_default(),
         figures.concat(),
-        chart_html(&success_svg(methods, groups)),
+        success_chart(methods, groups),
+        stream_curves(methods),
         film.map_or_else(String::new, film_html)
+    )
+}
+
+/// Returns the chart of success; says why intervals are missing, if any are.
+fn success_chart(methods: &[MethodRuns], groups: &[String]) -> String {
+    let lacks_interval = |method: &MethodRuns| method.success(groups).min_seed_count() < 2;
+    let note = if methods.iter().any(lacks_interval) {
+        "An interval needs two or more evaluated seeds of a method."
+    } else {
+        ""
+    };
+    captioned_chart_html(&success_svg(methods, groups), note)
+}
+
+/// Returns learning curves over the stream, or curves of success in training where evaluations are
+/// too few for these; without either, says why.
+fn stream_curves(methods: &[MethodRuns]) -> String {
+    const TRAINING: &str = "Success of the episodes that methods trained on, while exploring: a \
+        curve of evaluations needs two of them.";
+    if let Some(svg) = learning_curves::stream_learning_curves_svg(methods) {
+        return chart_html(&svg);
+    }
+    learning_curves::training_curves_svg(methods).map_or_else(
+        || "<p>No curve: episodes ended in fewer than two rollouts.</p>\n".to_owned(),
+        |svg| captioned_chart_html(&svg, TRAINING),
     )
 }
 
@@ -163,7 +203,16 @@ fn comparison(methods: &[MethodRuns], groups: &[String]) -> String {
 /// Wraps a drawing, whose points can be read with the arrow keys, in a box that scrolls on narrow
 /// screens.
 fn chart_html(svg: &str) -> String {
-    format!("<figure class=\"scroll chart\" tabindex=\"0\">\n{svg}</figure>\n")
+    captioned_chart_html(svg, "")
+}
+
+/// Wraps a drawing as [`chart_html`] does, with a caption below it unless that is empty.
+fn captioned_chart_html(svg: &str, caption: &str) -> String {
+    let caption = match caption {
+        "" => String::new(),
+        text => format!("<figcaption>{text}</figcaption>\n"),
+    };
+    format!("<figure class=\"scroll chart\" tabindex=\"0\">\n{svg}{caption}</figure>\n")
 }
 
 /// Returns the commands that started the runs, each command once.
@@ -183,9 +232,9 @@ fn learning(methods: &[MethodRuns], groups: &[String], tables: &[(&str, ReportTa
         .filter_map(|group| learning_curves::group_learning_curves_svg(methods, group));
     let drawings: String = drawings.map(|svg| chart_html(&svg)).collect();
     if drawings.is_empty() {
-        return "<p>No learning curves: the runs were evaluated only at the end. \
-            <code>evaluation.visit_rounds</code> and <code>evaluation.every</code> add \
-            evaluations.</p>\n"
+        return "<p>No learning curves of single groups: these need two evaluations between which \
+            the group ran. <code>evaluation.visit_rounds</code> and <code>evaluation.every</code> \
+            add evaluations.</p>\n"
             .to_owned();
     }
     format!(
@@ -361,7 +410,7 @@ mod tests {
         run.timings = vec![TimingRow::default()];
         let methods = MethodRuns::group_by_method(vec![run]).unwrap();
         let page = report_html(&methods, &[], &[]);
-        assert!(page.contains("Report on &lt;b&gt;") && !page.contains("<b>"));
+        assert!(page.contains("&lt;b&gt;") && !page.contains("<b>"));
         for outside in ["src=", "href=\"http", "url(", "@import"] {
             assert!(!page.contains(outside), "{outside}");
         }

@@ -35,6 +35,13 @@ impl PresetMatch {
         };
         Ok(Self { method, warning })
     }
+
+    /// Returns the method in words, such as "COVERS with soft actor-critic": the beginning of its
+    /// help on the command line. `None` if the settings are no preset's.
+    pub(crate) fn method_in_words(&self) -> Option<String> {
+        let help = self.method?.to_possible_value()?.get_help()?.to_string();
+        help.split([':', ';', ',']).next().map(str::to_owned)
+    }
 }
 
 /// Returns the method that a folder's name stands for, alone or followed by a budget.

@@ -124,3 +124,88 @@ fn remove(path: &Path) -> Result<(), RunError> {
         removed => removed.map_err(RunError::write_error_mapper(path)),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fixtures::{run, scored_run};
+    use experiments::presets::Method;
+
+    /// Returns a run that was stopped before its first evaluation, with success in training.
+    fn unevaluated(method: Method) -> RunData {
+        let mut stopped = run(method, &[("a", 0), ("a", 0), ("b", 1)]);
+        stopped.is_finished = false;
+        for (row, success) in stopped.rollouts.iter_mut().zip([0.0, 0.25, 0.5]) {
+            row.success = Some(success);
+            row.permutation_z_scores = vec![Some(1.0)];
+        }
+        stopped
+    }
+
+    /// Returns the tables and the page of a report, which must not show numbers of missing
+    /// evaluations.
+    fn texts(runs: Vec<RunData>) -> [String; 2] {
+        let report = Report::new(runs).unwrap();
+        for (name, table) in &report.tables {
+            assert!(table.rows.iter().all(|row| row.len() == table.header.len()), "{name}");
+        }
+        for (name, svg) in report.drawings() {
+            assert!(!svg.contains("NaN"), "{name}: {svg}");
+        }
+        let page = report.html();
+        let texts = [report.markdown(), page.split("<script>").next().unwrap().to_owned()];
+        for text in &texts {
+            assert!(!text.contains("NaN"), "{text}");
+        }
+        texts
+    }
+
+    #[test]
+    fn a_run_before_its_first_evaluation_is_reported_by_its_training() {
+        let [tables, page] = texts(vec![unevaluated(Method::CoversSac)]);
+        let average =
+            "| covers-sac (1) | not evaluated yet | not evaluated yet | not evaluated yet |";
+        assert!(tables.contains(average), "{tables}");
+        assert!(tables.contains("decisions, and was not evaluated yet"), "{tables}");
+        assert!(page.contains("<dd>not evaluated yet</dd>") && page.contains("<dd>0.250</dd>"));
+        for part in ["Success in training", "distance (sd)", "policy 1", ">b</text>"] {
+            assert!(page.contains(part), "{part}: {page}");
+        }
+    }
+
+    #[test]
+    fn an_unevaluated_run_leaves_the_scores_of_others_alone() {
+        let scored = || scored_run(&["a", "a"], &[(0, 0.0), (1, 0.5), (2, 0.75)]);
+        for runs in [
+            vec![unevaluated(Method::CoversSac), scored()],
+            vec![scored(), unevaluated(Method::CoversSac)],
+        ] {
+            let [tables, _] = texts(runs);
+            assert!(tables.contains("0.750 / "), "{tables}");
+            assert!(tables.contains("| covers-sac-seed0 (1) | not evaluated yet |"), "{tables}");
+        }
+    }
+
+    #[test]
+    fn the_first_screen_of_a_single_run_is_titled_in_words_and_explains_what_is_missing() {
+        let mut single = unevaluated(Method::CoversSac);
+        single.scores = scored_run(&["a"], &[(3, 0.5)]).scores;
+        single.experiment.schedule.groups.truncate(1);
+        let group = &single.experiment.schedule.groups[0].group;
+        let title = format!("<h1>COVERS with soft actor-critic: {group}</h1>");
+        let mut short = single.clone();
+        short.rollouts.iter_mut().for_each(|row| row.success = None);
+        let [_, page] = texts(vec![single]);
+        assert!(page.contains(&title), "{page}");
+        let first_screen = page.split("<nav").next().unwrap();
+        for part in [
+            "<title>Success in training</title>",
+            "needs two of them",
+            "two or more evaluated seeds",
+        ] {
+            assert!(first_screen.contains(part), "{part}: {first_screen}");
+        }
+        let [_, bare] = texts(vec![short]);
+        assert!(bare.contains("<p>No curve: "), "{bare}");
+    }
+}

@@ -131,7 +131,8 @@ impl MethodScores {
     }
 
     /// Returns the performance profile: for each threshold the share of scores above it, with its
-    /// pointwise 95 % interval by the bootstrap; no interval for fewer than two seeds.
+    /// pointwise 95 % interval by the bootstrap; no interval for fewer than two seeds, and no
+    /// profile without scores.
     pub fn performance_profile(
         &self,
         thresholds: &[f64],
@@ -143,6 +144,9 @@ impl MethodScores {
             scores.iter().filter(|score| **score > threshold).count() as f64 / scores.len() as f64
         };
         let own = self.by_group.concat();
+        if own.is_empty() {
+            return Vec::new();
+        }
         let point = |&threshold: &f64| {
             let shares = draws.iter().map(|draw| share(draw, threshold));
             let interval = (!draws.is_empty()).then(|| percentiles(shares.collect()));

@@ -6,11 +6,11 @@ use experiments::evaluation::{DORMANCY_THRESHOLD, mean};
 
 use super::comparison::{EQUIVALENCE_MARGIN, MethodComparison};
 use super::format::{
-    bracketed_interval, empty_cell, mean_cell, method_cell, p_value_cell, unfinished_remark,
-    with_footnotes,
+    bracketed_interval, empty_cell, mean_cell, method_cell, p_value_cell, score_text,
+    unfinished_remark, with_footnotes,
 };
 use super::method::MethodRuns;
-use super::metrics::{GroupMetrics, RunMetrics, UndefinedReason};
+use super::metrics::{GroupMetrics, NOT_EVALUATED, RunMetrics, UndefinedReason};
 use super::statistics::interquartile_mean;
 use super::table::ReportTable;
 use super::{efficiency, matrix, paper, per_visit, recognition};
@@ -20,8 +20,8 @@ const NOT_ONE_TO_ONE: &str = "the paper's scenes, rewards and camera are Meta-Wo
     built for exact symmetry, so success rates do not compare one to one";
 
 /// Names of the tables that not every report has.
-pub const OPTIONAL_REPORT_TABLES: [&str; 5] =
-    ["comparisons", "visits", "efficiency", "recognition", "confusion"];
+pub const OPTIONAL_REPORT_TABLES: [&str; 6] =
+    ["comparisons", "visits", "efficiency", "variants", "recognition", "confusion"];
 
 /// Returns all tables of a report on these methods, each with a name, for the groups that every run
 /// was scored on. The first method is compared with the others.
@@ -38,7 +38,9 @@ pub fn report_tables(methods: &[MethodRuns]) -> Vec<(&'static str, ReportTable)>
     if let Some(table) = efficiency::sample_efficiency_table(methods, &groups) {
         tables.push(("efficiency", table));
     }
-    tables.push(("variants", variants(methods, &groups)));
+    if !groups.is_empty() {
+        tables.push(("variants", variants(methods, &groups)));
+    }
     if let Some(table) = recognition::recognition_table(methods, &groups) {
         tables.push(("recognition", table));
     }
@@ -49,9 +51,11 @@ pub fn report_tables(methods: &[MethodRuns]) -> Vec<(&'static str, ReportTable)>
     tables
 }
 
-/// Returns the groups that all runs were scored on, in the order of the first run.
+/// Returns the groups that all runs with an evaluation were scored on, in the order of the first
+/// such run.
 pub fn common_groups(methods: &[MethodRuns]) -> Vec<String> {
-    let mut runs = methods.iter().flat_map(|method| &method.metrics);
+    let runs = methods.iter().flat_map(|method| &method.metrics);
+    let mut runs = runs.filter(|run| !run.groups.is_empty());
     let Some(first) = runs.next() else {
         return Vec::new();
     };
@@ -80,7 +84,8 @@ fn results(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
             let success = method.success(chosen);
             let reward = method.scores(chosen, |group| group.reward).pooled_statistic(mean);
             let interval = bracketed_interval(success.bootstrap_interval(mean), 2);
-            format!("{:.3}{interval} / {reward:.0}", success.pooled_statistic(mean))
+            let mean_success = success.pooled_statistic(mean);
+            score_text(mean_success, format!("{mean_success:.3}{interval} / {reward:.0}"))
         };
         let mut row = vec![method_cell(&mut table, method)];
         row.extend(groups.chunks(1).map(of));
@@ -117,7 +122,8 @@ fn own_policies(table: &mut ReportTable, method: &MethodRuns, groups: &[String])
         .collect::<Result<Vec<(f64, f64)>, UndefinedReason>>();
     let score = scores.map(|scores| {
         let (success, reward) = scores.into_iter().unzip::<_, _, Vec<f64>, Vec<f64>>();
-        format!("{:.3} / {:.0}", mean(&success), mean(&reward))
+        let mean_success = mean(&success);
+        score_text(mean_success, format!("{mean_success:.3} / {:.0}", mean(&reward)))
     });
     let counts = of_groups
         .iter()
@@ -126,7 +132,7 @@ fn own_policies(table: &mut ReportTable, method: &MethodRuns, groups: &[String])
     let count = counts.map(|counts| {
         let [others, all] =
             counts.into_iter().fold([0, 0], |sum, group| [sum[0] + group[0], sum[1] + group[1]]);
-        format!("{others} of {all}")
+        if all == 0 { NOT_EVALUATED.to_owned() } else { format!("{others} of {all}") }
     });
     let mut cell = |text: Result<String, UndefinedReason>| {
         text.unwrap_or_else(|reason| format!("- {}", table.add_footnote(reason)))
@@ -174,10 +180,11 @@ fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
 fn over_seeds_row(table: &mut ReportTable, method: &MethodRuns, groups: &[String]) -> Vec<String> {
     let title = method_cell(table, method);
     let success = method.success(groups);
-    let at_end = method.scores(groups, |group| group.success_at_end);
+    let at_end = method.scores(groups, |group| group.success_at_end).pooled_statistic(mean);
     let with_interval = |statistic: fn(&[f64]) -> f64| {
         let interval = bracketed_interval(success.bootstrap_interval(statistic), 3);
-        format!("{:.3}{interval}", success.pooled_statistic(statistic))
+        let score = success.pooled_statistic(statistic);
+        score_text(score, format!("{score:.3}{interval}"))
     };
     let metrics = || method.metrics.iter();
     let mut mean_of = |metric: fn(&RunMetrics) -> Result<f64, UndefinedReason>| {
@@ -190,7 +197,7 @@ fn over_seeds_row(table: &mut ReportTable, method: &MethodRuns, groups: &[String
         range(metrics().map(|run| run.decisions)),
         with_interval(mean),
         with_interval(interquartile_mean),
-        format!("{:.3}", at_end.pooled_statistic(mean)),
+        score_text(at_end, format!("{at_end:.3}")),
         mean_of(|run| run.training_success),
         mean_of(|run| run.mean_over_groups(|group| group.loss_from_best)),
         mean_of(|run| run.mean_over_groups(|group| group.forgetting)),
@@ -234,17 +241,19 @@ fn comparisons(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     for other in &methods[1..] {
         let (ours, theirs) = (first.success(groups), other.success(groups));
         let comparison = MethodComparison::new(&ours, &theirs);
+        let difference = comparison.mean_difference;
+        let improvement = ours.probability_of_improvement(&theirs);
         let welch = bracketed_interval(comparison.welch.map(|test| test.interval), 3);
         let bootstrap = bracketed_interval(ours.mean_difference_interval(&theirs), 3);
         let paper = printed(first).zip(printed(other));
         let against = method_cell(&mut table, other);
         table.rows.push(vec![
             against,
-            format!("{:+.3}{welch}", comparison.mean_difference),
+            score_text(difference, format!("{difference:+.3}{welch}")),
             p_value_cell(comparison.welch.map(|test| test.p_value)),
             p_value_cell(comparison.permutation_p_value),
             if bootstrap.is_empty() { empty_cell() } else { bootstrap.trim_start().to_owned() },
-            format!("{:.2}", ours.probability_of_improvement(&theirs)),
+            score_text(improvement, format!("{improvement:.2}")),
             comparison.outcome().label().to_owned(),
             paper.map_or_else(empty_cell, |(one, two)| format!("{:+.2}", one - two)),
         ]);
@@ -281,6 +290,7 @@ fn variant(runs: &[RunData], group: &str, element: &str) -> String {
     let scores: Vec<(f64, bool)> = runs.iter().filter_map(of).collect();
     let successes: Vec<f64> = scores.iter().map(|score| score.0).collect();
     match scores.first() {
+        None if runs.iter().all(|run| run.scores.is_empty()) => NOT_EVALUATED.to_owned(),
         None => empty_cell(),
         Some((_, true)) => format!("{:.3}", mean(&successes)),
         Some((_, false)) => format!("({:.3})", mean(&successes)),
@@ -297,19 +307,19 @@ fn runs(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     let mut table = ReportTable::new(caption, &header);
     for method in methods {
         for (run, metrics) in method.runs.iter().zip(&method.metrics) {
-            let own = groups
-                .iter()
-                .filter_map(|name| metrics.groups.iter().find(|group| group.group == *name));
-            let own: Vec<&GroupMetrics> = own.collect();
-            let success: Vec<f64> = own.iter().map(|group| group.success).collect();
-            let reward: Vec<f64> = own.iter().map(|group| group.reward).collect();
+            let of_groups = |metric: fn(&GroupMetrics) -> f64| -> Vec<f64> {
+                let find = |name: &String| metrics.groups.iter().find(|group| group.group == *name);
+                groups.iter().map(|name| find(name).map_or(f64::NAN, metric)).collect()
+            };
+            let success = of_groups(|group| group.success);
+            let reward = mean(&of_groups(|group| group.reward));
             let remarks = method.preset_match.warning.clone().into_iter();
             let remarks = remarks.chain(unfinished_remark(run));
             let mut row = vec![with_footnotes(&mut table, &run.name, remarks)];
-            row.extend(success.iter().map(|success| format!("{success:.3}")));
+            let scores = success.iter().copied().chain([mean(&success)]);
+            row.extend(scores.map(|score| score_text(score, format!("{score:.3}"))));
             row.extend([
-                format!("{:.3}", mean(&success)),
-                format!("{:.1}", mean(&reward)),
+                score_text(reward, format!("{reward:.1}")),
                 metrics.policy_count.to_string(),
                 metrics.decisions.to_string(),
                 whole(run.training_seconds()),

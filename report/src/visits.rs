@@ -1,8 +1,19 @@
-//! Ends of the visits to a group.
+//! Task groups of a run, and ends of the visits to a group.
 
 use std::iter::repeat_n;
 
-use experiments::RolloutRow;
+use experiments::{RolloutRow, RunData};
+use itertools::Itertools;
+
+/// Returns the names of a run's task groups: those of its last evaluation, or those of its rollouts
+/// if it was not evaluated yet.
+pub fn groups_of_run(run: &RunData) -> Vec<&str> {
+    let scored = run.scored_groups();
+    if !scored.is_empty() {
+        return scored;
+    }
+    run.rollouts.iter().map(|row| row.group.as_str()).unique().collect()
+}
 
 /// Returns, for each visit to a task group, the number of rollouts of the run when it was over. The
 /// rows hold the first and the last group of a rollout alone, so a visit within one rollout that

@@ -11,12 +11,11 @@ const SPEEDS = [6, 12, 25, 60, Infinity];
 // iterations that may wait to be shown
 const AHEAD = 2;
 const INSERTED_ROUNDS = 6;
-// distance that fills its bar; two groups of a drawn world are rarely farther apart
-const FAR = 0.2;
 
 const element = (id) => document.getElementById(id);
 const letter = (group) => String.fromCharCode(65 + group);
 const percent = (share) => `${Math.round(100 * share)} %`;
+const smallPercent = (share) => `${share < 1e-6 ? "under 0.0001" : Number((100 * share).toPrecision(2))}\u00a0%`;
 const isStill = matchMedia("(prefers-reduced-motion: reduce)");
 
 const worker = new Worker("worker.js", { type: "module" });
@@ -147,8 +146,20 @@ function take(record) {
   element("hidden-task").textContent = `Hidden from the learner: this is group ${letter(record.group)}.`;
 }
 
+/** Returns the evidence against a policy: a bar with the limit in its middle, and the numbers. */
+function evidence({ distance, chance, verdict }, limit) {
+  const bar = document.createElement("div");
+  bar.className = "bar";
+  bar.setAttribute("aria-hidden", "true");
+  const fill = document.createElement("span");
+  fill.style.width = `${Math.min((50 * Math.log(chance)) / Math.log(limit), 100)}%`;
+  bar.append(fill);
+  const numbers = document.createElement("small");
+  numbers.textContent = `${verdict}: chance ${smallPercent(chance)}, limit ${smallPercent(limit)}; distance ${distance.toFixed(3)}`;
+  return [bar, numbers];
+}
+
 function drawPolicies(record) {
-  const farthest = Math.max(...(record?.distances ?? []), FAR);
   const items = state.policies.map((policy, index) => {
     const item = document.createElement("li");
     const isActive = record?.policy === index;
@@ -161,17 +172,8 @@ function drawPolicies(record) {
     const success = document.createElement("span");
     success.textContent = percent(policy.success);
     item.append(badge(index + 1, group), text, success);
-    const distance = record?.distances[index];
-    if (typeof distance === "number") {
-      const bar = document.createElement("div");
-      bar.className = "bar";
-      bar.setAttribute("role", "img");
-      bar.setAttribute("aria-label", `distance ${distance.toFixed(3)}`);
-      const fill = document.createElement("span");
-      fill.style.width = `${(100 * distance) / farthest}%`;
-      bar.append(fill);
-      item.append(bar);
-    }
+    const compared = record?.comparisons[index];
+    if (typeof compared?.chance === "number") item.append(...evidence(compared, record.rejection_limit));
     return item;
   });
   element("policies").replaceChildren(...items);

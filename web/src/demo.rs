@@ -1,6 +1,7 @@
 //! Stream of drawn tasks, the learner that watches it, and records of what happens.
 
-use learner::{CoversLearner, CoversSettings, Learner, LearnerError};
+use cluster::{PolicyEvidence, PolicyVerdict};
+use learner::{CoversLearner, CoversSettings, GroupingSettings, Learner, LearnerError};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -63,6 +64,7 @@ impl VectorEnv for FilmedStream {
 pub struct WorldsDemo {
     env: FilmedStream,
     learner: CoversLearner,
+    rejection_limit: f64,
     iterations: usize,
 }
 
@@ -79,11 +81,38 @@ pub struct IterationRecord {
     pub is_new: bool,
     /// Share of successful episodes, in [0, 1].
     pub success: f64,
-    /// 1-Wasserstein distance between image features of the rollout and those that each policy
-    /// remembers; empty where nothing was compared.
-    pub distances: Vec<f64>,
+    /// Comparison of the rollout with each policy; empty where nothing was compared.
+    pub comparisons: Vec<PolicyComparison>,
+    /// Chance below which a policy is rejected ([`PolicyComparison::chance`]), in (0, 1).
+    pub rejection_limit: f64,
     /// Policy that each policy was merged into, if any.
     pub merged_into: Vec<Option<usize>>,
+}
+
+/// Comparison of a rollout with the episodes that a policy remembers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PolicyComparison {
+    /// 1-Wasserstein distance between image features of the rollout and of the remembered episodes.
+    pub distance: f64,
+    /// Probability that episodes of one group differ as much as the rollout and the remembered
+    /// ones, in [0, 1]; missing where the policy was not tested.
+    pub chance: Option<f64>,
+    /// Verdict on the policy: "fits", "in doubt" or "rejected".
+    pub verdict: &'static str,
+}
+
+impl From<&PolicyEvidence> for PolicyComparison {
+    fn from(evidence: &PolicyEvidence) -> Self {
+        Self {
+            distance: evidence.distance,
+            chance: evidence.test.map(|test| test.tail_p_value),
+            verdict: match evidence.verdict {
+                PolicyVerdict::Accepted => "fits",
+                PolicyVerdict::Doubted => "in doubt",
+                PolicyVerdict::Rejected => "rejected",
+            },
+        }
+    }
 }
 
 impl WorldsDemo {
@@ -97,8 +126,15 @@ impl WorldsDemo {
         let visits = draw_visits(seed, world.groups.len());
         let stream =
             TaskStream::new(world, visits, NUM_ENVS).map_err(refused)?.with_horizon(HORIZON);
-        let learner = CoversLearner::new(settings(seed), stream.spec())?;
-        Ok(Self { env: FilmedStream { stream, film: Vec::new() }, learner, iterations: 0 })
+        let settings = settings(seed);
+        let rejection_limit = match settings.grouping {
+            GroupingSettings::Evidence(recogniser) => recogniser.level,
+            // other groupings test nothing
+            _ => 0.0,
+        };
+        let learner = CoversLearner::new(settings, stream.spec())?;
+        let env = FilmedStream { stream, film: Vec::new() };
+        Ok(Self { env, learner, rejection_limit, iterations: 0 })
     }
 
     /// Runs one iteration of learning.
@@ -114,7 +150,8 @@ impl WorldsDemo {
             policy: report.policy,
             is_new: report.policy_created,
             success: report.rollout_stats.success_rate().unwrap_or(0.0),
-            distances: report.evidence.iter().map(|evidence| evidence.distance).collect(),
+            comparisons: report.evidence.iter().map(PolicyComparison::from).collect(),
+            rejection_limit: self.rejection_limit,
             merged_into: report.merged_into,
         };
         self.iterations += 1;

@@ -4,7 +4,7 @@
 
 mod demo;
 
-pub use demo::{IterationRecord, NUM_FILMED_ENVS, WorldsDemo};
+pub use demo::{IterationRecord, NUM_FILMED_ENVS, PolicyComparison, WorldsDemo};
 
 use symmetry::D2;
 use wasm_bindgen::JsError;

@@ -5,6 +5,7 @@ import { createServer } from "node:http";
 import { readFile, readdir, stat } from "node:fs/promises";
 import { createRequire } from "node:module";
 import { extname, join, normalize } from "node:path";
+import { fileURLToPath } from "node:url";
 import { gzipSync } from "node:zlib";
 
 import { chromium } from "playwright-core";
@@ -88,7 +89,11 @@ await weight();
   const session = new DemoSession(1, 3);
   const choices = ({ group, policy, is_new }) => [group, policy, is_new];
   for (const record of native) assert.deepEqual(choices(JSON.parse(session.learn())), choices(record));
-  assert.ok(native.some((record) => record.is_new), "no policy was opened");
+  assert.deepEqual(native[0].comparisons, []);
+  const opening = native.find((record) => record.is_new);
+  assert.ok(opening, "no policy was opened");
+  const isRejected = ({ chance, verdict }) => verdict === "rejected" && chance <= opening.rejection_limit;
+  assert.ok(opening.comparisons.length && opening.comparisons.every(isRejected), JSON.stringify(opening));
   assert.throws(() => session.insertVisit(3, 1, undefined), /group 3/);
   assert.throws(() => session.insertVisit(0, 0, undefined), /rounds of a visit is 0/);
   assert.throws(() => session.insertVisit(0, 1, 4), /variant is 4, expected 0 to 3/);
@@ -111,6 +116,7 @@ await weight();
   await page.keyboard.press("Space");
   await page.getByText(`You inserted group ${"AB"[other]}.`).waitFor();
   await page.getByText("Policy 2 is opened").waitFor({ timeout: 120_000 });
+  await page.locator(".policies li", { hasText: /chance (under )?[\d.]+\s%, limit 0\.01\s%; distance 0\.\d{3}/ }).first().waitFor();
   await page.locator("#play").focus();
   await page.keyboard.press("Enter");
   assert.equal(await page.locator("#play").textContent(), "Go on");
@@ -171,6 +177,26 @@ for (const [name, options] of [
   await audit(page);
   assert.deepEqual(errors, []);
   await close();
+}
+
+// the report's script: arrow keys show what stands behind a point, and Escape hides it
+{
+  const page = await browser.newPage();
+  await page.setContent('<figure class="chart" tabindex="0"><svg><circle r="9"><title>seed 0: 0.50</title></circle></svg></figure>');
+  await page.addScriptTag({ path: fileURLToPath(new URL("../../report/src/page.js", import.meta.url)) });
+  const tip = page.locator("#tip");
+  await page.locator(".chart").focus();
+  await page.keyboard.press("ArrowRight");
+  assert.equal(await tip.textContent(), "seed 0: 0.50");
+  assert.ok(await tip.isVisible());
+  await page.keyboard.press("Escape");
+  assert.ok(await tip.isHidden(), "Escape leaves the tip");
+  await page.mouse.move(200, 200);
+  await page.locator("circle").hover();
+  await tip.waitFor();
+  await page.keyboard.press("Escape");
+  assert.ok(await tip.isHidden(), "Escape leaves the tip of the pointer");
+  await page.close();
 }
 
 await browser.close();
