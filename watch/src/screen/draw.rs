@@ -29,7 +29,7 @@ const DISTANCES: u16 = 24;
 /// Explanation of the screen.
 const HELP: [&str; 7] = [
     "lines: rollouts of training, dots: evaluations",
-    "group: first letter of the group that ran",
+    "group: letter of the group that ran",
     "policy: number of the policy that the rollout went to",
     "two colours in a column: the policy of another group",
     "scored: success in the latest evaluation",

@@ -6,7 +6,7 @@ use ratatui::buffer::Buffer;
 use ratatui::layout::{Constraint, Rect};
 use ratatui::style::{Color, Style};
 use ratatui::symbols::Marker;
-use ratatui::text::Span;
+use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Borders, Cell, Chart, Dataset, GraphType, Row, Table};
 
 use experiments::RunData;
@@ -95,7 +95,9 @@ fn group_row<'a>(run: &RunData, group: &'a str) -> Row<'a> {
     let scores = run.last_scores().filter(|row| row.group == group);
     let scores: Vec<f64> = scores.map(|row| row.success).collect();
     let evaluated = (!scores.is_empty()).then(|| evaluation::mean(&scores));
-    let name = Span::styled(format!("■ {group}"), group_colour(run, group));
+    let colour = group_colour(run, group);
+    let letter = Span::styled(group_letter(run, group).to_string(), text_on(colour));
+    let name = Line::from(vec![letter, Span::styled(format!(" {group}"), colour)]);
     Row::new([
         Cell::new(name),
         Cell::new(own().count().to_string()),
@@ -106,8 +108,23 @@ fn group_row<'a>(run: &RunData, group: &'a str) -> Row<'a> {
     ])
 }
 
-/// Draws two strips of all rollouts, one below the other: the group's first letter on its colour,
-/// and the policy's number on the colour of the group for which it was created. A rollout with two
+/// Returns the letter of a group in the strips: the first of its name that no earlier group of the
+/// schedule has.
+fn group_letter(run: &RunData, group: &str) -> char {
+    let mut taken = Vec::new();
+    for plan in &run.experiment.schedule.groups {
+        let mut letters = plan.group.chars().filter(char::is_ascii_alphabetic);
+        let letter = letters.find(|letter| !taken.contains(letter)).unwrap_or('?');
+        if plan.group == group {
+            return letter;
+        }
+        taken.push(letter);
+    }
+    '?'
+}
+
+/// Draws two strips of all rollouts, one below the other: the group's letter on its colour, and the
+/// policy's number on the colour of the group for which it was created. A rollout with two
 /// colours was assigned to another group's policy. Where there are more rollouts than columns, a
 /// column shows the first one of several.
 pub fn draw_assignment_strips(run: &RunData, area: Rect, buffer: &mut Buffer) {
@@ -116,10 +133,8 @@ pub fn draw_assignment_strips(run: &RunData, area: Rect, buffer: &mut Buffer) {
     let shown: Vec<_> =
         (0..all.min(room)).map(|column| &run.rollouts[column * all / all.min(room)]).collect();
     let mut lines = area.rows();
-    let groups = shown.iter().map(|row| {
-        let initial = row.group.chars().next().unwrap_or('?');
-        (initial, group_colour(run, &row.group))
-    });
+    let groups =
+        shown.iter().map(|row| (group_letter(run, &row.group), group_colour(run, &row.group)));
     draw_strip("group", groups, lines.next(), buffer);
     let policies = shown.iter().map(|row| {
         // a cell has room for one character: digits, then letters

@@ -1,5 +1,6 @@
 //! Contents of screens of several sizes.
 
+use std::collections::HashSet;
 use std::time::Duration;
 
 use ratatui::Terminal;
@@ -101,6 +102,11 @@ fn words_behind<'a>(name: &str, text: &'a str) -> Vec<&'a str> {
     behind.split_whitespace().collect()
 }
 
+/// Returns a group as its table shows it, behind its first letter.
+fn lettered(group: &str) -> String {
+    format!("{} {group}", &group[..1])
+}
+
 #[test]
 fn a_wide_screen_shows_everything() {
     let run = run();
@@ -117,8 +123,8 @@ fn a_wide_screen_shows_everything() {
         "W1 / threshold",
         "how it begins",
         "q quits  ? explains  newest row 1 min old",
-        &format!("■ {}", plans[0].group),
-        &format!("■ {}", plans[1].group),
+        &lettered(&plans[0].group),
+        &lettered(&plans[1].group),
     ] {
         assert!(text.contains(expected), "{expected}: {text}");
     }
@@ -126,9 +132,9 @@ fn a_wide_screen_shows_everything() {
         let row = text.lines().find(|line| line.contains(name)).unwrap();
         row.split_whitespace().map(str::to_owned).collect::<Vec<_>>()
     };
-    assert_eq!(row(&format!("■ {}", plans[0].group))[2..7], ["3", "0", "220.0", "0.40", "0.25"]);
+    assert_eq!(row(&lettered(&plans[0].group))[2..7], ["3", "0", "220.0", "0.40", "0.25"]);
     // a group that has not come
-    assert_eq!(row(&format!("■ {}", plans[2].group))[2..7], ["0", "-", "-", "-", "-"]);
+    assert_eq!(row(&lettered(&plans[2].group))[2..7], ["0", "-", "-", "-", "-"]);
     // the distance, its threshold, and a bar where there is a ratio
     assert_eq!(words_behind("│policy 0  ", &text)[..2], ["1.50", "1.00"]);
     assert_eq!(words_behind("│policy 1  ", &text)[..3], ["-", "1.00", "-"]);
@@ -144,7 +150,7 @@ fn no_label_is_cut_on_small_terminals() {
             "W1    limit",
             "│policy 1  ",
             "group that ran and policy that was assigned, whole stream",
-            "■ button-press ",
+            "b button-press ",
             "reward of 500",
         ] {
             assert!(text.contains(label), "{label}: {text}");
@@ -202,10 +208,12 @@ fn of_many_groups_those_that_ran_last_are_shown() {
         let buffer = drawn(&run, size);
         let text = lines(&buffer).join("\n");
         assert!(text.contains("of 14 groups") && text.contains("policy 0"), "{text}");
-        assert!(text.contains(&format!("■ {}", groups[13])), "{text}");
+        assert!(text.contains(&groups[13]), "{text}");
         let (left, y) = strip(&buffer, "policy");
         let digits: String = (0..14).map(|x| buffer[(left + x, y)].symbol()).collect();
         assert_eq!(digits, "0123456789abcd");
+        let letters: HashSet<&str> = (0..14).map(|x| buffer[(left + x, y - 1)].symbol()).collect();
+        assert_eq!(letters.len(), 14, "{letters:?}");
     }
 }
 
