@@ -77,9 +77,51 @@ pub fn settings_schema() -> Value {
                 continue;
             }
         };
+        if ["integer", "number"].contains(&kind) {
+            add_bounds(place, setting.meaning);
+        }
         place["type"] = if is_optional { json!([type_name, "null"]) } else { json!(type_name) };
     }
+    close_objects(&mut schema);
     schema
+}
+
+/// Returns the number that a text begins with.
+fn leading_number(text: &str) -> Option<f64> {
+    let end = text.find(|c: char| !c.is_ascii_digit() && !"-.".contains(c)).unwrap_or(text.len());
+    text[..end].trim_end_matches('.').parse().ok()
+}
+
+/// Adds the bounds of a number that its meaning states: `at least 1`, `above 0`, `in [0, 1)`.
+fn add_bounds(place: &mut Value, meaning: &str) {
+    let words = [("at least ", "minimum"), ("above ", "exclusiveMinimum"), ("at most ", "maximum")];
+    for (word, keyword) in words {
+        let number = meaning.split(word).skip(1).find_map(leading_number);
+        if let Some(number) = number {
+            place[keyword] = json!(number);
+        }
+    }
+    let ends = [("in [", "minimum"), ("in (", "exclusiveMinimum")];
+    for (start, low_keyword) in ends {
+        let interval = meaning.split_once(start).and_then(|(_, rest)| rest.split_once(", "));
+        if let Some((low, rest)) = interval
+            && let (Some(low), Some(high)) = (leading_number(low), leading_number(rest))
+        {
+            let is_closed =
+                rest.split([']', ')']).next().is_some_and(|of| rest[of.len()..].starts_with(']'));
+            place[low_keyword] = json!(low);
+            place[if is_closed { "maximum" } else { "exclusiveMaximum" }] = json!(high);
+        }
+    }
+}
+
+/// Allows no other properties in objects than those that the schema knows.
+fn close_objects(schema: &mut Value) {
+    if schema["properties"].is_object() {
+        schema["additionalProperties"] = json!(false);
+    }
+    let inside = schema.as_object_mut().into_iter().flat_map(|of| of.values_mut());
+    inside.filter(|value| value.is_object()).for_each(close_objects);
 }
 
 /// Parser of the option `--set`, which lists the paths of all settings for shell completion.
@@ -138,7 +180,21 @@ mod tests {
         {
             found.push(format!("{path}: {value} is none of {choices:?}"));
         }
+        let bound = |keyword: &str| schema[keyword].as_f64().filter(|_| value.is_number());
+        let number = value.as_f64().unwrap_or(0.0);
+        if bound("minimum").is_some_and(|end| number < end)
+            || bound("exclusiveMinimum").is_some_and(|end| number <= end)
+            || bound("maximum").is_some_and(|end| number > end)
+            || bound("exclusiveMaximum").is_some_and(|end| number >= end)
+        {
+            found.push(format!("{path}: {value} is out of range"));
+        }
         for (name, inner) in value.as_object().into_iter().flatten() {
+            if schema["additionalProperties"] == json!(false)
+                && schema["properties"][name].is_null()
+            {
+                found.push(format!("{path}.{name} is unknown"));
+            }
             found.extend(problems(&schema["properties"][name], inner, &format!("{path}.{name}")));
         }
         for inner in value.as_array().into_iter().flatten() {
@@ -156,7 +212,10 @@ mod tests {
         let mut wrong = tree(Method::Covers);
         wrong["learner"]["covers"]["rollout_steps"] = json!("many");
         wrong["learner"]["covers"]["network"]["group"] = json!("D9");
-        assert_eq!(problems(&schema, &wrong, "").len(), 2);
+        wrong["learner"]["covers"]["noise_correlation"] = json!(1);
+        wrong["learner"]["covers"]["ppo"]["epochs"] = json!(0);
+        wrong["learner"]["covers"]["ppo"]["epoch"] = json!(4);
+        assert_eq!(problems(&schema, &wrong, "").len(), 5, "{:?}", problems(&schema, &wrong, ""));
     }
 
     #[test]

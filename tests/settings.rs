@@ -63,13 +63,20 @@ struct Type {
 /// Types by name. The fields of a variant are a type, called `Enum::Variant`.
 struct Types(HashMap<String, Type>);
 
-/// Returns the first sentence, without links, which lead to code.
+/// Returns the first sentence, without links, which lead to code, and with members of other types
+/// as files name them.
 fn sentence(doc: &str) -> String {
     let (sentence, _) = doc.split_once(". ").unwrap_or((doc, ""));
     let mut parts = sentence.trim().trim_end_matches('.').split("](");
     let first = parts.next().unwrap().to_owned();
     let text = parts.fold(first, |text, part| text + part.split_once(')').unwrap().1);
-    text.replace("[`", "`").replace("`]", "`").replace("`None`", "`null`").replace('|', "\\|") + "."
+    let text = text.replace("[`", "`").replace("`]", "`").replace("`None`", "`null`");
+    let escaped = text.replace('|', "\\|");
+    let name = |(index, part): (usize, &str)| match part.rsplit_once("::") {
+        Some((_, name)) if index % 2 == 1 => in_files(name, "snake_case"),
+        _ => part.to_owned(),
+    };
+    escaped.split('`').enumerate().map(name).collect::<Vec<_>>().join("`") + "."
 }
 
 fn in_files(variant: &str, rule: &str) -> String {

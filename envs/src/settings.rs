@@ -20,7 +20,7 @@ pub struct VecEnvSettings {
     pub num_envs: usize,
     /// Number of worker threads, 1 to 1024; results do not depend on this.
     pub threads: usize,
-    /// Layout of the scenes; [`Layout::MetaWorld`] goes with [`ControlSettings::meta_world`].
+    /// Layout of the scenes. [`Layout::MetaWorld`] goes with [`ControlSettings::meta_world`].
     pub layout: Layout,
     /// Embodiment that acts in the environments, an arm or a hand alone.
     pub embodiment: Embodiment,

@@ -40,8 +40,8 @@ pub struct CoversSettings {
     /// Number of decisions of one rollout, all environments together: the paper's `N_s`, and its
     /// `N_u`, since both count steps.
     pub rollout_steps: usize,
-    /// Correlation of the noise of consecutive actions, in [0, 1)
-    /// ([`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation)).
+    /// Correlation of the noise of consecutive actions, in [0, 1). See
+    /// [`RolloutBuffer::with_noise_correlation`](rl::RolloutBuffer::with_noise_correlation).
     pub noise_correlation: f32,
     /// Number of episodes whose first frames are kept for each policy, a uniform sample; `None`
     /// keeps all of them. The paper's `B` keeps all, but then memory and transport problems grow

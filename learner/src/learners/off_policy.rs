@@ -47,7 +47,7 @@ pub struct OffPolicySettings {
     /// Number of decisions with uniformly random actions, until a policy's replay buffer holds as
     /// many.
     pub warm_up: u64,
-    /// Correlation of the noise of consecutive actions, in [0, 1) ([`rl::ActionNoise`]).
+    /// Correlation of the noise of consecutive actions, in [0, 1). See [`rl::ActionNoise`].
     pub noise_correlation: f32,
     /// Number of last channels of a picture that do not change during an episode. The replay stores
     /// them once for each episode.

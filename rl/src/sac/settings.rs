@@ -60,11 +60,10 @@ pub struct SacSettings {
     pub average_rate: Option<f32>,
     /// Temperature alpha, the weight of the entropy in the actor's objective: fixed or learned.
     pub temperature: EntropyTemperatureSettings,
-    /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the steps since
-    /// the last
-    /// [`ReplayBuffer::mark_newest_from_now`](crate::ReplayBuffer::mark_newest_from_now); the
-    /// others are drawn from all. Rounded to whole windows: for 512 steps in windows of four, to a
-    /// multiple of 1 / 128.
+    /// Share of a minibatch's windows, in [0, 1], whose first step is drawn from the newest steps;
+    /// the others are drawn from all. Rounded to whole windows: for 512 steps in windows of four,
+    /// to a multiple of 1 / 128. See
+    /// [`ReplayBuffer::mark_newest_from_now`](crate::ReplayBuffer::mark_newest_from_now).
     pub newest_share: f32,
     /// Symmetry group for data augmentation: a random element transforms images, vectors and
     /// actions of each window. C1 for none.

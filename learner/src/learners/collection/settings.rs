@@ -196,9 +196,9 @@ pub enum ReassignedRolloutHandling {
     /// the first frames are kept, in its buffer. The decisions of both rollouts count.
     #[default]
     CollectAgain,
-    /// Same rollout: the assigned policy learns from it with its own log-probabilities and values
-    /// ([`RolloutBuffer::reevaluate`](rl::RolloutBuffer::reevaluate)), unless it shows two task
-    /// groups.
+    /// Same rollout: the assigned policy learns from it with its own log-probabilities and values,
+    /// unless it shows two task groups. See
+    /// [`RolloutBuffer::reevaluate`](rl::RolloutBuffer::reevaluate).
     Reuse,
 }
 
