@@ -1,7 +1,7 @@
 //! `covers check`: checks that variants are solvable, are mirror images and behave like
 //! Meta-World's tasks, and that a robot's mask hides its arm.
 //!
-//! Each check prints rows of measurements and compares them with bounds.
+//! Each check prints a table of measurements and compares them with bounds.
 
 mod npz;
 mod parity;
@@ -12,13 +12,17 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::Subcommand;
-use envs::conformance::{ExpertResult, SymmetryDeviation, measure_expert, measure_symmetry};
+use envs::conformance::{
+    ExpertResult, SymmetryDeviation, VariantName, measure_expert, measure_symmetry,
+};
 use envs::{Camera, Embodiment, EnvError, Layout, Scene, TaskGroup, TaskRegistry};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
+use report::ReportTable;
 use serde::Serialize;
 use symmetry::D2;
 
 use crate::CoversError;
+use crate::robot::reject_unusable_arm;
 use deploy::CheckMaskOptions;
 use experiments::RunError;
 use experiments::cli::progress_bar;
@@ -86,16 +90,16 @@ impl CheckCommand {
             Self::Mask(ref options) => Ok(options.run(out)?),
             Self::Parity { ref folder, json } => {
                 let rows = compare_meta_world_recordings(folder)?;
-                Ok(print(&rows, json, out, parity_line, MetaWorldComparison::passes)?)
+                Ok(print(&rows, json, out, parity_table, MetaWorldComparison::passes)?)
             }
             Self::Experts { embodiment, ref tasks, seeds, json } => {
                 let embodiments = embodiment.map_or(Embodiment::STANDARD.to_vec(), |one| vec![one]);
                 let rows = measure_experts(&embodiments, &groups(tasks)?, seeds)?;
-                Ok(print(&rows, json, out, expert_line, ExpertResult::passes)?)
+                Ok(print(&rows, json, out, expert_table, ExpertResult::passes)?)
             }
             Self::Symmetry { embodiment, ref tasks, seeds, json } => {
                 let rows = measure_symmetries(embodiment, &groups(tasks)?, seeds)?;
-                Ok(print(&rows, json, out, symmetry_line, SymmetryDeviation::passes)?)
+                Ok(print(&rows, json, out, symmetry_table, SymmetryDeviation::passes)?)
             }
         }
     }
@@ -140,6 +144,7 @@ fn scenes(
     layouts: &[(Layout, Embodiment)],
     groups: &[TaskGroup],
 ) -> Result<Vec<Arc<Scene>>, EnvError> {
+    layouts.iter().try_for_each(|&(_, embodiment)| reject_unusable_arm(embodiment))?;
     let of_layout = |&(layout, embodiment)| groups.iter().map(move |&g| (layout, embodiment, g));
     let all: Vec<_> = layouts.iter().flat_map(of_layout).collect();
     let scenes = all.par_iter().map(|&(layout, embodiment, group)| {
@@ -165,63 +170,70 @@ fn of_variants<R: Send>(
     job.inspect(|_| bar.inc(1)).collect()
 }
 
-fn expert_line(row: &ExpertResult) -> String {
-    let failed = if row.failed_seeds.is_empty() {
-        String::new()
-    } else {
-        format!("  failed with the seeds {:?}", row.failed_seeds)
-    };
-    format!(
-        "{} success {:>4} of {:<4} return {:>6.1}{failed}",
-        row.variant, row.successes, row.episodes, row.mean_return
-    )
+/// Returns the table of experts' successes, with the seeds of episodes that failed.
+fn expert_table(rows: &[ExpertResult]) -> ReportTable {
+    let header =
+        ["layout", "embodiment", "task", "variant", "success", "return", "seeds that failed"];
+    let mut table = ReportTable::new("", &header);
+    for row in rows {
+        let VariantName { layout, embodiment, task, ref element } = row.variant;
+        let seeds: Vec<String> = row.failed_seeds.iter().map(u64::to_string).collect();
+        let success = format!("{} of {}", row.successes, row.episodes);
+        let names = [layout, embodiment, task, element].map(str::to_owned);
+        let figures = [success, format!("{:.1}", row.mean_return), seeds.join(", ")];
+        table.rows.push(names.into_iter().chain(figures).collect());
+    }
+    table
 }
 
-fn symmetry_line(row: &SymmetryDeviation) -> String {
-    format!(
-        "{} free {:>8.1e} m  contact {:>8.1e} m  reward {:>8.1e}  \
-         pictures {:>4} of {:<4} differ, by {:>3} pixels  return {:.4} of the twin's",
-        row.variant,
-        row.free_deviation,
-        row.contact_deviation,
-        row.reward_deviation,
-        row.frames_differing,
-        row.frames,
-        row.pixels_differing,
-        row.return_ratio
-    )
+/// Returns the table of differences between variants and their mirrored twins: largest distances
+/// of positions without and with contact (metres), rewards, pictures, pixels of a picture, returns.
+fn symmetry_table(rows: &[SymmetryDeviation]) -> ReportTable {
+    let header =
+        ["task", "variant", "free m", "contact m", "reward", "pictures", "pixels", "return ratio"];
+    let mut table = ReportTable::new("", &header);
+    table.rows.extend(rows.iter().map(|row| {
+        vec![
+            row.variant.task.to_string(),
+            row.variant.element.to_string(),
+            format!("{:.1e}", row.free_deviation),
+            format!("{:.1e}", row.contact_deviation),
+            format!("{:.1e}", row.reward_deviation),
+            format!("{}/{}", row.frames_differing, row.frames),
+            row.pixels_differing.to_string(),
+            format!("{:.4}", row.return_ratio),
+        ]
+    }));
+    table
 }
 
-fn parity_line(row: &MetaWorldComparison) -> String {
-    format!(
-        "{:<34} rewards {:>8.1e}, {} successes differ ({} steps)  \
-         single steps median {:>8.1e}, p99 {:>8.1e}, max {:>8.1e} ({})  replay {:>8.1e} m ({})",
-        row.file,
-        row.max_reward_deviation,
-        row.success_mismatches,
-        row.reward_steps,
-        row.median_qpos_deviation,
-        row.p99_qpos_deviation,
-        row.max_qpos_deviation,
-        row.physics_steps,
-        row.max_replay_deviation_m,
-        row.replay_steps
-    )
+/// Returns the table of differences from recordings: rewards, number of differing successes,
+/// positions after single steps and along whole replays (metres).
+fn parity_table(rows: &[MetaWorldComparison]) -> ReportTable {
+    let header = ["recording", "reward", "successes", "median step", "largest step", "replay m"];
+    let mut table = ReportTable::new("", &header);
+    table.rows.extend(rows.iter().map(|row| {
+        vec![
+            row.file.trim_end_matches(".npz").to_owned(),
+            format!("{:.1e}", row.max_reward_deviation),
+            row.success_mismatches.to_string(),
+            format!("{:.1e}", row.median_qpos_deviation),
+            format!("{:.1e}", row.max_qpos_deviation),
+            format!("{:.1e}", row.max_replay_deviation_m),
+        ]
+    }));
+    table
 }
 
-/// Prints a line for each row of a check, or one JSON array. Returns `true` if all rows pass.
+/// Prints the rows of a check as a table or as one JSON array. Returns `true` if all rows pass.
 fn print<R: Serialize>(
     rows: &[R],
     json: bool,
     out: &mut impl Write,
-    line: fn(&R) -> String,
+    table: fn(&[R]) -> ReportTable,
     passes: fn(&R) -> bool,
 ) -> Result<bool, RunError> {
-    let text = if json {
-        serde_json::json!(rows).to_string()
-    } else {
-        rows.iter().map(line).collect::<Vec<_>>().join("\n")
-    };
+    let text = if json { serde_json::json!(rows).to_string() } else { table(rows).text() };
     writeln!(out, "{text}").map_err(RunError::write_error_mapper("standard output".as_ref()))?;
     Ok(rows.iter().all(passes))
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use clap::builder::RangedU64ValueParser;
 use clap::{Args, Subcommand};
-use console::{Term, truncate_str};
+use console::{Style, Term, truncate_str};
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 
 use crate::CoversError;
@@ -16,7 +16,7 @@ use crate::cli::{
 };
 use crate::ranks::on_ranks;
 use crate::sweep_command::SweepOptions;
-use experiments::cli::{print_escaped, progress_bar};
+use experiments::cli::{print_escaped, print_styled, progress_bar};
 use experiments::evaluation::{EvaluationResults, Evaluator};
 use experiments::text::{ROLLOUT_LINE_HEADER, format_run_event, run_summary_table, score_table};
 use experiments::{
@@ -178,8 +178,9 @@ fn finish(run: &mut Run, json: bool, out: &mut impl Write) -> Result<CommandOutc
     let stop = StopSignal::from_os_signals()?;
     run.set_stop_signal(stop.clone());
     let folder = run.folder().path().display();
-    say_or_stop(&mut first_out, &format!("{folder}: {}", run.start_message_with_memory()), &stop);
-    say_or_stop(&mut first_out, ROLLOUT_LINE_HEADER, &stop);
+    let start = format!("{folder}: {}", run.start_message_with_memory());
+    say_or_stop(&mut first_out, &start, &Style::new(), &stop);
+    say_or_stop(&mut first_out, ROLLOUT_LINE_HEADER, &Style::new().bold(), &stop);
     let bar = progress_bar(run.experiment().schedule.total_decisions());
     bar.set_position(run.stats().decisions as u64);
     bar.reset_eta();
@@ -207,13 +208,23 @@ fn print_event(event: &RunEvent, is_last: bool, out: &mut impl Write, stop: &Sto
         }
     }
     if !is_last {
-        say_or_stop(out, &line, stop);
+        say_or_stop(out, &line, &event_style(event), stop);
     }
 }
 
-/// Prints a line, and requests a stop if standard output is closed.
-fn say_or_stop(out: &mut impl Write, line: &str, stop: &StopSignal) {
-    if let Err(error) = print_escaped(out, line) {
+/// Returns the style of an event's lines on a terminal: cyan where a policy was created, green
+/// where at least 0.9 of the episodes succeeded.
+fn event_style(event: &RunEvent) -> Style {
+    match event {
+        RunEvent::Rollout(rollout) if rollout.iteration.policy_created => Style::new().cyan(),
+        RunEvent::Rollout(rollout) if rollout.success_rate() >= Some(0.9) => Style::new().green(),
+        _ => Style::new(),
+    }
+}
+
+/// Prints lines in a style, and requests a stop if standard output is closed.
+fn say_or_stop(out: &mut impl Write, line: &str, style: &Style, stop: &StopSignal) {
+    if let Err(error) = print_styled(out, line, |text| style.apply_to(text).to_string()) {
         warn(&format!("{error}: the run stops"));
         stop.request();
     }

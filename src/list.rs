@@ -33,11 +33,11 @@ impl ListRunsOptions {
             return Err(RunError::NoRun { folder: self.folder.clone() });
         }
         let header = ["run", "method", "state", "policies", "success", "MB"];
-        let mut table = ReportTable::new("", &header);
+        let (mut table, mut reasons) = (ReportTable::new("", &header), Vec::new());
         let mut folders = vec![self.folder.clone()];
         while let Some(folder) = folders.pop() {
             if RunFolder::from_path(&folder).holds_run() {
-                table.rows.push(row(&folder));
+                table.rows.push(row(&folder, &mut reasons));
                 continue;
             }
             let entries = fs::read_dir(&folder).map_err(RunError::read_error_mapper(&folder))?;
@@ -47,28 +47,36 @@ impl ListRunsOptions {
             folders.extend(inside.map(|entry| entry.path()));
         }
         table.rows.sort();
-        print_escaped(out, &table.text())
+        reasons.sort();
+        let reasons: String = reasons.iter().map(|reason| format!("\n{reason}")).collect();
+        print_escaped(out, &(table.text() + &reasons))
     }
 }
 
-/// Returns the table cells of a run, for an unfinished one from its files so far.
-fn row(folder: &Path) -> Vec<String> {
+/// Returns the table cells of a run, for an unfinished one from its files so far. Adds the reason
+/// to `reasons` where the files cannot be read.
+fn row(folder: &Path, reasons: &mut Vec<String>) -> Vec<String> {
     let (name, megabytes) = (folder.display().to_string(), bytes(folder) as f64 / 1e6);
-    let Ok(run) = RunData::read_partial(folder) else {
-        let unreadable = ["?", "unreadable", "-", "-"].map(str::to_owned);
-        return [vec![name], unreadable.to_vec(), vec![format!("{megabytes:.1}")]].concat();
+    let run = match RunData::read_partial(folder) {
+        Ok(run) => run,
+        Err(error) => {
+            reasons.push(format!("{name}: {error}"));
+            let unreadable = ["?", "unreadable", "-", "-"].map(str::to_owned);
+            return [vec![name], unreadable.to_vec(), vec![format!("{megabytes:.1}")]].concat();
+        }
     };
     let decisions = run.rollouts.last().map_or(0, |row| row.decisions) as f64;
     let share = 100.0 * decisions / run.experiment.schedule.total_decisions() as f64;
     let successes: Vec<f64> = run.last_scores().map(|row| row.success).collect();
+    let state = match RunFolder::from_path(folder).is_in_use() {
+        _ if run.is_finished => "finished".to_owned(),
+        true => format!("running, {:.0} %", share.min(100.0)),
+        false => format!("stopped at {:.0} %", share.min(100.0)),
+    };
     vec![
         name,
         Method::from_experiment(&run.experiment).map_or("own settings", Method::name).to_owned(),
-        if run.is_finished {
-            "finished".to_owned()
-        } else {
-            format!("at {:.0} %", share.min(100.0))
-        },
+        state,
         run.policy_count().to_string(),
         // the mean of no scores is no number
         format_number(Some(mean(&successes)), 3),

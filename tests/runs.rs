@@ -297,11 +297,11 @@ fn packed_policies_act_and_recognise_like_the_whole_learner() {
     let (few, none) = (scratch.0.join("few"), scratch.0.join("none"));
     command(&["pack", folder, "--out", few.to_str().unwrap(), "--episodes", "4"]);
     let table = command(&["eval", few.to_str().unwrap(), "--episodes", "16"]);
-    assert_eq!(table.lines().count(), 2 + 3, "{table}");
+    assert_eq!(table.lines().count(), 3 + 3, "{table}");
     let message = refusal(&["pack", folder, "--out", none.to_str().unwrap(), "--episodes", "3"]);
     assert!(message.contains("`episodes` is 3"), "{message}");
     let sawyer = command(&["eval", packed, "--embodiment", "sawyer", "--episodes", "16"]);
-    assert_eq!(sawyer.lines().count(), 2 + 3, "{sawyer}");
+    assert_eq!(sawyer.lines().count(), 3 + 3, "{sawyer}");
 }
 
 #[test]

@@ -62,7 +62,7 @@ fn assert_solves(embodiment: Embodiment, group: TaskGroup) {
     let scene = Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap());
     for element in D2::ALL {
         let row = measure_expert(&scene, element, ControlSettings::default(), 1).unwrap();
-        assert_eq!(row.successes, 1, "{} with {embodiment:?}", row.variant);
+        assert_eq!(row.successes, 1, "{:?} with {embodiment:?}", row.variant);
     }
 }
 

@@ -48,7 +48,20 @@ pub fn progress_bar(length: usize) -> ProgressBar {
 /// # Errors
 /// [`RunError::Write`].
 pub fn print_escaped(out: &mut impl Write, line: &str) -> Result<(), RunError> {
-    let line = escape_unprintable_lines(line);
+    print_styled(out, line, |escaped| escaped)
+}
+
+/// Prints a line as [`print_escaped`] does, in the style that `apply_style` adds to the escaped
+/// line.
+///
+/// # Errors
+/// [`RunError::Write`].
+pub fn print_styled(
+    out: &mut impl Write,
+    line: &str,
+    apply_style: impl FnOnce(String) -> String,
+) -> Result<(), RunError> {
+    let line = apply_style(escape_unprintable_lines(line));
     let written = writeln!(out, "{line}").and_then(|()| out.flush());
     written.map_err(RunError::write_error_mapper(Path::new("standard output")))
 }

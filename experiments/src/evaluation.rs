@@ -253,6 +253,29 @@ fn recognition_rng(seed: u64) -> ChaCha8Rng {
     rng
 }
 
+/// Returns the policy of a group: that of `own`, or else the one that the learner chooses from images
+/// of the group, as for a packed folder, which holds no counts of rollouts.
+///
+/// # Errors
+/// A group that the run was not trained on; errors of the environments and the learner.
+pub fn policy_of_group(
+    group: &str,
+    experiment: &Experiment,
+    learner: &mut dyn Learner,
+    own: &OwnPolicyByGroup,
+    labels: TaskLabel,
+) -> Result<RecognisedPolicy, RunError> {
+    let tasks = TaskRegistry::with_all();
+    let variant = experiment.schedule.resolve_group_or_all(Some(group), &tasks)?[0].variants()[0];
+    match own.get(group) {
+        Some(&policy) => Ok(RecognisedPolicy { policy, fits: true }),
+        None => {
+            let mut evaluator = Evaluator::for_experiment(experiment, &tasks, labels)?;
+            evaluator.recognise_policy(learner, variant)
+        }
+    }
+}
+
 /// Returns the mean of the values; NaN for an empty slice.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64

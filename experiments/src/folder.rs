@@ -20,7 +20,7 @@ use learner::disk::{
 use learner::{CheckpointExtent, Learner, LearnerSettings, TaskLabel};
 
 use super::checkpoints;
-use crate::lock::{FolderLock, LOCK};
+use crate::lock::{self, FolderLock, LOCK};
 use crate::note::SavedRun;
 use crate::provenance::Provenance;
 
@@ -168,6 +168,11 @@ impl RunFolder {
         }
         files.sort_unstable();
         Ok(FileStamps(files))
+    }
+
+    /// Returns `true` if a process is writing to the folder.
+    pub fn is_in_use(&self) -> bool {
+        lock::is_locked(&self.path)
     }
 
     /// Removes the lock on the run's folder without asking its holder, which should be a stopped or

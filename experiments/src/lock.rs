@@ -88,6 +88,12 @@ impl Claim {
     }
 }
 
+/// Returns `true` if a process holds the lock of a folder.
+pub(crate) fn is_locked(folder: &Path) -> bool {
+    let lock = File::open(folder.join(LOCK));
+    lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+}
+
 /// Returns the text of the owner file: the name of this process and a random number that tells its
 /// locks apart.
 fn owner() -> String {

@@ -94,32 +94,36 @@ pub fn format_number(value: Option<f64>, digits: usize) -> String {
 /// stand in brackets. Further lines name groups of which the learner played a variant with another
 /// policy than the group's own.
 pub fn score_table(scores: &[VariantScore]) -> String {
-    let mut table = String::from(
-        "group         policy  episodes  success  at end  reward of 500  identity  flip x  flip y  half turn\n\
-         ------------  ------  --------  -------  ------  -------------  --------  ------  ------  ---------",
-    );
     let groups = average_scores_by_group(scores);
+    let names = groups.iter().map(|group| group.group.name().len());
+    let width = names.max().unwrap_or(0).max("group".len());
+    let episodes = groups.first().map_or(0, |group| group.episodes);
+    let mut table = format!(
+        "{episodes} episodes of each group: success at any time, at the end, reward of 500\n\
+         {:<width$} policy success at end reward identity flip x flip y half turn\n\
+         {:-<width$} ------ ------- ------ ------ -------- ------ ------ ---------",
+        "group", "",
+    );
     for group in &groups {
         let policies: Vec<String> = group.policies.iter().map(usize::to_string).collect();
         // writing to a String cannot fail
         let _ = write!(
             table,
-            "\n{:<12}  {:>6}  {:>8}  {:>7.2}  {:>6.2}  {:>13.1}",
+            "\n{:<width$} {:>6} {:>7.2} {:>6.2} {:>6.1}",
             group.group.name(),
             policies.join(","),
-            group.episodes,
             group.success,
             group.success_at_end,
             group.reward
         );
         let variants = scores.iter().filter(|score| score.group == group.group);
-        for (score, width) in variants.zip([8, 6, 6, 9]) {
+        for (score, columns) in variants.zip([8, 6, 6, 9]) {
             let success = if score.seen_in_training {
                 format!("{:.2}", score.success)
             } else {
                 format!("({:.2})", score.success)
             };
-            let _ = write!(table, "  {success:>width$}");
+            let _ = write!(table, " {success:>columns$}");
         }
     }
     for group in groups.iter().filter(|group| group.mismatches > 0) {
@@ -217,9 +221,10 @@ mod tests {
             own_policy_score: None,
         });
         let table = score_table(&scores);
-        let row: Vec<&str> = table.lines().nth(2).unwrap().split_whitespace().collect();
-        let expected = "plate-slide 2 80 0.95 0.50 312.0 0.95 (0.95) (0.95) (0.95)";
+        let row: Vec<&str> = table.lines().nth(3).unwrap().split_whitespace().collect();
+        let expected = "plate-slide 2 0.95 0.50 312.0 0.95 (0.95) (0.95) (0.95)";
         assert_eq!(row.join(" "), expected);
+        assert!(table.lines().all(|line| line.len() <= 80), "{table}");
     }
 
     #[test]
@@ -241,8 +246,8 @@ mod tests {
             score_table(&scores)
         };
         let (right, wrong) = (with(1), with(0));
-        assert_eq!(right.lines().count(), 3, "{right}");
-        assert_eq!(wrong.lines().count(), 4, "{wrong}");
+        assert_eq!(right.lines().count(), 4, "{right}");
+        assert_eq!(wrong.lines().count(), 5, "{wrong}");
         let expected = "plate-slide: 1 of 4 variants were played by another policy than the \
             group's own; policy 1, its own, has success 0.90, at end 0.80, reward 400.0";
         assert_eq!(wrong.lines().last(), Some(expected));

@@ -83,18 +83,19 @@ class RunPolicy:
 
     Args:
         folder: Folder of a run, or a folder that `covers pack` created.
-        policy: Name of the group that the policy was trained on, or the policy's index.
+        policy: Name of the group that the policy serves (for a packed folder the policy that images of the
+            group fit best), or the policy's index.
         env: Environments that were made with `run_settings(folder)`; they may be wrapped.
     """
 
     def __init__(self, folder: Folder, policy: str | int, env: Any) -> None:
         self._policies = _core.Policies(Path(folder))
         require_equal(base_env(env).settings, json.loads(self._policies.settings()), "run_settings")
-        by_group, count = json.loads(self._policies.policy_by_group()), self._policies.count()
-        index = by_group.get(policy) if isinstance(policy, str) else policy
+        index, count = policy, self._policies.count()
+        if isinstance(policy, str):
+            index = self._policies.policy_of_group(policy)
         if type(index) is not int or not 0 <= index < count:
-            groups = f"its groups are {', '.join(by_group)}" if by_group else "it knows no groups, as it is packed"
-            raise ValueError(f"policy {policy!r} is not in {folder}: {groups}; indices are 0 to {count - 1}")
+            raise ValueError(f"policy {policy!r} is not in {folder}: indices are 0 to {count - 1}")
         #: Index of the policy in the run.
         self.index: int = index
 

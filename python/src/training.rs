@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use envs::TaskRegistry;
-use experiments::evaluation::average_scores_by_group;
+use experiments::evaluation::{OwnPolicyByGroup, average_scores_by_group, policy_of_group};
 use experiments::presets::{Budget, Method};
 use experiments::{
     Experiment, Run, RunError, RunEvent, RunFolder, SwitchableVecEnv, memory,
@@ -151,21 +151,16 @@ pub fn run_environment_settings(py: Python<'_>, folder: PathBuf) -> PyResult<Str
 pub struct Policies {
     learner: Mutex<Box<dyn Learner>>,
     spec: EnvSpec,
-    settings: Value,
-    policy_by_group: Value,
+    experiment: Experiment,
+    own: OwnPolicyByGroup,
+    labels: TaskLabel,
 }
 
 #[pymethods]
 impl Policies {
     #[new]
     fn new(py: Python<'_>, folder: PathBuf) -> PyResult<Self> {
-        let (experiment, learner, own) = py.detach(|| read_policies(&folder)).map_err(error)?;
-        Ok(Self {
-            learner: Mutex::new(learner),
-            spec: SwitchableVecEnv::env_spec(&experiment.envs),
-            settings: environment_keywords(&experiment.envs),
-            policy_by_group: own,
-        })
+        py.detach(|| Self::read(&RunFolder::from_path(&folder))).map_err(error)
     }
 
     /// Returns the number of policies.
@@ -175,12 +170,14 @@ impl Policies {
 
     /// Returns the settings of the run's environments, as `Core.settings` does.
     fn settings(&self) -> String {
-        self.settings.to_string()
+        environment_keywords(&self.experiment.envs).to_string()
     }
 
-    /// Returns the policy that was trained on each group, as a JSON object.
-    fn policy_by_group(&self) -> String {
-        self.policy_by_group.to_string()
+    /// Returns the index of a group's policy; see [`policy_of_group`].
+    fn policy_of_group(&self, py: Python<'_>, group: &str) -> PyResult<usize> {
+        let labels = self.labels.clone();
+        let find = || policy_of_group(group, &self.experiment, &mut **self.lock(), &self.own, labels);
+        Ok(py.detach(find).map_err(error)?.policy)
     }
 
     /// Writes a policy's mean actions `[N, 4]` for observations: `images` `[N, size, size, C]` and
@@ -213,6 +210,15 @@ impl Policies {
 }
 
 impl Policies {
+    /// Reads the settings and the learner of a run, and the policies by group.
+    fn read(folder: &RunFolder) -> Result<Self, RunError> {
+        let (experiment, labels) = (folder.read_experiment()?, TaskLabel::default());
+        let spec = SwitchableVecEnv::env_spec(&experiment.envs);
+        let (learner, own) =
+            folder.load_learner_with_own_policies(&experiment.learner, &spec, &labels)?;
+        Ok(Self { learner: Mutex::new(learner), spec, experiment, own, labels })
+    }
+
     fn lock(&self) -> MutexGuard<'_, Box<dyn Learner>> {
         self.learner.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -224,16 +230,6 @@ fn check_shape(what: &str, found: &[usize], expected: &[usize]) -> PyResult<()> 
     }
     let message = format!("{what} have the shape {found:?}, the policy expects {expected:?}");
     Err(value_error(message))
-}
-
-/// Returns the settings and the learner of the run in `folder`, and the policies by group.
-fn read_policies(folder: &Path) -> Result<(Experiment, Box<dyn Learner>, Value), RunError> {
-    let folder = RunFolder::from_path(folder);
-    let experiment = folder.read_experiment()?;
-    let spec = SwitchableVecEnv::env_spec(&experiment.envs);
-    let (learner, own) =
-        folder.load_learner_with_own_policies(&experiment.learner, &spec, &TaskLabel::default())?;
-    Ok((experiment, learner, json!(own)))
 }
 
 /// Returns the method or budget called `name`; the error lists all names.

@@ -112,7 +112,7 @@ def test_a_policy_is_found_by_its_group_and_refuses_other_environments(finished)
     one = {name: array[1] for name, array in observation.items()}
     # batches of other sizes round differently
     assert np.allclose(policy(one), actions[1], rtol=0, atol=1e-5)
-    with pytest.raises(ValueError, match=r"policy 'peg' is not in .*drawer-close.*; indices are 0 to"):
+    with pytest.raises(ValueError, match=r"peg \(the run has .*drawer-close.*\)"):
         covers_envs.RunPolicy(folder, "peg", env)
     for wrong in (99, -1, True, 1.0):
         with pytest.raises(ValueError, match=rf"policy {wrong} is not in"):
@@ -130,7 +130,8 @@ def test_a_policy_is_found_by_its_group_and_refuses_other_environments(finished)
 
 def test_a_shipped_policy_closes_drawers():
     env = covers_envs.make_vec("drawer-close", 32, seed=11, **covers_envs.run_settings(PRETRAINED))
-    policy = covers_envs.RunPolicy(PRETRAINED, 1, env)
+    policy = covers_envs.RunPolicy(PRETRAINED, "drawer-close", env)
+    assert policy.index == 1
     observation, succeeded = env.reset()[0], np.zeros(32, np.bool_)
     for _ in range(env.decisions):
         observation, _, _, _, infos = env.step(policy(observation))

@@ -7,10 +7,10 @@ use std::path::PathBuf;
 use clap::Args;
 use envs::{ACTION_DIM, TaskGroup, TaskRegistry, VecEnvSettings};
 use experiments::cli::print_escaped;
-use experiments::evaluation::{Evaluator, OwnPolicyByGroup};
+use experiments::evaluation::policy_of_group;
 use experiments::{Experiment, RunError, RunFolder, SwitchableVecEnv};
 use learner::disk::{LocalDisk, write_atomically};
-use learner::{Learner, RecognisedPolicy, TaskLabel};
+use learner::{RecognisedPolicy, TaskLabel};
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::D2;
 
@@ -82,26 +82,6 @@ impl ExportOptions {
             print_escaped(out, &format!("{}: {} bytes", path(name).display(), bytes.len()))?;
         }
         Ok(())
-    }
-}
-
-/// Returns the group's own policy. A packed folder does not know it: there the learner chooses one
-/// from images of the group.
-///
-/// # Errors
-/// A group that the run was not trained on; errors of the environments and the learner.
-fn policy_of_group(
-    group: &str,
-    run: &Experiment,
-    learner: &mut dyn Learner,
-    own: &OwnPolicyByGroup,
-    labels: TaskLabel,
-) -> Result<RecognisedPolicy, RunError> {
-    let tasks = TaskRegistry::with_all();
-    let variant = run.schedule.resolve_group_or_all(Some(group), &tasks)?[0].variants()[0];
-    match own.get(group) {
-        Some(&policy) => Ok(RecognisedPolicy { policy, fits: true }),
-        None => Evaluator::for_experiment(run, &tasks, labels)?.recognise_policy(learner, variant),
     }
 }
 

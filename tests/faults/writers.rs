@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use covers::list::ListRunsOptions;
 use covers::presets::Method;
 use covers::{Provenance, Run, RunError};
 
@@ -29,9 +30,28 @@ fn a_second_writer_is_refused_and_told_of_the_first() {
         assert!(matches!(error, RunError::Locked { .. }), "{message}");
         assert!(message.contains(&process) && message.contains(path), "{message}");
     }
+    assert!(listed(folder.path()).contains("running, "));
     drop(run);
+    assert!(listed(folder.path()).contains("stopped at "));
     let mut second = Run::resume(folder.path(), None).unwrap();
     assert!(second.advance().unwrap().is_some(), "the first writer is gone");
+}
+
+/// Returns the list that `covers list` prints.
+fn listed(folder: &Path) -> String {
+    let mut out = Vec::new();
+    ListRunsOptions { folder: folder.to_owned() }.run(&mut out).unwrap();
+    String::from_utf8(out).unwrap()
+}
+
+#[test]
+fn a_run_that_cannot_be_read_is_listed_with_the_reason() {
+    let scratch = Scratch::new("unreadable");
+    let (run, folder) = begun(&scratch);
+    drop(run);
+    fs::write(folder.join("metrics.csv"), "no table\n").unwrap();
+    let text = listed(&folder);
+    assert!(text.contains("unreadable") && text.contains("metrics.csv"), "{text}");
 }
 
 /// A file server that lost a client grants the client's lock to another one. Here the lock file is

@@ -1,6 +1,5 @@
 //! Measurement of the success rate of the scripted experts.
 
-use std::fmt;
 use std::sync::Arc;
 
 use rand::SeedableRng;
@@ -38,13 +37,6 @@ impl VariantName {
             task: scene.group.name(),
             element: element.to_string(),
         }
-    }
-}
-
-impl fmt::Display for VariantName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { layout, embodiment, task, element } = self;
-        write!(f, "{layout:<9} {embodiment:<11} {task:<20} {element:<10}")
     }
 }
 
