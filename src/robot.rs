@@ -2,15 +2,15 @@
 
 use std::fmt::Write as _;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use envs::EnvError;
 use envs::embodiments::Arm;
 use envs::robots::{
-    JointServoSettings, JointSummary, MjcfSettings, OrientationConstraint, RobotCheckReport,
-    RobotFile, TouchingLinkPairs,
+    Chain, JointServoSettings, JointSummary, MjcfSettings, OrientationConstraint, RobotCheckReport,
+    RobotFile, TouchingLinkPairs, TwistControlSettings, TwistController,
 };
+use envs::{Embodiment, EnvError};
 use glam::DVec3;
 
 use experiments::RunError;
@@ -72,12 +72,14 @@ impl RobotCommand {
 impl RobotCheckOptions {
     fn run(&self, out: &mut impl Write) -> Result<bool, RunError> {
         let file = RobotFile::read(&self.robot).map_err(EnvError::from)?;
-        let check = file.check_report().map_err(EnvError::from)?;
-        let table = table_text(&file);
+        let mut check = file.check_report().map_err(EnvError::from)?;
+        let table = table_text(&file, &mut check);
         let printed = if self.json {
             let mut object = serde_json::json!(check);
             object["table"] = table.into();
             object.to_string()
+        } else if check.problems.contains(&table) {
+            check_text(&check)
         } else {
             check_text(&check) + &table
         };
@@ -90,9 +92,7 @@ impl RobotMjcfOptions {
     fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
         let file = RobotFile::read(&self.robot).map_err(EnvError::from)?;
         let robot = file.read_description().map_err(EnvError::from)?;
-        let servo = self.servos.then(JointServoSettings::default);
-        let settings = MjcfSettings { servo, ..MjcfSettings::default() };
-        let mjcf = robot.to_mjcf(&settings).map_err(EnvError::from)?;
+        let mjcf = robot.to_mjcf(&servo_settings(self.servos)).map_err(EnvError::from)?;
         if let Some(path) = &self.out {
             write_atomically(&LocalDisk, path, mjcf.text.as_bytes())?;
             return print_escaped(out, &format!("{}", path.display()));
@@ -125,8 +125,17 @@ fn check_text(check: &RobotCheckReport) -> String {
         let _ = writeln!(text, "reach: the hand is at most {reach:.3} m from the first joint");
     }
     if check.ik_targets > 0 {
-        let RobotCheckReport { ik_found, ik_targets, .. } = check;
-        let _ = writeln!(text, "inverse kinematics finds {ik_found} of {ik_targets} poses");
+        let RobotCheckReport { ik_found, ik_targets, ik_median_and_max_ms, .. } = check;
+        let [median, most] = ik_median_and_max_ms;
+        let _ = writeln!(
+            text,
+            "inverse kinematics finds {ik_found} of {ik_targets} poses, in {median:.2} ms (median), \
+             {most:.2} ms at most"
+        );
+        let left = RobotCheckReport::MAX_IK_TARGETS - ik_targets;
+        if left > 0 {
+            let _ = writeln!(text, "its time of 5 s ran out: {left} more poses were not tried");
+        }
     }
     text += "joint                      lowest    highest      speed     effort\n";
     joints.iter().for_each(|joint| text += &joint_line(joint));
@@ -148,11 +157,24 @@ fn check_text(check: &RobotCheckReport) -> String {
     text
 }
 
-/// Returns where the arm stands to do the tasks, or why it cannot do them.
-fn table_text(file: &RobotFile) -> String {
+/// Returns where the arm stands to do the tasks, or why it cannot do them; adds that to the problems
+/// if the settings place the arm.
+fn table_text(file: &RobotFile, check: &mut RobotCheckReport) -> String {
+    if !check.problems.is_empty() {
+        // the same problems, with the prefixed names of a scene
+        return "the arm cannot do the tasks while it has problems".to_owned();
+    }
     let arm = match Arm::from_file("arm", file) {
         Ok(arm) => arm,
-        Err(error) => return format!("the arm cannot do the tasks: {error}"),
+        Err(error) => {
+            let placed = placement(file);
+            if placed.is_empty() {
+                return format!("the arm cannot do the tasks: {error}");
+            }
+            let problem = format!("the arm cannot do the tasks with {placed}: {error}");
+            check.problems.push(problem.clone());
+            return problem;
+        }
     };
     let DVec3 { x, y, z } = arm.robot_description().base_pose().position;
     let kept = match arm.settings().control.orientation {
@@ -160,6 +182,40 @@ fn table_text(file: &RobotFile) -> String {
         _ => "the hand turns about the vertical",
     };
     format!("at the table of the tasks its base stands at {x}, {y}, {z} m; {kept}")
+}
+
+/// Returns the settings that place the arm at the table, with their values.
+fn placement(file: &RobotFile) -> String {
+    let settings = [
+        file.base_position.map(|position| format!("`base_position` {position:?}")),
+        file.base_yaw_degrees.map(|yaw| format!("`base_yaw_degrees` {yaw}")),
+        file.approach_axis.map(|axis| format!("`approach_axis` {axis:?}")),
+    ];
+    settings.into_iter().flatten().collect::<Vec<_>>().join(", ")
+}
+
+/// Rejects an arm of a file that cannot be controlled or simulated, in the names of that file. In
+/// those of a scene, links and joints have a prefix.
+///
+/// # Errors
+/// [`EnvError::Robot`], [`EnvError::Control`].
+pub(crate) fn reject_unusable_arm(embodiment: Embodiment) -> Result<(), EnvError> {
+    let path = Path::new(embodiment.name());
+    if !RobotFile::has_supported_extension(path) {
+        return Ok(());
+    }
+    let file = RobotFile::read(path)?;
+    let robot = file.read_description()?;
+    file.check_base()?;
+    let chain = Chain::new(&robot, file.hand_link(&robot))?;
+    let middle = chain.quasi_random_configuration(0);
+    TwistController::new(chain, &middle, TwistControlSettings::default())?;
+    robot.to_mjcf(&servo_settings(true))?;
+    Ok(())
+}
+
+fn servo_settings(servos: bool) -> MjcfSettings {
+    MjcfSettings { servo: servos.then(JointServoSettings::default), ..MjcfSettings::default() }
 }
 
 fn joint_line(joint: &JointSummary) -> String {
@@ -191,7 +247,7 @@ mod tests {
         let (code, text) = printed(&["check", gen3]);
         assert_eq!(code, 0, "{text}");
         for expected in
-            ["hand gripper_link", "finger_l_link", "joint_7", "of 100 poses", "base stands"]
+            ["hand gripper_link", "finger_l_link", "joint_7", " ms at most", "base stands"]
         {
             assert!(text.contains(expected), "{expected}: {text}");
         }
@@ -220,6 +276,43 @@ mod tests {
         let json: serde_json::Value = serde_json::from_str(&json).unwrap();
         assert_eq!(json["approach_axis"], serde_json::json!([1.0, 0.0, 0.0]));
         assert_eq!(json["fingers"], settings["fingers"]);
+    }
+
+    /// The hand points up, or the base is out of reach.
+    #[test]
+    fn a_check_fails_where_the_arm_is_placed_so_that_it_cannot_do_the_tasks() {
+        let gen3 = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/urdf/kinova_gen3.urdf");
+        let path = std::env::temp_dir().join(format!("covers-placed-{}.json", std::process::id()));
+        for (setting, value, says) in [
+            ("base_position", serde_json::json!([0, -2, 0]), "2.00 m from the first joint"),
+            ("approach_axis", serde_json::json!([0, 0, -1]), "`approach_axis` [0.0, 0.0, -1.0]"),
+        ] {
+            let settings = serde_json::json!({"urdf": gen3, setting: value});
+            std::fs::write(&path, settings.to_string()).unwrap();
+            let (code, text) = printed(&["check", path.to_str().unwrap()]);
+            let times = text.matches("the arm cannot do the tasks with").count();
+            assert!(code == 1 && times == 1 && text.contains(says), "{text}");
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+
+    /// A scene has links and joints with prefixes, and links of its own.
+    #[test]
+    fn messages_have_the_names_of_the_file() {
+        let gen3 = include_str!("../assets/urdf/kinova_gen3.urdf");
+        let path = std::env::temp_dir().join(format!("covers-names-{}.urdf", std::process::id()));
+        let swapped =
+            gen3.replace("lower=\"-2.24\" upper=\"2.24\"", "lower=\"2.24\" upper=\"-2.24\"");
+        assert_ne!(swapped, gen3);
+        std::fs::write(&path, swapped).unwrap();
+        let (_, checked) = printed(&["check", path.to_str().unwrap()]);
+        let line = ["covers", "check", "experts", "--robot", path.to_str().unwrap()];
+        let played = CoversCli::try_parse_from(line).unwrap().run(&mut Vec::new()).unwrap_err();
+        std::fs::remove_file(path).unwrap();
+        for text in [checked, played.to_string()] {
+            let is_internal = text.contains("robot/") || text.contains("gripper_hand");
+            assert!(text.contains("`joint_2`") && !is_internal, "{text}");
+        }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Check of a robot description: figures, and what looks wrong or is missing.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use serde::Serialize;
@@ -11,16 +11,15 @@ use crate::control::{TwistControlSettings, TwistController};
 use crate::description::{
     Inertia, Joint, JointMotionKind, JointMotionSpec, Link, RobotDescription,
 };
-use crate::error::DescriptionError;
+use crate::error::{ControlError, DescriptionError};
 use crate::ik::IkSettings;
 use crate::mjcf::{JointServoSettings, MjcfSettings, TouchingLinkPairs};
 use crate::pose::Pose;
 use crate::robot_file::RobotFile;
 
-/// Number of targets for inverse kinematics.
-const TARGETS: usize = 100;
-/// Number of joints of a chain above which a tenth of these targets is tried.
-const MANY_JOINTS: usize = 20;
+/// Time after which no further target is tried, nor another search for the last one begun: searches
+/// of arms with hundreds of joints take long.
+const IK_TIME: Duration = Duration::from_secs(5);
 /// Number of the first posture that makes a target. Searches start from postures with lower ones.
 const FIRST_TARGET: usize = 1000;
 /// Masses of all links together (kg) that arms have.
@@ -61,11 +60,13 @@ pub struct RobotCheckReport {
     /// Bound on the distance of the hand from the first joint in any posture (metres); `None`
     /// without chain or limit.
     pub reach_m: Option<f64>,
-    /// Number of targets for inverse kinematics: poses of the hand in postures that are spread over
-    /// the ranges of the joints.
+    /// Number of targets for inverse kinematics that were tried in at most 5 s: poses of the hand in
+    /// postures that are spread over the ranges of the joints.
     pub ik_targets: usize,
     /// Number of these targets that inverse kinematics finds from the middle of the ranges.
     pub ik_found: usize,
+    /// Median and largest time of a target (ms); zero without targets.
+    pub ik_median_and_max_ms: [f64; 2],
     /// Pairs of links that touch at rest or in most postures, and therefore do not collide in the
     /// simulation.
     pub touching: TouchingLinkPairs,
@@ -99,6 +100,9 @@ pub struct JointSummary {
 }
 
 impl RobotCheckReport {
+    /// Number of targets for inverse kinematics where time does not run out.
+    pub const MAX_IK_TARGETS: usize = 100;
+
     /// Returns `true` if the robot can be simulated and controlled, fingers and direction of its
     /// hand are clear, and no unit looks wrong.
     pub fn passes(&self) -> bool {
@@ -138,6 +142,7 @@ impl RobotDescription {
         }
         let axis = file.approach_axis(self);
         problems.extend(axis.as_ref().err().map(ToString::to_string));
+        problems.extend(file.check_base().err().map(|error| error.to_string()));
         let settings =
             MjcfSettings { servo: Some(JointServoSettings::default()), ..MjcfSettings::default() };
         problems.extend(self.to_mjcf(&settings).err().map(|error| error.to_string()));
@@ -148,8 +153,12 @@ impl RobotDescription {
             let posture = chain.quasi_random_configuration(0);
             let control =
                 TwistController::new(chain.clone(), &posture, TwistControlSettings::default());
-            problems.extend(control.err().map(|error| error.to_string()));
+            // the conversion to MJCF names reversed ranges
+            let other =
+                control.err().filter(|error| !matches!(error, ControlError::ReversedRange { .. }));
+            problems.extend(other.map(|error| error.to_string()));
         }
+        let ik = chain.as_ref().map(|of| IkFigures::measure(of, IK_TIME)).unwrap_or_default();
         let reach = chain.as_ref().map(Chain::max_reach).filter(|reach| reach.is_finite());
         Ok(RobotCheckReport {
             name: self.name.clone(),
@@ -162,8 +171,9 @@ impl RobotDescription {
             fingers: fingers.ok().flatten(),
             hand: hand.to_owned(),
             reach_m: reach,
-            ik_targets: chain.as_ref().map_or(0, num_targets),
-            ik_found: chain.as_ref().map_or(0, found_targets),
+            ik_targets: ik.times_ms.len(),
+            ik_found: ik.found,
+            ik_median_and_max_ms: ik.median_and_max_ms(),
             chain: chain.iter().flat_map(|of| of.joints()).map(|of| of.name.clone()).collect(),
             touching: self.touching_pairs(),
             unit_warnings: self.unit_warnings(reach),
@@ -263,22 +273,37 @@ fn extent(link: &Link) -> f64 {
     capsules.map(far).fold(0.0, f64::max)
 }
 
-/// Returns the number of targets for inverse kinematics: fewer for a chain of many joints, whose
-/// searches take long.
-fn num_targets(chain: &Chain) -> usize {
-    if chain.joints().len() > MANY_JOINTS { TARGETS / 10 } else { TARGETS }
+/// Targets that inverse kinematics finds, and its times.
+#[derive(Default)]
+struct IkFigures {
+    found: usize,
+    /// Time of each target (ms), in rising order.
+    times_ms: Vec<f64>,
 }
 
-/// Returns the number of targets that inverse kinematics finds.
-fn found_targets(chain: &Chain) -> usize {
-    let seed = chain.quasi_random_configuration(0);
-    // no limit of time, which would make the count depend on the load of the machine
-    let settings = IkSettings { time_limit: Duration::MAX, ..IkSettings::default() };
-    let found = |number: usize| {
-        let target = chain.tip_pose(&chain.quasi_random_configuration(FIRST_TARGET + number));
-        chain.solve_ik_with_settings(&target, &seed, &settings).is_ok()
-    };
-    (0..num_targets(chain)).filter(|&number| found(number)).count()
+impl IkFigures {
+    fn measure(chain: &Chain, time: Duration) -> Self {
+        let seed = chain.quasi_random_configuration(0);
+        let (mut figures, started) = (Self::default(), Instant::now());
+        for number in FIRST_TARGET..FIRST_TARGET + RobotCheckReport::MAX_IK_TARGETS {
+            let before = started.elapsed();
+            if before >= time {
+                break;
+            }
+            let settings = IkSettings { time_limit: time - before, ..IkSettings::default() };
+            let target = chain.tip_pose(&chain.quasi_random_configuration(number));
+            let solved = chain.solve_ik_with_settings(&target, &seed, &settings);
+            figures.found += usize::from(solved.is_ok());
+            figures.times_ms.push(1e3 * (started.elapsed() - before).as_secs_f64());
+        }
+        figures.times_ms.sort_by(f64::total_cmp);
+        figures
+    }
+
+    fn median_and_max_ms(&self) -> [f64; 2] {
+        let at = |index: usize| self.times_ms.get(index).copied().unwrap_or_default();
+        [at(self.times_ms.len() / 2), self.times_ms.last().copied().unwrap_or_default()]
+    }
 }
 
 impl Chain {
@@ -293,5 +318,32 @@ impl Chain {
     /// joint or, if that turns, the point of its axis nearest to the next joint.
     pub fn reach_centre(&self) -> DVec3 {
         self.reach_bound().0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A chain of 120 joints, whose single targets take seconds.
+    #[test]
+    fn targets_are_tried_as_long_as_there_is_time() {
+        let mut parts = "<link name=\"0\"/>".to_owned();
+        for joint in 0..120 {
+            let next = joint + 1;
+            let axis = ["1 0 0", "0 1 0", "0 0 1"][joint % 3];
+            parts += &format!(
+                "<link name=\"{next}\"/><joint name=\"{next}\" type=\"revolute\">\
+                 <origin xyz=\"0 0 0.1\"/><parent link=\"{joint}\"/><child link=\"{next}\"/>\
+                 <axis xyz=\"{axis}\"/><limit lower=\"-0.01\" upper=\"0.2\"/></joint>"
+            );
+        }
+        let robot = RobotDescription::from_urdf(&format!("<robot>{parts}</robot>")).unwrap();
+        let chain = Chain::new(&robot, "120").unwrap();
+        let figures = IkFigures::measure(&chain, Duration::from_millis(1));
+        assert_eq!(figures.times_ms.len(), 1);
+        let [median, most] = figures.median_and_max_ms();
+        assert!(median >= 1.0 && most >= median, "{median} {most}");
+        assert_eq!(IkFigures::measure(&chain, Duration::ZERO).median_and_max_ms(), [0.0; 2]);
     }
 }

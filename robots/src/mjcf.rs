@@ -411,7 +411,8 @@ impl RobotDescription {
 fn reversed(joint: &Joint) -> Option<DescriptionError> {
     let [low, high] = joint.motion?.range?;
     let place = || format!("the joint `{}`", joint.name);
-    let (what, expected) = ("its lower limit", "a position not above its upper limit");
+    let what = "its lower limit";
+    let expected = "a position not above its upper limit: exchange them in its `<limit>`";
     require(low <= high, place, what, low, expected).err()
 }
 

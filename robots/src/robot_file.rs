@@ -5,10 +5,31 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use serde::Deserialize;
+use serde_json::{Map, Value};
 
 use crate::description::RobotDescription;
-use crate::error::DescriptionError;
+use crate::error::{DescriptionError, require};
 use crate::urdf::UrdfSettings;
+
+/// Names of the settings of a file, with the values that each takes.
+const SETTINGS: [(&str, &str); 12] = [
+    ("urdf", "the path of a URDF"),
+    ("hand", "the name of a link"),
+    ("approach_axis", "three numbers, such as [0, 0, 1]"),
+    ("fingers", "the names of two links"),
+    ("base_position", "three numbers, such as [0, -0.5, 0.1]"),
+    ("base_yaw_degrees", "a number"),
+    ("default_speed", "a number"),
+    ("default_effort", "a number"),
+    ("ignore_meshes", "true or false"),
+    ("repair", "true or false"),
+    ("packages", "folders by name, such as {\"arm\": \"../arm\"}"),
+    ("mesh_root", "the path of a folder"),
+];
+/// Maximum number of characters of a value or line in a message.
+const MAX_QUOTED: usize = 60;
+/// Largest distance (metres) of a base from the centre of the table: beyond the reach of any arm.
+const FARTHEST_BASE: f64 = 5.0;
 
 /// Robot arm as a user describes it: a URDF, and settings where the defaults do not fit.
 ///
@@ -84,7 +105,7 @@ impl RobotFile {
             .map_err(|source| DescriptionError::Read { path: path.to_owned(), source })?;
         let json = without_byte_order_mark(&bytes);
         let file: Self = serde_json::from_slice(json).map_err(|error| {
-            let message = error.to_string();
+            let message = problem(&String::from_utf8_lossy(json), &error);
             DescriptionError::InvalidSettings { path: path.to_owned(), message }
         })?;
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -158,6 +179,72 @@ impl RobotFile {
             expected: "a finite length that is not zero",
         })
     }
+
+    /// Rejects a base that no arm at the table can have.
+    ///
+    /// # Errors
+    /// [`DescriptionError::NumberOutOfRange`].
+    pub fn check_base(&self) -> Result<(), DescriptionError> {
+        let place = || "the base".to_owned();
+        let distance = DVec3::from_array(self.base_position.unwrap_or_default()).length();
+        let what = "the distance of `base_position` from the centre of the table";
+        let expected = "at most 5 metres; correct `base_position` in the settings";
+        // comparisons that are false for NaN, too
+        require(distance <= FARTHEST_BASE, place, what, distance, expected)?;
+        let yaw = self.base_yaw_degrees.unwrap_or_default();
+        let expected_yaw = "degrees from -360 to 360; correct it in the settings";
+        require(yaw.abs() <= 360.0, place, "`base_yaw_degrees`", yaw, expected_yaw)
+    }
+}
+
+/// Describes why `text` holds no settings of a robot, which `error` says in the words of a parser.
+fn problem(text: &str, error: &serde_json::Error) -> String {
+    let line = error.line();
+    let Ok(tree) = serde_json::from_str(text) else {
+        if error.is_eof() {
+            return format!("line {line}: the file ends early; close all quotes and brackets");
+        }
+        // columns count from 1
+        let start = error.column().saturating_sub(MAX_QUOTED / 2);
+        let quoted = text.lines().nth(line - 1).unwrap_or_default().chars().skip(start);
+        let near: String = quoted.take(MAX_QUOTED).collect();
+        return format!(
+            "line {line} is no JSON near `{near}`: look for a missing comma, quote or bracket, and \
+             for a number that is infinite or NaN"
+        );
+    };
+    let Value::Object(settings) = tree else {
+        return "expected an object, such as {\"urdf\": \"arm.urdf\"}".to_owned();
+    };
+    let wrong: Vec<String> = settings
+        .iter()
+        .filter_map(|(name, value)| wrong_setting(text, line, name, value))
+        .collect();
+    if !wrong.is_empty() {
+        return wrong.join("\n");
+    }
+    if !settings.contains_key("urdf") {
+        return "`urdf` is missing, expected the path of a URDF".to_owned();
+    }
+    let twice = error.to_string().split('`').nth(1).unwrap_or_default().to_owned();
+    format!("line {line}: `{twice}` is given twice; remove one")
+}
+
+/// Describes what is wrong with one setting: its name or its value. `None` if it can be read.
+fn wrong_setting(text: &str, line: usize, name: &str, value: &Value) -> Option<String> {
+    let key = format!("\"{name}\"");
+    let is_key = |at: usize| text[at + key.len()..].trim_start().starts_with(':');
+    let found = text.match_indices(&key).map(|(at, _)| at).find(|&at| is_key(at));
+    let place = found.map_or(line, |at| 1 + text[..at].matches('\n').count());
+    let Some((_, expected)) = SETTINGS.iter().find(|(known, _)| *known == name) else {
+        let known = SETTINGS.map(|(known, _)| format!("`{known}`")).join(", ");
+        return Some(format!("line {place}: there is no setting `{name}`; there are {known}"));
+    };
+    let mut alone = Map::from_iter([("urdf".to_owned(), "".into())]);
+    alone.insert(name.to_owned(), value.clone());
+    let is_wrong = serde_json::from_value::<RobotFile>(alone.into()).is_err();
+    let quoted: String = value.to_string().chars().take(MAX_QUOTED).collect();
+    is_wrong.then(|| format!("line {place}: `{name}` is {quoted}, expected {expected}"))
 }
 
 fn is(path: &Path, extension: &str) -> bool {

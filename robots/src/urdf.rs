@@ -134,7 +134,10 @@ impl RobotDescription {
         let folder = path.parent().filter(|folder| *folder != Path::new(""));
         let unread = |source| DescriptionError::Read { path: path.to_owned(), source };
         let bytes = read(path, MAX_URDF_BYTES).map_err(unread)?;
-        Self::parse(&xml::decode(bytes), Some(folder.unwrap_or(Path::new("."))), settings)
+        let text = xml::decode(bytes.clone());
+        let mut robot = Self::parse(&text, Some(folder.unwrap_or(Path::new("."))), settings)?;
+        robot.notes.extend(xml::encoding_note(&bytes, &text).map(str::to_owned));
+        Ok(robot)
     }
 
     /// Parses the text of a URDF without its collision meshes, which then count as missing. Its

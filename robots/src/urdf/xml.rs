@@ -33,6 +33,11 @@ const OLD_XACRO: [&str; 6] = ["if", "include", "insert_block", "macro", "propert
 /// the first unexpanded xacro expression on.
 const MAX_QUOTED: usize = 80;
 
+/// Note on a file that is taken for Latin-1 and does not declare it.
+const GUESSED_ENCODING: &str = "the file is no UTF-8, and is read as Latin-1, which it does not \
+    declare: if names look wrong, save it as UTF-8; if not, begin it with \
+    `<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>`";
+
 /// Decodes the bytes of a text file: UTF-16, UTF-8, or else Latin-1.
 pub(super) fn decode(bytes: Vec<u8>) -> String {
     let wide = |read: fn([u8; 2]) -> u16| {
@@ -47,6 +52,15 @@ pub(super) fn decode(bytes: Vec<u8>) -> String {
         _ => String::from_utf8(bytes)
             .unwrap_or_else(|error| error.into_bytes().into_iter().map(char::from).collect()),
     }
+}
+
+/// Returns a note on bytes that [`decode`] took for `text` in Latin-1, unless they declare that.
+pub(super) fn encoding_note(bytes: &[u8], text: &str) -> Option<&'static str> {
+    // a byte of Latin-1 is a character; one of UTF-16 or UTF-8 beyond ASCII is none
+    let is_latin = !text.is_ascii() && text.chars().count() == bytes.len();
+    let declaration = text.split_once("?>").map_or("", |(head, _)| head).to_ascii_lowercase();
+    let is_declared = ["latin", "8859-1", "1252"].iter().any(|name| declaration.contains(name));
+    (is_latin && !is_declared).then_some(GUESSED_ENCODING)
 }
 
 /// URDF as `urdf-rs` accepts it, with the line numbers of its links and joints in the original.
