@@ -33,6 +33,8 @@ pub(crate) struct DryRig {
     /// Angular velocity about z of the hand that the robot tells, without a command (rad/s).
     pub spin: f64,
     pub goal: DVec3,
+    /// Colour (RGB) of the table when it is set up.
+    pub table: [u8; 3],
 }
 
 pub(crate) fn arm() -> Arm {
@@ -63,6 +65,7 @@ pub(crate) fn dry_rig(camera: Camera) -> DryRig {
         shift: DVec3::ZERO,
         spin: 0.0,
         goal: DVec3::new(0.15, -0.1, 0.15),
+        table: [100; 3],
     }
 }
 
@@ -101,7 +104,7 @@ impl Rig for DryRig {
     fn set_up(&mut self, _: &Trial) -> Result<PreparedTrial, BoxedEnvError> {
         assert!(!self.untouched, "the arm would have moved to its start");
         Ok(PreparedTrial {
-            background: vec![100; 3 * 640 * 480],
+            background: self.table.repeat(640 * 480),
             parked_state: self.robot.state()?,
             goal: Some(self.goal),
         })

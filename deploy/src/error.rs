@@ -121,6 +121,21 @@ pub enum DeployError {
         /// Angle between the two hands (degrees).
         turn_deg: f64,
     },
+    /// First picture of a camera that does not show the table of the training.
+    #[error(
+        "the camera's first picture does not show the table of the training: beside it, its {part} \
+         is {value:.2}, expected {expected}. Look at the picture, and correct the light, the \
+         surface of the table or the calibration"
+    )]
+    UnknownTable {
+        /// Name of the property: brightness and tint relative to the training's, or share of the
+        /// picture that looks like the table.
+        part: &'static str,
+        /// Value of the property.
+        value: f64,
+        /// Bound of the value, in words.
+        expected: &'static str,
+    },
     /// Calibration that cannot be that of the rig's camera.
     #[error(
         "the calibration is not of this rig's camera: its {part} is {value}, expected {expected}. \

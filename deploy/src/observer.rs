@@ -10,6 +10,7 @@ use robots::RobotState;
 
 use crate::DeployError;
 
+use super::plausibility::check_table;
 use super::rig::{MAX_PICTURE_AGE, PreparedTrial, Rig, fresh_picture};
 use super::settings::VisionSettings;
 use super::state_history::StateHistory;
@@ -34,7 +35,7 @@ impl RigPerception {
     /// that camera, and `start` the time with the arm's state.
     ///
     /// # Errors
-    /// [`DeployError::Inpainting`].
+    /// [`DeployError::Inpainting`], [`DeployError::UnknownTable`].
     pub fn new(
         settings: &VisionSettings,
         arm: &Arm,
@@ -48,14 +49,20 @@ impl RigPerception {
         let radii = parked.iter().map(|capsule| capsule.radius);
         let settings = settings.perception_settings(calibration, camera, radii);
         let mut perception = Perception::new(settings, table)?;
-        perception.begin_episode(&set_up.background, &joints(arm, &set_up.parked_state))?;
+        let parked_joints = joints(arm, &set_up.parked_state);
+        perception.begin_episode(&set_up.background, &parked_joints)?;
+        let mut painted = vec![0; table.len()];
+        // of a copy, which leaves the background as it is
+        let mut copy = perception.clone();
+        copy.observe(&set_up.background, &parked_joints, DVec3::ZERO, &mut painted)?;
+        check_table(perception.rectified_frame(), &painted, table)?;
         Ok(Self {
             perception,
             taken: start.0,
             history: StateHistory::new(start, MAX_PICTURE_AGE),
             picture: vec![0; set_up.background.len()],
             camera: *camera,
-            painted: vec![0; table.len()],
+            painted,
         })
     }
 

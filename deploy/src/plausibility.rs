@@ -1,4 +1,5 @@
-//! Plausibility check of a calibration from a file against the rig's own estimate.
+//! Plausibility checks: of a calibration from a file against the rig's own estimate, and of a
+//! camera's first picture against the table of the training.
 
 use glam::DQuat;
 use inpainting::CameraCalibration;
@@ -74,6 +75,52 @@ pub(super) fn distance_m_and_angle_deg(
     // a quaternion and its negative are the same rotation, so the angle may exceed half a turn
     let angle = angle.min(std::f64::consts::TAU - angle);
     [one.camera_position().distance(other.camera_position()), angle.to_degrees()]
+}
+
+/// Largest difference (levels) of a channel, in corrected colours, of a pixel that shows the table.
+const SAME_LEVELS: u8 = 24;
+/// Minimum share of the first picture that shows the table.
+const MIN_TABLE_SHARE: f64 = 0.5;
+/// Minimum brightness of the first picture, relative to the training's.
+const MIN_BRIGHTNESS: f64 = 0.25;
+/// Maximum ratio of the brightness of two channels: that of white and grey tables is 1.6.
+const MAX_TINT: f64 = 2.0;
+
+/// Rejects a first picture that does not show the `table` `[H, W, 3]` of the training: `rectified`
+/// `[h, w, 3]` in the camera's colours, `corrected` `[H, W, 3]` in those of the training.
+///
+/// # Errors
+/// [`DeployError::UnknownTable`].
+pub(super) fn check_table(
+    rectified: &[u8],
+    corrected: &[u8],
+    table: &[u8],
+) -> Result<(), DeployError> {
+    let light = [0, 1, 2].map(|channel| median(rectified, channel) / median(table, channel));
+    let [least, most] =
+        light.iter().fold([f64::INFINITY, 0.0], |[low, high], &of| [of.min(low), of.max(high)]);
+    let is_same = |(a, b): &(&[u8], &[u8])| {
+        a.iter().zip(*b).all(|(level, known)| level.abs_diff(*known) <= SAME_LEVELS)
+    };
+    let pixels = corrected.chunks_exact(3).zip(table.chunks_exact(3));
+    let share = pixels.filter(is_same).count() as f64 / (table.len() / 3) as f64;
+    for (holds, part, value, expected) in [
+        (most >= MIN_BRIGHTNESS, "brightness", most, "0.25 or more"),
+        (most <= MAX_TINT * least, "tint", most / least, "2 or less"),
+        (share >= MIN_TABLE_SHARE, "share of table", share, "0.5 or more"),
+    ] {
+        if !holds {
+            return Err(DeployError::UnknownTable { part, value, expected });
+        }
+    }
+    Ok(())
+}
+
+/// Returns the median level of a channel of an RGB picture, at least 1.
+fn median(rgb: &[u8], channel: usize) -> f64 {
+    let mut levels: Vec<u8> = rgb.chunks_exact(3).map(|pixel| pixel[channel]).collect();
+    let middle = levels.len() / 2;
+    f64::from(*levels.select_nth_unstable(middle).1).max(1.0)
 }
 
 /// Difference between the distortions of two lenses.
@@ -180,6 +227,26 @@ mod tests {
         check_plausibility(&bent([-0.35, 0.0]), &bent([-0.35, 0.0])).unwrap();
         let message = check_plausibility(&known(), &bent([-0.4, 0.0])).unwrap_err().to_string();
         assert!(message.contains("bent by up to"), "{message}");
+    }
+
+    #[test]
+    fn tables_in_other_light_are_known_and_other_surfaces_are_not() {
+        const SIZE: usize = 24;
+        let of = |colour: [u8; 3]| colour.repeat(SIZE * SIZE);
+        let table = of([123, 95, 79]);
+        for seen in [[123, 95, 79], [40, 30, 27], [100; 3], [230; 3]] {
+            check_table(&of(seen), &table, &table).unwrap();
+        }
+        let half = SIZE * SIZE / 2;
+        let stripes = [[123, 95, 79].repeat(half - 1), [160, 95, 79].repeat(half + 1)].concat();
+        for (seen, corrected, says) in [
+            (of([3; 3]), &table, "its brightness is 0.04, expected 0.25 or more"),
+            (of([40, 60, 150]), &table, "its tint is 5.84, expected 2 or less"),
+            (table.clone(), &stripes, "its share of table is 0.50, expected 0.5 or more"),
+        ] {
+            let message = check_table(&seen, corrected, &table).unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
     }
 
     #[test]
