@@ -181,3 +181,25 @@ fn a_group_that_changed_before_the_trial_is_judged_anew() {
     let stays = review(&[0.0, 10.0], true);
     assert_eq!((stays.0, stays.3), (AssignedPolicy::Existing(0), false));
 }
+
+/// An arm settles at a slightly different height in each of the mirrored variants, always alike.
+#[test]
+fn vectors_that_differ_by_less_than_counts_do_not_hide_a_group() {
+    let starts_at = |seen: &mut [EpisodeSummary], heights: [f32; 2]| {
+        for (episode, height) in seen.iter_mut().zip(heights.iter().cycle()) {
+            episode.first_vector = vec![*height];
+        }
+    };
+    let (mut rng, mut recogniser) = (rng(), fresh());
+    let mut known = episodes(40, 0.0, 1.0, &mut rng);
+    starts_at(&mut known, [0.50, 0.51]);
+    recogniser.record_training(0, &known, &mut rng).unwrap();
+    let mut seen = episodes(20, 0.0, 1.0, &mut rng);
+    let mut named = |heights| {
+        starts_at(&mut seen, heights);
+        let found = recogniser.task_group_probabilities(&seen, &mut rng).unwrap();
+        found.most_probable_policy()
+    };
+    assert_eq!(named([0.51, 0.51]), Some(0));
+    assert_eq!(named([0.60, 0.60]), None);
+}
