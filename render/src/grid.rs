@@ -266,7 +266,7 @@ mod tests {
     #[test]
     fn captions_stand_below_their_cells_and_the_legend_below_all() {
         let (red, blue) = ([200, 0, 0], [0, 0, 255]);
-        let caption = FilmCaption { text: "policy 1: not solved".to_owned(), colour: red };
+        let caption = FilmCaption { text: "policy 1 fails".to_owned(), colour: red };
         let captioned = FilmGridCell { caption: Some(caption), ..cell(1) };
         let row = |cells| FilmGridRow { title: String::new(), colour: [0, 255, 0], cells };
         let entry = |swatch, text: &str| FilmLegendEntry { swatch, text: text.to_owned() };

@@ -15,10 +15,11 @@ pub(super) fn outcome(success: bool) -> &'static str {
     if success { "solved" } else { "not solved" }
 }
 
-/// Returns the caption of an episode: the policy that played it and the outcome.
+/// Returns the caption of an episode: the policy that plays it and the outcome. It stands below all
+/// pictures, also of the time before success.
 pub(super) fn episode_caption(policy: usize, success: bool) -> FilmCaption {
     FilmCaption {
-        text: format!("policy {policy}: {}", outcome(success)),
+        text: format!("policy {policy} {}", if success { "solves it" } else { "fails" }),
         colour: if success { SOLVED } else { NOT_SOLVED },
     }
 }
@@ -48,7 +49,7 @@ pub(super) fn film_legend(
         legend.push(entry(None, "mirrored back: the row above in the frame of identity"));
     }
     let decisions = experiment.envs.control.decisions_per_episode();
-    let whole = format!("solved: success within the episode of {decisions} decisions");
+    let whole = format!("solves it: success within the episode of {decisions} decisions");
     legend.push(entry(None, &whole));
     legend
 }
@@ -65,7 +66,7 @@ mod tests {
             let entries = film_legend(&experiment, views, false, shows_goal);
             entries.into_iter().map(|entry| entry.text).collect::<Vec<_>>().join("; ")
         };
-        let whole = "solved: success within the episode of 50 decisions";
+        let whole = "solves it: success within the episode of 50 decisions";
         let seen = legend(&[FilmView::PolicyInput], true);
         assert!(seen.starts_with("gripper (the policy") && seen.contains("; goal, "), "{seen}");
         assert!(!legend(&[FilmView::PolicyInput], false).contains("goal"));
@@ -79,7 +80,7 @@ mod tests {
         let [solved, failed] = [true, false].map(|success| episode_caption(2, success));
         assert_eq!(
             (solved.text.as_str(), failed.text.as_str()),
-            ("policy 2: solved", "policy 2: not solved")
+            ("policy 2 solves it", "policy 2 fails")
         );
         assert_ne!(solved.colour, failed.colour);
     }
