@@ -68,11 +68,13 @@ fn row(folder: &Path, reasons: &mut Vec<String>) -> Vec<String> {
     let decisions = run.rollouts.last().map_or(0, |row| row.decisions) as f64;
     let share = 100.0 * decisions / run.experiment.schedule.total_decisions() as f64;
     let successes: Vec<f64> = run.last_scores().map(|row| row.success).collect();
-    let state = match RunFolder::from_path(folder).is_in_use() {
-        _ if run.is_finished => "finished".to_owned(),
-        true => format!("running, {:.0} %", share.min(100.0)),
-        false => format!("stopped at {:.0} %", share.min(100.0)),
+    let percent = format!("{:.0} %", share.min(100.0));
+    let unfinished = || match RunFolder::from_path(folder).is_in_use() {
+        Some(true) => format!("running, {percent}"),
+        Some(false) => format!("stopped at {percent}"),
+        None => format!("at {percent}"),
     };
+    let state = if run.is_finished { "finished".to_owned() } else { unfinished() };
     vec![
         name,
         Method::from_experiment(&run.experiment).map_or("own settings", Method::name).to_owned(),

@@ -134,7 +134,7 @@ fn check_text(check: &RobotCheckReport) -> String {
         );
         let left = RobotCheckReport::MAX_IK_TARGETS - ik_targets;
         if left > 0 {
-            let _ = writeln!(text, "its time of 5 s ran out: {left} more poses were not tried");
+            let _ = writeln!(text, "its time ran out: {left} more poses were not tried");
         }
     }
     text += "joint                      lowest    highest      speed     effort\n";

@@ -86,30 +86,48 @@ pub fn settings_schema() -> Value {
     schema
 }
 
-/// Returns the number that a text begins with.
-fn leading_number(text: &str) -> Option<f64> {
+/// Returns the number that a text begins with, and the rest of the text.
+fn leading_number(text: &str) -> Option<(f64, &str)> {
     let end = text.find(|c: char| !c.is_ascii_digit() && !"-.".contains(c)).unwrap_or(text.len());
-    text[..end].trim_end_matches('.').parse().ok()
+    // a full stop belongs to the sentence
+    let end = text[..end].trim_end_matches('.').len();
+    Some((text[..end].parse().ok()?, &text[end..]))
 }
 
-/// Adds the bounds of a number that its meaning states: `at least 1`, `above 0`, `in [0, 1)`.
+/// Returns the number that a text begins with, unless it is part of an expression or has a unit.
+fn leading_bound(text: &str) -> Option<f64> {
+    let (number, rest) = leading_number(text)?;
+    let ends =
+        rest.is_empty() || rest.starts_with(" (") || rest.starts_with([',', ';', ':', '.', ')']);
+    ends.then_some(number)
+}
+
+/// Adds the bounds of a number that its meaning states: `at least 1`, `above 0`, `1 to 8`,
+/// `in [0, 1)`.
 fn add_bounds(place: &mut Value, meaning: &str) {
+    let meaning = meaning.replace('`', "");
     let words = [("at least ", "minimum"), ("above ", "exclusiveMinimum"), ("at most ", "maximum")];
     for (word, keyword) in words {
-        let number = meaning.split(word).skip(1).find_map(leading_number);
+        let number = meaning.split(word).skip(1).find_map(leading_bound);
         if let Some(number) = number {
             place[keyword] = json!(number);
         }
     }
-    let ends = [("in [", "minimum"), ("in (", "exclusiveMinimum")];
-    for (start, low_keyword) in ends {
+    let range = |(at, _): (usize, &str)| {
+        let (low, rest) = leading_number(meaning[at..].trim_start_matches([' ', '(']))?;
+        Some((low, leading_bound(rest.strip_prefix(" to ")?)?))
+    };
+    let starts = meaning.match_indices([' ', '(']);
+    if let Some((low, high)) = starts.filter_map(range).next() {
+        (place["minimum"], place["maximum"]) = (json!(low), json!(high));
+    }
+    for (start, low_keyword) in [("in [", "minimum"), ("in (", "exclusiveMinimum")] {
         let interval = meaning.split_once(start).and_then(|(_, rest)| rest.split_once(", "));
         if let Some((low, rest)) = interval
-            && let (Some(low), Some(high)) = (leading_number(low), leading_number(rest))
+            && let (Some((low, _)), Some((high, end))) = (leading_number(low), leading_number(rest))
         {
-            let is_closed =
-                rest.split([']', ')']).next().is_some_and(|of| rest[of.len()..].starts_with(']'));
             place[low_keyword] = json!(low);
+            let is_closed = end.starts_with(']');
             place[if is_closed { "maximum" } else { "exclusiveMaximum" }] = json!(high);
         }
     }
@@ -216,6 +234,28 @@ mod tests {
         wrong["learner"]["covers"]["ppo"]["epochs"] = json!(0);
         wrong["learner"]["covers"]["ppo"]["epoch"] = json!(4);
         assert_eq!(problems(&schema, &wrong, "").len(), 5, "{:?}", problems(&schema, &wrong, ""));
+    }
+
+    #[test]
+    fn bounds_are_those_of_the_meanings() {
+        let bounds = |meaning: &str| {
+            let mut place = json!({});
+            add_bounds(&mut place, meaning);
+            place
+        };
+        for (meaning, expected) in [
+            ("Number of steps, 1 to 65536.", json!({"minimum": 1.0, "maximum": 65536.0})),
+            ("Radius (mm, 0 to 200): uniform.", json!({"minimum": 0.0, "maximum": 200.0})),
+            ("Share, in `(0, 1]`.", json!({"exclusiveMinimum": 0.0, "maximum": 1.0})),
+            ("Minibatch, at least 2 (one has no advantage).", json!({"minimum": 2.0})),
+            ("Weight, at least 0: of the distance.", json!({"minimum": 0.0})),
+            ("Level, in `(0, doubt]`, at least `1 / (1 + splits)`.", json!({})),
+            ("Blur (mm, 0 to 4 pixels), above the table.", json!({})),
+        ] {
+            assert_eq!(bounds(meaning), expected, "{meaning}");
+        }
+        let text = settings_schema().to_string();
+        assert!(text.matches("imum\":").count() > 100, "{text}");
     }
 
     #[test]

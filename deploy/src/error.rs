@@ -124,7 +124,7 @@ pub enum DeployError {
     /// First picture of a camera that does not show the table of the training.
     #[error(
         "the camera's first picture does not show the table of the training: beside it, its {part} \
-         is {value:.2}, expected {expected}. Look at the picture, and correct the light, the \
+         is {value:.3}, expected {expected}. Look at the picture, and correct the light, the \
          surface of the table or the calibration"
     )]
     UnknownTable {

@@ -240,9 +240,9 @@ mod tests {
         let half = SIZE * SIZE / 2;
         let stripes = [[123, 95, 79].repeat(half - 1), [160, 95, 79].repeat(half + 1)].concat();
         for (seen, corrected, says) in [
-            (of([3; 3]), &table, "its brightness is 0.04, expected 0.25 or more"),
-            (of([40, 60, 150]), &table, "its tint is 5.84, expected 2 or less"),
-            (table.clone(), &stripes, "its share of table is 0.50, expected 0.5 or more"),
+            (of([3; 3]), &table, "its brightness is 0.038, expected 0.25 or more"),
+            (of([40, 60, 150]), &table, "its tint is 5.839, expected 2 or less"),
+            (table.clone(), &stripes, "its share of table is 0.498, expected 0.5 or more"),
         ] {
             let message = check_table(&seen, corrected, &table).unwrap_err().to_string();
             assert!(message.contains(says), "{message}");

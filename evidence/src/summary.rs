@@ -39,8 +39,9 @@ pub struct EpisodeSummary {
     /// Features of the episode's first image, computed by [`RandomFilters`].
     #[serde(rename = "picture")]
     pub image_features: Vec<f32>,
-    /// First observation vector of the episode, of D components; those that change sign under a
-    /// flip are absolute values.
+    /// First observation vector of the episode, of D components, which should be scaled to about 1:
+    /// vectors within 0.02 of each other count as equal. Components that change sign under a flip
+    /// are absolute values.
     #[serde(rename = "vector")]
     pub first_vector: Vec<f32>,
     /// Linear response of the D vector components to the A action dimensions, `[D, A]`; `None` if

@@ -39,10 +39,6 @@ const DRIFT_FACTOR: f64 = 2.5;
 /// Factor on `min_ratio - 1` for a policy that is far nearer than all others: the limit is 1.8 with
 /// the default of 1.2.
 const ISOLATED_DRIFT_FACTOR: f64 = 4.0;
-/// Least distance of first vectors that counts, in the unit of their components.
-// Vectors that are constant in each variant differ beyond doubt, however little: an arm starts a
-// millimetre higher on one side of the table than on the other, which is 0.01 here.
-const LEAST_VECTOR_DISTANCE: f64 = 0.02;
 /// Least ratio of the distance of motion to its mean over random splits: motion changes in
 /// training, too.
 // Ordinary networks that begin to learn Plate Slide reach 2.1, and groups with other dynamics 6.7
@@ -253,10 +249,8 @@ impl PolicyTester<'_> {
     ) -> bool {
         let is_large = |least| test.distance_ratio() >= self.least_training_ratio(result, least);
         match source {
-            EvidenceSource::Image => test.distance_ratio() >= self.least_ratio(result),
-            EvidenceSource::Vector => {
-                test.distance >= LEAST_VECTOR_DISTANCE
-                    && test.distance_ratio() >= self.least_ratio(result)
+            EvidenceSource::Image | EvidenceSource::Vector => {
+                test.distance_ratio() >= self.least_ratio(result)
             }
             EvidenceSource::Motion => {
                 let has_turned = result.motion_change >= self.0.min_motion;
@@ -267,7 +261,9 @@ impl PolicyTester<'_> {
                 let has_turned = result.gradient_change >= self.0.min_motion;
                 result.gain < PROVEN_GAIN && has_turned && is_large(LEAST_GRADIENT_RATIO)
             }
-            EvidenceSource::Return => result.return_loss >= self.0.min_loss,
+            EvidenceSource::Return => {
+                self.has_gain(result.gain) && result.return_loss >= self.0.min_loss
+            }
         }
     }
 

@@ -253,11 +253,12 @@ fn recognition_rng(seed: u64) -> ChaCha8Rng {
     rng
 }
 
-/// Returns the policy of a group: that of `own`, or else the one that the learner chooses from images
-/// of the group, as for a packed folder, which holds no counts of rollouts.
+/// Returns the policy of a group: that of `own`, or else the one that the learner chooses from
+/// images of the group, as for a group that did not run yet and for a packed folder, which holds no
+/// counts of rollouts.
 ///
 /// # Errors
-/// A group that the run was not trained on; errors of the environments and the learner.
+/// A group that the run does not schedule; errors of the environments and the learner.
 pub fn policy_of_group(
     group: &str,
     experiment: &Experiment,

@@ -170,8 +170,9 @@ impl RunFolder {
         Ok(FileStamps(files))
     }
 
-    /// Returns `true` if a process is writing to the folder.
-    pub fn is_in_use(&self) -> bool {
+    /// Returns `true` if a process is writing to the folder; `None` where that cannot be found out,
+    /// as on file systems without locks.
+    pub fn is_in_use(&self) -> Option<bool> {
         lock::is_locked(&self.path)
     }
 

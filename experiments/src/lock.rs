@@ -4,6 +4,7 @@ use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use crate::error::{RunError, TakenOver};
 use crate::provenance::command_line;
@@ -12,6 +13,8 @@ use learner::disk::{Disk, os_random_u64};
 /// Name of the file that the writer of a folder locks. It is never read, since some file servers
 /// let no other handle read a locked file.
 pub(crate) const LOCK: &str = "lock";
+/// Time after which a shared lock of [`is_locked`] is gone.
+const SHARED_LOCK_TIME: Duration = Duration::from_millis(50);
 /// Name of the file that says which process took the lock last.
 const OWNER: &str = "owner";
 
@@ -42,7 +45,12 @@ impl FolderLock {
         let mut options = OpenOptions::new();
         let options = options.read(true).write(true).create(true).truncate(false);
         let file = options.open(&path).map_err(write)?;
-        match file.try_lock() {
+        let locked = file.try_lock().or_else(|_| {
+            // `is_locked` of another process holds a shared lock for a moment
+            std::thread::sleep(SHARED_LOCK_TIME);
+            file.try_lock()
+        });
+        match locked {
             Ok(()) => {}
             Err(TryLockError::Error(error)) => return Err(write(error)),
             Err(TryLockError::WouldBlock) => {
@@ -88,10 +96,13 @@ impl Claim {
     }
 }
 
-/// Returns `true` if a process holds the lock of a folder.
-pub(crate) fn is_locked(folder: &Path) -> bool {
-    let lock = File::open(folder.join(LOCK));
-    lock.is_ok_and(|file| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)))
+/// Returns `true` if a process holds the lock of a folder; `None` if that cannot be found out.
+pub(crate) fn is_locked(folder: &Path) -> Option<bool> {
+    match File::open(folder.join(LOCK)).ok()?.try_lock_shared() {
+        Ok(()) => Some(false),
+        Err(TryLockError::WouldBlock) => Some(true),
+        Err(TryLockError::Error(_)) => None,
+    }
 }
 
 /// Returns the text of the owner file: the name of this process and a random number that tells its

@@ -97,11 +97,12 @@ pub fn score_table(scores: &[VariantScore]) -> String {
     let groups = average_scores_by_group(scores);
     let names = groups.iter().map(|group| group.group.name().len());
     let width = names.max().unwrap_or(0).max("group".len());
+    // an evaluation plays all groups alike
     let episodes = groups.first().map_or(0, |group| group.episodes);
     let mut table = format!(
         "{episodes} episodes of each group: success at any time, at the end, reward of 500\n\
-         {:<width$} policy success at end reward identity flip x flip y half turn\n\
-         {:-<width$} ------ ------- ------ ------ -------- ------ ------ ---------",
+         {:<width$} policy success  end reward identity flip x flip y half turn\n\
+         {:-<width$} ------ ------- ---- ------ -------- ------ ------ ---------",
         "group", "",
     );
     for group in &groups {
@@ -109,7 +110,7 @@ pub fn score_table(scores: &[VariantScore]) -> String {
         // writing to a String cannot fail
         let _ = write!(
             table,
-            "\n{:<width$} {:>6} {:>7.2} {:>6.2} {:>6.1}",
+            "\n{:<width$} {:>6} {:>7.2} {:>4.2} {:>6.1}",
             group.group.name(),
             policies.join(","),
             group.success,
@@ -210,7 +211,7 @@ mod tests {
     #[test]
     fn held_out_variants_stand_in_brackets() {
         let scores = D2::ALL.map(|element| VariantScore {
-            group: TaskGroup::PLATE_SLIDE,
+            group: TaskGroup::BUTTON_PRESS_TOPDOWN,
             element,
             seen_in_training: element == D2::Identity,
             policy: 2,
@@ -222,7 +223,7 @@ mod tests {
         });
         let table = score_table(&scores);
         let row: Vec<&str> = table.lines().nth(3).unwrap().split_whitespace().collect();
-        let expected = "plate-slide 2 0.95 0.50 312.0 0.95 (0.95) (0.95) (0.95)";
+        let expected = "button-press-topdown 2 0.95 0.50 312.0 0.95 (0.95) (0.95) (0.95)";
         assert_eq!(row.join(" "), expected);
         assert!(table.lines().all(|line| line.len() <= 80), "{table}");
     }

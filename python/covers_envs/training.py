@@ -2,6 +2,7 @@
 
 import json
 import os
+import warnings
 from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
@@ -83,8 +84,9 @@ class RunPolicy:
 
     Args:
         folder: Folder of a run, or a folder that `covers pack` created.
-        policy: Name of the group that the policy serves (for a packed folder the policy that images of the
-            group fit best), or the policy's index.
+        policy: Name of the group that the policy serves, or the policy's index. Where no policy trained on
+            the group, and in packed folders, it is the policy that images of the group fit best, with a
+            warning if they fit none well.
         env: Environments that were made with `run_settings(folder)`; they may be wrapped.
     """
 
@@ -93,7 +95,9 @@ class RunPolicy:
         require_equal(base_env(env).settings, json.loads(self._policies.settings()), "run_settings")
         index, count = policy, self._policies.count()
         if isinstance(policy, str):
-            index = self._policies.policy_of_group(policy)
+            index, fits = self._policies.policy_of_group(policy)
+            if not fits:
+                warnings.warn(f"images of {policy!r} fit no policy of {folder} well; the nearest is {index}", stacklevel=2)
         if type(index) is not int or not 0 <= index < count:
             raise ValueError(f"policy {policy!r} is not in {folder}: indices are 0 to {count - 1}")
         #: Index of the policy in the run.

@@ -173,11 +173,14 @@ impl Policies {
         environment_keywords(&self.experiment.envs).to_string()
     }
 
-    /// Returns the index of a group's policy; see [`policy_of_group`].
-    fn policy_of_group(&self, py: Python<'_>, group: &str) -> PyResult<usize> {
-        let labels = self.labels.clone();
-        let find = || policy_of_group(group, &self.experiment, &mut **self.lock(), &self.own, labels);
-        Ok(py.detach(find).map_err(error)?.policy)
+    /// Returns the index of a group's policy, and whether it fits; see [`policy_of_group`].
+    fn policy_of_group(&self, py: Python<'_>, group: &str) -> PyResult<(usize, bool)> {
+        let find = || {
+            let (learner, labels) = (&mut **self.lock(), self.labels.clone());
+            policy_of_group(group, &self.experiment, learner, &self.own, labels)
+        };
+        let found = py.detach(find).map_err(error)?;
+        Ok((found.policy, found.fits))
     }
 
     /// Writes a policy's mean actions `[N, 4]` for observations: `images` `[N, size, size, C]` and

@@ -153,9 +153,10 @@ impl Line<'_> {
 }
 
 /// Returns the mean learning curve over seeds: a point for every number of decisions at which any
-/// seed was scored, as far as all seeds have a curve. Seeds are interpolated linearly between their
-/// evaluations.
+/// seed was scored, as far as all seeds with a curve have one. Seeds are interpolated linearly
+/// between their evaluations.
 fn mean_curve(curves: &[Vec<(f64, f64)>]) -> Vec<CurvePoint> {
+    let curves: Vec<_> = curves.iter().filter(|curve| !curve.is_empty()).cloned().collect();
     let ends = curves.iter().map(|curve| curve.last().map_or(0.0, |p| p.0));
     let end = ends.fold(f64::INFINITY, f64::min);
     let mut spent: Vec<f64> = curves.concat().iter().map(|point| point.0).collect();
@@ -219,6 +220,13 @@ mod tests {
     }
 
     #[test]
+    fn a_seed_without_evaluations_does_not_hide_the_others() {
+        let curves = [vec![(0.0, 0.0), (500.0, 1.0)], Vec::new()];
+        let means: Vec<f64> = mean_curve(&curves).iter().map(|point| point.mean).collect();
+        assert_eq!(means, [0.0, 1.0]);
+    }
+
+    #[test]
     fn long_training_is_averaged_over_stretches_of_rollouts() {
         let mut long = run(Method::Covers, &[("goal-reach", 0); 101]);
         for (number, row) in long.rollouts.iter_mut().enumerate() {
@@ -277,6 +285,6 @@ mod tests {
             assert!(near(point.low, low) && near(point.high, high), "{point:?}");
             assert!(near(point.mean, f64::midpoint(low, high)), "{point:?}");
         }
-        assert!(mean_curve(&[vec![(0.0, 1.0)], vec![]]).is_empty());
+        assert!(mean_curve(&[Vec::new(), Vec::new()]).is_empty());
     }
 }

@@ -102,7 +102,7 @@ fn with_plural(number: usize, noun: &str) -> String {
 fn overview(methods: &[MethodRuns], groups: &[String]) -> String {
     let first = &methods[0];
     let success = first.success(groups);
-    let (count, seeds) = (groups.len(), first.runs.len());
+    let (count, seeds) = (groups.len(), success.min_seed_count());
     // left out where no run knows it
     let known = |metric: fn(&RunMetrics) -> Result<f64, UndefinedReason>, meaning: &str| {
         let known: Vec<f64> = first.metrics.iter().filter_map(|run| metric(run).ok()).collect();

@@ -191,9 +191,10 @@ fn over_seeds_row(table: &mut ReportTable, method: &MethodRuns, groups: &[String
         mean_cell(table, &metrics().map(metric).collect::<Vec<_>>())
     };
     let seconds: Option<Vec<f64>> = method.runs.iter().map(RunData::training_seconds).collect();
+    let (seeds, scored) = (method.runs.len(), success.min_seed_count());
     vec![
         title,
-        method.runs.len().to_string(),
+        if scored < seeds { format!("{scored} of {seeds}") } else { seeds.to_string() },
         range(metrics().map(|run| run.decisions)),
         with_interval(mean),
         with_interval(interquartile_mean),

@@ -104,10 +104,12 @@ impl RobotFile {
         let bytes = std::fs::read(path)
             .map_err(|source| DescriptionError::Read { path: path.to_owned(), source })?;
         let json = without_byte_order_mark(&bytes);
-        let file: Self = serde_json::from_slice(json).map_err(|error| {
-            let message = problem(&String::from_utf8_lossy(json), &error);
-            DescriptionError::InvalidSettings { path: path.to_owned(), message }
-        })?;
+        let invalid =
+            |message| DescriptionError::InvalidSettings { path: path.to_owned(), message };
+        let text = std::str::from_utf8(json)
+            .map_err(|_| invalid("the file is not UTF-8; save it as UTF-8".to_owned()))?;
+        let file: Self =
+            serde_json::from_str(text).map_err(|error| invalid(problem(text, &error)))?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let packages = file.packages.into_iter().map(|(name, at)| (name, folder.join(at)));
         Ok(Self {
@@ -200,18 +202,9 @@ impl RobotFile {
 /// Describes why `text` holds no settings of a robot, which `error` says in the words of a parser.
 fn problem(text: &str, error: &serde_json::Error) -> String {
     let line = error.line();
-    let Ok(tree) = serde_json::from_str(text) else {
-        if error.is_eof() {
-            return format!("line {line}: the file ends early; close all quotes and brackets");
-        }
-        // columns count from 1
-        let start = error.column().saturating_sub(MAX_QUOTED / 2);
-        let quoted = text.lines().nth(line - 1).unwrap_or_default().chars().skip(start);
-        let near: String = quoted.take(MAX_QUOTED).collect();
-        return format!(
-            "line {line} is no JSON near `{near}`: look for a missing comma, quote or bracket, and \
-             for a number that is infinite or NaN"
-        );
+    let tree = match serde_json::from_str(text) {
+        Ok(tree) => tree,
+        Err(syntax) => return syntax_problem(text, &syntax),
     };
     let Value::Object(settings) = tree else {
         return "expected an object, such as {\"urdf\": \"arm.urdf\"}".to_owned();
@@ -228,6 +221,23 @@ fn problem(text: &str, error: &serde_json::Error) -> String {
     }
     let twice = error.to_string().split('`').nth(1).unwrap_or_default().to_owned();
     format!("line {line}: `{twice}` is given twice; remove one")
+}
+
+/// Describes where `text` is not valid JSON.
+fn syntax_problem(text: &str, error: &serde_json::Error) -> String {
+    let line = error.line();
+    if error.is_eof() {
+        return format!("line {line}: the file ends early; close all quotes and brackets");
+    }
+    // columns count bytes, so the quoted part begins early in a line beyond ASCII
+    let start = error.column().saturating_sub(MAX_QUOTED / 2);
+    let content = text.lines().nth(line - 1).unwrap_or_default();
+    let start = start.min(content.chars().count().saturating_sub(MAX_QUOTED / 2));
+    let near: String = content.chars().skip(start).take(MAX_QUOTED).collect();
+    format!(
+        "line {line} is not valid JSON near `{near}`: look for a missing comma, quote or bracket, \
+         and for a number that is infinite or NaN"
+    )
 }
 
 /// Describes what is wrong with one setting: its name or its value. `None` if it can be read.

@@ -186,13 +186,14 @@ fn settings_that_cannot_be_read_are_explained() {
         ("{'urdf': 'a', 'base_position': [0, 1, 2, 3]}", "is [0,1,2,3], expected three numbers"),
         (
             "{'urdf': 'a',\n'base_yaw_degrees': NaN}",
-            "line 2 is no JSON near `'base_yaw_degrees': NaN}`",
+            "line 2 is not valid JSON near `'base_yaw_degrees': NaN}`",
         ),
         ("{'urdf': 'a', 'base_yaw_degrees': 1e999}", "infinite or NaN"),
         (
             "{'urdf': 'a',\n\n'fingers': ['b'],\n'repair': 1}",
             "line 3: `fingers` is ['b'], expected the names of two links\nline 4: `repair` is 1, expected true",
         ),
+        ("{'urdf': 'a',\n'repair': 1,\n'hand' 'b'}", "line 3 is not valid JSON near"),
         ("{'urdf': 'a',", "line 1: the file ends early"),
         ("", "the file ends early"),
         ("[1]", "expected an object, such as {'urdf'"),

@@ -189,7 +189,9 @@ fn an_effort_that_rounds_to_zero_is_none() {
     let tiny = changed("effort=\"80\"", "effort=\"1e-308\"");
     let settings =
         MjcfSettings { servo: Some(JointServoSettings::default()), ..MjcfSettings::default() };
-    let error = read(&tiny).to_mjcf(&settings).unwrap_err();
+    let arm = read(&tiny);
+    assert!(arm.import_notes().iter().any(|note| note.contains("too small to be used")));
+    let error = arm.to_mjcf(&settings).unwrap_err();
     assert!(error.to_string().contains("servos need the efforts of the joints pan"), "{error}");
 }
 

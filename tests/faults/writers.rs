@@ -49,7 +49,7 @@ fn a_run_that_cannot_be_read_is_listed_with_the_reason() {
     let scratch = Scratch::new("unreadable");
     let (run, folder) = begun(&scratch);
     drop(run);
-    fs::write(folder.join("metrics.csv"), "no table\n").unwrap();
+    fs::write(folder.join("metrics.csv"), "decisions\nmany\n").unwrap();
     let text = listed(&folder);
     assert!(text.contains("unreadable") && text.contains("metrics.csv"), "{text}");
 }

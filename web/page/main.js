@@ -173,7 +173,7 @@ function drawPolicies(record) {
     success.textContent = percent(policy.success);
     item.append(badge(index + 1, group), text, success);
     const compared = record?.comparisons[index];
-    if (typeof compared?.chance === "number") item.append(...evidence(compared, record.rejection_limit));
+    if (typeof compared?.chance === "number" && policy.into === undefined) item.append(...evidence(compared, record.rejection_limit));
     return item;
   });
   element("policies").replaceChildren(...items);

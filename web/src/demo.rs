@@ -1,6 +1,7 @@
 //! Stream of drawn tasks, the learner that watches it, and records of what happens.
 
 use cluster::{PolicyEvidence, PolicyVerdict};
+use evidence::RecogniserSettings;
 use learner::{CoversLearner, CoversSettings, GroupingSettings, Learner, LearnerError};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -64,7 +65,6 @@ impl VectorEnv for FilmedStream {
 pub struct WorldsDemo {
     env: FilmedStream,
     learner: CoversLearner,
-    rejection_limit: f64,
     iterations: usize,
 }
 
@@ -83,7 +83,8 @@ pub struct IterationRecord {
     pub success: f64,
     /// Comparison of the rollout with each policy; empty where nothing was compared.
     pub comparisons: Vec<PolicyComparison>,
-    /// Chance below which a policy is rejected ([`PolicyComparison::chance`]), in (0, 1).
+    /// Chance below which images or motion reject a policy ([`PolicyComparison::chance`]), in
+    /// (0, 1); large losses of return need less certainty.
     pub rejection_limit: f64,
     /// Policy that each policy was merged into, if any.
     pub merged_into: Vec<Option<usize>>,
@@ -127,14 +128,9 @@ impl WorldsDemo {
         let stream =
             TaskStream::new(world, visits, NUM_ENVS).map_err(refused)?.with_horizon(HORIZON);
         let settings = settings(seed);
-        let rejection_limit = match settings.grouping {
-            GroupingSettings::Evidence(recogniser) => recogniser.level,
-            // other groupings test nothing
-            _ => 0.0,
-        };
         let learner = CoversLearner::new(settings, stream.spec())?;
         let env = FilmedStream { stream, film: Vec::new() };
-        Ok(Self { env, learner, rejection_limit, iterations: 0 })
+        Ok(Self { env, learner, iterations: 0 })
     }
 
     /// Runs one iteration of learning.
@@ -151,7 +147,7 @@ impl WorldsDemo {
             is_new: report.policy_created,
             success: report.rollout_stats.success_rate().unwrap_or(0.0),
             comparisons: report.evidence.iter().map(PolicyComparison::from).collect(),
-            rejection_limit: self.rejection_limit,
+            rejection_limit: RecogniserSettings::default().level,
             merged_into: report.merged_into,
         };
         self.iterations += 1;
@@ -234,6 +230,7 @@ fn settings(seed: u64) -> CoversSettings {
         },
         rollout_steps: NUM_ENVS * HORIZON,
         noise_correlation: 0.5,
+        grouping: GroupingSettings::Evidence(RecogniserSettings::default()),
         seed,
         ..CoversSettings::default()
     }

@@ -129,6 +129,10 @@ fn motion(
     let end = |end: f64| if end.is_subnormal() { 0.0 } else { end.clamp(-MAX_NUMBER, MAX_NUMBER) };
     let range = [limit.lower, limit.upper].map(end);
     let mut maximum = |name: &str, stated: f64, default: Option<f64>| {
+        if stated > 0.0 && stated < MIN_LIMIT {
+            let note = format!("states a limit of {name} of {stated:e}, too small to be used");
+            report.note(line, &format!("the joint `{}` {note}", joint.name));
+        }
         let stated = Some(stated).filter(|&stated| is_limit(stated));
         let default = default.filter(|_| stated.is_none() && joint.mimic.is_none());
         if let Some(default) = default {

@@ -34,7 +34,7 @@ const OLD_XACRO: [&str; 6] = ["if", "include", "insert_block", "macro", "propert
 const MAX_QUOTED: usize = 80;
 
 /// Note on a file that is taken for Latin-1 and does not declare it.
-const GUESSED_ENCODING: &str = "the file is no UTF-8, and is read as Latin-1, which it does not \
+const GUESSED_ENCODING: &str = "the file is not UTF-8, and is read as Latin-1, which it does not \
     declare: if names look wrong, save it as UTF-8; if not, begin it with \
     `<?xml version=\"1.0\" encoding=\"ISO-8859-1\"?>`";
 
