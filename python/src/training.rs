@@ -1,7 +1,7 @@
 //! Training runs, and the policies that they leave.
 
 use std::fs::create_dir_all;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use envs::TaskRegistry;
