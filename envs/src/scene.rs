@@ -133,7 +133,6 @@ impl Scene {
         let mocap = |name| model.mocap_body(name);
         let mirrored_model = mirrored(&model, &parts, layout)?;
         let models = [&model, mirrored_model.as_ref().unwrap_or(&model)];
-        let starts = HandStart::of_variants(models, layout, embodiment, hand_target_start)?;
         Ok(Self {
             layout,
             group,
@@ -163,7 +162,7 @@ impl Scene {
             goal_observable: parts.goal_observable,
             start_joints: addresses(&model, &start_joints)?,
             hand_target_start,
-            starts,
+            starts: HandStart::of_variants(models, layout, embodiment, hand_target_start)?,
             mirrored_model,
             model,
         })

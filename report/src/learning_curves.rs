@@ -62,7 +62,7 @@ pub fn training_curves_svg(methods: &[MethodRuns]) -> Option<String> {
 /// rollouts, of which there are at most [`MAX_TRAINING_POINTS`]; all but the last are equally long.
 fn training_success_curve(run: &RunData) -> Vec<(f64, f64)> {
     let rows = run.rollouts.iter().filter_map(|row| Some((row.decisions as f64, row.success?)));
-    let (decisions, successes): (Vec<f64>, Vec<f64>) = rows.unzip();
+    let (decisions, successes) = rows.unzip::<_, _, Vec<f64>, Vec<f64>>();
     let length = decisions.len().div_ceil(MAX_TRAINING_POINTS).max(1);
     let ends = decisions.chunks(length).filter_map(|stretch| stretch.last().copied());
     ends.zip(successes.chunks(length).map(mean)).collect()

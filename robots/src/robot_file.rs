@@ -260,3 +260,15 @@ fn wrong_setting(text: &str, line: usize, name: &str, value: &Value) -> Option<S
 fn is(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|own| own.eq_ignore_ascii_case(extension))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_explained_settings_are_those_that_are_read() {
+        let error = serde_json::from_str::<RobotFile>(r#"{"": 1}"#).unwrap_err().to_string();
+        let read: Vec<&str> = error.split('`').skip(3).step_by(2).collect();
+        assert_eq!(read, SETTINGS.map(|(name, _)| name), "{error}");
+    }
+}
