@@ -344,8 +344,8 @@ mod tests {
                 Some("mt10") => (46..49, Some(3)),
                 Some("sac") => (50..60, Some(10)),
                 Some("factorial") => (60..70, Some(10)),
-                Some("zero") => (70..80, Some(10)),
-                Some("wide") => (70..80, Some(3)),
+                Some("zero") => (90..100, Some(10)),
+                Some("wide") => (90..100, Some(3)),
                 Some("misaligned") => (80..85, Some(5)),
                 _ => (1000..u64::MAX, None),
             };
