@@ -22,7 +22,6 @@ use serde::Serialize;
 use symmetry::D2;
 
 use crate::CoversError;
-use crate::robot::reject_unusable_arm;
 use deploy::CheckMaskOptions;
 use experiments::RunError;
 use experiments::cli::progress_bar;
@@ -144,7 +143,6 @@ fn scenes(
     layouts: &[(Layout, Embodiment)],
     groups: &[TaskGroup],
 ) -> Result<Vec<Arc<Scene>>, EnvError> {
-    layouts.iter().try_for_each(|&(_, embodiment)| reject_unusable_arm(embodiment))?;
     let of_layout = |&(layout, embodiment)| groups.iter().map(move |&g| (layout, embodiment, g));
     let all: Vec<_> = layouts.iter().flat_map(of_layout).collect();
     let scenes = all.par_iter().map(|&(layout, embodiment, group)| {

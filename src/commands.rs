@@ -15,7 +15,6 @@ use crate::cli::{
     OverrideOptions, ThreadAndJsonOptions, TrainOptions, device_parser, program_name, shell_word,
 };
 use crate::ranks::on_ranks;
-use crate::robot;
 use crate::sweep_command::SweepOptions;
 use experiments::cli::{print_escaped, print_styled, progress_bar};
 use experiments::evaluation::{EvaluationResults, Evaluator};
@@ -148,7 +147,6 @@ fn train(
     experiment.check(&TaskRegistry::with_all())?;
     // before the run's folder is created, so that a refused run leaves nothing
     memory::check_run_memory(&experiment)?;
-    robot::reject_unusable_arm(experiment.envs.embodiment).map_err(RunError::from)?;
     experiment.envs.embodiment.spec().parts().map_err(RunError::from)?;
     #[cfg(feature = "tui")]
     let tui = options.tui && ranks.is_first();

@@ -2,15 +2,15 @@
 
 use std::fmt::Write as _;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use envs::EnvError;
 use envs::embodiments::Arm;
 use envs::robots::{
-    Chain, JointServoSettings, JointSummary, MjcfSettings, OrientationConstraint, RobotCheckReport,
-    RobotFile, TouchingLinkPairs, TwistControlSettings, TwistController,
+    JointServoSettings, JointSummary, MjcfSettings, OrientationConstraint, RobotCheckReport,
+    RobotFile, TouchingLinkPairs,
 };
-use envs::{Embodiment, EnvError};
 use glam::DVec3;
 
 use experiments::RunError;
@@ -161,7 +161,7 @@ fn check_text(check: &RobotCheckReport) -> String {
 /// if the settings place the arm.
 fn table_text(file: &RobotFile, check: &mut RobotCheckReport) -> String {
     if !check.problems.is_empty() {
-        // the same problems, with the prefixed names of a scene
+        // the attempt would end with one of them
         return "the arm cannot do the tasks while it has problems".to_owned();
     }
     let arm = match Arm::from_file("arm", file) {
@@ -192,26 +192,6 @@ fn placement(file: &RobotFile) -> String {
         file.approach_axis.map(|axis| format!("`approach_axis` {axis:?}")),
     ];
     settings.into_iter().flatten().collect::<Vec<_>>().join(", ")
-}
-
-/// Rejects an arm of a file that cannot be controlled or simulated, in the names of that file. In
-/// those of a scene, links and joints have a prefix.
-///
-/// # Errors
-/// [`EnvError::Robot`], [`EnvError::Control`].
-pub(crate) fn reject_unusable_arm(embodiment: Embodiment) -> Result<(), EnvError> {
-    let path = Path::new(embodiment.name());
-    if !RobotFile::has_supported_extension(path) {
-        return Ok(());
-    }
-    let file = RobotFile::read(path)?;
-    let robot = file.read_description()?;
-    file.check_base()?;
-    let chain = Chain::new(&robot, file.hand_link(&robot))?;
-    let middle = chain.quasi_random_configuration(0);
-    TwistController::new(chain, &middle, TwistControlSettings::default())?;
-    robot.to_mjcf(&servo_settings(true))?;
-    Ok(())
 }
 
 fn servo_settings(servos: bool) -> MjcfSettings {
@@ -306,10 +286,16 @@ mod tests {
         assert_ne!(swapped, gen3);
         std::fs::write(&path, swapped).unwrap();
         let (_, checked) = printed(&["check", path.to_str().unwrap()]);
-        let line = ["covers", "check", "experts", "--robot", path.to_str().unwrap()];
-        let played = CoversCli::try_parse_from(line).unwrap().run(&mut Vec::new()).unwrap_err();
-        std::fs::remove_file(path).unwrap();
-        for text in [checked, played.to_string()] {
+        let refused = |words: &[&str]| {
+            let line = [&["covers"], words, &["--robot", path.to_str().unwrap()]].concat();
+            let program = CoversCli::try_parse_from(line).unwrap();
+            program.run(&mut Vec::new()).unwrap_err().to_string()
+        };
+        let played = refused(&["check", "experts"]);
+        let run = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/pretrained");
+        let evaluated = refused(&["eval", run]);
+        std::fs::remove_file(&path).unwrap();
+        for text in [checked, played, evaluated] {
             let is_internal = text.contains("robot/") || text.contains("gripper_hand");
             assert!(text.contains("`joint_2`") && !is_internal, "{text}");
         }

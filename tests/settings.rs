@@ -38,9 +38,9 @@ const HEAD: &str = "# Settings
 Paths and values of `--set PATH=VALUE`, which are also the names in a file of `--config`
 ([commands](commands.md#settings)). Values are those of the preset `covers`, and below `off_policy`
 those of `covers-sac`, the default preset. A dash marks a part that the preset does not have. Such a
-part is set as a whole, as JSON: `--set 'covers.grouping={\"threshold\":{\"threshold\":1}}'`.
-`envs.randomisation` needs a preset that has it, such as `covers-randomised`. The elements of a list
-have the numbers 0, 1 and so on.
+part is set as a whole, as JSON: `--set 'covers.grouping={\"threshold\":{\"threshold\":1}}'`, or
+`--set 'envs.randomisation={}'` for the values of `covers-randomised`. The elements of a list have
+the numbers 0, 1 and so on.
 
 This page is made from the code: `COVERS_WRITE=1 cargo test --test suite settings` writes it.
 ";

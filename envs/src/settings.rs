@@ -29,7 +29,7 @@ pub struct VecEnvSettings {
     /// Action scale, action repeat and episode length.
     pub control: ControlSettings,
     /// Domain randomisation of the pictures; `None` for perfect pictures.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub randomisation: Option<VisualDomainRandomisation>,
     /// Seed of the random placements, variants and camera errors of all environments.
     pub seed: u64,

@@ -34,9 +34,10 @@ impl Process {
         self.wait_until(|line| line.contains(part))
     }
 
-    /// Reads until the row of a rollout, which begins with a number of decisions.
+    /// Reads until the row of a rollout, which begins with a number in a column of its own.
     fn wait_for_rollout(&mut self) {
-        self.wait_until(|line| line.trim_start().starts_with(|c: char| c.is_ascii_digit()));
+        let begins = |line: &str| line.trim_start().starts_with(|c: char| c.is_ascii_digit());
+        self.wait_until(|line| line.starts_with(' ') && begins(line));
     }
 
     fn wait_until(&mut self, found: impl Fn(&str) -> bool) -> String {

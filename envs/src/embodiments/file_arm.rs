@@ -2,15 +2,15 @@
 
 use glam::{DMat3, DQuat, DVec3};
 use robots::{
-    Chain, Inertia, JointMotionKind, JointServoSettings, Link, PlacedShape, Pose, RobotDescription,
-    RobotFile, Shape, TwistControlSettings, TwistLimits,
+    Chain, Inertia, JointMotionKind, JointServoSettings, Link, MjcfSettings, PlacedShape, Pose,
+    RobotDescription, RobotFile, Shape, TwistControlSettings, TwistController, TwistLimits,
 };
 
 use super::arm::{Arm, ArmSettings, Finger, FingerJoint, Gripper};
 use super::kinova_gen3::{ACCELERATION, LEAD};
 use super::placing::{BasePlacementSearch, gripper_rotation};
 use crate::embodiment_spec::OPEN_APERTURE;
-use crate::error::{EnvError, require};
+use crate::error::EnvError;
 
 /// Prefix of the names of links and joints, which a scene could have otherwise.
 const PREFIX: &str = "robot/";
@@ -37,17 +37,16 @@ impl Arm {
     /// groups of the paper; links and joints have the prefix `robot/`.
     ///
     /// # Errors
-    /// [`EnvError::Robot`] for a robot that cannot be read or simulated, [`EnvError::OutOfReach`],
-    /// [`EnvError::InvalidFingers`], [`EnvError::InvalidSetting`] for a yaw beyond 360 degrees,
-    /// [`EnvError::Control`] for joints without maximum speed.
+    /// [`EnvError::Robot`] for a robot that cannot be read or simulated and for a base that no arm
+    /// can have, [`EnvError::OutOfReach`], [`EnvError::InvalidFingers`], [`EnvError::Control`] for
+    /// joints without maximum speed.
     pub fn from_file(name: &str, file: &RobotFile) -> Result<Self, EnvError> {
+        file.check_base()?;
         let plain = file.read_description()?;
         let hand = file.hand_link(&plain);
+        reject_unusable(&plain, hand)?;
         let fingers = file.finger_links(&plain)?;
         let axis = file.approach_axis(&plain)?;
-        let yaw = file.base_yaw_degrees.unwrap_or(90.0);
-        let in_range = yaw.abs() <= 360.0;
-        require(in_range, "base_yaw_degrees", &yaw, "a number from -360 to 360")?;
         let own = fingers.map(|names| OwnFingers::find(&plain, hand, axis, names)).transpose()?;
         let frame = own.as_ref().map_or_else(|| mounting_frame(axis), |own| own.frame);
         let hand = format!("{PREFIX}{hand}");
@@ -58,7 +57,7 @@ impl Arm {
             hand: HAND,
             quarter_turns: if own.is_some() { &[0, 2] } else { &[0, 1, 2, 3] },
             base_position: file.base_position.map(DVec3::from_array),
-            base_yaw: yaw.to_radians(),
+            base_yaw: file.base_yaw_degrees.unwrap_or(90.0).to_radians(),
         }
         .search()?;
         let turned =
@@ -86,6 +85,20 @@ impl Arm {
             additions: Vec::new(),
         })
     }
+}
+
+/// Rejects a robot that cannot be controlled or simulated, while its links and joints still have the
+/// names of their file.
+///
+/// # Errors
+/// [`EnvError::Robot`], [`EnvError::Control`].
+fn reject_unusable(robot: &RobotDescription, hand: &str) -> Result<(), EnvError> {
+    let chain = Chain::new(robot, hand)?;
+    let middle = chain.quasi_random_configuration(0);
+    TwistController::new(chain, &middle, TwistControlSettings::default())?;
+    let servo = Some(JointServoSettings::default());
+    robot.to_mjcf(&MjcfSettings { servo, ..MjcfSettings::default() })?;
+    Ok(())
 }
 
 /// Returns servos whose stiffest hinge is at most as stiff as [`MAX_STIFFNESS`]. All joints are
