@@ -24,7 +24,7 @@ use experiments::{
     environment_failure_warning, memory, thread_pool,
 };
 use learner::disk::parent_folder;
-use learner::overrides::{SettingOverride, apply_overrides, differing_settings};
+use learner::overrides::{SettingOverride, apply_overrides, differing_settings, short_path};
 use learner::{CheckpointExtent, DeviceChoice, TaskLabel};
 use report::ReportOptions;
 use rl::ProcessRanks;
@@ -339,7 +339,7 @@ fn with_env_overrides(
     if let Some(refused) = differing_settings(&changed, &accepted)?.first() {
         return Err(RunError::InvalidSetting {
             name: "--set",
-            value: refused.path.clone(),
+            value: short_path(&refused.path).to_owned(),
             expected: "a path below `envs`; there are `--episodes`, `--seed` and `--threads`, and \
                        policies are evaluated as they are",
         });

@@ -57,7 +57,10 @@ impl ListRunsOptions {
 /// to `reasons` where the files cannot be read.
 fn row(folder: &Path, reasons: &mut Vec<String>) -> Vec<String> {
     let (name, megabytes) = (folder.display().to_string(), bytes(folder) as f64 / 1e6);
-    let run = match RunData::read_partial(folder) {
+    let run_folder = RunFolder::from_path(folder);
+    // tables of a finished run must be whole
+    let read = if run_folder.is_finished() { RunData::read } else { RunData::read_partial };
+    let run = match read(folder) {
         Ok(run) => run,
         Err(error) => {
             reasons.push(format!("{name}: {error}"));
@@ -69,7 +72,8 @@ fn row(folder: &Path, reasons: &mut Vec<String>) -> Vec<String> {
     let share = 100.0 * decisions / run.experiment.schedule.total_decisions() as f64;
     let successes: Vec<f64> = run.last_scores().map(|row| row.success).collect();
     let percent = format!("{:.0} %", share.min(100.0));
-    let unfinished = || match RunFolder::from_path(folder).is_in_use() {
+    let unfinished = || match run_folder.is_in_use() {
+        _ if run_folder.is_packed() => "packed".to_owned(),
         Some(true) => format!("running, {percent}"),
         Some(false) => format!("stopped at {percent}"),
         None => format!("at {percent}"),
@@ -79,7 +83,7 @@ fn row(folder: &Path, reasons: &mut Vec<String>) -> Vec<String> {
         name,
         Method::from_experiment(&run.experiment).map_or("own settings", Method::name).to_owned(),
         state,
-        run.policy_count().to_string(),
+        if run_folder.is_packed() { "-".to_owned() } else { run.policy_count().to_string() },
         // the mean of no scores is no number
         format_number(Some(mean(&successes)), 3),
         format!("{megabytes:.1}"),

@@ -67,7 +67,7 @@ fn the_last_value_of_a_setting_counts() {
 #[test]
 fn values_of_other_types_are_refused_with_their_path() {
     let message = set(&["covers.ppo.gamma=much"]).unwrap_err().to_string();
-    assert!(message.contains("learner.covers.ppo.gamma"), "{message}");
+    assert!(message.contains("setting `covers.ppo.gamma`"), "{message}");
     let missing_value = set(&["covers.ppo.gamma"]).unwrap_err().to_string();
     assert!(missing_value.contains("PATH=VALUE"), "{missing_value}");
 }

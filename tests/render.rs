@@ -85,7 +85,7 @@ fn what_cannot_be_rendered_is_refused_with_the_reason() {
     let below_a_file = there.join("film.gif");
     for (source, out, more, expected) in [
         (&run, &film, &["--group", "button-pres"][..], "button-press"),
-        (&run, &film, &["--group", "drawer-close"], "(the run has goal-reach, button-press)"),
+        (&run, &film, &["--group", "drawer-close"], "its groups are goal-reach, button-press"),
         (&scratch.0, &film, &[], "holds no run"),
         (&run, &there, &[], "exists already"),
         (&run, &below_a_file, &[], "cannot write"),

@@ -105,7 +105,7 @@ fn check_cnn(rows: &Rows, run: &RunSummary) {
     for cell in [row[11], rows.find(&["cnn", "1"], 6)[4]] {
         assert!(cell.starts_with("- ("), "one policy has no accuracy");
     }
-    assert_eq!(rows.find(&["cnn"], 8)[6], "too few seeds");
+    assert_eq!(rows.find(&["cnn"], 8)[6], "too few seeds (two of each are needed)");
     let reward = average(run, |group| group.reward);
     let printed = rows.find(&["cnn-seed0"], 9)[4];
     assert_eq!(printed, format!("{reward:.1}"));
@@ -131,7 +131,7 @@ fn a_report_says_what_the_runs_files_say() {
         assert!((0.0..1.0).contains(&dormant), "{dormant}");
     }
     assert!(text.contains("covers in the paper (1)") && text.contains("one to one"));
-    let notice = "These runs are like those of the smoke budget";
+    let notice = "These runs are as short as those of the smoke budget";
     assert!(text.starts_with(&format!("**{notice}")), "{text}");
     let files = |name: &str| fs::read_to_string(out.join(name)).unwrap();
     let (tables, address) = text.split_once("\n\npage: ").unwrap();

@@ -316,6 +316,29 @@ fn a_packed_folder_is_not_resumed_and_says_what_is() {
     for part in ["000000.safetensors", "policies only", "`covers eval`"] {
         assert!(message.contains(part), "{message}");
     }
+    let path = folder.path().to_str().unwrap();
+    let refused = command(&["report", path]).unwrap_err().to_string();
+    assert!(refused.contains("without the history") && refused.contains("`covers eval`"));
+    let listed = command(&["list", path]).unwrap();
+    assert!(listed.contains("packed") && !listed.contains("unreadable"), "{listed}");
+}
+
+/// Tables of a finished run must be whole, and a folder above runs holds them.
+#[test]
+fn a_damaged_run_and_a_folder_of_runs_are_told_apart_from_a_run() {
+    let scratch = Scratch::new("listed");
+    let runs = scratch.0.to_str().unwrap();
+    command(&["train", "--budget", "smoke", "--seed", "3", "--runs", runs]).unwrap();
+    let refused = command(&["report", runs]).unwrap_err().to_string();
+    assert!(refused.contains(&format!("name them, as {runs}/*")), "{refused}");
+    let whole = command(&["list", runs]).unwrap();
+    assert!(whole.contains("finished") && !whole.contains("unreadable"), "{whole}");
+    let run = fs::read_dir(runs).unwrap().next().unwrap().unwrap().path();
+    let table = run.join("metrics.csv");
+    let text = fs::read_to_string(&table).unwrap();
+    fs::write(&table, &text[..text.len() / 2]).unwrap();
+    let damaged = command(&["list", runs]).unwrap();
+    assert!(damaged.contains("unreadable") && damaged.contains("metrics.csv"), "{damaged}");
 }
 
 #[test]

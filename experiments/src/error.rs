@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use learner::LearnerError;
 use rl::BoxedEnvError;
 
+use crate::folder::RunFolder;
+
 /// Error of the learner, its stream, or the files of a run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -87,14 +89,38 @@ pub enum RunError {
         /// Folder that holds the run.
         folder: PathBuf,
     },
+    /// Name of a task group that the run does not have.
+    #[error(
+        "the run has no group `{name}`{}: its groups are {}",
+        nearest.as_ref().map_or_else(String::new, |of| format!(" (did you mean `{of}`?)")),
+        groups.join(", ")
+    )]
+    UnknownGroup {
+        /// Name, as given.
+        name: String,
+        /// Most similar name of a group of the run.
+        nearest: Option<String>,
+        /// Names of the run's groups.
+        groups: Vec<String>,
+    },
     /// Folder that holds no run.
     #[error(
-        "{} holds no run: there is no experiment.json and no checkpoint. Start one with \
-         `covers train`",
-        folder.display()
+        "{} holds no run: there is no experiment.json and no checkpoint. {}",
+        folder.display(),
+        advice_without_run(folder)
     )]
     NoRun {
         /// Folder without a run.
+        folder: PathBuf,
+    },
+    /// Packed folder where the history of a training is needed.
+    #[error(
+        "{} holds policies without the history of their training: score them with \
+         `covers eval`, or report the run that was packed",
+        folder.display()
+    )]
+    PackedRun {
+        /// Packed folder.
         folder: PathBuf,
     },
     /// Run whose folder holds no intact checkpoint.
@@ -382,6 +408,15 @@ pub struct TakenOver {
     pub folder: PathBuf,
     /// Name of the process that took the run over; `None` if the file with its name is gone.
     pub holder: Option<String>,
+}
+
+/// Returns what to do about a folder that holds no run.
+fn advice_without_run(folder: &Path) -> String {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    if entries.map(|entry| entry.path()).any(|path| RunFolder::from_path(&path).holds_run()) {
+        return format!("It holds folders of runs: name them, as {}/*", folder.display());
+    }
+    "Start one with `covers train`".to_owned()
 }
 
 fn taken_over(holder: Option<&str>) -> String {

@@ -335,9 +335,10 @@ impl Experiment {
             (StreamClock::EnvironmentTime, _) if !rollout.is_multiple_of(block) => {
                 return Err(RunError::InvalidSetting {
                     name: "rollout_steps",
-                    value: rollout.to_string(),
-                    expected: "a multiple of `envs.num_envs` times the decisions of an episode, \
-                        or `schedule.clock` = `turns`",
+                    value: format!("{rollout}, which is no multiple of {block}"),
+                    expected: "a multiple of `envs.num_envs` times the decisions of an episode \
+                        (`--set off_policy.rollout_steps=N`, or `covers.rollout_steps`), or \
+                        `--set schedule.clock=turns`",
                 });
             }
             (StreamClock::EnvironmentTime, _) => {

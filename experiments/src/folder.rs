@@ -264,6 +264,13 @@ impl RunFolder {
         self.file_path(EXPERIMENT).exists()
     }
 
+    /// Returns `true` if the folder holds the policies of a run without the history of its training,
+    /// as `covers pack` writes it.
+    pub fn is_packed(&self) -> bool {
+        let written_by_run = ["metrics.csv", "log.txt"];
+        self.holds_run() && !written_by_run.iter().any(|name| self.file_path(name).exists())
+    }
+
     /// Returns `true` if the folder holds a run and the summary that only finished runs have.
     pub fn is_finished(&self) -> bool {
         self.holds_run() && self.file_path(SUMMARY_FILE).exists()

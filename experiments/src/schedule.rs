@@ -1,6 +1,7 @@
 //! Schedule of a stream: order and length of the visits of task groups, and their variants.
 
 use envs::{TaskGroup, TaskRegistry};
+use learner::overrides::nearest;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -148,7 +149,7 @@ impl TaskSchedule {
     /// Returns the scheduled task group called `name`, or all of them if `name` is `None`.
     ///
     /// # Errors
-    /// [`RunError::InvalidSetting`] for a name that this schedule does not hold; a scheduled group
+    /// [`RunError::UnknownGroup`] for a name that this schedule does not hold; a scheduled group
     /// that `tasks` does not hold.
     pub fn resolve_group_or_all(
         &self,
@@ -162,11 +163,11 @@ impl TaskSchedule {
         match tasks.find(name) {
             Ok(chosen) if groups.contains(&chosen) => Ok(vec![chosen]),
             _ => {
-                let names: Vec<&str> = groups.iter().map(|group| group.name()).collect();
-                Err(RunError::InvalidSetting {
-                    name: "group",
-                    value: format!("{name} (the run has {})", names.join(", ")),
-                    expected: "a group of the run's schedule",
+                let names = || groups.iter().map(|group| group.name());
+                Err(RunError::UnknownGroup {
+                    name: name.to_owned(),
+                    nearest: nearest(names(), name).map(str::to_owned),
+                    groups: names().map(str::to_owned).collect(),
                 })
             }
         }

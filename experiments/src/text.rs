@@ -152,10 +152,11 @@ pub fn run_summary_table(summary: &RunSummary) -> String {
     let mut table = score_table(&summary.variants);
     let _ = write!(
         table,
-        "\nassignment accuracy {} ({} when groups come back), {} policies, {} decisions in {:.0} s \
-         ({} per second)",
+        "\nassignment accuracy {}{}, {} policies, {} decisions in {:.0} s ({} per second)",
         format_number(summary.assignment_accuracy, 3),
-        format_number(summary.revisit_accuracy, 3),
+        summary
+            .revisit_accuracy
+            .map_or_else(String::new, |accuracy| format!(" ({accuracy:.3} when groups come back)")),
         summary.policies,
         summary.decisions,
         summary.seconds,
@@ -165,7 +166,9 @@ pub fn run_summary_table(summary: &RunSummary) -> String {
         let _ = write!(table, ", {} policies merged into others", summary.merged_policies);
     }
     if summary.switch_rollouts > 0 {
-        let _ = write!(table, ", {} rollouts of two groups", summary.switch_rollouts);
+        let number = summary.switch_rollouts;
+        let plural = if number == 1 { "" } else { "s" };
+        let _ = write!(table, ", {number} rollout{plural} of two groups");
     }
     if summary.environment_failures > 0 {
         let _ = write!(table, ", {} failures of environments", summary.environment_failures);

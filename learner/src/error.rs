@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use rl::BoxedEnvError;
 
+use crate::overrides::short_path;
+
 /// Error of a learner, its settings, or its checkpoints.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -102,7 +104,7 @@ pub enum LearnerError {
         value: f32,
     },
     /// Path of a setting that does not exist.
-    #[error("there is no setting `{name}`{}", hint(nearest))]
+    #[error("there is no setting `{name}`{}{}", owners(name), hint(nearest))]
     UnknownSetting {
         /// Path of the setting, as given.
         name: String,
@@ -194,7 +196,18 @@ impl LearnerError {
 }
 
 fn place(path: &str) -> String {
-    if path == "." { String::new() } else { format!("setting `{path}`: ") }
+    if path == "." { String::new() } else { format!("setting `{}`: ", short_path(path)) }
+}
+
+/// Returns the kind of methods that have settings below the first part of `name`, if only some do.
+fn owners(name: &str) -> &'static str {
+    match name.split('.').next() {
+        Some("covers") => " (methods that learn by PPO have `covers`, such as `--preset covers`)",
+        Some("off_policy") => {
+            " (methods that learn by SAC have `off_policy`, such as `--preset covers-sac`)"
+        }
+        _ => "",
+    }
 }
 
 fn choice_hint(nearest: &Option<String>) -> String {

@@ -198,12 +198,15 @@ pub fn from_json_value<T: DeserializeOwned>(tree: Value) -> Result<T, LearnerErr
     })
 }
 
-/// Returns a message of serde with words in place of Rust's names of numbers.
+/// Returns a message of serde with words in place of Rust's names of types.
 fn in_plain_words(problem: &str) -> String {
     let (start, expected) = problem.rsplit_once("expected ").unwrap_or((problem, ""));
     let words = match expected {
         "usize" | "u64" => "a whole number of at least 0",
         "f32" | "f64" => "a number",
+        "a sequence" => "a list",
+        "a map" => "an object",
+        name if name.starts_with("struct ") => "an object",
         _ => return problem.to_owned(),
     };
     format!("{start}expected {words}")
@@ -259,7 +262,7 @@ fn last_name(path: &str) -> &str {
 
 /// Returns the nearest name by edit distance, up to three or a third of the length of `wanted`,
 /// whichever is more: a name further away would not help.
-fn nearest<'a>(names: impl Iterator<Item = &'a str>, wanted: &str) -> Option<&'a str> {
+pub fn nearest<'a>(names: impl Iterator<Item = &'a str>, wanted: &str) -> Option<&'a str> {
     let length = wanted.chars().count();
     if length > LONGEST {
         return None;

@@ -82,6 +82,9 @@ fn read_run(path: &Path) -> Result<RunData, RunError> {
     if folder.is_finished() {
         return RunData::read(path);
     }
+    if folder.is_packed() {
+        return Err(RunError::PackedRun { folder: path.to_owned() });
+    }
     let mut run = RunData::read_partial(path)?;
     let variants = D2::ALL.len() * experiment.schedule.groups.len();
     if run.last_scores().count() < variants {

@@ -105,7 +105,7 @@ impl HypothesisOutcome {
             Self::Refuted => "below",
             Self::Equivalent => "equal within 0.05",
             Self::Undecided => "not told apart",
-            Self::TooFewSeeds => "too few seeds",
+            Self::TooFewSeeds => "too few seeds (two of each are needed)",
         }
     }
 }

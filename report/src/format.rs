@@ -18,7 +18,7 @@ pub(super) fn method_cell(table: &mut ReportTable, method: &MethodRuns) -> Strin
 /// Returns the notice that stands above a report on runs of the smoke budget; `None` without such
 /// runs.
 pub(super) fn smoke_test_notice(methods: &[MethodRuns]) -> Option<&'static str> {
-    const NOTICE: &str = "These runs are like those of the smoke budget, which only tests that \
+    const NOTICE: &str = "These runs are as short as those of the smoke budget, which only tests that \
         the program works. Figures of such runs say nothing about the methods.";
     methods.iter().any(MethodRuns::is_smoke_test).then_some(NOTICE)
 }

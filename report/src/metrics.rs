@@ -12,18 +12,19 @@ pub type UndefinedReason = &'static str;
 pub const NOT_EVALUATED: UndefinedReason = "not evaluated yet";
 // After the last visit of the stream nothing follows that could make a learner forget.
 const ENDS: UndefinedReason = "the stream ends with the group";
-const NOT_MET: UndefinedReason = "the group did not run";
+const NOT_MET: UndefinedReason = "no rollout of the run began in the group";
 const UNSCORED: UndefinedReason =
     "no evaluation at that moment (`evaluation.visit_rounds` makes them)";
 const FIRST: UndefinedReason = "there was no training before the group's first visit";
 const NO_RETURN: UndefinedReason = "no group came back";
 const NO_EPISODES: UndefinedReason = "no episode ended in training";
 const ONE_POLICY: UndefinedReason = "there is one policy for everything";
-const NEVER_ALONE: UndefinedReason = "no rollout was of the group alone, so no policy is its own";
+const NEVER_ALONE: UndefinedReason =
+    "a group has no kept rollout to itself, and so no policy of its own";
 const UNNAMED: UndefinedReason =
     "`evaluation.csv` does not name the policies that the learner chose";
 const UNRECORDED: UndefinedReason = "the run did not record the scores of the groups' own policies";
-const UNSEEN: UndefinedReason = "the run has no `units.csv`, the table of dormant units";
+const UNSEEN: UndefinedReason = "`units.csv`, the table of dormant units, is missing or empty";
 
 /// Metrics of one run for the tables of a report.
 #[derive(Clone, Debug, PartialEq)]

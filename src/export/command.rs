@@ -14,7 +14,7 @@ use learner::{RecognisedPolicy, TaskLabel};
 use rl::{Observations, Transition, VectorEnv};
 use symmetry::D2;
 
-use super::description::policy_description;
+use super::description::{policy_description, tensor_lines};
 use super::onnx::onnx_model;
 use super::weights::{reference_outputs, safetensors_weights};
 
@@ -77,7 +77,9 @@ impl ExportOptions {
         }
         // printed after all files are written, so that a closed pipe cannot prevent any
         let doubt = if fits { "" } else { ", the nearest: images of the group fit none well" };
-        print_escaped(out, &format!("policy {index} of {}{doubt}", learner.policy_count()))?;
+        let last = learner.policy_count() - 1;
+        print_escaped(out, &format!("policy {index} (of 0 to {last}){doubt}"))?;
+        tensor_lines(&about).iter().try_for_each(|line| print_escaped(out, line))?;
         for (name, bytes) in &files {
             print_escaped(out, &format!("{}: {} bytes", path(name).display(), bytes.len()))?;
         }

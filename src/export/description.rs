@@ -33,6 +33,20 @@ pub(super) fn policy_description(policy: &ExportedPolicy, index: usize, run: &Ex
     })
 }
 
+/// Returns a line for each input and output of a [`policy_description`], with its shape and type.
+pub(super) fn tensor_lines(about: &Value) -> Vec<String> {
+    let lines = |kind: &'static str, tensors: &Value| {
+        let tensors = tensors.as_object().cloned().unwrap_or_default();
+        let line = move |(name, tensor): (String, Value)| {
+            let sides = tensor["shape"].as_array()?.iter();
+            let sides: Vec<String> = sides.map(|side| side.to_string().replace('"', "")).collect();
+            Some(format!("{kind} {name} [{}] {}", sides.join(", "), tensor["type"].as_str()?))
+        };
+        tensors.into_iter().filter_map(line)
+    };
+    lines("input", &about["inputs"]).chain(lines("output", &about["outputs"])).collect()
+}
+
 fn inputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
     let camera = &run.envs.camera;
     let beside: &[&str] = match camera.extra_views {
@@ -76,7 +90,7 @@ fn outputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
     };
     let mut outputs = json!({
         "action": {
-            "shape": ["B", width],
+            "shape": ["B", width], "type": "float32",
             "components": ["x", "y", "z", "fingers"],
             "meaning": "what the policy does by its mean; clip it to [-1, 1]. x, y and z move the \
                         hand's target by so many times `displacement` in one decision; fingers \
@@ -85,14 +99,14 @@ fn outputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
             "control_steps_per_decision": control.action_repeat,
         },
         "log_std": {
-            "shape": ["B", width],
+            "shape": ["B", width], "type": "float32",
             "meaning": "logarithms of standard deviations, of the Gaussian before a tanh",
         },
         "distribution": distribution,
     });
     if policy.critic.is_some() {
         let meaning = "discounted sum of the rewards to come";
-        outputs["value"] = json!({"shape": ["B"], "meaning": meaning});
+        outputs["value"] = json!({"shape": ["B"], "type": "float32", "meaning": meaning});
     }
     outputs
 }
