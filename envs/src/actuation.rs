@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::{DQuat, DVec3};
 use mujoco::{Data, Model};
 use robots::{
-    ArmCommand, ControlError, JointServoSettings, OrientationConstraint, Pose, RobotDescription,
-    RobotState, Twist, TwistController,
+    ArmCommand, Capsule, ControlError, JointServoSettings, OrientationConstraint, Pose,
+    RobotDescription, RobotState, Twist, TwistController,
 };
 
 use crate::control::PHYSICS_STEPS_PER_CONTROL_STEP;
@@ -211,6 +211,12 @@ impl ServoArmController {
         let gripper_closure =
             self.servos.finger.map_or(0.0, |drive| drive.closure(positions[drive.dof]));
         RobotState { tip: chain.tip_pose(&joints), joints, gripper_closure }
+    }
+
+    /// Returns the capsules that enclose the arm (metres, world frame), always in the same order.
+    pub(crate) fn capsules(&self, data: &Data) -> Vec<Capsule> {
+        let capsules = self.servos.arm.enclosing_capsules(&self.positions(data));
+        capsules.into_iter().map(|(_, capsule)| capsule).collect()
     }
 
     /// Returns the positions of the arm's free joints.

@@ -60,6 +60,11 @@ pub struct Camera {
     /// Fixed error of the camera's pose; none if a file has no value.
     #[serde(default)]
     pub misalignment: Misalignment,
+    /// Share of the episodes, 0 to 1, whose pictures are as those of a robot's camera after its arm
+    /// was painted out: what the arm hides stays as it was last seen. Above 0 it needs an embodiment
+    /// with servos.
+    #[serde(default)]
+    pub arm_occlusion: f64,
 }
 
 /// Fixed error of the camera's pose, which breaks the symmetry of the pictures. Observations do not
@@ -113,6 +118,7 @@ impl Default for Camera {
             mark: GripperMark::default(),
             extra_views: ExtraViews::default(),
             misalignment: Misalignment::default(),
+            arm_occlusion: 0.0,
         }
     }
 }
@@ -149,6 +155,8 @@ impl Camera {
         for value in self.background {
             require((0.0..=1.0).contains(&value), "background", &value, SHARE)?;
         }
+        let occlusion = self.arm_occlusion;
+        require((0.0..=1.0).contains(&occlusion), "camera.arm_occlusion", &occlusion, SHARE)?;
         self.misalignment.check()?;
         self.mark.check()
     }

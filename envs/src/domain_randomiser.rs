@@ -42,6 +42,11 @@ impl CameraErrors {
         rng.set_stream(PICTURE_STREAMS | index as u64);
         Self { rng, view: Homography::IDENTITY, gains: [1.0; RGB_CHANNELS], blur: (0, 0.0) }
     }
+
+    /// Draws an event of this probability; certain ones draw nothing from the stream.
+    pub fn draw_event(&mut self, probability: f64) -> bool {
+        probability >= 1.0 || probability > 0.0 && self.rng.random::<f64>() < probability
+    }
 }
 
 /// Randomiser that applies the errors of a [`CameraErrors`] to the pictures of a perfect camera.

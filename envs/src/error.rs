@@ -205,6 +205,9 @@ pub enum EnvError {
     /// Robot target out of reach, or control settings out of range.
     #[error(transparent)]
     Control(#[from] robots::ControlError),
+    /// Arm that cannot be painted out of a picture.
+    #[error(transparent)]
+    Inpainting(#[from] inpainting::InpaintingError),
     /// Scene that MuJoCo rejects, or that lacks a name.
     #[error(transparent)]
     Model(#[from] mujoco::ModelError),

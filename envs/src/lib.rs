@@ -37,6 +37,7 @@
 struct Readme;
 
 mod actuation;
+mod arm_occlusion;
 mod batch;
 mod camera;
 pub mod conformance;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
+use crate::arm_occlusion::ArmOcclusion;
 use crate::batch::StepBuffers;
 use crate::camera::Camera;
 use crate::domain_randomiser::CameraErrors;
@@ -87,6 +88,7 @@ pub struct EnvSnapshot {
     pub(crate) rng: ChaCha8Rng,
     pub(crate) camera_state: CameraErrors,
     pub(crate) first: Vec<u8>,
+    pub(crate) occlusion: ArmOcclusion,
     pub(crate) image: Vec<u8>,
     pub(crate) vector: Vec<f32>,
     /// Settings by which the pictures were drawn.

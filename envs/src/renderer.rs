@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use mujoco::{CameraAndMirror, CameraId, RenderMirror, RenderOptions, Renderer, StaticBackdrop};
 
+use crate::arm_occlusion::{ArmOcclusion, PictureMemory};
 use crate::camera::{GripperMark, ObservationPictures, RGB_CHANNELS};
 use crate::error::EnvError;
 use crate::scene::{ARM_GEOM_GROUP, Scene};
@@ -97,6 +98,35 @@ impl SceneRenderer {
     ) -> Result<(), EnvError> {
         table.variant().ok_or(EnvError::NotReset)?;
         self.renderer.render_over_backdrop(table.simulation_mut(), backdrop, &mut self.rendered)?;
+        self.finish_picture(table, rgb);
+        Ok(())
+    }
+
+    /// Renders what a learner observes: as [`SceneRenderer::render_over_backdrop`], but with what
+    /// the arm hides as it was last seen if `occlusion` says so, which is kept between the pictures
+    /// of an episode.
+    ///
+    /// # Errors
+    /// Errors of [`SceneRenderer::render`]; [`EnvError::Inpainting`].
+    pub(crate) fn render_observed(
+        &mut self,
+        table: &mut TableTop,
+        backdrop: &mut StaticBackdrop,
+        occlusion: &mut ArmOcclusion,
+        rgb: &mut [u8],
+    ) -> Result<(), EnvError> {
+        self.renderer.render_over_backdrop(table.simulation_mut(), backdrop, &mut self.rendered)?;
+        match occlusion {
+            ArmOcclusion::Transparent => (),
+            ArmOcclusion::Begins => {
+                let capsules = table.arm_capsules()?;
+                let memory = PictureMemory::new(&self.scene.camera, &capsules, &self.rendered)?;
+                *occlusion = ArmOcclusion::Remembers(Box::new(memory));
+            }
+            ArmOcclusion::Remembers(memory) => {
+                memory.apply(&table.arm_capsules()?, &mut self.rendered)?;
+            }
+        }
         self.finish_picture(table, rgb);
         Ok(())
     }

@@ -50,6 +50,9 @@ impl Default for VecEnvSettings {
     }
 }
 
+const OCCLUDING_ARM: &str = "an arm with servos, kinova_gen3 or the URDF of one, since \
+`camera.arm_occlusion` is above 0";
+
 const FIRST_PICTURE: &str = "the first picture if pictures are randomised: camera errors apply to \
 whole pictures, so close-ups would be without them";
 
@@ -68,13 +71,21 @@ impl VecEnvSettings {
     /// Rejects settings of environments that are out of range.
     ///
     /// # Errors
-    /// [`EnvError::InvalidSetting`].
+    /// [`EnvError::InvalidSetting`]; with [`Camera::arm_occlusion`] those of [`Embodiment::arm`].
     pub fn check(&self) -> Result<(), EnvError> {
         require(self.num_envs > 0, "num_envs", &self.num_envs, "at least 1")?;
         // more threads than environments are allowed: the rest has no work
         let few = (1..=MAX_THREADS).contains(&self.threads);
         require(few, "threads", &self.threads, "1 to 1024")?;
         self.camera.check()?;
+        if self.camera.arm_occlusion > 0.0 {
+            self.embodiment.arm().map_err(|error| match error {
+                EnvError::InvalidSetting { name, value, .. } => {
+                    EnvError::InvalidSetting { name, value, expected: OCCLUDING_ARM }
+                }
+                other => other,
+            })?;
+        }
         if let Some(amounts) = &self.randomisation {
             amounts.check(&self.camera)?;
             // a close-up is cut out before camera errors are added

@@ -12,6 +12,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
+use crate::arm_occlusion::ArmOcclusion;
 use crate::camera::RGB_CHANNELS;
 use crate::domain_randomiser::{CameraErrors, VisualDomainRandomiser};
 use crate::error::EnvError;
@@ -27,14 +28,15 @@ use crate::settings::VecEnvSettings;
 use crate::tabletop::{ACTION_DIM, STATE_DETAILS_DIM, TableTop, VECTOR_OBSERVATION_DIM};
 use crate::task::TaskGroup;
 
-/// State of one environment besides its simulation: random stream, camera errors, first picture and
-/// backdrop of the episode.
+/// State of one environment besides its simulation: random stream, camera errors, first picture,
+/// backdrop and occlusion of the episode.
 struct Slot {
     index: usize,
     rng: ChaCha8Rng,
     camera_state: CameraErrors,
     first: Vec<u8>,
     backdrop: StaticBackdrop,
+    occlusion: ArmOcclusion,
     #[cfg(test)]
     fault: Option<Fault>,
 }
@@ -67,6 +69,7 @@ impl SubEnvs {
             camera_state: CameraErrors::new(settings.seed, index),
             first: vec![0; pixels],
             backdrop: StaticBackdrop::default(),
+            occlusion: ArmOcclusion::Transparent,
             #[cfg(test)]
             fault: None,
         });
@@ -226,6 +229,7 @@ impl SubEnvs {
                 rng: slot.rng.clone(),
                 camera_state: slot.camera_state.clone(),
                 first: slot.first.clone(),
+                occlusion: slot.occlusion.clone(),
                 image: row_mut(&mut rows.batch.images, row, image).to_vec(),
                 vector: row_mut(&mut rows.batch.vectors, row, VECTOR_OBSERVATION_DIM).to_vec(),
                 pictures: PictureSettings::new(&self.settings),
@@ -247,7 +251,7 @@ impl SubEnvs {
             row_mut(&mut rows.batch.vectors, row, VECTOR_OBSERVATION_DIM)
                 .copy_from_slice(&snapshot.vector);
             (slot.rng, slot.camera_state) = (snapshot.rng, snapshot.camera_state);
-            slot.first = snapshot.first;
+            (slot.first, slot.occlusion) = (snapshot.first, snapshot.occlusion);
         }
         Ok(())
     }
@@ -292,7 +296,13 @@ impl SubEnvs {
         let element = self.elements[slot.rng.random_range(0..self.elements.len())];
         table.reset(element, &mut slot.rng)?;
         renderer.render_backdrop(table, &mut slot.backdrop)?;
-        renderer.render_over_backdrop(table, &mut slot.backdrop, &mut slot.first)?;
+        slot.occlusion = if slot.camera_state.draw_event(self.settings.camera.arm_occlusion) {
+            ArmOcclusion::Begins
+        } else {
+            ArmOcclusion::Transparent
+        };
+        let Slot { backdrop, occlusion, first, .. } = slot;
+        renderer.render_observed(table, backdrop, occlusion, first)?;
         if let Some(randomiser) = &mut self.randomiser {
             randomiser.begin_episode(&mut slot.camera_state);
             randomiser.add_camera_errors(
@@ -319,7 +329,8 @@ impl SubEnvs {
         action.copy_from_slice(row_mut(&mut rows.actions, row, ACTION_DIM));
         let step = table.step(&action)?;
         let vector = table.observe()?;
-        renderer.render_over_backdrop(table, &mut slot.backdrop, &mut self.picture)?;
+        let Slot { backdrop, occlusion, .. } = slot;
+        renderer.render_observed(table, backdrop, occlusion, &mut self.picture)?;
         if let Some(randomiser) = &mut self.randomiser {
             randomiser.add_camera_errors(
                 &mut slot.camera_state,

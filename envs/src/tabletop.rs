@@ -5,6 +5,7 @@ use std::sync::Arc;
 use glam::{DMat3, DVec3};
 use mujoco::{Data, GeomShape, State};
 use rand_chacha::ChaCha8Rng;
+use robots::Capsule;
 use symmetry::{D2, Irrep};
 
 use crate::actuation::ServoArmController;
@@ -356,6 +357,17 @@ impl TableTop {
     /// Returns the position of the hand body (metres, world frame).
     pub fn hand_position(&self) -> DVec3 {
         DVec3::from_array(self.data.body_position(self.scene.hand))
+    }
+
+    /// Returns the capsules that enclose the arm (metres, world frame); none for a hand that a weld
+    /// moves.
+    ///
+    /// # Errors
+    /// [`EnvError::NotReset`].
+    pub(crate) fn arm_capsules(&self) -> Result<Vec<Capsule>, EnvError> {
+        let episode = self.episode.as_ref().ok_or(EnvError::NotReset)?;
+        let controller = episode.controller.as_ref();
+        Ok(controller.map_or_else(Vec::new, |of| of.capsules(&self.data)))
     }
 
     /// Returns the goal's position in the last episode (metres, world frame); `None` for tasks with

@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, reason = "tests and their helpers")]
 
+mod arm_occlusion;
 mod arms;
 mod button;
 mod common;
