@@ -56,6 +56,10 @@ fn unknown_fields_name_the_nearest_known_one() {
     let message = from_json_value::<Experiment>(wrong).unwrap_err().to_string();
     assert!(message.contains("learner.covers.ppo.gama"), "{message}");
     assert!(message.contains("did you mean `gamma`?"), "{message}");
+    let other = set(&["off_policy.sac.gamma=0.9"]).unwrap_err().to_string();
+    assert!(other.contains("methods that learn by SAC have `off_policy`"), "{other}");
+    let own = set(&["covers.ppo.gama=0.9"]).unwrap_err().to_string();
+    assert!(own.ends_with("`covers.ppo.gama`: did you mean `covers.ppo.gamma`?"), "{own}");
 }
 
 #[test]

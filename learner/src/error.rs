@@ -104,7 +104,7 @@ pub enum LearnerError {
         value: f32,
     },
     /// Path of a setting that does not exist.
-    #[error("there is no setting `{name}`{}{}", owners(name), hint(nearest))]
+    #[error("there is no setting `{name}`{}{}", owners(name, nearest), hint(nearest))]
     UnknownSetting {
         /// Path of the setting, as given.
         name: String,
@@ -199,9 +199,11 @@ fn place(path: &str) -> String {
     if path == "." { String::new() } else { format!("setting `{}`: ", short_path(path)) }
 }
 
-/// Returns the kind of methods that have settings below the first part of `name`, if only some do.
-fn owners(name: &str) -> &'static str {
-    match name.split('.').next() {
+/// Returns the kind of methods that have settings below the first part of `name`, if only some do
+/// and the nearest setting of this one lies elsewhere.
+fn owners(name: &str, nearest: &Option<String>) -> &'static str {
+    let part = name.split('.').next();
+    match part.filter(|_| part != nearest.as_ref().and_then(|path| path.split('.').next())) {
         Some("covers") => " (methods that learn by PPO have `covers`, such as `--preset covers`)",
         Some("off_policy") => {
             " (methods that learn by SAC have `off_policy`, such as `--preset covers-sac`)"
