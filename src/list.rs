@@ -30,7 +30,7 @@ impl ListRunsOptions {
     /// `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
         if !self.folder.exists() {
-            return Err(RunError::NoRun { folder: self.folder.clone() });
+            return Err(RunFolder::from_path(&self.folder).no_run());
         }
         let header = ["run", "method", "state", "policies", "success", "MB"];
         let (mut table, mut reasons) = (ReportTable::new("", &header), Vec::new());
@@ -72,8 +72,9 @@ fn row(folder: &Path, reasons: &mut Vec<String>) -> Vec<String> {
     let share = 100.0 * decisions / run.experiment.schedule.total_decisions() as f64;
     let successes: Vec<f64> = run.last_scores().map(|row| row.success).collect();
     let percent = format!("{:.0} %", share.min(100.0));
+    let is_packed = run_folder.is_packed();
     let unfinished = || match run_folder.is_in_use() {
-        _ if run_folder.is_packed() => "packed".to_owned(),
+        _ if is_packed => "packed".to_owned(),
         Some(true) => format!("running, {percent}"),
         Some(false) => format!("stopped at {percent}"),
         None => format!("at {percent}"),
@@ -83,7 +84,7 @@ fn row(folder: &Path, reasons: &mut Vec<String>) -> Vec<String> {
         name,
         Method::from_experiment(&run.experiment).map_or("own settings", Method::name).to_owned(),
         state,
-        if run_folder.is_packed() { "-".to_owned() } else { run.policy_count().to_string() },
+        if is_packed { "-".to_owned() } else { run.policy_count().to_string() },
         // the mean of no scores is no number
         format_number(Some(mean(&successes)), 3),
         format!("{megabytes:.1}"),

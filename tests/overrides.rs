@@ -58,6 +58,8 @@ fn unknown_fields_name_the_nearest_known_one() {
     assert!(message.contains("did you mean `gamma`?"), "{message}");
     let other = set(&["off_policy.sac.gamma=0.9"]).unwrap_err().to_string();
     assert!(other.contains("methods that learn by SAC have `off_policy`"), "{other}");
+    let far = set(&["covers.zzzzzzzz=1"]).unwrap_err().to_string();
+    assert!(!far.contains("methods that"), "{far}");
     let own = set(&["covers.ppo.gama=0.9"]).unwrap_err().to_string();
     assert!(own.ends_with("`covers.ppo.gama`: did you mean `covers.ppo.gamma`?"), "{own}");
 }

@@ -330,7 +330,7 @@ fn a_damaged_run_and_a_folder_of_runs_are_told_apart_from_a_run() {
     let runs = scratch.0.to_str().unwrap();
     command(&["train", "--budget", "smoke", "--seed", "3", "--runs", runs]).unwrap();
     let refused = command(&["report", runs]).unwrap_err().to_string();
-    assert!(refused.contains(&format!("name them, as {runs}/*")), "{refused}");
+    assert!(refused.contains(&format!("name one, such as {runs}/covers-sac")), "{refused}");
     let whole = command(&["list", runs]).unwrap();
     assert!(whole.contains("finished") && !whole.contains("unreadable"), "{whole}");
     let run = fs::read_dir(runs).unwrap().next().unwrap().unwrap().path();

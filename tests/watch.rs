@@ -74,7 +74,7 @@ fn what_is_no_run_is_refused() {
     assert!(refusal(&scratch.0).contains("holds no run"));
     let packed = scratch.pack(&packed::small(Method::Equi));
     let packed_message = refusal(&packed);
-    assert!(packed_message.contains("has no tables to watch"), "{packed_message}");
+    assert!(packed_message.contains("without the history"), "{packed_message}");
     let text = "rollout,decisions,group,last_group,straddles,policy\n0,500,a,a,false,501\n";
     fs::write(packed.join("metrics.csv"), text).unwrap();
     assert!(refusal(&packed).contains("metrics.csv, rollout 0: `policy` is a policy that"));

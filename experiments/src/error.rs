@@ -6,8 +6,6 @@ use std::path::{Path, PathBuf};
 use learner::LearnerError;
 use rl::BoxedEnvError;
 
-use crate::folder::RunFolder;
-
 /// Error of the learner, its stream, or the files of a run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -107,16 +105,21 @@ pub enum RunError {
     #[error(
         "{} holds no run: there is no experiment.json and no checkpoint. {}",
         folder.display(),
-        advice_without_run(folder)
+        match inside {
+            Some(run) => format!("It holds folders of runs: name one, such as {}", run.display()),
+            None => "Start one with `covers train`".to_owned(),
+        }
     )]
     NoRun {
         /// Folder without a run.
         folder: PathBuf,
+        /// First of the runs whose folders lie in the folder.
+        inside: Option<PathBuf>,
     },
     /// Packed folder where the history of a training is needed.
     #[error(
-        "{} holds policies without the history of their training: score them with \
-         `covers eval`, or report the run that was packed",
+        "{} holds policies without the history of their training: `covers pack` keeps none. \
+         Score them with `covers eval`, or name the run that was packed",
         folder.display()
     )]
     PackedRun {
@@ -408,15 +411,6 @@ pub struct TakenOver {
     pub folder: PathBuf,
     /// Name of the process that took the run over; `None` if the file with its name is gone.
     pub holder: Option<String>,
-}
-
-/// Returns what to do about a folder that holds no run.
-fn advice_without_run(folder: &Path) -> String {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    if entries.map(|entry| entry.path()).any(|path| RunFolder::from_path(&path).holds_run()) {
-        return format!("It holds folders of runs: name them, as {}/*", folder.display());
-    }
-    "Start one with `covers train`".to_owned()
 }
 
 fn taken_over(holder: Option<&str>) -> String {

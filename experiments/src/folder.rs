@@ -264,11 +264,19 @@ impl RunFolder {
         self.file_path(EXPERIMENT).exists()
     }
 
-    /// Returns `true` if the folder holds the policies of a run without the history of its training,
-    /// as `covers pack` writes it.
+    /// Returns the error of a folder that holds no run, which names a run in a folder inside.
+    pub fn no_run(&self) -> RunError {
+        let entries = std::fs::read_dir(&self.path).into_iter().flatten().flatten();
+        let runs = entries.map(|entry| entry.path());
+        let inside = runs.filter(|path| Self::from_path(path).holds_run()).min();
+        RunError::NoRun { folder: self.path.clone(), inside }
+    }
+
+    /// Returns `true` if the folder holds policies without the history of their training, as `covers
+    /// pack` writes it.
     pub fn is_packed(&self) -> bool {
-        let written_by_run = ["metrics.csv", "log.txt"];
-        self.holds_run() && !written_by_run.iter().any(|name| self.file_path(name).exists())
+        // a run has the first one even before its first rollout
+        self.holds_run() && !["lock", "metrics.csv"].iter().any(|of| self.file_path(of).exists())
     }
 
     /// Returns `true` if the folder holds a run and the summary that only finished runs have.
@@ -319,7 +327,7 @@ impl RunFolder {
             return Experiment::read(&self.file_path(EXPERIMENT));
         }
         let found = checkpoints::read_newest(&self.checkpoint_folder(), SavedRun::read)?;
-        let found = found.ok_or_else(|| RunError::NoRun { folder: self.path.clone() })?;
+        let found = found.ok_or_else(|| self.no_run())?;
         Ok(found.contents.experiment)
     }
 

@@ -93,8 +93,7 @@ pub(crate) fn resume(
     tasks: TaskRegistry,
 ) -> Result<PreparedRun, RunError> {
     if !folder.holds_run() {
-        let folder = folder.path().to_owned();
-        return Err(RunError::NoRun { folder });
+        return Err(folder.no_run());
     }
     let (folder, lock) = folder.lock()?;
     let mut experiment = folder.read_experiment()?.with_device(device)?;

@@ -4,8 +4,6 @@ use std::path::{Path, PathBuf};
 
 use rl::BoxedEnvError;
 
-use crate::overrides::short_path;
-
 /// Error of a learner, its settings, or its checkpoints.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -104,10 +102,12 @@ pub enum LearnerError {
         value: f32,
     },
     /// Path of a setting that does not exist.
-    #[error("there is no setting `{name}`{}{}", owners(name, nearest), hint(nearest))]
+    #[error("there is no setting `{name}`{}{}", methods.unwrap_or(""), hint(nearest))]
     UnknownSetting {
         /// Path of the setting, as given.
         name: String,
+        /// Remark on the methods that have such settings, if this one has none.
+        methods: Option<&'static str>,
         /// Path of the existing setting with the most similar name.
         nearest: Option<String>,
     },
@@ -196,20 +196,7 @@ impl LearnerError {
 }
 
 fn place(path: &str) -> String {
-    if path == "." { String::new() } else { format!("setting `{}`: ", short_path(path)) }
-}
-
-/// Returns the kind of methods that have settings below the first part of `name`, if only some do
-/// and the nearest setting of this one lies elsewhere.
-fn owners(name: &str, nearest: &Option<String>) -> &'static str {
-    let part = name.split('.').next();
-    match part.filter(|_| part != nearest.as_ref().and_then(|path| path.split('.').next())) {
-        Some("covers") => " (methods that learn by PPO have `covers`, such as `--preset covers`)",
-        Some("off_policy") => {
-            " (methods that learn by SAC have `off_policy`, such as `--preset covers-sac`)"
-        }
-        _ => "",
-    }
+    if path == "." { String::new() } else { format!("setting `{path}`: ") }
 }
 
 fn choice_hint(nearest: &Option<String>) -> String {

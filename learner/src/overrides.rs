@@ -75,8 +75,22 @@ fn find(tree: &Value, path: &str) -> Result<String, LearnerError> {
     let found = ways.into_iter().find(|way| lookup(tree, way).is_some());
     found.ok_or_else(|| LearnerError::UnknownSetting {
         name: path.to_owned(),
+        methods: methods_with(tree, path),
         nearest: nearest_path(tree, path),
     })
+}
+
+/// Returns a remark on the methods whose settings begin like `path`, if those of `tree` do not.
+fn methods_with(tree: &Value, path: &str) -> Option<&'static str> {
+    let part = short_path(path).split('.').next()?;
+    let remark = match part {
+        "covers" => " (methods that learn by PPO have `covers`, such as `--preset covers`)",
+        "off_policy" => {
+            " (methods that learn by SAC have `off_policy`, such as `--preset covers-sac`)"
+        }
+        _ => return None,
+    };
+    lookup(tree, &join(LEARNER, part)).is_none().then_some(remark)
 }
 
 /// Rejects a checkpoint that was written with settings other than `asked`.
@@ -191,9 +205,10 @@ pub fn from_json_value<T: DeserializeOwned>(tree: Value) -> Result<T, LearnerErr
         let name = quoted.next().unwrap_or_default();
         let nearest = nearest(quoted, name).map(str::to_owned);
         if unknown_field {
-            return LearnerError::UnknownSetting { name: path, nearest };
+            return LearnerError::UnknownSetting { name: path, methods: None, nearest };
         }
         let nearest = nearest.filter(|_| unknown_variant);
+        let path = short_path(&path).to_owned();
         LearnerError::WrongSetting { path, problem: in_plain_words(&problem), nearest }
     })
 }

@@ -20,9 +20,6 @@ use super::snapshot::RunSnapshot;
 /// Polling interval of the run's folder while lines are printed.
 const POLL_INTERVAL: Duration = Duration::from_millis(500);
 
-/// Names of files of which a run that has begun has at least one, even before its first rollout.
-const EARLY_FILES: [&str; 2] = ["lock", "metrics.csv"];
-
 /// Options of `covers watch`: the run and the output format.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = "Examples:\n  covers watch runs/covers-sac-seed0\n  \
@@ -42,7 +39,7 @@ impl WatchOptions {
     /// code of the process: 0, or 128 plus the number of the signal that ended it.
     ///
     /// # Errors
-    /// [`RunError::NoRun`], [`WatchError::NoTables`], files that cannot be read, an `out` that
+    /// [`RunError::NoRun`], [`RunError::PackedRun`], files that cannot be read, an `out` that
     /// cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<u8, WatchError> {
         #[cfg(feature = "tui")]
@@ -55,13 +52,11 @@ impl WatchOptions {
     fn open(&self) -> Result<RunSnapshot, WatchError> {
         let opened = RunFolder::from_path(&self.run_folder);
         if !opened.holds_run() {
-            let folder = self.run_folder.clone();
-            return Err(RunError::NoRun { folder }.into());
+            return Err(opened.no_run().into());
         }
-        // a run that has just begun has no tables yet
-        if !EARLY_FILES.iter().any(|name| opened.file_path(name).exists()) {
+        if opened.is_packed() {
             let folder = self.run_folder.clone();
-            return Err(WatchError::NoTables { folder });
+            return Err(RunError::PackedRun { folder }.into());
         }
         Ok(RunSnapshot::open(&self.run_folder)?)
     }

@@ -51,8 +51,9 @@ pub fn write_tensorboard_events(
 
 /// Returns the name of a run's folder.
 fn name(run: &Path) -> Result<OsString, RunError> {
-    if !RunFolder::from_path(run).holds_run() {
-        return Err(RunError::NoRun { folder: run.to_owned() });
+    let folder = RunFolder::from_path(run);
+    if !folder.holds_run() {
+        return Err(folder.no_run());
     }
     // a path such as `.` or `runs/..` has no name of its own
     let path = run.canonicalize().map_err(RunError::read_error_mapper(run))?;
