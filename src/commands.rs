@@ -285,7 +285,7 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     if options.randomised {
         experiment.envs = with_randomisation(experiment.envs);
     } else {
-        experiment.envs = experiment.envs.without_randomisation();
+        experiment.envs = experiment.envs.for_evaluation();
     }
     experiment = with_env_overrides(&options.set.overrides, experiment)?;
     let spec = SwitchableVecEnv::env_spec(&experiment.envs);

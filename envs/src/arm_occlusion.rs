@@ -12,15 +12,15 @@ use crate::error::EnvError;
 /// Distance by which the painted area exceeds the arm (metres), as on a robot.
 const MARGIN: f64 = 0.02;
 
-/// Treatment of the arm in the pictures of an episode.
+/// Occlusion by the arm in the pictures of an episode.
 #[derive(Clone, Debug)]
 pub(crate) enum ArmOcclusion {
-    /// The arm hides nothing.
-    Transparent,
-    /// The arm hides objects, but for the first picture, which is still to come.
-    Begins,
-    /// The arm hides objects, and the memory replaces them.
-    Remembers(Box<PictureMemory>),
+    /// Arm that hides nothing.
+    Off,
+    /// Arm that hides objects after the first picture, which is still to come and shows all of them.
+    Pending,
+    /// Arm that hides objects, with the memory that replaces them.
+    Active(Box<PictureMemory>),
 }
 
 /// Memory of an episode's pictures, which replaces what the arm hides.

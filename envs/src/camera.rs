@@ -60,9 +60,9 @@ pub struct Camera {
     /// Fixed error of the camera's pose; none if a file has no value.
     #[serde(default)]
     pub misalignment: Misalignment,
-    /// Share of the episodes, 0 to 1, whose pictures are as those of a robot's camera after its arm
-    /// was painted out: what the arm hides stays as it was last seen. Above 0 it needs an embodiment
-    /// with servos.
+    /// Share of the episodes of training, 0 to 1, in which objects that the arm hides stay as they
+    /// were last seen, as behind a robot's camera; above 0 only with an arm that has servos. The
+    /// camera must be aligned then.
     #[serde(default)]
     pub arm_occlusion: f64,
 }
@@ -155,9 +155,12 @@ impl Camera {
         for value in self.background {
             require((0.0..=1.0).contains(&value), "background", &value, SHARE)?;
         }
+        self.misalignment.check()?;
         let occlusion = self.arm_occlusion;
         require((0.0..=1.0).contains(&occlusion), "camera.arm_occlusion", &occlusion, SHARE)?;
-        self.misalignment.check()?;
+        // the arm is masked where an aligned camera sees it
+        let masked = occlusion == 0.0 || self.is_aligned();
+        require(masked, "camera.arm_occlusion", &occlusion, ALIGNED)?;
         self.mark.check()
     }
 
@@ -294,6 +297,7 @@ const SAMPLES: &str = "a number in 1..=8";
 const DRAWN: &str = "at most 4096 pixels, the largest picture that is drawn";
 const HEIGHT: &str = "at least 0.6 m, above everything that the hand can reach";
 const LENGTH: &str = "a positive length in metres";
+const ALIGNED: &str = "0 with a misaligned camera (`camera.misalignment`)";
 const SHARE: &str = "a number in 0..=1";
 const RADIUS: &str = "0 for no mark, or at most 0.2 m: a larger one hides the table";
 const SHIFT: &str = "at most 200 mm either way";

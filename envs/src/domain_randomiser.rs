@@ -13,6 +13,8 @@ use crate::randomisation::VisualDomainRandomisation;
 /// Number of the first random stream for camera errors of pictures. Placements use the streams
 /// below it, so randomised pictures do not change them.
 const PICTURE_STREAMS: u64 = 1 << 63;
+/// Number of the first random stream for occlusion by the arm.
+const OCCLUSION_STREAMS: u64 = PICTURE_STREAMS | 1 << 62;
 /// Standard deviation of the distance of an off-colour patch from the gripper along either axis
 /// (mm), about the width of an arm with its gripper.
 const PATCH_SPREAD: f64 = 100.0;
@@ -29,6 +31,8 @@ type Pixel = [f32; RGB_CHANNELS + 1];
 #[derive(Clone, Debug)]
 pub(crate) struct CameraErrors {
     rng: ChaCha8Rng,
+    /// Stream of its own, so that occlusion does not change the other errors.
+    occlusion_rng: ChaCha8Rng,
     view: Homography,
     gains: [f32; RGB_CHANNELS],
     /// Number of blur passes, and the share of a pixel that each pass gives to either neighbour.
@@ -38,14 +42,25 @@ pub(crate) struct CameraErrors {
 impl CameraErrors {
     /// Creates a perfect camera for environment `index`, with its own random stream of `seed`.
     pub fn new(seed: u64, index: usize) -> Self {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        rng.set_stream(PICTURE_STREAMS | index as u64);
-        Self { rng, view: Homography::IDENTITY, gains: [1.0; RGB_CHANNELS], blur: (0, 0.0) }
+        let stream = |first| {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(first | index as u64);
+            rng
+        };
+        let (rng, occlusion_rng) = (stream(PICTURE_STREAMS), stream(OCCLUSION_STREAMS));
+        Self {
+            rng,
+            occlusion_rng,
+            view: Homography::IDENTITY,
+            gains: [1.0; RGB_CHANNELS],
+            blur: (0, 0.0),
+        }
     }
 
-    /// Draws an event of this probability; certain ones draw nothing from the stream.
-    pub fn draw_event(&mut self, probability: f64) -> bool {
-        probability >= 1.0 || probability > 0.0 && self.rng.random::<f64>() < probability
+    /// Draws whether the arm hides objects in the episode that begins, which it does in the share
+    /// `share` of the episodes.
+    pub fn draw_occlusion(&mut self, share: f64) -> bool {
+        self.occlusion_rng.random::<f64>() < share
     }
 }
 

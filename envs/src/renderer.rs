@@ -96,14 +96,24 @@ impl SceneRenderer {
         backdrop: &mut StaticBackdrop,
         rgb: &mut [u8],
     ) -> Result<(), EnvError> {
-        table.variant().ok_or(EnvError::NotReset)?;
-        self.renderer.render_over_backdrop(table.simulation_mut(), backdrop, &mut self.rendered)?;
+        self.draw_over_backdrop(table, backdrop)?;
         self.finish_picture(table, rgb);
         Ok(())
     }
 
+    /// Draws the camera's view over the backdrop into `rendered`.
+    fn draw_over_backdrop(
+        &mut self,
+        table: &mut TableTop,
+        backdrop: &mut StaticBackdrop,
+    ) -> Result<(), EnvError> {
+        table.variant().ok_or(EnvError::NotReset)?;
+        let simulation = table.simulation_mut();
+        Ok(self.renderer.render_over_backdrop(simulation, backdrop, &mut self.rendered)?)
+    }
+
     /// Renders what a learner observes: as [`SceneRenderer::render_over_backdrop`], but with what
-    /// the arm hides as it was last seen if `occlusion` says so, which is kept between the pictures
+    /// the arm hides as it was last seen, if `occlusion` is not off. It is kept between the pictures
     /// of an episode.
     ///
     /// # Errors
@@ -115,15 +125,15 @@ impl SceneRenderer {
         occlusion: &mut ArmOcclusion,
         rgb: &mut [u8],
     ) -> Result<(), EnvError> {
-        self.renderer.render_over_backdrop(table.simulation_mut(), backdrop, &mut self.rendered)?;
+        self.draw_over_backdrop(table, backdrop)?;
         match occlusion {
-            ArmOcclusion::Transparent => (),
-            ArmOcclusion::Begins => {
+            ArmOcclusion::Off => (),
+            ArmOcclusion::Pending => {
                 let capsules = table.arm_capsules()?;
                 let memory = PictureMemory::new(&self.scene.camera, &capsules, &self.rendered)?;
-                *occlusion = ArmOcclusion::Remembers(Box::new(memory));
+                *occlusion = ArmOcclusion::Active(Box::new(memory));
             }
-            ArmOcclusion::Remembers(memory) => {
+            ArmOcclusion::Active(memory) => {
                 memory.apply(&table.arm_capsules()?, &mut self.rendered)?;
             }
         }

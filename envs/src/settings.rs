@@ -63,9 +63,11 @@ impl VecEnvSettings {
         self.camera.size * self.camera.size * self.camera.extra_views.num_total_channels()
     }
 
-    /// Returns the settings without domain randomisation.
-    pub fn without_randomisation(self) -> Self {
-        Self { randomisation: None, ..self }
+    /// Returns the settings with the pictures that evaluations show: not randomised, and with
+    /// nothing that the arm hides.
+    pub fn for_evaluation(self) -> Self {
+        let camera = Camera { arm_occlusion: 0.0, ..self.camera };
+        Self { randomisation: None, camera, ..self }
     }
 
     /// Rejects settings of environments that are out of range.
@@ -80,7 +82,7 @@ impl VecEnvSettings {
         self.camera.check()?;
         if self.camera.arm_occlusion > 0.0 {
             self.embodiment.arm().map_err(|error| match error {
-                EnvError::InvalidSetting { name, value, .. } => {
+                EnvError::InvalidSetting { name: name @ "embodiment", value, .. } => {
                     EnvError::InvalidSetting { name, value, expected: OCCLUDING_ARM }
                 }
                 other => other,

@@ -69,7 +69,7 @@ impl SubEnvs {
             camera_state: CameraErrors::new(settings.seed, index),
             first: vec![0; pixels],
             backdrop: StaticBackdrop::default(),
-            occlusion: ArmOcclusion::Transparent,
+            occlusion: ArmOcclusion::Off,
             #[cfg(test)]
             fault: None,
         });
@@ -280,6 +280,8 @@ impl SubEnvs {
                 Err(error.in_env(env))
             }
             Err(error) => {
+                // its picture may be missing, so the episode cannot go on
+                self.tables[row].end_episode();
                 rows.failures.push(EnvFailure { env, error });
                 Ok(false)
             }
@@ -296,10 +298,10 @@ impl SubEnvs {
         let element = self.elements[slot.rng.random_range(0..self.elements.len())];
         table.reset(element, &mut slot.rng)?;
         renderer.render_backdrop(table, &mut slot.backdrop)?;
-        slot.occlusion = if slot.camera_state.draw_event(self.settings.camera.arm_occlusion) {
-            ArmOcclusion::Begins
+        slot.occlusion = if slot.camera_state.draw_occlusion(self.settings.camera.arm_occlusion) {
+            ArmOcclusion::Pending
         } else {
-            ArmOcclusion::Transparent
+            ArmOcclusion::Off
         };
         let Slot { backdrop, occlusion, first, .. } = slot;
         renderer.render_observed(table, backdrop, occlusion, first)?;

@@ -122,7 +122,7 @@ fn settings_may_leave_it_out() {
     let random = settings(2, Some(VisualDomainRandomisation::NOMINAL));
     let text = serde_json::to_string(&random).unwrap();
     assert_eq!(serde_json::from_str::<VecEnvSettings>(&text).unwrap(), random);
-    assert_eq!(random.without_randomisation(), settings(2, None));
+    assert_eq!(random.for_evaluation(), settings(2, None));
     let mut wild = VisualDomainRandomisation::NOMINAL;
     wild.max_position_error_mm = 500.0;
     let refused = VecEnv::new(settings(2, Some(wild)), TaskGroup::GOAL_REACH, &D2::ALL);

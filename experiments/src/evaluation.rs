@@ -103,7 +103,7 @@ impl Evaluator {
     }
 
     /// Creates the evaluator of a run. Episodes depend on the evaluation plan alone, so all methods
-    /// and seeds are scored on the same ones. Images are not randomised.
+    /// and seeds are scored on the same ones. Images are not randomised, and the arm hides nothing.
     ///
     /// # Errors
     /// As [`Evaluator::new`].
@@ -113,7 +113,7 @@ impl Evaluator {
         labels: TaskLabel,
     ) -> Result<Self, RunError> {
         let (schedule, seed) = (run.schedule.clone(), run.evaluation_seed());
-        let (envs, ranks) = (run.envs.without_randomisation(), run.learner.process_ranks().clone());
+        let (envs, ranks) = (run.envs.for_evaluation(), run.learner.process_ranks().clone());
         let evaluator = Self::on_ranks(envs, tasks, schedule, seed, labels, ranks)?;
         Ok(evaluator.with_distinct_placements(run.evaluation.distinct_placements))
     }

@@ -125,7 +125,7 @@ fn unseeded(run: &RunData) -> Experiment {
 
 /// Returns the settings that all methods of a report share, the stream and the evaluation, with the
 /// rest replaced by defaults. Methods may differ in their learner, their images (size,
-/// oversampling, extra images, randomisation, misalignment) and their number of environments.
+/// oversampling, extra images, randomisation, misalignment, occlusion) and their number of environments.
 fn world(experiment: &Experiment) -> Experiment {
     let mut world = experiment.clone().with_threads(1);
     let (envs, rollout) = (world.envs.num_envs, world.learner.rollout_steps());
@@ -143,9 +143,10 @@ fn world(experiment: &Experiment) -> Experiment {
             oversampling: any.oversampling,
             extra_views: any.extra_views,
             misalignment: any.misalignment,
+            arm_occlusion: any.arm_occlusion,
             ..world.envs.camera
         },
-        ..world.envs.without_randomisation()
+        ..world.envs.for_evaluation()
     };
     world.learner = LearnerSettings::default();
     world.checkpoints = CheckpointPlan::default();
@@ -205,6 +206,9 @@ mod tests {
         let mut runs = methods.map(|method| Budget::Full.preset_experiment(method));
         let worlds = runs.each_ref().map(world);
         assert!(runs[0].envs != runs[1].envs && runs[1].envs != runs[2].envs);
+        let mut hidden = runs[0].clone();
+        hidden.envs.camera.arm_occlusion = 0.5;
+        assert_eq!(world(&hidden), worlds[0]);
         assert!(worlds.iter().all(|world| *world == worlds[0]));
         runs[1].envs.camera.height += 0.1;
         assert_ne!(world(&runs[1]), worlds[0]);

@@ -78,7 +78,7 @@ impl ExportOptions {
         // printed after all files are written, so that a closed pipe cannot prevent any
         let doubt = if fits { "" } else { ", the nearest: images of the group fit none well" };
         let last = learner.policy_count() - 1;
-        print_escaped(out, &format!("policy {index} (of 0 to {last}){doubt}"))?;
+        print_escaped(out, &format!("policy {index} of policies 0 to {last}{doubt}"))?;
         tensor_lines(&about).iter().try_for_each(|line| print_escaped(out, line))?;
         for (name, bytes) in &files {
             print_escaped(out, &format!("{}: {} bytes", path(name).display(), bytes.len()))?;
@@ -99,8 +99,7 @@ const DECISIONS: usize = 8;
 /// Errors of the environments.
 fn observations(run: &Experiment) -> Result<Observations, RunError> {
     let groups = run.schedule.resolve_groups(&TaskRegistry::with_all())?;
-    let settings =
-        VecEnvSettings { num_envs: ENVS, threads: 1, ..run.envs.without_randomisation() };
+    let settings = VecEnvSettings { num_envs: ENVS, threads: 1, ..run.envs.for_evaluation() };
     let mut stream = SwitchableVecEnv::new(settings, &groups)?;
     let mut all = Observations { images: Vec::new(), vectors: Vec::new() };
     for group in groups {

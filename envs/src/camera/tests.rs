@@ -10,7 +10,7 @@ use super::*;
 #[test]
 fn settings_out_of_range_are_refused_with_their_value() {
     type Change = fn(&mut Camera);
-    let broken: [(Change, &str); 15] = [
+    let broken: [(Change, &str); 19] = [
         (|c| c.size = 47, "image size` is 47"),
         (|c| c.size = 1 << 40, "image size"),
         (|c| c.half_extent = 0.0, "half extent` is 0"),
@@ -26,6 +26,10 @@ fn settings_out_of_range_are_refused_with_their_value() {
         (|c| c.misalignment.shift_mm[1] = -201.0, "shift_mm` is -201"),
         (|c| c.misalignment.tilt_degrees[0] = 20.5, "tilt_degrees` is 20.5"),
         (|c| c.misalignment.tilt_degrees[1] = f64::NAN, "tilt_degrees` is NaN"),
+        (|c| c.arm_occlusion = -0.1, "arm_occlusion` is -0.1"),
+        (|c| c.arm_occlusion = 1.5, "arm_occlusion` is 1.5"),
+        (|c| c.arm_occlusion = f64::NAN, "arm_occlusion` is NaN"),
+        (|c| (c.arm_occlusion, c.misalignment.shift_mm) = (0.5, [30.0, 0.0]), "misaligned camera"),
     ];
     for (change, says) in broken {
         let mut camera = Camera::default();

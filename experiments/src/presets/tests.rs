@@ -149,7 +149,7 @@ fn randomised_pictures_without_close_ups_are_all_that_a_preset_changes() {
         let mut run = budget.preset_experiment(Method::CoversRandomised);
         assert_eq!(run.envs.randomisation, Some(VisualDomainRandomisation::NOMINAL));
         let covers = budget.preset_experiment(Method::Covers);
-        run.envs = run.envs.without_randomisation();
+        run.envs = run.envs.for_evaluation();
         run.envs.camera = covers.envs.camera;
         assert_eq!(run, covers);
     }
