@@ -255,8 +255,12 @@ impl RunFolder {
 
     /// Returns `true` if the folder holds a run: its settings, or a checkpoint, which has them too.
     pub fn holds_run(&self) -> bool {
-        let checkpoints = || checkpoints::list_checkpoints(&self.checkpoint_folder());
-        self.holds_settings() || checkpoints().is_ok_and(|there| !there.is_empty())
+        self.holds_settings() || self.holds_checkpoint()
+    }
+
+    fn holds_checkpoint(&self) -> bool {
+        let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder());
+        checkpoints.is_ok_and(|there| !there.is_empty())
     }
 
     /// Returns `true` if the file of the settings exists.
@@ -275,8 +279,9 @@ impl RunFolder {
     /// Returns `true` if the folder holds policies without the history of their training, as `covers
     /// pack` writes it.
     pub fn is_packed(&self) -> bool {
-        // a run has the first one even before its first rollout
-        self.holds_run() && !["lock", "metrics.csv"].iter().any(|of| self.file_path(of).exists())
+        // a run begins both files before its first checkpoint
+        let history = ["metrics.csv", "log.txt"];
+        self.holds_checkpoint() && !history.iter().any(|name| self.file_path(name).exists())
     }
 
     /// Returns `true` if the folder holds a run and the summary that only finished runs have.
