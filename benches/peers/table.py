@@ -9,7 +9,7 @@ paper.
 
 Numbers have to be right to the last digit shown; where they lie halfway, either neighbour will do.
 Bounds of bootstrap intervals and p-values of permutations may be off by what chance allows (RANKS,
-`permutation_p`). Runs whose policies were merged are refused.
+`permutation_p`).
 """
 
 import csv
@@ -50,6 +50,19 @@ def mean(values):
     return float(np.mean(list(values)))
 
 
+def heirs_of(row):
+    """Policies that those of a run are merged into after a rollout, by policy."""
+    heirs = row.get("heirs", "").split(";")
+    return {policy: int(heir) for policy, heir in enumerate(heirs) if heir}
+
+
+def acting(policy, heirs):
+    """Policy that acts for one that may have been merged, in several steps perhaps."""
+    while policy in heirs:
+        policy = heirs[policy]
+    return policy
+
+
 class Run:
     """Files of a run, and what several tables need of them."""
 
@@ -57,7 +70,7 @@ class Run:
         self.name = folder.name
         self.experiment = json.loads((folder / "experiment.json").read_text())
         self.rollouts = rows_of(folder / "metrics.csv")
-        assert "heirs" not in self.rollouts[0], "runs that merge policies are not understood"
+        self.heirs = heirs_of(self.rollouts[-1])
         self.scores = rows_of(folder / "evaluation.csv")
         # runs that cannot be asked have no answers
         answers = folder / "recognition.csv"
@@ -70,12 +83,16 @@ class Run:
         # an evaluation is known by the number of rollouts before it
         self.times = sorted({int(row["rollouts"]) for row in self.scores})
         self.decisions = int(self.rollouts[-1]["decisions"])
-        self.policies = len({row["policy"] for row in self.rollouts})
+        self.policies = 1 + max(int(row["policy"]) for row in self.rollouts)
         (learner,) = self.experiment["learner"].values()
         self.has_one_policy = learner["grouping"] == "single"
         self.is_told = learner["grouping"] == "oracle"
         self.alone = [row for row in self.rollouts if row["straddles"] == "false"]
-        self.served = Counter((int(row["policy"]), row["group"]) for row in self.alone)
+        self.served = Counter((self.acts(row), row["group"]) for row in self.alone)
+
+    def acts(self, row):
+        """Policy that acts at the end for that of a row, or None where the row names none."""
+        return None if row["policy"] == "" else acting(int(row["policy"]), self.heirs)
 
     def scored(self, group, time=None):
         """Rows of a group in an evaluation, by default in that after the stream."""
@@ -231,6 +248,18 @@ def compared(one, other):
     return cell, [outcome]
 
 
+def own_average(run, column):
+    """Mean over groups of what their own policies score, or None where that is not recorded."""
+    def score(group, choice):
+        chosen = int(choice["policy"]) == run.own_policy(group)
+        return choice[column] if chosen else choice.get(f"own_{column}", "")
+
+    scores = [[score(group, choice) for choice in run.scored(group)] for group in run.groups]
+    if any("" in of_group for of_group in scores):
+        return None
+    return mean(mean(map(float, of_group)) for of_group in scores)
+
+
 def results(methods, draws):
     """Table of success and reward after the stream."""
     def cell(scores, rewards, interval):
@@ -246,8 +275,8 @@ def results(methods, draws):
         row.append(cell(scores, rewards, drawn(draws[name].mean(axis=(1, 2)), 2)))
         other = [int(choice["policy"]) != run.own_policy(group)
                  for run in runs for group in run.groups for choice in run.scored(group)]
-        # the runs hold no scores of own policies that were not chosen
-        row.append(NOTHING if any(other) else cell(scores, rewards, []))
+        own = [[own_average(run, column) for run in runs] for column in ("success", "reward")]
+        row.append(NOTHING if None in own[0] else cell(*own, []))
         yield row + [[f"{sum(other)} of {len(other)}"]]
 
 
@@ -295,15 +324,22 @@ def forward_transfer(run):
 
 
 def assignment(run):
-    """Share of rollouts that went to the first policy opened for their group, also of returns."""
-    opened, right, returns = {}, [], []
+    """Share of rollouts that went to the first policy opened for their group, also of returns.
+
+    A merged policy counts as its heir, which belongs to the group of the first policy of all those
+    that it acts for.
+    """
+    opened, heirs, right, returns = {}, {}, [], []
     for count, row in enumerate(run.rollouts):
         if row["straddles"] == "false":
-            opened.setdefault(row["policy"], row["group"])
-            firsts = [policy for policy, group in opened.items() if group == row["group"]]
-            right.append(firsts[:1] == [row["policy"]])
+            policy = int(row["policy"])
+            opened.setdefault(policy, row["group"])
+            first = [of for of, group in opened.items() if group == row["group"]][:1]
+            served = [of for of in sorted(opened) if acting(of, heirs) == acting(policy, heirs)]
+            right.append(first == served[:1])
             if count >= run.visits(row["group"])[0][1]:
                 returns.append(right[-1])
+        heirs = heirs_of(row)
     return mean(right), mean(returns)
 
 
@@ -440,7 +476,7 @@ def recognition(methods, draws):
     def share(run, group, count, policy):
         rows = [row for row in run.answers
                 if row["group"] == group and row["episodes"] == str(count)]
-        named = [int(row["times"]) for row in rows if row["policy"] == policy]
+        named = [int(row["times"]) for row in rows if run.acts(row) == policy]
         return sum(named) / sum(int(row["times"]) for row in rows)
 
     for name, runs in methods.items():
@@ -449,9 +485,12 @@ def recognition(methods, draws):
             if runs[0].has_one_policy or runs[0].is_told:
                 yield [[name], [str(count)]] + [NOTHING] * (len(groups) + 2)
                 continue
-            right = [mean(share(run, group, count, str(run.policy_that_belongs(group)))
-                          for run in runs) for group in groups]
-            none = mean(share(run, group, count, "") for run in runs for group in groups)
+            none = mean(share(run, group, count, None) for run in runs for group in groups)
+            right = []
+            for group in groups:
+                own = [run.policy_that_belongs(group) for run in runs]
+                right.append(mean(0 if policy is None else share(run, group, count, policy)
+                                  for run, policy in zip(runs, own)))
             shares = [*right, mean(right), none]
             yield [[name], [str(count)]] + [[number(one, 3)] for one in shares]
 
@@ -469,7 +508,7 @@ def confusion(methods, draws):
             rows += [("1 episode", row, int(row["times"])) for row in run.answers
                      if row["episodes"] == "1"]
             for shown, row, times in rows:
-                policy = None if row["policy"] == "" else int(row["policy"])
+                policy = run.acts(row)
                 fitting = [group for group in [row["group"], *groups] if own[group] == policy]
                 taken_for = [*fitting, "another"][0] if policy is not None else "none"
                 counts[shown, row["group"], taken_for] += times

@@ -347,6 +347,7 @@ mod tests {
                 Some("zero") => (90..100, Some(10)),
                 Some("wide") => (90..100, Some(3)),
                 Some("misaligned") => (80..85, Some(5)),
+                Some("robot") => (85..90, Some(5)),
                 _ => (1000..u64::MAX, None),
             };
             assert!(plan.seeds.iter().all(|seed| seeds.contains(seed)), "{name}");

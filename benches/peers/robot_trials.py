@@ -1,0 +1,64 @@
+"""Tells how well policies of several streams act on a robot: robot_trials.py TRIALS.csv ...
+
+Each file is the `trials.csv` that `covers deploy --out` wrote for the policies of one stream. The
+script prints the success of each stream in each group, the means over streams, the lowest success
+of a stream, and the trials in which the learner chose the policy that it chose for the group in
+most of the stream's trials. Intervals of 95 % are by Student's t over streams.
+"""
+
+import csv
+import sys
+from collections import Counter
+from pathlib import Path
+from statistics import fmean
+
+from scipy import stats
+
+
+def interval(values):
+    """A mean of streams, with its interval unless all are equal."""
+    if len(set(values)) < 2:
+        return f"{fmean(values):.3f}"
+    half = stats.sem(values) * stats.t.ppf(0.975, len(values) - 1)
+    return f"{fmean(values):.3f} ± {half:.3f}"
+
+
+def right_policies(rows):
+    """Number of trials with the policy that was chosen for their group in most trials."""
+    chosen = {}
+    for row in rows:
+        chosen.setdefault(row["group"], Counter())[row["policy"]] += 1
+    usual = {group: counts.most_common(1)[0] for group, counts in chosen.items()}
+    # no two groups may share a policy
+    assert len({policy for policy, _ in usual.values()}) == len(usual), usual
+    return sum(count for _, count in usual.values())
+
+
+def main(paths):
+    """Prints the table of all streams."""
+    streams = {}
+    for path in map(Path, paths):
+        with open(path, newline="") as file:
+            streams[path.stem] = list(csv.DictReader(file))
+    groups = list(dict.fromkeys(row["group"] for rows in streams.values() for row in rows))
+    print("| stream | trials | " + " | ".join(groups) + " | all | at the end | right policy |")
+    print("|---|---|" + "---|" * (len(groups) + 3))
+    columns = []
+    for name, rows in streams.items():
+        def share(group=None, column="success", rows=rows):
+            return fmean(int(row[column]) for row in rows if group in (None, row["group"]))
+
+        values = [*map(share, groups), share(), share(column="success_at_end")]
+        columns.append(values)
+        cells = [name, str(len(rows)), *(f"{value:.2f}" for value in values)]
+        print("| " + " | ".join([*cells, str(right_policies(rows))]) + " |")
+    total = sum(map(len, streams.values()))
+    right = sum(map(right_policies, streams.values()))
+    means = [interval(values) for values in zip(*columns)]
+    print("| " + " | ".join(["mean", str(total), *means, str(right)]) + " |")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) < 3:
+        sys.exit(__doc__)
+    main(sys.argv[1:])
