@@ -7,8 +7,9 @@ use covers::{RunFolder, SwitchableVecEnv, TaskLabel};
 use envs::{ExtraViews, TaskGroup, TaskRegistry, TaskVariant};
 use symmetry::D2;
 
-/// The policies in this folder of `assets`, whose pictures show `beside`.
-fn know_their_groups_and_solve_them(name: &str, beside: ExtraViews) {
+/// Checks the policies in this folder of `assets`, whose pictures show `beside`, which solve at
+/// least the share `success` of each group.
+fn know_their_groups_and_solve_them(name: &str, beside: ExtraViews, success: f64) {
     let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets");
     let folder = assets.join(name);
     let folder = RunFolder::from_path(&folder);
@@ -24,7 +25,7 @@ fn know_their_groups_and_solve_them(name: &str, beside: ExtraViews) {
     let (mut learner, own) = loaded.unwrap();
     assert_eq!(own, OwnPolicyByGroup::default(), "a pack has no books");
     assert_eq!(learner.policy_count(), 4);
-    let (envs, tasks) = (experiment.envs, TaskRegistry::with_standard());
+    let (envs, tasks) = (experiment.envs.for_evaluation(), TaskRegistry::with_standard());
     let mut evaluator = Evaluator::new(envs, &tasks, experiment.schedule, 5, labels).unwrap();
     let mut findings = EvaluationResults::default();
     for (group, element) in TaskGroup::STANDARD.into_iter().zip(D2::ALL) {
@@ -33,7 +34,7 @@ fn know_their_groups_and_solve_them(name: &str, beside: ExtraViews) {
     }
     let mut chosen = Vec::new();
     for score in findings.scores {
-        assert!(score.success >= 0.9, "{score:?}");
+        assert!(score.success >= success, "{score:?}");
         assert_eq!(score.seen_in_training, score.element == D2::Identity);
         chosen.push(score.policy);
     }
@@ -43,10 +44,10 @@ fn know_their_groups_and_solve_them(name: &str, beside: ExtraViews) {
 
 #[test]
 fn policies_with_close_ups_know_their_groups_and_solve_them() {
-    know_their_groups_and_solve_them("pretrained", ExtraViews::CloseUp);
+    know_their_groups_and_solve_them("pretrained", ExtraViews::CloseUp, 0.9);
 }
 
 #[test]
 fn policies_for_robots_know_their_groups_and_solve_them() {
-    know_their_groups_and_solve_them("pretrained-robot", ExtraViews::First);
+    know_their_groups_and_solve_them("pretrained-robot", ExtraViews::First, 0.7);
 }
