@@ -334,7 +334,7 @@ def assignment(run):
         if row["straddles"] == "false":
             policy = int(row["policy"])
             opened.setdefault(policy, row["group"])
-            first = [of for of, group in opened.items() if group == row["group"]][:1]
+            first = [of for of in sorted(opened) if opened[of] == row["group"]][:1]
             served = [of for of in sorted(opened) if acting(of, heirs) == acting(policy, heirs)]
             right.append(first == served[:1])
             if count >= run.visits(row["group"])[0][1]:

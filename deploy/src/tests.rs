@@ -249,7 +249,7 @@ fn a_dry_run_without_a_table_is_refused() {
     assert!(matches!(failed, Err(DeployError::Rig { .. })));
 }
 
-/// Checks a policy that was trained with another arm, on a camera with all faults.
+/// Checks a policy on a camera with all faults.
 #[test]
 fn the_simulated_rig_reaches_a_goal_under_nominal_faults() {
     let mut deployment = deployment();

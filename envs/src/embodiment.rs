@@ -31,8 +31,7 @@ impl Embodiment {
     pub const SAWYER: Self = Self::from_spec(&Sawyer);
     /// Gripper alone on three slides; it moves like the Sawyer arm's hand and is exactly symmetric.
     pub const FLOATING_HAND: Self = Self::from_spec(&FloatingHand);
-    /// Kinova Gen3 with a Robotiq gripper under Cartesian control, for policies that were trained
-    /// with another arm.
+    /// Kinova Gen3 with a Robotiq gripper under Cartesian control.
     pub const KINOVA_GEN3: Self = Self::from_spec(&KINOVA_GEN3);
 
     /// Embodiments for training, in the order in which reports list them. Every task must pass its
