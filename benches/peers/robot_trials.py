@@ -1,9 +1,9 @@
 """Tells how well policies of several streams act on a robot: robot_trials.py TRIALS.csv ...
 
-Each file is the `trials.csv` that `covers deploy --out` wrote for the policies of one stream. The
-script prints the success of each stream in each group, the means over streams, the lowest success
-of a stream, and the trials in which the learner chose the policy that it chose for the group in
-most of the stream's trials, which has to be another one for each group. Intervals of 95 % are by Student's t over streams.
+Each file is the `trials.csv` that `covers deploy --out` wrote for the policies of one stream, under
+the name of the stream. The script prints the success of each stream in each group, the means over
+streams with intervals of 95 % by Student's t, and the trials with the usual policy: the one that
+the learner chose for the group in most of the stream's trials, another one for each group.
 """
 
 import csv
@@ -23,7 +23,7 @@ def interval(values):
     return f"{fmean(values):.3f} ± {half:.3f}"
 
 
-def right_policies(rows):
+def usual_policies(rows):
     """Number of trials with the policy that was chosen for their group in most trials."""
     chosen = {}
     for row in rows:
@@ -43,7 +43,7 @@ def main(paths):
         with open(path, newline="") as file:
             streams[path.stem] = list(csv.DictReader(file))
     groups = list(dict.fromkeys(row["group"] for rows in streams.values() for row in rows))
-    print("| stream | trials | " + " | ".join(groups) + " | all | at the end | right policy |")
+    print("| stream | trials | " + " | ".join(groups) + " | all | at the end | usual policy |")
     print("|---|---|" + "---|" * (len(groups) + 3))
     columns = []
     for name, rows in streams.items():
@@ -53,11 +53,11 @@ def main(paths):
         values = [*map(share, groups), share(), share(column="success_at_end")]
         columns.append(values)
         cells = [name, str(len(rows)), *(f"{value:.2f}" for value in values)]
-        print("| " + " | ".join([*cells, str(right_policies(rows))]) + " |")
+        print("| " + " | ".join([*cells, str(usual_policies(rows))]) + " |")
     means = [interval(values) for values in zip(*columns)]
     per_stream = fmean(map(len, streams.values()))
-    right = fmean(map(right_policies, streams.values()))
-    print("| " + " | ".join(["mean", f"{per_stream:g}", *means, f"{right:g}"]) + " |")
+    usual = fmean(map(usual_policies, streams.values()))
+    print("| " + " | ".join(["mean", f"{per_stream:g}", *means, f"{usual:g}"]) + " |")
 
 
 if __name__ == "__main__":

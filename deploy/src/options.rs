@@ -26,8 +26,8 @@ pub enum FaultPreset {
 /// Options that choose the robot, its faults and the seed.
 #[derive(Clone, Debug, Args)]
 pub struct RigOptions {
-    /// Simulated robot: `kinova-sim`, a Kinova Gen3 behind an imperfect camera, or an arm of
-    /// yours as ARM.urdf (default: kinova-sim).
+    /// Simulated robot: `kinova-sim`, a Kinova Gen3, or an arm of yours as ARM.urdf (default:
+    /// kinova-sim).
     #[arg(long, value_name = "ROBOT", value_parser = robot)]
     pub robot: Option<Embodiment>,
     /// Seed of placements and faults.
