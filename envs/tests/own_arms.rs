@@ -57,12 +57,12 @@ fn replaced(urdf: &str, changes: &[(&str, &str)]) -> String {
     })
 }
 
-/// Asserts that the expert solves an episode of each variant of a group.
-fn assert_solves(embodiment: Embodiment, group: TaskGroup) {
+/// Asserts that the expert solves this number of episodes of each variant of a group.
+fn assert_solves(embodiment: Embodiment, group: TaskGroup, episodes: u64) {
     let scene = Arc::new(Scene::new(group, embodiment, Camera::default()).unwrap());
     for element in D2::ALL {
-        let row = measure_expert(&scene, element, ControlSettings::default(), 1).unwrap();
-        assert_eq!(row.successes, 1, "{:?} with {embodiment:?}", row.variant);
+        let row = measure_expert(&scene, element, ControlSettings::default(), episodes).unwrap();
+        assert_eq!(row.failed_seeds, [0; 0], "{:?} with {embodiment:?}", row.variant);
     }
 }
 
@@ -78,7 +78,7 @@ fn experts_solve_every_variant_with_arms_of_three_kinds() {
         assert_eq!(arm.arm().unwrap().chain().joints().len(), joints);
         assert_eq!(arm.arm().unwrap().closing_seconds().is_some(), joints == 7);
         for group in TaskGroup::STANDARD {
-            assert_solves(arm, group);
+            assert_solves(arm, group, 1);
         }
     }
 }
@@ -92,7 +92,16 @@ fn an_expert_slides_the_puck_with_a_strong_arm() {
     let strong =
         replaced(industrial, &[("effort=\"150\"", "effort=\"600\""), ("\"28\"", "\"112\"")]);
     let arm = Embodiment::from_file(&folder.write("strong.urdf", &strong)).unwrap();
-    assert_solves(arm, TaskGroup::PLATE_SLIDE);
+    assert_solves(arm, TaskGroup::PLATE_SLIDE, 1);
+}
+
+/// Servos that are too soft fail with seeds 1 and 4 of the first group and 5 of the second.
+#[test]
+fn an_expert_presses_and_slides_with_a_long_arm() {
+    let arm = asset("seven_joint_gripper.urdf");
+    for group in [TaskGroup::BUTTON_PRESS, TaskGroup::PLATE_SLIDE] {
+        assert_solves(arm, group, 6);
+    }
 }
 
 /// The fingers open towards the upper end of their joint's range, as far as the Sawyer arm's: the
@@ -156,7 +165,7 @@ fn the_rotation_about_the_vertical_is_free_where_an_arm_cannot_hold_it() {
     }
     assert!(table.hand_position().x > 0.2, "{}", table.hand_position());
     assert!(direction(&table).distance(0.045 * DVec3::Z) < 2e-3);
-    assert_solves(embodiment, TaskGroup::GOAL_REACH);
+    assert_solves(embodiment, TaskGroup::GOAL_REACH, 1);
 }
 
 /// The first joint of this arm is 0.079 m above its base, and the second one on its axis. From a

@@ -24,9 +24,10 @@ const HAND_TO_TIP: f64 = 0.045;
 const FLANGE_TO_HAND: f64 = 0.09;
 /// Distance from the middle to the outside of open fingers (metres), as of the Sawyer arm's.
 const OPEN_HALF_WIDTH: f64 = 0.053;
-/// Maximum stiffness of a hinge's servo (newton metres per radian), about that of a Kinova Gen3.
-/// Scripted experts slide a puck by pressing on it, and a stiff arm presses it away.
-const MAX_STIFFNESS: f64 = 2000.0;
+/// Maximum stiffness of a hinge's servo (newton metres per radian), three times that of a Kinova
+/// Gen3. Scripted experts slide a puck by pressing on it, and a stiffer arm presses it away; with
+/// 2000, a long arm is too weak to press a button home.
+const MAX_STIFFNESS: f64 = 6000.0;
 /// Minimum distance by which the outside of a finger moves outwards (metres).
 const MIN_TRAVEL: f64 = 1e-3;
 
