@@ -37,6 +37,8 @@ pub struct RolloutDecision {
     pub group_changed: bool,
     /// Indices of the policies that are rejected for this task group from here on.
     pub rejected: Vec<usize>,
+    /// Indices of the policies whose images or vectors differ from those of the episodes.
+    pub differing: Vec<usize>,
     /// Trial that the named policy must pass, unless it is the one that acted.
     pub trial: RequiredTrial,
     /// `true` if the named policy is provisional: evidence from before it acted rejects it, because
@@ -89,6 +91,8 @@ pub struct RolloutDecisionContext<'a> {
     pub collector: usize,
     /// Indices of the policies that were rejected for the same task group before.
     pub rejected: &'a [usize],
+    /// Value of [`RolloutDecision::differing`] in the decision that proposed the acting policy.
+    pub differing: &'a [usize],
     /// Value of [`RolloutDecision::is_provisional`] in the decision that proposed the acting
     /// policy.
     pub is_provisional: bool,
@@ -235,7 +239,8 @@ impl Recogniser {
     /// [`Recogniser::review_proposed_policy`]. A rollout that is too little to decide is kept, and
     /// judged together with the next similar one. `Undecided`, if `context` allows it, asks for
     /// another rollout; no policy may train on this one. After a changepoint, only the later
-    /// episodes count.
+    /// episodes count, but the policy that acted is named only if the earlier ones fit it, too,
+    /// since it trains on those.
     ///
     /// # Errors
     /// [`EvidenceError::NoPolicy`] for a collector above [`policy_count`](Self::policy_count); too
@@ -256,7 +261,28 @@ impl Recogniser {
             decision = self.decide_with_kept(case, decision, rng)?;
         }
         decision.changepoint = place.map(|place| summaries[place].began);
+        // the acting policy would train on the part before the changepoint
+        if let Some(place) = place
+            && context.allow_undecided
+            && decision.policy == AssignedPolicy::Existing(context.collector)
+            && !self.accepts_collector(context.collector, &summaries[..place], rng)?
+        {
+            decision.policy = AssignedPolicy::Undecided;
+        }
         Ok(decision)
+    }
+
+    /// Returns `true` if screening accepts the policy that acted in the episodes.
+    fn accepts_collector(
+        &self,
+        collector: usize,
+        summaries: &[&EpisodeSummary],
+        rng: &mut impl Rng,
+    ) -> Result<bool> {
+        let mut own = ChaCha8Rng::seed_from_u64(rng.random());
+        let (memory, role) = (&self.memories[collector], PolicyRole::Collector);
+        let test = self.tester().test(memory, summaries, role, TestStage::Screening, &mut own)?;
+        Ok(test.verdict == PolicyVerdict::Accepted)
     }
 
     /// Decides on episodes that screening left undecided, together with a kept undecided rollout of
@@ -303,6 +329,12 @@ impl Recogniser {
         Ok(decision)
     }
 
+    /// Returns the indices of the policies whose images or vectors differ at the final level.
+    fn differing_policies(&self, tests: &[PolicyTestResult]) -> Vec<usize> {
+        let differs = |&p: &usize| tests[p].first_observation_p_value() <= self.settings.level;
+        (0..tests.len()).filter(differs).collect()
+    }
+
     /// Returns the index of the policy that fits best among those that were tested and not merged.
     fn most_similar(&self, tests: &[PolicyTestResult]) -> Option<usize> {
         let is_tested =
@@ -337,6 +369,7 @@ impl Recogniser {
             changepoint: None,
             group_changed: false,
             rejected: is_rejected.then_some(collector).into_iter().collect(),
+            differing: self.differing_policies(&tests),
             trial: RequiredTrial::of_policy(is_familiar || others.len() > 1),
             is_provisional: false,
             tests,
@@ -346,8 +379,8 @@ impl Recogniser {
     /// Reviews the policy `context.collector`, which an earlier decision proposed, by a rollout
     /// that it collected itself; if it fails, decides on another one. Its own motion and returns
     /// are compared, too. If it is rejected and there is a changepoint, only the earlier episodes
-    /// count, for whose group the policy was proposed. If images or vectors reject a policy that
-    /// they had accepted, the group has changed, and the rollout is judged as by
+    /// count, for whose group the policy was proposed. If images or vectors contradict those for
+    /// which it was proposed, the group has changed, and the rollout is judged as by
     /// [`Recogniser::assign_rollout`].
     ///
     /// # Errors
@@ -375,16 +408,21 @@ impl Recogniser {
             decision = self.decide(case, role, rng)?;
             decision.changepoint = Some(summaries[place].began);
         }
-        if decision.policy == keep {
+        let fits_differing_policy = self.fits_differing_policy(context, &decision.tests);
+        if decision.policy == keep && !fits_differing_policy {
             decision.is_provisional = is_provisional;
             return Ok(decision);
         }
-        if !is_provisional && self.has_group_changed(&decision.tests[context.collector]) {
+        if fits_differing_policy || self.contradicts_proposal(context, &decision.tests) {
             case.summaries = &summaries[place.unwrap_or(0)..];
             let mut anew = self.decide_anew(case, place.is_some(), rng)?;
             // trials could go on for ever in groups that change with every rollout
             if !context.allow_undecided && anew.trial != RequiredTrial::Waived {
                 anew.trial = RequiredTrial::None;
+            }
+            // the acting policy would train on the part before the changepoint
+            if place.is_some() && anew.policy == keep && context.allow_undecided {
+                anew.policy = AssignedPolicy::Undecided;
             }
             anew.changepoint = place.map(|place| summaries[place].began);
             return Ok(RolloutDecision { group_changed: true, ..anew });
@@ -402,8 +440,12 @@ impl Recogniser {
         has_changepoint: bool,
         rng: &mut impl Rng,
     ) -> Result<RolloutDecision> {
-        let context =
-            RolloutDecisionContext { rejected: &[], is_provisional: false, ..case.context };
+        let context = RolloutDecisionContext {
+            rejected: &[],
+            differing: &[],
+            is_provisional: false,
+            ..case.context
+        };
         let case = Case { context, ..case };
         let decision = self.screen(case, rng)?;
         match decision.policy {
@@ -420,11 +462,37 @@ impl Recogniser {
         }
     }
 
-    /// Returns `true` if images or vectors reject a policy at the final level: its task group has
-    /// changed.
-    fn has_group_changed(&self, test: &PolicyTestResult) -> bool {
-        let mut sources = self.tester().rejecting_sources(test, self.settings.level);
-        sources.any(EvidenceSource::is_first_observation)
+    /// Returns `true` if images and vectors show another task group than that for which the policy
+    /// that acted was proposed: they reject it, or fit it although it is provisional because they
+    /// had not.
+    fn contradicts_proposal(
+        &self,
+        context: RolloutDecisionContext,
+        tests: &[PolicyTestResult],
+    ) -> bool {
+        let own = &tests[context.collector];
+        if own.role == PolicyRole::Provisional {
+            return context.differing.contains(&context.collector) && self.may_fit(own);
+        }
+        let mut rejecting = self.tester().rejecting_sources(own, self.settings.level);
+        rejecting.any(EvidenceSource::is_first_observation)
+    }
+
+    /// Returns `true` if images or vectors speak against the policy that acted, and for one that
+    /// they had rejected when the policy that acted was proposed.
+    fn fits_differing_policy(
+        &self,
+        context: RolloutDecisionContext,
+        tests: &[PolicyTestResult],
+    ) -> bool {
+        let others = context.differing.iter().filter(|&&policy| policy != context.collector);
+        !self.may_fit(&tests[context.collector])
+            && others.into_iter().any(|&policy| self.may_fit(&tests[policy]))
+    }
+
+    /// Returns `true` if images and vectors do not speak against a policy.
+    fn may_fit(&self, test: &PolicyTestResult) -> bool {
+        test.first_observation_p_value() > self.settings.doubt
     }
 
     /// Keeps an undecided rollout, or its latest `memory` episodes. The latest [`MAX_UNDECIDED`]
@@ -583,6 +651,7 @@ impl Recogniser {
             changepoint: None,
             group_changed: false,
             rejected: (0..tests.len()).filter(is_rejected).collect(),
+            differing: self.differing_policies(&tests),
             trial: RequiredTrial::of_policy(is_familiar || others.len() != 1),
             is_provisional: named.is_some_and(|policy| tests[policy].is_rejected()),
             tests,

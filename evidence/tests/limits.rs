@@ -173,9 +173,7 @@ fn new_groups_wait_while_eight_policies_are_untrained() {
 fn a_group_that_changed_before_the_trial_is_judged_anew() {
     let review = |images: &[f32], allow_undecided| {
         let (mut recogniser, mut rng) = knowing_images(&[0.0, 10.0]);
-        let seen = images.iter().flat_map(|&image| episodes(20, image, 1.0, &mut rng));
-        let mut seen: Vec<_> = seen.collect();
-        seen.iter_mut().enumerate().for_each(|(began, summary)| summary.began = began);
+        let seen = twenty_each(images, &mut rng);
         let context = RolloutDecisionContext {
             allow_undecided,
             rejected: &[1],
@@ -198,9 +196,65 @@ fn a_group_that_changed_before_the_trial_is_judged_anew() {
     let waits = review(&[20.0, 10.0], true);
     assert_eq!((waits.0, waits.2, waits.3), (AssignedPolicy::Undecided, Some(20), true));
     assert_eq!(review(&[20.0, 10.0], false), (other, RequiredTrial::None, Some(20), true));
+    // in the earlier part, on which policy 0 would train, and the later one is its own
+    let mixed = review(&[10.0, 0.0], true);
+    assert_eq!((mixed.0, mixed.2, mixed.3), (AssignedPolicy::Undecided, Some(20), true));
     // the group of policy 0 came first
     let stays = review(&[0.0, 10.0], true);
     assert_eq!((stays.0, stays.3), (AssignedPolicy::Existing(0), false));
+}
+
+/// Episodes one after the other, whose images scatter around these numbers, 20 around each.
+fn twenty_each(images: &[f32], rng: &mut ChaCha8Rng) -> Vec<EpisodeSummary> {
+    let seen = images.iter().flat_map(|&image| episodes(20, image, 1.0, rng));
+    let numbered = seen.enumerate().map(|(began, summary)| EpisodeSummary { began, ..summary });
+    numbered.collect()
+}
+
+/// Policy 0 acts in two groups, the later of which is its own.
+#[test]
+fn a_policy_does_not_train_on_what_came_before_its_group() {
+    let (mut recogniser, mut rng) = knowing_images(&[0.0, 10.0]);
+    let mut decide = |images: &[f32], allow_undecided| {
+        let seen = twenty_each(images, &mut rng);
+        let context =
+            RolloutDecisionContext { allow_undecided, ..RolloutDecisionContext::for_collector(0) };
+        let found = recogniser.assign_rollout(&seen, context, &mut rng).unwrap();
+        (found.policy, found.changepoint)
+    };
+    let own = AssignedPolicy::Existing(0);
+    assert_eq!(decide(&[0.0, 0.0], true), (own, None));
+    for earlier in [10.0, 20.0] {
+        assert_eq!(decide(&[earlier, 0.0], true), (AssignedPolicy::Undecided, Some(20)));
+        assert_eq!(decide(&[earlier, 0.0], false), (own, Some(20)));
+    }
+    // a change within its own group
+    let (mut recogniser, mut rng) = knowing_images(&[0.0]);
+    recogniser.record_training(0, &episodes(20, 0.2, 1.0, &mut rng), &mut rng).unwrap();
+    let seen = twenty_each(&[0.0, 0.2], &mut rng);
+    let found = recogniser
+        .assign_rollout(&seen, RolloutDecisionContext::for_collector(0), &mut rng)
+        .unwrap();
+    assert_eq!((found.policy, found.changepoint), (own, Some(20)));
+}
+
+/// Policy 0 was proposed for images that differed from those of policy 1, and acts for so few
+/// episodes that they reject it only at the level of screening.
+#[test]
+fn a_few_episodes_that_fit_a_policy_that_differed_show_that_the_group_changed() {
+    let (recogniser, mut rng) = knowing_images(&[0.0, 0.4]);
+    let seen = episodes(5, 0.4, 1.0, &mut rng);
+    let reviewed = |differing| {
+        let context = RolloutDecisionContext {
+            rejected: &[1],
+            differing,
+            ..RolloutDecisionContext::for_collector(0)
+        };
+        let found = review(&recogniser, &seen, context);
+        (found.policy, found.group_changed)
+    };
+    assert_eq!(reviewed(&[]), (AssignedPolicy::Existing(0), false));
+    assert_eq!(reviewed(&[1]), (AssignedPolicy::Existing(1), true));
 }
 
 /// An arm settles at a slightly different height in each of the mirrored variants, always alike.

@@ -281,17 +281,25 @@ fn a_policy_whose_group_drifted_meanwhile_is_tried() {
 fn a_provisional_policy_must_keep_its_return() {
     let kind = WorldKind::Target;
     let recogniser = knowing(kind, 1000, 2);
-    let decision = |share: f32, is_provisional| {
+    let reviewed = |share: f32, is_provisional, differing| {
         let mut seen = rollout(kind, 1000, 0, 0);
         set_returns(&mut seen, |value| value * share);
-        let context = RolloutDecisionContext { rejected: &[1], is_provisional, ..must_decide(0) };
-        let decision = review(&recogniser, &seen, context);
+        let context = must_decide(0);
+        let context =
+            RolloutDecisionContext { rejected: &[1], differing, is_provisional, ..context };
+        review(&recogniser, &seen, context)
+    };
+    let decision = |share, is_provisional| {
+        let decision = reviewed(share, is_provisional, &[]);
         assert!(!decision.is_provisional || is_provisional);
         decision.policy
     };
     assert_eq!(decision(1.0, true), AssignedPolicy::Existing(0));
     assert_eq!(decision(0.8, false), AssignedPolicy::Existing(0));
     assert_eq!(decision(0.8, true), AssignedPolicy::New);
+    // images that it was not proposed for have become its own: the group has changed
+    let changed = reviewed(0.8, true, &[0]);
+    assert_eq!((changed.policy, changed.group_changed), (AssignedPolicy::Existing(0), true));
 }
 
 /// Colours stray over hundreds of rounds; what is remembered is the latest.

@@ -310,6 +310,11 @@ fn no_replay_takes_rollouts_of_an_earlier_group() {
         assert_eq!(tried(std::slice::from_ref(&moved)), (250, own + 100));
         assert_eq!(tried(&[passes.clone(), moved]), (350, own + 100));
     }
+    // the group has become that of policy 0 itself, which has 100 decisions of its own
+    let stays = changed(AssignedPolicy::Existing(0), RequiredTrial::Rollout);
+    assert_eq!(tried(std::slice::from_ref(&passes)), (250, 300));
+    assert_eq!(tried(std::slice::from_ref(&stays)), (250, 200));
+    assert_eq!(tried(&[passes, stays]), (250, 200));
 }
 
 /// The group has become that of policy 1 again. It trains on the rollout of policy 0, but not on a

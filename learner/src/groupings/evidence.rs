@@ -91,6 +91,7 @@ impl From<RolloutDecision> for GroupingDecision {
             trial: decision.trial,
             is_provisional: decision.is_provisional,
             rejected: decision.rejected,
+            differing: decision.differing,
             accepted,
             ..PolicyAssignment { decision: decision.policy, evidence }.into()
         }
@@ -119,9 +120,13 @@ impl Grouping for EvidenceGrouping {
                 self.recogniser.assign_rollout(&summaries, context, rng)?
             }
             AssignmentPurpose::Confirm { proposal, allow_undecided } => {
-                let (rejected, is_provisional) = (&proposal.rejected, proposal.is_provisional);
-                let context =
-                    RolloutDecisionContext { rejected, is_provisional, allow_undecided, ..context };
+                let context = RolloutDecisionContext {
+                    rejected: &proposal.rejected,
+                    differing: &proposal.differing,
+                    is_provisional: proposal.is_provisional,
+                    allow_undecided,
+                    ..context
+                };
                 self.recogniser.review_proposed_policy(&summaries, context, rng)?
             }
         };

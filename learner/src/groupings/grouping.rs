@@ -159,6 +159,9 @@ pub struct GroupingDecision {
     /// Indices of the policies that the evidence rejects for this task group, until the next
     /// iteration.
     pub rejected: Vec<usize>,
+    /// Indices of the policies whose first frames differ from those of the rollout; empty for
+    /// groupings that need no trials.
+    pub differing: Vec<usize>,
     /// Indices of the policies that the evidence accepts, the named one included; empty for
     /// groupings that merge no policies.
     pub accepted: Vec<usize>,
@@ -187,6 +190,7 @@ impl GroupingDecision {
             trial: RequiredTrial::None,
             is_provisional: false,
             rejected: Vec::new(),
+            differing: Vec::new(),
             accepted: Vec::new(),
         }
     }

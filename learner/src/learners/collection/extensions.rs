@@ -63,16 +63,24 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                     self.passes_trial(self.observed_episodes_in(&probe), decision, iteration)?;
             }
             if passes {
+                if decision.group_changed {
+                    self.rollout.keep_latest(0);
+                }
                 let actor = self.current;
                 self.roll_out(env, iteration)?;
                 let is_final = decision.trial == RequiredTrial::None
                     || (iteration.policy_created && !iteration.may_discard());
-                if is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)? {
+                let passes =
+                    is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)?;
+                let trains = passes || decision.trial == RequiredTrial::Waived;
+                if trains && decision.group_changed {
+                    // earlier collections are of another group
+                    self.rollout.keep_latest(1);
+                }
+                if passes {
                     return Ok(Some(actor));
                 }
                 if decision.trial == RequiredTrial::Waived {
-                    // earlier collections are of another group
-                    self.rollout.keep_latest(1);
                     self.adapt_rollout()?;
                     return Ok(Some(actor));
                 }
@@ -113,6 +121,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         let passes = judged.policy == AssignedPolicy::Existing(self.current);
         if passes {
             decision.accepted = judged.accepted;
+            decision.group_changed |= judged.group_changed;
             return Ok(true);
         }
         if judged.policy != AssignedPolicy::Undecided {
