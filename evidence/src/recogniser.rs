@@ -37,7 +37,7 @@ pub struct RolloutDecision {
     pub group_changed: bool,
     /// Indices of the policies that are rejected for this task group from here on.
     pub rejected: Vec<usize>,
-    /// Indices of the policies whose images or vectors differ from those of the episodes.
+    /// Indices of the policies that images or vectors of the episodes reject at the final level.
     pub differing: Vec<usize>,
     /// Trial that the named policy must pass, unless it is the one that acted.
     pub trial: RequiredTrial,
@@ -122,7 +122,7 @@ struct Case<'a> {
 // A group that is visited once in 16 undecided rollouts is still found.
 const MAX_UNDECIDED: usize = 16;
 
-/// Least p-value at which two undecided rollouts are taken for one task group.
+/// Least p-value at which two rollouts, or a rollout and a policy, are taken for one task group.
 // A policy that is created from two groups serves neither, and a rollout that waits costs little:
 // one of ten pairs of one group waits for a third rollout. Of 72 worlds with visits of one or two
 // rollouts 82 % had as many policies as groups, 79 % with 0.2 and 47 % with 0.02 (seeds 1000 on).
@@ -265,23 +265,29 @@ impl Recogniser {
         if let Some(place) = place
             && context.allow_undecided
             && decision.policy == AssignedPolicy::Existing(context.collector)
-            && !self.accepts_collector(context.collector, &summaries[..place], rng)?
+            && !self.fits_collector(
+                Case { summaries: &summaries[..place], ..case },
+                PolicyRole::Collector,
+                TestStage::Screening,
+                rng,
+            )?
         {
             decision.policy = AssignedPolicy::Undecided;
         }
         Ok(decision)
     }
 
-    /// Returns `true` if screening accepts the policy that acted in the episodes.
-    fn accepts_collector(
+    /// Returns `true` if the evidence accepts the policy that acted, in the given role and stage.
+    fn fits_collector(
         &self,
-        collector: usize,
-        summaries: &[&EpisodeSummary],
+        case: Case,
+        role: PolicyRole,
+        stage: TestStage,
         rng: &mut impl Rng,
     ) -> Result<bool> {
+        let Some(memory) = self.memories.get(case.context.collector) else { return Ok(true) };
         let mut own = ChaCha8Rng::seed_from_u64(rng.random());
-        let (memory, role) = (&self.memories[collector], PolicyRole::Collector);
-        let test = self.tester().test(memory, summaries, role, TestStage::Screening, &mut own)?;
+        let test = self.tester().test(memory, case.summaries, role, stage, &mut own)?;
         Ok(test.verdict == PolicyVerdict::Accepted)
     }
 
@@ -329,10 +335,16 @@ impl Recogniser {
         Ok(decision)
     }
 
-    /// Returns the indices of the policies whose images or vectors differ at the final level.
+    /// Returns the indices of the policies that images or vectors reject at the final level.
     fn differing_policies(&self, tests: &[PolicyTestResult]) -> Vec<usize> {
-        let differs = |&p: &usize| tests[p].first_observation_p_value() <= self.settings.level;
-        (0..tests.len()).filter(differs).collect()
+        let policies = 0..tests.len();
+        policies.filter(|&policy| self.rejects_first_observation(&tests[policy])).collect()
+    }
+
+    /// Returns `true` if images or vectors reject a policy at the final level.
+    fn rejects_first_observation(&self, test: &PolicyTestResult) -> bool {
+        let mut sources = self.tester().rejecting_sources(test, self.settings.level);
+        sources.any(EvidenceSource::is_first_observation)
     }
 
     /// Returns the index of the policy that fits best among those that were tested and not merged.
@@ -399,30 +411,39 @@ impl Recogniser {
         let mut case = Case { summaries: &summaries, context };
         let mut decision = self.decide(case, role, rng)?;
         let keep = AssignedPolicy::Existing(context.collector);
-        let mut place = None;
-        if decision.policy != keep {
-            place = self.find_changepoint(&summaries, rng)?;
-        }
-        if let Some(place) = place {
-            case.summaries = &summaries[..place];
-            decision = self.decide(case, role, rng)?;
-            decision.changepoint = Some(summaries[place].began);
-        }
-        let fits_differing_policy = self.fits_differing_policy(context, &decision.tests);
-        if decision.policy == keep && !fits_differing_policy {
+        let place = self.find_changepoint(&summaries, rng)?;
+        let earlier = Case { summaries: &summaries[..place.unwrap_or(summaries.len())], ..case };
+        if decision.policy == keep && self.confirms_proposal(context, &decision.tests) {
+            // the policy trains on the part before the changepoint
+            let stage = TestStage::Confirmation;
+            if place.is_some()
+                && context.allow_undecided
+                && !self.fits_collector(earlier, role, stage, rng)?
+            {
+                decision.policy = AssignedPolicy::Undecided;
+            }
+            decision.group_changed = self.contradicts_proposal(context, &decision.tests);
             decision.is_provisional = is_provisional;
             return Ok(decision);
         }
-        if fits_differing_policy || self.contradicts_proposal(context, &decision.tests) {
+        if decision.policy != keep
+            && let Some(place) = place
+        {
+            decision = self.decide(earlier, role, rng)?;
+            decision.changepoint = Some(summaries[place].began);
+            if decision.policy == keep {
+                decision.is_provisional = is_provisional;
+                return Ok(decision);
+            }
+        }
+        if self.contradicts_proposal(context, &decision.tests)
+            || self.fits_differing_policy(context, &decision.tests)
+        {
             case.summaries = &summaries[place.unwrap_or(0)..];
             let mut anew = self.decide_anew(case, place.is_some(), rng)?;
             // trials could go on for ever in groups that change with every rollout
             if !context.allow_undecided && anew.trial != RequiredTrial::Waived {
                 anew.trial = RequiredTrial::None;
-            }
-            // the acting policy would train on the part before the changepoint
-            if place.is_some() && anew.policy == keep && context.allow_undecided {
-                anew.policy = AssignedPolicy::Undecided;
             }
             anew.changepoint = place.map(|place| summaries[place].began);
             return Ok(RolloutDecision { group_changed: true, ..anew });
@@ -449,6 +470,13 @@ impl Recogniser {
         let case = Case { context, ..case };
         let decision = self.screen(case, rng)?;
         match decision.policy {
+            // the acting policy would train on the part before the changepoint
+            AssignedPolicy::Existing(named)
+                if named == context.collector && has_changepoint && context.allow_undecided =>
+            {
+                Ok(RolloutDecision { policy: AssignedPolicy::Undecided, ..decision })
+            }
+            AssignedPolicy::Existing(named) if named == context.collector => Ok(decision),
             AssignedPolicy::Existing(_)
                 if !has_changepoint && decision.trial == RequiredTrial::Rollout =>
             {
@@ -462,9 +490,23 @@ impl Recogniser {
         }
     }
 
-    /// Returns `true` if images and vectors show another task group than that for which the policy
-    /// that acted was proposed: they reject it, or fit it although it is provisional because they
-    /// had not.
+    /// Returns `true` if a rollout that the evidence accepts is of the task group for which the
+    /// acting policy was proposed: returns prove it, or images and vectors fit no policy better
+    /// that they had rejected then.
+    fn confirms_proposal(
+        &self,
+        context: RolloutDecisionContext,
+        tests: &[PolicyTestResult],
+    ) -> bool {
+        let own = &tests[context.collector];
+        own.role == PolicyRole::Provisional
+            || self.tester().is_proven(own)
+            || !self.fits_differing_policy(context, tests)
+    }
+
+    /// Returns `true` if images and vectors of a rollout show another task group than that for which
+    /// the acting policy was proposed: they reject it, by more than drift explains if it is
+    /// provisional, or fit it although they had rejected it then.
     fn contradicts_proposal(
         &self,
         context: RolloutDecisionContext,
@@ -472,27 +514,27 @@ impl Recogniser {
     ) -> bool {
         let own = &tests[context.collector];
         if own.role == PolicyRole::Provisional {
-            return context.differing.contains(&context.collector) && self.may_fit(own);
+            let may_be_same = own.first_observation_p_value() >= SAME_GROUP;
+            let is_drift = own.first_observation_ratio() <= self.tester().max_isolated_drift();
+            return (context.differing.contains(&context.collector) && may_be_same)
+                || (own.first_observation_differs(self.settings.level) && !is_drift);
         }
-        let mut rejecting = self.tester().rejecting_sources(own, self.settings.level);
-        rejecting.any(EvidenceSource::is_first_observation)
+        self.rejects_first_observation(own)
     }
 
-    /// Returns `true` if images or vectors speak against the policy that acted, and for one that
-    /// they had rejected when the policy that acted was proposed.
+    /// Returns `true` if images or vectors speak against the acting policy, and fit one that they
+    /// had rejected when the acting one was proposed.
     fn fits_differing_policy(
         &self,
         context: RolloutDecisionContext,
         tests: &[PolicyTestResult],
     ) -> bool {
-        let others = context.differing.iter().filter(|&&policy| policy != context.collector);
-        !self.may_fit(&tests[context.collector])
-            && others.into_iter().any(|&policy| self.may_fit(&tests[policy]))
-    }
-
-    /// Returns `true` if images and vectors do not speak against a policy.
-    fn may_fit(&self, test: &PolicyTestResult) -> bool {
-        test.first_observation_p_value() > self.settings.doubt
+        let is_other =
+            |&policy: &usize| policy != context.collector && !self.memories[policy].is_merged();
+        let mut others = context.differing.iter().copied().filter(is_other);
+        let is_doubted =
+            |policy: usize| tests[policy].first_observation_p_value() <= self.settings.doubt;
+        is_doubted(context.collector) && others.any(|policy| !is_doubted(policy))
     }
 
     /// Keeps an undecided rollout, or its latest `memory` episodes. The latest [`MAX_UNDECIDED`]

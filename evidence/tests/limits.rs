@@ -97,6 +97,7 @@ fn a_policy_whose_group_drifted_is_tried_if_it_is_by_far_the_nearest() {
             let reviewed = review(&recogniser, &seen, context);
             assert!(ratios.contains(&ratio(&reviewed)), "{}", ratio(&reviewed));
             assert_eq!(reviewed.tests[0].verdict, expected);
+            assert_eq!(reviewed.group_changed, expected == PolicyVerdict::Rejected);
         }
     }
 }
@@ -179,13 +180,16 @@ fn a_group_that_changed_before_the_trial_is_judged_anew() {
             rejected: &[1],
             ..RolloutDecisionContext::for_collector(0)
         };
+        let before = recogniser.clone();
         let found = recogniser.review_proposed_policy(&seen, context, &mut rng).unwrap();
+        let keeps_rollout = recogniser != before;
         let next = episodes(20, 10.0, 1.0, &mut rng);
         let next = recogniser
             .assign_rollout(&next, RolloutDecisionContext::for_collector(0), &mut rng)
             .unwrap();
         assert_eq!(next.policy, AssignedPolicy::Existing(1));
-        (found.policy, found.trial, found.changepoint, found.group_changed)
+        let part = found.changepoint.map(|changepoint| (changepoint, keeps_rollout));
+        (found.policy, found.trial, part, found.group_changed)
     };
     let other = AssignedPolicy::Existing(1);
     // in the whole rollout, so that policy 1 may train on it
@@ -194,11 +198,12 @@ fn a_group_that_changed_before_the_trial_is_judged_anew() {
     }
     // in a part of the rollout, after a third group, so that policy 1 needs a rollout of its own
     let waits = review(&[20.0, 10.0], true);
-    assert_eq!((waits.0, waits.2, waits.3), (AssignedPolicy::Undecided, Some(20), true));
-    assert_eq!(review(&[20.0, 10.0], false), (other, RequiredTrial::None, Some(20), true));
+    assert_eq!((waits.0, waits.2, waits.3), (AssignedPolicy::Undecided, Some((20, true)), true));
+    let decides = review(&[20.0, 10.0], false);
+    assert_eq!(decides, (other, RequiredTrial::None, Some((20, false)), true));
     // in the earlier part, on which policy 0 would train, and the later one is its own
     let mixed = review(&[10.0, 0.0], true);
-    assert_eq!((mixed.0, mixed.2, mixed.3), (AssignedPolicy::Undecided, Some(20), true));
+    assert_eq!((mixed.0, mixed.2, mixed.3), (AssignedPolicy::Undecided, Some((20, false)), true));
     // the group of policy 0 came first
     let stays = review(&[0.0, 10.0], true);
     assert_eq!((stays.0, stays.3), (AssignedPolicy::Existing(0), false));

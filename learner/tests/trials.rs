@@ -314,7 +314,10 @@ fn no_replay_takes_rollouts_of_an_earlier_group() {
     let stays = changed(AssignedPolicy::Existing(0), RequiredTrial::Rollout);
     assert_eq!(tried(std::slice::from_ref(&passes)), (250, 300));
     assert_eq!(tried(std::slice::from_ref(&stays)), (250, 200));
-    assert_eq!(tried(&[passes, stays]), (250, 200));
+    assert_eq!(tried(&[passes, stays.clone()]), (250, 200));
+    // its rollout does not confirm this, and policy 1 takes both rollouts since the change
+    let moves = with_trial(AssignedPolicy::Existing(1), false);
+    assert_eq!(tried(&[stays, moves]), (400, 300));
 }
 
 /// The group has become that of policy 1 again. It trains on the rollout of policy 0, but not on a

@@ -159,7 +159,7 @@ pub struct GroupingDecision {
     /// Indices of the policies that the evidence rejects for this task group, until the next
     /// iteration.
     pub rejected: Vec<usize>,
-    /// Indices of the policies whose first frames differ from those of the rollout; empty for
+    /// Indices of the policies that first frames of the rollout reject for certain; empty for
     /// groupings that need no trials.
     pub differing: Vec<usize>,
     /// Indices of the policies that the evidence accepts, the named one included; empty for

@@ -125,7 +125,8 @@ pub struct IterationReport {
     /// Evidence for and against each policy that the grouping compared; empty for learners and
     /// groupings that compare nothing.
     pub evidence: Vec<PolicyEvidence>,
-    /// Number of rollouts that the grouping left undecided, so that no policy trained on them.
+    /// Number of rollouts and trials on which no policy trained, since the grouping left them
+    /// undecided or the task group changed.
     pub discarded: usize,
     /// For each policy, the index of the policy that it was merged into, if any; empty for learners
     /// and groupings that merge no policies.
@@ -244,7 +245,7 @@ pub fn per_policy_metric_names() -> impl Iterator<Item = &'static str> {
     [DISTANCES, MERGED_INTO].into_iter().chain(tests)
 }
 
-/// Largest number of rollouts of an iteration that the grouping may leave undecided.
+/// Largest number of rollouts and trials of an iteration on which no policy trains.
 // Groups that all change at once need one each. The bound prevents an endless iteration.
 const MAX_DISCARDED: usize = 16;
 

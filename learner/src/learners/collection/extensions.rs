@@ -46,8 +46,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             self.adapt_rollout()?;
             return Ok(Some(collector));
         }
-        // ends because a grouping names no rejected policy again in one group, and decides without
-        // a trial once too many rollouts were discarded
+        // ends because a grouping names no rejected policy again in one group, groups that change
+        // count as discarded rollouts, and no trial is needed once too many were discarded
         loop {
             // all collections so far are of other policies, and a replay would take those of
             // another group, too
@@ -68,8 +68,9 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                 }
                 let actor = self.current;
                 self.roll_out(env, iteration)?;
-                let is_final = decision.trial == RequiredTrial::None
-                    || (iteration.policy_created && !iteration.may_discard());
+                let may_end = iteration.policy_created || decision.group_changed;
+                let is_final =
+                    decision.trial == RequiredTrial::None || (may_end && !iteration.may_discard());
                 let passes =
                     is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)?;
                 let trains = passes || decision.trial == RequiredTrial::Waived;
@@ -87,6 +88,9 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             }
             if decision.policy == AssignedPolicy::Undecided {
                 return Ok(None);
+            }
+            if decision.group_changed {
+                iteration.discarded += 1;
             }
         }
     }
@@ -120,8 +124,11 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         let judged = self.assign(request, &observed, &mut iteration.seconds)?;
         let passes = judged.policy == AssignedPolicy::Existing(self.current);
         if passes {
-            decision.accepted = judged.accepted;
-            decision.group_changed |= judged.group_changed;
+            if judged.group_changed {
+                *decision = judged;
+            } else {
+                decision.accepted = judged.accepted;
+            }
             return Ok(true);
         }
         if judged.policy != AssignedPolicy::Undecided {
