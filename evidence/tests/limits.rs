@@ -233,14 +233,16 @@ fn a_policy_does_not_train_on_what_came_before_its_group() {
         assert_eq!(decide(&[earlier, 0.0], true), (AssignedPolicy::Undecided, Some(20)));
         assert_eq!(decide(&[earlier, 0.0], false), (own, Some(20)));
     }
-    // a change within its own group
+}
+
+#[test]
+fn a_policy_trains_on_a_rollout_that_changes_within_its_group() {
     let (mut recogniser, mut rng) = knowing_images(&[0.0]);
     recogniser.record_training(0, &episodes(20, 0.2, 1.0, &mut rng), &mut rng).unwrap();
     let seen = twenty_each(&[0.0, 0.2], &mut rng);
-    let found = recogniser
-        .assign_rollout(&seen, RolloutDecisionContext::for_collector(0), &mut rng)
-        .unwrap();
-    assert_eq!((found.policy, found.changepoint), (own, Some(20)));
+    let context = RolloutDecisionContext::for_collector(0);
+    let found = recogniser.assign_rollout(&seen, context, &mut rng).unwrap();
+    assert_eq!((found.policy, found.changepoint), (AssignedPolicy::Existing(0), Some(20)));
 }
 
 /// Policy 0 was proposed for images that differed from those of policy 1, and acts for so few

@@ -71,18 +71,17 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                 let may_end = iteration.policy_created || decision.group_changed;
                 let is_final =
                     decision.trial == RequiredTrial::None || (may_end && !iteration.may_discard());
-                let passes =
+                let is_confirmed =
                     is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)?;
-                let trains = passes || decision.trial == RequiredTrial::Waived;
-                if trains && decision.group_changed {
-                    // earlier collections are of another group
-                    self.rollout.keep_latest(1);
-                }
-                if passes {
-                    return Ok(Some(actor));
-                }
-                if decision.trial == RequiredTrial::Waived {
-                    self.adapt_rollout()?;
+                let is_waived = !is_confirmed && decision.trial == RequiredTrial::Waived;
+                if is_waived || is_confirmed {
+                    if decision.group_changed {
+                        // earlier collections are of another group
+                        self.rollout.keep_latest(1);
+                    }
+                    if is_waived {
+                        self.adapt_rollout()?;
+                    }
                     return Ok(Some(actor));
                 }
             }
