@@ -41,13 +41,19 @@ impl<'a> PolicyChoice<'a> {
     /// Returns the index of the acting policy, or of an accepted other one that fits much better;
     /// `None` if the acting policy is not accepted.
     pub(crate) fn accepted_collector(&self) -> Option<usize> {
-        let own = self.collector_test().filter(|test| test.verdict == PolicyVerdict::Accepted)?;
+        self.collector_test().filter(|test| test.verdict == PolicyVerdict::Accepted)?;
+        Some(self.better_other().unwrap_or(self.collector))
+    }
+
+    /// Returns the index of the accepted other policy that fits best, if first images and vectors
+    /// are unlikely for the acting policy and fit the other one much better.
+    pub(crate) fn better_other(&self) -> Option<usize> {
+        let own = self.collector_test()?;
         let is_unlikely = own.first_observation_p_value() <= UNLIKELY;
         let is_better = |policy: &usize| {
             self.tests[*policy].first_observation_score() + MARGIN < own.first_observation_score()
         };
-        let other = self.best_other().filter(|policy| is_unlikely && is_better(policy));
-        Some(other.unwrap_or(self.collector))
+        self.best_other().filter(|policy| is_unlikely && is_better(policy))
     }
 
     /// Returns the indices of the accepted policies, except the acting one, that fit about as well

@@ -233,6 +233,31 @@ impl Recogniser {
         Ok(self.tester().test(&memory, summaries, role, stage, &mut own)?.is_rejected())
     }
 
+    /// Returns the index of the policy that should act in episodes that begin like `summaries`: that
+    /// of an accepted policy which they fit much better than `current`, else `current`. Only first
+    /// images and vectors count; with too few episodes for a test it is `current`, too.
+    ///
+    /// # Errors
+    /// [`EvidenceError::NoPolicy`] for a current policy above [`policy_count`](Self::policy_count);
+    /// episodes that cannot be compared.
+    pub fn choose_collector(
+        &self,
+        summaries: &[EpisodeSummary],
+        current: usize,
+        rng: &mut impl Rng,
+    ) -> Result<usize> {
+        self.check_actor(current)?;
+        check_comparable(all_summaries(&self.memories).chain(summaries))?;
+        if summaries.len() < self.settings.min_episodes {
+            return Ok(current);
+        }
+        let summaries: Vec<_> = summaries.iter().collect();
+        let context = RolloutDecisionContext::for_collector(current);
+        let case = Case { summaries: &summaries, context };
+        let tests = self.test_all(case, TestStage::Screening, PolicyRole::Other, rng)?;
+        Ok(PolicyChoice::new(&tests, current).better_other().unwrap_or(current))
+    }
+
     /// Decides which policy a rollout belongs to that the policy `context.collector` collected;
     /// remembers the episodes of a new policy and of an undecided rollout. `Existing` with another
     /// policy, and `New`, ask for a rollout of that policy and for
@@ -307,7 +332,25 @@ impl Recogniser {
         let all: Vec<_> = earlier.iter().chain(case.summaries.iter().copied()).collect();
         let case = Case { summaries: &all, ..case };
         let decision = self.decide(case, PolicyRole::Collector, rng)?;
+        if case.context.allow_undecided && self.knows_too_little(&decision, case.context.collector)
+        {
+            self.keep_undecided(case);
+            return Ok(RolloutDecision { policy: AssignedPolicy::Undecided, ..decision });
+        }
         self.create_policy(case, decision)
+    }
+
+    /// Returns `true` if the acting policy was accepted only because it remembers too few episodes to
+    /// reject those whose images or vectors differ.
+    fn knows_too_little(&self, decision: &RolloutDecision, collector: usize) -> bool {
+        let (memory, test) = (self.memories.get(collector), decision.tests.get(collector));
+        decision.policy == AssignedPolicy::Existing(collector)
+            && memory.is_some_and(|memory| 2 * memory.summaries.len() < self.settings.memory)
+            && test.is_some_and(|test| {
+                test.role != PolicyRole::Provisional
+                    && test.first_observation_differs(self.settings.doubt)
+                    && test.first_observation_ratio() >= self.settings.min_ratio
+            })
     }
 
     /// Creates the policy that a decision asks for, which remembers the images and vectors of the
@@ -416,9 +459,9 @@ impl Recogniser {
         if decision.policy == keep && self.confirms_proposal(context, &decision.tests) {
             // the policy trains on the part before the changepoint
             let stage = TestStage::Confirmation;
-            if place.is_some()
-                && context.allow_undecided
-                && !self.fits_collector(earlier, role, stage, rng)?
+            if context.allow_undecided
+                && (self.knows_too_little(&decision, context.collector)
+                    || (place.is_some() && !self.fits_collector(earlier, role, stage, rng)?))
             {
                 decision.policy = AssignedPolicy::Undecided;
             }

@@ -2,7 +2,8 @@
 
 use cluster::{AssignedPolicy, PolicyVerdict};
 use evidence::{
-    EpisodeSummary, Recogniser, RequiredTrial, RolloutDecision, RolloutDecisionContext,
+    EpisodeSummary, EvidenceError, Recogniser, RequiredTrial, RolloutDecision,
+    RolloutDecisionContext,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -262,6 +263,28 @@ fn a_few_episodes_that_fit_a_policy_that_differed_show_that_the_group_changed() 
     };
     assert_eq!(reviewed(&[]), (AssignedPolicy::Existing(0), false));
     assert_eq!(reviewed(&[1]), (AssignedPolicy::Existing(1), true));
+}
+
+/// A policy collects where first images fit it much better than the current one. Policies that look
+/// like the current one do not.
+#[test]
+fn first_images_choose_the_policy_that_collects() {
+    let (recogniser, mut rng) = knowing_images(&[0.0, 10.0, 10.0]);
+    let mut chosen = |count, image, current| {
+        let mut seen = episodes(count, image, 1.0, &mut rng);
+        seen.iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
+        recogniser.choose_collector(&seen, current, &mut rng)
+    };
+    assert_eq!(chosen(10, 0.0, 0), Ok(0));
+    assert_eq!(chosen(10, 0.0, 1), Ok(0));
+    for current in [1, 2] {
+        assert_eq!(chosen(10, 10.0, current), Ok(current));
+    }
+    assert!(matches!(chosen(10, 10.0, 0), Ok(1 | 2)));
+    // images that no policy knows, or too few of them
+    assert_eq!(chosen(10, 20.0, 1), Ok(1));
+    assert_eq!(chosen(3, 10.0, 0), Ok(0));
+    assert_eq!(chosen(10, 10.0, 4), Err(EvidenceError::NoPolicy { policy: 4, policies: 3 }));
 }
 
 /// An arm settles at a slightly different height in each of the mirrored variants, always alike.

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use cluster::{AssignedPolicy, PolicyAssignment, PolicyEvidence, PolicyVerdict};
+use evidence::Trajectory;
 use learner::{
     AssignmentData, AssignmentPurpose, CheckpointExtent, CoversLearner, CoversSettings,
     EpisodeRequirements, Grouping, GroupingDecision, GroupingUpdateInput, GroupingUpdateResult,
@@ -44,6 +45,8 @@ struct Script {
     /// `true` if existing policies are named provisionally.
     is_provisional: bool,
     whole_episodes: bool,
+    /// Policy that collects each rollout, if the grouping chooses one.
+    collector: Option<usize>,
     /// Number of whole episodes of each request and update.
     trajectories: Arc<Mutex<Vec<usize>>>,
 }
@@ -51,7 +54,8 @@ struct Script {
 impl Grouping for Script {
     fn requirements(&self) -> EpisodeRequirements {
         let (episodes, whole_episodes) = (self.episodes.max(1), self.whole_episodes);
-        EpisodeRequirements { episodes, whole_episodes }
+        let chooses_collector = self.collector.is_some();
+        EpisodeRequirements { episodes, whole_episodes, chooses_collector }
     }
 
     fn assign(
@@ -93,6 +97,12 @@ impl Grouping for Script {
                         AssignedPolicy::New
                     })
                 }
+            }
+            AssignmentPurpose::Collect => {
+                let begins = |t: &Trajectory| !t.image.is_empty() && t.rewards.is_empty();
+                assert!(episodes.trajectories.iter().all(begins));
+                let chosen = self.collector.unwrap_or(collector);
+                GroupingDecision::for_policy(AssignedPolicy::Existing(chosen))
             }
             AssignmentPurpose::Recognise => panic!("nothing is recognised"),
         })
@@ -353,6 +363,25 @@ fn whole_episodes_are_collected_for_groupings_that_ask() {
         run(learner(script), 2);
         assert_eq!(*trajectories.lock().unwrap(), expected);
     }
+}
+
+/// Policy 1 is created and then replaced by policy 0, whose rollout needs no other: without a
+/// choice, policy 1 collects one and policy 0 another one.
+#[test]
+fn a_policy_that_the_grouping_chooses_collects_the_rollout() {
+    for (collector, decisions) in [(None, 250), (Some(0), 100)] {
+        let script = create_and_return(Script { collector, ..Script::default() });
+        let trajectories = Arc::clone(&script.trajectories);
+        assert_eq!(run(learner(script), 3), [(0, 100), (1, 200), (0, decisions)]);
+        // the beginnings of ten episodes before the second and the third rollout
+        let beginnings = trajectories.lock().unwrap().iter().filter(|count| **count == 10).count();
+        assert_eq!(beginnings, if collector.is_some() { 2 } else { 0 });
+    }
+    // a policy that does not exist is refused
+    let script = create_and_return(Script { collector: Some(7), ..Script::default() });
+    let (mut env, mut covers) = learner(script);
+    covers.learn(&mut env).unwrap();
+    assert_refused(covers.learn(&mut env), "`policy` is 7");
 }
 
 /// The first half of a rollout is trained on where the second shows another group.

@@ -114,7 +114,8 @@ impl BaselineGrouping {
 
 impl Grouping for BaselineGrouping {
     fn requirements(&self) -> EpisodeRequirements {
-        EpisodeRequirements { episodes: self.settings.min_episodes, whole_episodes: true }
+        let episodes = self.settings.min_episodes;
+        EpisodeRequirements { episodes, whole_episodes: true, chooses_collector: false }
     }
 
     fn assign(

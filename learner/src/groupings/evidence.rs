@@ -101,7 +101,7 @@ impl From<RolloutDecision> for GroupingDecision {
 impl Grouping for EvidenceGrouping {
     fn requirements(&self) -> EpisodeRequirements {
         let episodes = self.recogniser.settings().min_episodes;
-        EpisodeRequirements { episodes, whole_episodes: true }
+        EpisodeRequirements { episodes, whole_episodes: true, chooses_collector: true }
     }
 
     fn assign(
@@ -115,6 +115,10 @@ impl Grouping for EvidenceGrouping {
         let context = RolloutDecisionContext::for_collector(collector);
         let decision = match request {
             AssignmentPurpose::Recognise => return self.recognise(&summaries, data, rng),
+            AssignmentPurpose::Collect => {
+                let chosen = self.recogniser.choose_collector(&summaries, collector, rng)?;
+                return Ok(GroupingDecision::for_policy(AssignedPolicy::Existing(chosen)));
+            }
             AssignmentPurpose::Assign { allow_undecided } => {
                 let context = RolloutDecisionContext { allow_undecided, ..context };
                 self.recogniser.assign_rollout(&summaries, context, rng)?

@@ -17,7 +17,7 @@ pub trait Grouping: Send {
     /// Returns the number and the kind of the episodes that an assignment needs: by default the
     /// first frames of one episode.
     fn requirements(&self) -> EpisodeRequirements {
-        EpisodeRequirements { episodes: 1, whole_episodes: false }
+        EpisodeRequirements { episodes: 1, whole_episodes: false, chooses_collector: false }
     }
 
     /// Decides which policy the rollout in `data` belongs to: an existing one, a new one, or none
@@ -73,11 +73,20 @@ pub struct EpisodeRequirements {
     /// `true` if the grouping uses whole episodes and not only their first frames; otherwise
     /// [`RolloutEpisodes::trajectories`] is empty.
     pub whole_episodes: bool,
+    /// `true` if the grouping chooses the policy that collects a rollout, from the first
+    /// observations of its episodes ([`AssignmentPurpose::Collect`]).
+    pub chooses_collector: bool,
 }
 
-/// Request to a grouping: to assign a rollout, to recognise a policy, or to confirm one.
+/// Request to a grouping: to choose the policy that collects a rollout, to assign a rollout, to
+/// recognise a policy, or to confirm one.
 #[derive(Clone, Copy, Debug)]
 pub enum AssignmentPurpose<'a> {
+    /// Request for the policy that should collect a rollout, from the beginnings of its episodes,
+    /// which have no steps yet. [`RolloutEpisodes::collector`] collects it unless the decision
+    /// names another existing policy. Groupings are asked that choose collectors
+    /// ([`EpisodeRequirements::chooses_collector`]).
+    Collect,
     /// Request to assign one rollout to the policy that will train on it.
     Assign {
         /// `true` if the decision may be [`AssignedPolicy::Undecided`]: no policy trains on the

@@ -17,7 +17,7 @@ pub use settings::{
 use cluster::{NearerPolicyInputs, Reservoir, RolloutAndBufferFeatures};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::{EnvSpec, RlError, RolloutState, RolloutStats, VectorEnv};
+use rl::{EnvSpec, RlError, RolloutStats, VectorEnv};
 use serde::{Deserialize, Serialize};
 use web_time::Instant;
 
@@ -26,7 +26,7 @@ use crate::groupings::{AssignmentData, Grouping, GroupingSettings, RolloutEpisod
 
 use super::learner::IterationReport;
 use episodes::{FirstFrames, ObservedEpisodes, embed_first_frames};
-use settings::{PolicyInCollection, RolloutInCollection};
+use settings::{PolicyInCollection, RolloutInCollection, RolloutStateInCollection};
 
 /// Returns the error of a new policy that should copy the nearest one where no distances are
 /// measured.
@@ -132,17 +132,18 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
 }
 
 impl<S: PolicyCollectionSettings> PolicyEntry<S> {
-    /// Fills `rollout` with new episodes of this policy and counts them in `iteration`.
+    /// Fills `rollout` with the episodes of this policy that begin in `state`, and counts them in
+    /// `iteration`.
     fn act(
         &mut self,
         env: &mut dyn VectorEnv,
+        mut state: RolloutStateInCollection<S>,
         rollout: &mut RolloutInCollection<S>,
         rng: &mut ChaCha8Rng,
         iteration: &mut IterationReport,
     ) -> Result<RolloutStats, RlError> {
         let clock = Instant::now();
         self.training.prepare_rollout(rollout);
-        let mut state = RolloutState::from_env_reset(env, &self.policy)?;
         let stats = rl::collect_experience(env, &mut self.policy, rollout, &mut state, rng)?;
         iteration.decisions += stats.decisions;
         iteration.seconds.collection += clock.elapsed().as_secs_f64();

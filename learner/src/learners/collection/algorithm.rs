@@ -32,6 +32,7 @@ use crate::learners::learner::{
 use super::episodes::{FirstFrames, ObservedEpisodes, first_frames, trajectories};
 use super::settings::{
     NewPolicyInit, PolicyCollectionSettings, PolicyTrainer, RolloutInCollection,
+    RolloutStateInCollection,
 };
 use super::{CandidateClouds, PolicyCollection, PolicyEntry, no_nearest_policy};
 
@@ -48,8 +49,10 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         let (actor, decision) = loop {
             // Lines 4 to 7: roll out N_s steps with the current policy into D (`self.rollout`); O
             // (`observed`) takes the first k frames of each episode.
+            // Extension: another policy collects it if the first observations are of its group.
+            let state = self.choose_collector(env, &mut iteration.seconds)?;
             let collector = self.current;
-            self.roll_out(env, &mut iteration)?;
+            self.roll_out(env, state, &mut iteration)?;
             let mut observed = self.observe_rollout()?;
 
             // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
@@ -162,16 +165,18 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
 }
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
-    /// Collects a rollout of `N_s` decisions with the current policy (line 5 of Algorithm 1).
+    /// Collects a rollout of `N_s` decisions with the current policy (line 5 of Algorithm 1), from
+    /// the beginnings of its episodes.
     pub(super) fn roll_out(
         &mut self,
         env: &mut dyn VectorEnv,
+        state: RolloutStateInCollection<S>,
         iteration: &mut IterationReport,
     ) -> Result<(), LearnerError> {
         self.check_horizon(env)?;
         let entry = &mut self.policies[self.current];
         let (rollout, rng) = (&mut self.rollout, &mut self.generators.actions);
-        iteration.rollout_stats = entry.act(env, rollout, rng, iteration)?;
+        iteration.rollout_stats = entry.act(env, state, rollout, rng, iteration)?;
         Ok(())
     }
 
@@ -245,7 +250,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     }
 
     /// Returns `true` if a rollout was assigned to policy 0, the first one of all.
-    fn has_trained(&self) -> bool {
+    pub(super) fn has_trained(&self) -> bool {
         self.policies[0].buffer.num_offered() > 0
     }
 

@@ -3,7 +3,7 @@
 
 use cluster::AssignedPolicy;
 use evidence::{RequiredTrial, Trajectory};
-use rl::{ExperienceBuffer as _, VectorEnv};
+use rl::{Actor as _, ExperienceBuffer as _, RlError, RolloutState, VectorEnv};
 use web_time::Instant;
 
 use crate::error::LearnerError;
@@ -16,9 +16,46 @@ use super::PolicyCollection;
 use super::episodes::{ObservedEpisodes, Rollout};
 use super::settings::{
     PolicyCollectionSettings, PolicyTrainer, ReassignedRolloutHandling, RolloutInCollection,
+    RolloutStateInCollection,
 };
 
 impl<S: PolicyCollectionSettings> PolicyCollection<S> {
+    /// Resets the environments, and makes the policy current that should act in the episodes that
+    /// begin, if the grouping chooses one. Returns the beginnings of the episodes.
+    pub(super) fn choose_collector(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        seconds: &mut IterationSeconds,
+    ) -> Result<RolloutStateInCollection<S>, LearnerError> {
+        let clock = Instant::now();
+        let mut state = self.begin_episodes(env)?;
+        seconds.collection += clock.elapsed().as_secs_f64();
+        if !self.grouping.requirements().chooses_collector || !self.has_trained() {
+            return Ok(state);
+        }
+        let beginnings = (0..self.spec.num_envs).map(|n| {
+            let (image, vector) = state.observations.image_and_vector(&self.spec, n);
+            let (image, vectors) = (image.to_vec(), vector.to_vec());
+            Trajectory { image, vectors, ..Trajectory::default() }
+        });
+        let observed = ObservedEpisodes { frames: Vec::new(), trajectories: beginnings.collect() };
+        let decision = self.assign(AssignmentPurpose::Collect, &observed, seconds)?;
+        if let AssignedPolicy::Existing(chosen) = decision.policy {
+            self.current = self.check_policy(chosen)?;
+            state.memory = self.policies[chosen].policy.new_memory(self.spec.num_envs);
+        }
+        Ok(state)
+    }
+
+    /// Resets the environments; returns the beginnings of their episodes, in which the current
+    /// policy is to act.
+    fn begin_episodes(
+        &self,
+        env: &mut dyn VectorEnv,
+    ) -> Result<RolloutStateInCollection<S>, RlError> {
+        RolloutState::from_env_reset(env, &self.policies[self.current].policy)
+    }
+
     /// Discards the stored rollouts, which the grouping left undecided, and counts one in
     /// `iteration`.
     pub(super) fn discard(&mut self, iteration: &mut IterationReport) {
@@ -67,7 +104,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                     self.rollout.keep_latest(0);
                 }
                 let actor = self.current;
-                self.roll_out(env, iteration)?;
+                let state = self.begin_episodes(env)?;
+                self.roll_out(env, state, iteration)?;
                 let may_end = iteration.policy_created || decision.group_changed;
                 let is_final =
                     decision.trial == RequiredTrial::None || (may_end && !iteration.may_discard());
@@ -157,8 +195,9 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             return Ok(None);
         };
         let mut rollout = self.settings.new_rollout(env.spec(), steps)?;
+        let state = self.begin_episodes(env)?;
         let rng = &mut self.generators.actions;
-        self.policies[self.current].act(env, &mut rollout, rng, iteration)?;
+        self.policies[self.current].act(env, state, &mut rollout, rng, iteration)?;
         Ok(Some(rollout))
     }
 

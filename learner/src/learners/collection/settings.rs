@@ -2,8 +2,8 @@
 
 use rand_chacha::ChaCha8Rng;
 use rl::{
-    AlgorithmState, EnvSpec, ExperienceBuffer, ExportPolicy, FeatureExtractor, MeasureUnitActivity,
-    RlError,
+    Actor, AlgorithmState, EnvSpec, ExperienceBuffer, ExportPolicy, FeatureExtractor,
+    MeasureUnitActivity, RlError, RolloutState,
 };
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -69,6 +69,9 @@ pub trait PolicyCollectionSettings:
 /// Type of the policies that a collection of policies with settings `S` holds.
 pub type PolicyInCollection<S> =
     <<S as PolicyCollectionSettings>::Trainer as PolicyTrainer>::Policy;
+/// Type of the state of a rollout that a policy of a collection with settings `S` collects.
+pub(super) type RolloutStateInCollection<S> =
+    RolloutState<<PolicyInCollection<S> as Actor>::Memory>;
 /// Type of the storage of a rollout in a collection of policies with settings `S`.
 pub type RolloutInCollection<S> =
     <<S as PolicyCollectionSettings>::Trainer as PolicyTrainer>::Rollout;
