@@ -96,6 +96,9 @@ pub struct RolloutDecisionContext<'a> {
     /// Value of [`RolloutDecision::is_provisional`] in the decision that proposed the acting
     /// policy.
     pub is_provisional: bool,
+    /// `true` if another policy trained last, so that the task group of the acting one may have
+    /// drifted meanwhile.
+    pub is_returning: bool,
     /// `true` if the decision may be [`AssignedPolicy::Undecided`], so that another rollout is
     /// collected.
     pub allow_undecided: bool,
@@ -107,6 +110,11 @@ impl RolloutDecisionContext<'_> {
     /// [`AssignedPolicy::Undecided`].
     pub fn for_collector(collector: usize) -> Self {
         Self { collector, allow_undecided: true, ..Self::default() }
+    }
+
+    /// Returns the role of the acting policy in the assignment of a rollout.
+    fn role(&self) -> PolicyRole {
+        if self.is_returning { PolicyRole::Returning } else { PolicyRole::Collector }
     }
 }
 
@@ -255,7 +263,14 @@ impl Recogniser {
         let context = RolloutDecisionContext::for_collector(current);
         let case = Case { summaries: &summaries, context };
         let tests = self.test_all(case, TestStage::Screening, PolicyRole::Other, rng)?;
-        Ok(PolicyChoice::new(&tests, current).better_other().unwrap_or(current))
+        let choice = PolicyChoice::new(&tests, current);
+        let is_only = choice.accepted_others().len() == 1;
+        let other = choice.better_other().filter(|&other| {
+            let is_rejected =
+                choice.collector_test().is_some_and(|own| self.tester().rejects_surely(own));
+            is_only && (is_rejected || self.is_as_good(&tests, current, other))
+        });
+        Ok(other.unwrap_or(current))
     }
 
     /// Decides which policy a rollout belongs to that the policy `context.collector` collected;
@@ -292,7 +307,7 @@ impl Recogniser {
             && decision.policy == AssignedPolicy::Existing(context.collector)
             && !self.fits_collector(
                 Case { summaries: &summaries[..place], ..case },
-                PolicyRole::Collector,
+                context.role(),
                 TestStage::Screening,
                 rng,
             )?
@@ -331,7 +346,7 @@ impl Recogniser {
         }
         let all: Vec<_> = earlier.iter().chain(case.summaries.iter().copied()).collect();
         let case = Case { summaries: &all, ..case };
-        let decision = self.decide(case, PolicyRole::Collector, rng)?;
+        let decision = self.decide(case, case.context.role(), rng)?;
         if case.context.allow_undecided && self.knows_too_little(&decision, case.context.collector)
         {
             self.keep_undecided(case);
@@ -340,17 +355,19 @@ impl Recogniser {
         self.create_policy(case, decision)
     }
 
-    /// Returns `true` if the acting policy was accepted only because it remembers too few episodes to
-    /// reject those whose images or vectors differ.
+    /// Returns `true` if the acting policy remembers few episodes, and was accepted although images
+    /// or vectors differ by more than drift explains: more episodes might reject it.
     fn knows_too_little(&self, decision: &RolloutDecision, collector: usize) -> bool {
-        let (memory, test) = (self.memories.get(collector), decision.tests.get(collector));
+        let Some((memory, test)) = self.memories.get(collector).zip(decision.tests.get(collector))
+        else {
+            return false;
+        };
+        let tester = self.tester();
         decision.policy == AssignedPolicy::Existing(collector)
-            && memory.is_some_and(|memory| 2 * memory.summaries.len() < self.settings.memory)
-            && test.is_some_and(|test| {
-                test.role != PolicyRole::Provisional
-                    && test.first_observation_differs(self.settings.doubt)
-                    && test.first_observation_ratio() >= self.settings.min_ratio
-            })
+            && 2 * memory.summaries.len() < self.settings.memory
+            && test.first_observation_differs(self.settings.doubt)
+            && test.first_observation_ratio() >= tester.least_ratio(test)
+            && !tester.is_proven(test)
     }
 
     /// Creates the policy that a decision asks for, which remembers the images and vectors of the
@@ -378,6 +395,12 @@ impl Recogniser {
         Ok(decision)
     }
 
+    /// Returns `true` if a policy has learnt something, or the acting one has not, either.
+    fn is_as_good(&self, tests: &[PolicyTestResult], collector: usize, other: usize) -> bool {
+        let has_gain = |test: &PolicyTestResult| self.tester().has_gain(test.gain);
+        has_gain(&tests[other]) || !tests.get(collector).is_some_and(has_gain)
+    }
+
     /// Returns the indices of the policies that images or vectors reject at the final level.
     fn differing_policies(&self, tests: &[PolicyTestResult]) -> Vec<usize> {
         let policies = 0..tests.len();
@@ -401,7 +424,7 @@ impl Recogniser {
     /// Decides on the policy of one rollout by screening tests.
     fn screen(&self, case: Case, rng: &mut impl Rng) -> Result<RolloutDecision> {
         let collector = case.context.collector;
-        let tests = self.test_all(case, TestStage::Screening, PolicyRole::Collector, rng)?;
+        let tests = self.test_all(case, TestStage::Screening, case.context.role(), rng)?;
         let choice = PolicyChoice::new(&tests, collector);
         let others = choice.accepted_others();
         let is_familiar = choice.looks_familiar(self.settings.doubt);
@@ -411,11 +434,8 @@ impl Recogniser {
         // costs a rollout: it pays off if this policy is surely wrong or its images differ; in
         // other cases another rollout of this policy is cheaper. A second policy of this group,
         // created by a false alarm, looks right, too, but should not replace one that has learnt
-        let tester = self.tester();
-        let has_gain = |test: &PolicyTestResult| tester.has_gain(test.gain);
         let may_replace = |policy: &usize| {
-            let is_as_good = has_gain(&tests[*policy]) || !own.is_some_and(has_gain);
-            is_rejected || (!is_familiar && is_as_good)
+            is_rejected || (!is_familiar && self.is_as_good(&tests, collector, *policy))
         };
         let other = others.iter().copied().find(may_replace);
         let named = choice.accepted_collector().or(other);
@@ -433,8 +453,9 @@ impl Recogniser {
 
     /// Reviews the policy `context.collector`, which an earlier decision proposed, by a rollout
     /// that it collected itself; if it fails, decides on another one. Its own motion and returns
-    /// are compared, too. If it is rejected and there is a changepoint, only the earlier episodes
-    /// count, for whose group the policy was proposed. If images or vectors contradict those for
+    /// are compared, too. After a changepoint only the earlier episodes count, for whose group the
+    /// policy was proposed; if the policy fits all episodes but not those, the decision is
+    /// `Undecided`, and the episodes are not kept. If images or vectors contradict those for
     /// which it was proposed, the group has changed, and the rollout is judged as by
     /// [`Recogniser::assign_rollout`].
     ///
@@ -459,9 +480,9 @@ impl Recogniser {
         if decision.policy == keep && self.confirms_proposal(context, &decision.tests) {
             // the policy trains on the part before the changepoint
             let stage = TestStage::Confirmation;
-            if context.allow_undecided
-                && (self.knows_too_little(&decision, context.collector)
-                    || (place.is_some() && !self.fits_collector(earlier, role, stage, rng)?))
+            if place.is_some()
+                && context.allow_undecided
+                && !self.fits_collector(earlier, role, stage, rng)?
             {
                 decision.policy = AssignedPolicy::Undecided;
             }
@@ -474,7 +495,7 @@ impl Recogniser {
         {
             decision = self.decide(earlier, role, rng)?;
             decision.changepoint = Some(summaries[place].began);
-            if decision.policy == keep {
+            if decision.policy == keep && self.confirms_proposal(context, &decision.tests) {
                 decision.is_provisional = is_provisional;
                 return Ok(decision);
             }
@@ -487,6 +508,10 @@ impl Recogniser {
             // trials could go on for ever in groups that change with every rollout
             if !context.allow_undecided && anew.trial != RequiredTrial::Waived {
                 anew.trial = RequiredTrial::None;
+            }
+            // the acting policy would train on the part before the changepoint
+            if place.is_some() && anew.policy == keep && context.allow_undecided {
+                anew.policy = AssignedPolicy::Undecided;
             }
             anew.changepoint = place.map(|place| summaries[place].began);
             return Ok(RolloutDecision { group_changed: true, ..anew });
@@ -513,12 +538,6 @@ impl Recogniser {
         let case = Case { context, ..case };
         let decision = self.screen(case, rng)?;
         match decision.policy {
-            // the acting policy would train on the part before the changepoint
-            AssignedPolicy::Existing(named)
-                if named == context.collector && has_changepoint && context.allow_undecided =>
-            {
-                Ok(RolloutDecision { policy: AssignedPolicy::Undecided, ..decision })
-            }
             AssignedPolicy::Existing(named) if named == context.collector => Ok(decision),
             AssignedPolicy::Existing(_)
                 if !has_changepoint && decision.trial == RequiredTrial::Rollout =>

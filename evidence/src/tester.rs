@@ -168,7 +168,7 @@ impl PolicyTester<'_> {
     /// Returns the least distance ratio at which images and vectors reject a policy. It is larger
     /// for a policy that returns and proves by its returns that it serves the group, or has gained
     /// too little to prove anything.
-    fn least_ratio(self, result: &PolicyTestResult) -> f64 {
+    pub(crate) fn least_ratio(self, result: &PolicyTestResult) -> f64 {
         let has_returns = result.sources.contains(&EvidenceSource::Return);
         let cannot_prove = has_returns && result.gain < PROVEN_GAIN;
         let may_serve = self.is_proven(result) || cannot_prove;

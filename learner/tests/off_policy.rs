@@ -106,7 +106,7 @@ fn sorting() -> OffPolicySettings {
 #[test]
 fn every_group_has_a_policy_and_a_replay() {
     let mut env = Bars::new();
-    let settings = OffPolicySettings { capacity: 1000, seed: 1, ..sorting() };
+    let settings = OffPolicySettings { capacity: 1000, ..sorting() };
     let mut learner = OffPolicyLearner::new(settings, env.spec()).unwrap();
     let turns = env.train(&mut learner, &[0, 0, 1, 1, 0]);
     let each = |figure: fn(&IterationReport) -> usize| turns.iter().map(figure).collect::<Vec<_>>();

@@ -70,7 +70,7 @@ impl Grouping for Script {
         let with_trial = |decision| with_trial(decision, self.is_provisional);
         let decision = self.decisions[self.iterations - 1];
         Ok(match request {
-            AssignmentPurpose::Assign { allow_undecided } => {
+            AssignmentPurpose::Assign { allow_undecided, .. } => {
                 assert!(allow_undecided);
                 let clouds = data.clouds()?;
                 let kept = clouds.iter().map(|cloud| cloud.buffer.num_episodes());
@@ -373,15 +373,26 @@ fn a_policy_that_the_grouping_chooses_collects_the_rollout() {
         let script = create_and_return(Script { collector, ..Script::default() });
         let trajectories = Arc::clone(&script.trajectories);
         assert_eq!(run(learner(script), 3), [(0, 100), (1, 200), (0, decisions)]);
-        // the beginnings of ten episodes before the second and the third rollout
+        // the beginnings of ten episodes before the third rollout, when there are two policies
         let beginnings = trajectories.lock().unwrap().iter().filter(|count| **count == 10).count();
-        assert_eq!(beginnings, if collector.is_some() { 2 } else { 0 });
+        assert_eq!(beginnings, usize::from(collector.is_some()));
     }
     // a policy that does not exist is refused
     let script = create_and_return(Script { collector: Some(7), ..Script::default() });
     let (mut env, mut covers) = learner(script);
-    covers.learn(&mut env).unwrap();
+    env.train(&mut covers, &[0, 0]);
     assert_refused(covers.learn(&mut env), "`policy` is 7");
+}
+
+/// Each trial of an iteration shows another group. Sixteen may end so; then a rollout is trained on.
+#[test]
+fn trials_end_where_the_group_changes_with_each() {
+    let named =
+        [1, 0].map(|policy| changed(AssignedPolicy::Existing(policy), RequiredTrial::Episodes));
+    let created = with_trial(AssignedPolicy::Existing(1), false);
+    let trials = [vec![created], [named.as_slice(); 20].concat()].concat();
+    let script = create_and_return(Script { trials, ..Script::default() });
+    assert_eq!(run(learner(script), 3)[2], (0, 100 + 16 * 50 + 100));
 }
 
 /// The first half of a rollout is trained on where the second shows another group.

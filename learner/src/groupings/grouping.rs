@@ -71,7 +71,7 @@ pub struct EpisodeRequirements {
     /// least 1.
     pub episodes: usize,
     /// `true` if the grouping uses whole episodes and not only their first frames; otherwise
-    /// [`RolloutEpisodes::trajectories`] is empty.
+    /// [`RolloutEpisodes::trajectories`] is empty, but for [`AssignmentPurpose::Collect`].
     pub whole_episodes: bool,
     /// `true` if the grouping chooses the policy that collects a rollout, from the first
     /// observations of its episodes ([`AssignmentPurpose::Collect`]).
@@ -84,14 +84,17 @@ pub struct EpisodeRequirements {
 pub enum AssignmentPurpose<'a> {
     /// Request for the policy that should collect a rollout, from the beginnings of its episodes,
     /// which have no steps yet. [`RolloutEpisodes::collector`] collects it unless the decision
-    /// names another existing policy. Groupings are asked that choose collectors
-    /// ([`EpisodeRequirements::chooses_collector`]).
+    /// names another existing policy. There are no features of first frames. Groupings are asked
+    /// that choose collectors ([`EpisodeRequirements::chooses_collector`]), where there are several
+    /// policies and [`EpisodeRequirements::episodes`] environments.
     Collect,
     /// Request to assign one rollout to the policy that will train on it.
     Assign {
         /// `true` if the decision may be [`AssignedPolicy::Undecided`]: no policy trains on the
         /// rollout, and another one is collected.
         allow_undecided: bool,
+        /// `true` if another policy than the collector trained last.
+        is_returning: bool,
     },
     /// Request for the policy that fits one or more episodes, which are not used for training.
     Recognise,

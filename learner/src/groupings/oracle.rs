@@ -126,7 +126,8 @@ mod tests {
     use super::*;
     use crate::groupings::grouping::RolloutEpisodes;
 
-    const ROLLOUT: AssignmentPurpose<'static> = AssignmentPurpose::Assign { allow_undecided: true };
+    const ROLLOUT: AssignmentPurpose<'static> =
+        AssignmentPurpose::Assign { allow_undecided: true, is_returning: false };
 
     /// An oracle must not look at pictures.
     struct Blind;

@@ -46,6 +46,7 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
     /// assignment: here every rollout is assigned, since `N_u` and `N_s` are equal.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<IterationReport, LearnerError> {
         let (mut iteration, policies) = (IterationReport::default(), self.policies.len());
+        let last = self.current;
         let (actor, decision) = loop {
             // Lines 4 to 7: roll out N_s steps with the current policy into D (`self.rollout`); O
             // (`observed`) takes the first k frames of each episode.
@@ -57,7 +58,9 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
 
             // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
             // Extension: a single rollout may be too little to decide, and trains no policy then.
-            let request = AssignmentPurpose::Assign { allow_undecided: iteration.may_discard() };
+            let allow_undecided = iteration.may_discard();
+            let is_returning = collector != last;
+            let request = AssignmentPurpose::Assign { allow_undecided, is_returning };
             let mut decision = self.assign(request, &observed, &mut iteration.seconds)?;
             if decision.policy == AssignedPolicy::Undecided {
                 self.discard(&mut iteration);

@@ -1,5 +1,6 @@
-//! Steps of the learner that the paper's Algorithm 1 does not have: undecided rollouts, trials of
-//! policies before they train, rollouts of two groups, and merges of policies.
+//! Steps of the learner that the paper's Algorithm 1 does not have: the choice of the policy that
+//! collects, undecided rollouts, trials of policies before they train, rollouts of two groups, and
+//! merges of policies.
 
 use cluster::AssignedPolicy;
 use evidence::{RequiredTrial, Trajectory};
@@ -8,7 +9,8 @@ use web_time::Instant;
 
 use crate::error::LearnerError;
 use crate::groupings::{
-    AssignmentPurpose, GroupingDecision, GroupingUpdateInput, GroupingUpdateResult, RolloutEpisodes,
+    AssignmentPurpose, EpisodeRequirements, GroupingDecision, GroupingUpdateInput,
+    GroupingUpdateResult, RolloutEpisodes,
 };
 use crate::learners::learner::{IterationReport, IterationSeconds};
 
@@ -27,10 +29,11 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         env: &mut dyn VectorEnv,
         seconds: &mut IterationSeconds,
     ) -> Result<RolloutStateInCollection<S>, LearnerError> {
-        let clock = Instant::now();
-        let mut state = self.begin_episodes(env)?;
-        seconds.collection += clock.elapsed().as_secs_f64();
-        if !self.grouping.requirements().chooses_collector || !self.has_trained() {
+        let mut state = self.begin_episodes(env, seconds)?;
+        let EpisodeRequirements { episodes, chooses_collector, .. } = self.grouping.requirements();
+        let has_choice = self.policies.len() > 1 && self.spec.num_envs >= episodes;
+        // other environments are refused where the rollout is collected
+        if !chooses_collector || !has_choice || *env.spec() != self.spec {
             return Ok(state);
         }
         let beginnings = (0..self.spec.num_envs).map(|n| {
@@ -52,8 +55,12 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     fn begin_episodes(
         &self,
         env: &mut dyn VectorEnv,
+        seconds: &mut IterationSeconds,
     ) -> Result<RolloutStateInCollection<S>, RlError> {
-        RolloutState::from_env_reset(env, &self.policies[self.current].policy)
+        let clock = Instant::now();
+        let state = RolloutState::from_env_reset(env, &self.policies[self.current].policy)?;
+        seconds.collection += clock.elapsed().as_secs_f64();
+        Ok(state)
     }
 
     /// Discards the stored rollouts, which the grouping left undecided, and counts one in
@@ -94,6 +101,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             let mut passes = true;
             if decision.trial == RequiredTrial::Episodes
                 && !iteration.policy_created
+                && iteration.may_discard()
                 && let Some(probe) = self.probe(env, iteration)?
             {
                 passes =
@@ -104,7 +112,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                     self.rollout.keep_latest(0);
                 }
                 let actor = self.current;
-                let state = self.begin_episodes(env)?;
+                let state = self.begin_episodes(env, &mut iteration.seconds)?;
                 self.roll_out(env, state, iteration)?;
                 let may_end = iteration.policy_created || decision.group_changed;
                 let is_final =
@@ -195,7 +203,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             return Ok(None);
         };
         let mut rollout = self.settings.new_rollout(env.spec(), steps)?;
-        let state = self.begin_episodes(env)?;
+        let state = self.begin_episodes(env, &mut iteration.seconds)?;
         let rng = &mut self.generators.actions;
         self.policies[self.current].act(env, state, &mut rollout, rng, iteration)?;
         Ok(Some(rollout))
