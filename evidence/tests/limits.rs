@@ -265,6 +265,41 @@ fn a_few_episodes_that_fit_a_policy_that_differed_show_that_the_group_changed() 
     assert_eq!(reviewed(&[1]), (AssignedPolicy::Existing(1), true));
 }
 
+/// Images that differ by more than those of one group do, and less than those of a group that
+/// drifted while another policy trained.
+#[test]
+fn a_policy_that_collects_after_others_trained_may_differ_more() {
+    let (recogniser, mut random) = knowing_images(&[0.0, 10.0]);
+    let seen = episodes(20, 0.28, 1.0, &mut random);
+    let decided = |is_returning| {
+        let context = RolloutDecisionContext { is_returning, ..must_decide(0) };
+        let found = recogniser.clone().assign_rollout(&seen, context, &mut rng()).unwrap();
+        assert!((1.2..1.5).contains(&ratio(&found)), "{}", ratio(&found));
+        found.policy
+    };
+    assert_eq!(decided(false), AssignedPolicy::New);
+    assert_eq!(decided(true), AssignedPolicy::Existing(0));
+}
+
+/// Six remembered episodes are too few to reject the next ones at the final level, and forty are
+/// not.
+#[test]
+fn a_policy_that_remembers_few_episodes_is_not_named_by_default() {
+    let decided = |remembered, allow_undecided| {
+        let (mut recogniser, mut rng) = (fresh(), rng());
+        recogniser.record_training(0, &episodes(remembered, 0.0, 1.0, &mut rng), &mut rng).unwrap();
+        let context =
+            RolloutDecisionContext { allow_undecided, ..RolloutDecisionContext::for_collector(0) };
+        let seen = episodes(10, 0.28, 1.0, &mut rng);
+        let mut assign = || recogniser.assign_rollout(&seen, context, &mut rng).unwrap().policy;
+        [assign(), assign()]
+    };
+    let own = AssignedPolicy::Existing(0);
+    assert_eq!(decided(6, true), [AssignedPolicy::Undecided; 2]);
+    assert_eq!(decided(6, false)[0], own);
+    assert_eq!(decided(40, true), [AssignedPolicy::Undecided, AssignedPolicy::New]);
+}
+
 /// A policy collects where first images fit it much better than the current one, and no other one.
 #[test]
 fn first_images_choose_the_policy_that_collects() {
