@@ -32,6 +32,11 @@ impl<'a> PolicyChoice<'a> {
         self.tests.get(self.collector)
     }
 
+    /// Returns the test of a policy.
+    pub(crate) fn test(&self, policy: usize) -> &'a PolicyTestResult {
+        &self.tests[policy]
+    }
+
     /// Returns `true` if the episodes' first images and vectors do not differ from those that the
     /// acting policy remembers, at the significance level `level`.
     pub(crate) fn looks_familiar(&self, level: f64) -> bool {

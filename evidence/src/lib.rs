@@ -25,6 +25,7 @@ mod motion;
 mod policy_test;
 mod probability;
 mod recogniser;
+mod review;
 mod settings;
 mod state;
 mod summary;

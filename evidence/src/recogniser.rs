@@ -120,9 +120,9 @@ impl RolloutDecisionContext<'_> {
 
 /// Episodes that a decision is about, sorted by time, and their context.
 #[derive(Clone, Copy)]
-struct Case<'a> {
-    summaries: &'a [&'a EpisodeSummary],
-    context: RolloutDecisionContext<'a>,
+pub(crate) struct Case<'a> {
+    pub(crate) summaries: &'a [&'a EpisodeSummary],
+    pub(crate) context: RolloutDecisionContext<'a>,
 }
 
 /// Largest number of undecided rollouts that are kept until another one of their task group
@@ -134,7 +134,7 @@ const MAX_UNDECIDED: usize = 16;
 // A policy that is created from two groups serves neither, and a rollout that waits costs little:
 // one of ten pairs of one group waits for a third rollout. Of 72 worlds with visits of one or two
 // rollouts 82 % had as many policies as groups, 79 % with 0.2 and 47 % with 0.02 (seeds 1000 on).
-const SAME_GROUP: f64 = 0.1;
+pub(crate) const SAME_GROUP: f64 = 0.1;
 
 /// Number of random orders of a changepoint test for each random split of a screening test.
 // Energy distances of an order are cheap: one pass over the pairs of episodes.
@@ -264,12 +264,9 @@ impl Recogniser {
         let case = Case { summaries: &summaries, context };
         let tests = self.test_all(case, TestStage::Screening, PolicyRole::Other, rng)?;
         let choice = PolicyChoice::new(&tests, current);
+        // policies that look alike need a trial
         let is_only = choice.accepted_others().len() == 1;
-        let other = choice.better_other().filter(|&other| {
-            let is_rejected =
-                choice.collector_test().is_some_and(|own| self.tester().rejects_surely(own));
-            is_only && (is_rejected || self.is_as_good(&tests, current, other))
-        });
+        let other = choice.better_other().filter(|&p| is_only && self.may_replace(&choice, p));
         Ok(other.unwrap_or(current))
     }
 
@@ -318,7 +315,7 @@ impl Recogniser {
     }
 
     /// Returns `true` if the evidence accepts the policy that acted, in the given role and stage.
-    fn fits_collector(
+    pub(crate) fn fits_collector(
         &self,
         case: Case,
         role: PolicyRole,
@@ -333,7 +330,7 @@ impl Recogniser {
 
     /// Decides on episodes that screening left undecided, together with a kept undecided rollout of
     /// the same task group; without such, keeps them if the context allows it.
-    fn decide_with_kept(
+    pub(crate) fn decide_with_kept(
         &mut self,
         case: Case,
         undecided: RolloutDecision,
@@ -373,7 +370,11 @@ impl Recogniser {
     /// Creates the policy that a decision asks for, which remembers the images and vectors of the
     /// episodes. If there are `max_policies` already, the most similar one is named instead,
     /// without a trial. If too many wait for their first training, the episodes are kept.
-    fn create_policy(&mut self, case: Case, decision: RolloutDecision) -> Result<RolloutDecision> {
+    pub(crate) fn create_policy(
+        &mut self,
+        case: Case,
+        decision: RolloutDecision,
+    ) -> Result<RolloutDecision> {
         if decision.policy != AssignedPolicy::New {
             return Ok(decision);
         }
@@ -395,10 +396,22 @@ impl Recogniser {
         Ok(decision)
     }
 
-    /// Returns `true` if a policy has learnt something, or the acting one has not, either.
-    fn is_as_good(&self, tests: &[PolicyTestResult], collector: usize, other: usize) -> bool {
+    /// Returns `true` if one rollout rejects the policy that acted for certain.
+    fn rejects_collector(&self, choice: &PolicyChoice) -> bool {
+        choice.collector_test().is_some_and(|own| self.tester().rejects_surely(own))
+    }
+
+    /// Returns `true` if it pays to try the accepted policy `other` in place of the one that acted.
+    // Motion and returns under the acting policy are no evidence about others, so trying another
+    // one costs a rollout: it pays off if the acting one is surely wrong or its images differ; in
+    // other cases another rollout of it is cheaper. A second policy of this group, created by a
+    // false alarm, looks right, too, but should not replace one that has learnt.
+    fn may_replace(&self, choice: &PolicyChoice, other: usize) -> bool {
         let has_gain = |test: &PolicyTestResult| self.tester().has_gain(test.gain);
-        has_gain(&tests[other]) || !tests.get(collector).is_some_and(has_gain)
+        let is_as_good =
+            has_gain(choice.test(other)) || !choice.collector_test().is_some_and(has_gain);
+        self.rejects_collector(choice)
+            || (!choice.looks_familiar(self.settings.doubt) && is_as_good)
     }
 
     /// Returns the indices of the policies that images or vectors reject at the final level.
@@ -408,7 +421,7 @@ impl Recogniser {
     }
 
     /// Returns `true` if images or vectors reject a policy at the final level.
-    fn rejects_first_observation(&self, test: &PolicyTestResult) -> bool {
+    pub(crate) fn rejects_first_observation(&self, test: &PolicyTestResult) -> bool {
         let mut sources = self.tester().rejecting_sources(test, self.settings.level);
         sources.any(EvidenceSource::is_first_observation)
     }
@@ -422,22 +435,14 @@ impl Recogniser {
     }
 
     /// Decides on the policy of one rollout by screening tests.
-    fn screen(&self, case: Case, rng: &mut impl Rng) -> Result<RolloutDecision> {
+    pub(crate) fn screen(&self, case: Case, rng: &mut impl Rng) -> Result<RolloutDecision> {
         let collector = case.context.collector;
         let tests = self.test_all(case, TestStage::Screening, case.context.role(), rng)?;
         let choice = PolicyChoice::new(&tests, collector);
         let others = choice.accepted_others();
         let is_familiar = choice.looks_familiar(self.settings.doubt);
-        let own = choice.collector_test();
-        let is_rejected = own.is_some_and(|own| self.tester().rejects_surely(own));
-        // motion and returns under this policy are no evidence about others, so trying another one
-        // costs a rollout: it pays off if this policy is surely wrong or its images differ; in
-        // other cases another rollout of this policy is cheaper. A second policy of this group,
-        // created by a false alarm, looks right, too, but should not replace one that has learnt
-        let may_replace = |policy: &usize| {
-            is_rejected || (!is_familiar && self.is_as_good(&tests, collector, *policy))
-        };
-        let other = others.iter().copied().find(may_replace);
+        let is_rejected = self.rejects_collector(&choice);
+        let other = others.iter().copied().find(|&policy| self.may_replace(&choice, policy));
         let named = choice.accepted_collector().or(other);
         Ok(RolloutDecision {
             policy: named.map_or(AssignedPolicy::Undecided, AssignedPolicy::Existing),
@@ -449,154 +454,6 @@ impl Recogniser {
             is_provisional: false,
             tests,
         })
-    }
-
-    /// Reviews the policy `context.collector`, which an earlier decision proposed, by a rollout
-    /// that it collected itself; if it fails, decides on another one. Its own motion and returns
-    /// are compared, too. After a changepoint only the earlier episodes count, for whose group the
-    /// policy was proposed; if the policy fits all episodes but not those, the decision is
-    /// `Undecided`, and the episodes are not kept. If images or vectors contradict those for
-    /// which it was proposed, the group has changed, and the rollout is judged as by
-    /// [`Recogniser::assign_rollout`].
-    ///
-    /// # Errors
-    /// Errors of [`Recogniser::assign_rollout`].
-    pub fn review_proposed_policy(
-        &mut self,
-        summaries: &[EpisodeSummary],
-        context: RolloutDecisionContext,
-        rng: &mut impl Rng,
-    ) -> Result<RolloutDecision> {
-        self.check_policy(context.collector)?;
-        check_comparable(all_summaries(&self.memories).chain(summaries))?;
-        let summaries = self.in_order(summaries)?;
-        let is_provisional = context.is_provisional;
-        let role = if is_provisional { PolicyRole::Provisional } else { PolicyRole::Returning };
-        let mut case = Case { summaries: &summaries, context };
-        let mut decision = self.decide(case, role, rng)?;
-        let keep = AssignedPolicy::Existing(context.collector);
-        let place = self.find_changepoint(&summaries, rng)?;
-        let earlier = Case { summaries: &summaries[..place.unwrap_or(summaries.len())], ..case };
-        if decision.policy == keep && self.confirms_proposal(context, &decision.tests) {
-            // the policy trains on the part before the changepoint
-            let stage = TestStage::Confirmation;
-            if place.is_some()
-                && context.allow_undecided
-                && !self.fits_collector(earlier, role, stage, rng)?
-            {
-                decision.policy = AssignedPolicy::Undecided;
-            }
-            decision.group_changed = self.contradicts_proposal(context, &decision.tests);
-            decision.is_provisional = is_provisional;
-            return Ok(decision);
-        }
-        if decision.policy != keep
-            && let Some(place) = place
-        {
-            decision = self.decide(earlier, role, rng)?;
-            decision.changepoint = Some(summaries[place].began);
-            if decision.policy == keep && self.confirms_proposal(context, &decision.tests) {
-                decision.is_provisional = is_provisional;
-                return Ok(decision);
-            }
-        }
-        if self.contradicts_proposal(context, &decision.tests)
-            || self.fits_differing_policy(context, &decision.tests)
-        {
-            case.summaries = &summaries[place.unwrap_or(0)..];
-            let mut anew = self.decide_anew(case, place.is_some(), rng)?;
-            // trials could go on for ever in groups that change with every rollout
-            if !context.allow_undecided && anew.trial != RequiredTrial::Waived {
-                anew.trial = RequiredTrial::None;
-            }
-            // the acting policy would train on the part before the changepoint
-            if place.is_some() && anew.policy == keep && context.allow_undecided {
-                anew.policy = AssignedPolicy::Undecided;
-            }
-            anew.changepoint = place.map(|place| summaries[place].began);
-            return Ok(RolloutDecision { group_changed: true, ..anew });
-        }
-        // no policy is tried twice for one task, or trials might never end
-        decision.rejected.push(context.collector);
-        self.create_policy(case, decision)
-    }
-
-    /// Decides on a rollout whose collector was proposed for another task group. In a short visit
-    /// the named policy would act too late, so it trains on the rollout without a trial.
-    fn decide_anew(
-        &mut self,
-        case: Case,
-        has_changepoint: bool,
-        rng: &mut impl Rng,
-    ) -> Result<RolloutDecision> {
-        let context = RolloutDecisionContext {
-            rejected: &[],
-            differing: &[],
-            is_provisional: false,
-            ..case.context
-        };
-        let case = Case { context, ..case };
-        let decision = self.screen(case, rng)?;
-        match decision.policy {
-            AssignedPolicy::Existing(named) if named == context.collector => Ok(decision),
-            AssignedPolicy::Existing(_)
-                if !has_changepoint && decision.trial == RequiredTrial::Rollout =>
-            {
-                Ok(RolloutDecision { trial: RequiredTrial::Waived, ..decision })
-            }
-            AssignedPolicy::Existing(_) if !context.allow_undecided => Ok(decision),
-            _ => {
-                let undecided = RolloutDecision { policy: AssignedPolicy::Undecided, ..decision };
-                self.decide_with_kept(case, undecided, rng)
-            }
-        }
-    }
-
-    /// Returns `true` if a rollout that the evidence accepts is of the task group for which the
-    /// acting policy was proposed: returns prove it, or images and vectors fit no policy better
-    /// that they had rejected then.
-    fn confirms_proposal(
-        &self,
-        context: RolloutDecisionContext,
-        tests: &[PolicyTestResult],
-    ) -> bool {
-        let own = &tests[context.collector];
-        own.role == PolicyRole::Provisional
-            || self.tester().is_proven(own)
-            || !self.fits_differing_policy(context, tests)
-    }
-
-    /// Returns `true` if images and vectors of a rollout show another task group than that for which
-    /// the acting policy was proposed: they reject it, by more than drift explains if it is
-    /// provisional, or fit it although they had rejected it then.
-    fn contradicts_proposal(
-        &self,
-        context: RolloutDecisionContext,
-        tests: &[PolicyTestResult],
-    ) -> bool {
-        let own = &tests[context.collector];
-        if own.role == PolicyRole::Provisional {
-            let may_be_same = own.first_observation_p_value() >= SAME_GROUP;
-            let is_drift = own.first_observation_ratio() <= self.tester().max_isolated_drift();
-            return (context.differing.contains(&context.collector) && may_be_same)
-                || (own.first_observation_differs(self.settings.level) && !is_drift);
-        }
-        self.rejects_first_observation(own)
-    }
-
-    /// Returns `true` if images or vectors speak against the acting policy, and fit one that they
-    /// had rejected when the acting one was proposed.
-    fn fits_differing_policy(
-        &self,
-        context: RolloutDecisionContext,
-        tests: &[PolicyTestResult],
-    ) -> bool {
-        let is_other =
-            |&policy: &usize| policy != context.collector && !self.memories[policy].is_merged();
-        let mut others = context.differing.iter().copied().filter(is_other);
-        let is_doubted =
-            |policy: usize| tests[policy].first_observation_p_value() <= self.settings.doubt;
-        is_doubted(context.collector) && others.any(|policy| !is_doubted(policy))
     }
 
     /// Keeps an undecided rollout, or its latest `memory` episodes. The latest [`MAX_UNDECIDED`]
@@ -728,7 +585,12 @@ impl Recogniser {
     }
 
     /// Decides finally on the policy of two rollouts or of a trial.
-    fn decide(&self, case: Case, role: PolicyRole, rng: &mut impl Rng) -> Result<RolloutDecision> {
+    pub(crate) fn decide(
+        &self,
+        case: Case,
+        role: PolicyRole,
+        rng: &mut impl Rng,
+    ) -> Result<RolloutDecision> {
         let RolloutDecisionContext { collector, rejected, .. } = case.context;
         let tests = self.test_all(case, TestStage::Confirmation, role, rng)?;
         let choice = PolicyChoice::new(&tests, collector);
@@ -767,7 +629,7 @@ impl Recogniser {
     ///
     /// Only the latest summaries are tested, twice as many as a policy remembers, to bound the
     /// time.
-    fn find_changepoint(
+    pub(crate) fn find_changepoint(
         &self,
         summaries: &[&EpisodeSummary],
         rng: &mut impl Rng,

@@ -18,8 +18,8 @@ pub fn format_run_event(event: &RunEvent) -> String {
 }
 
 /// Formats a rollout as one line: decisions so far, true group at its start, assigned policy
-/// (`new`, or `2nd` if a second rollout was needed to choose it), mean reward, success, and
-/// distance to each compared policy with its standard score.
+/// (`new`, or `2nd` if no policy trained on an earlier rollout of the iteration), mean reward,
+/// success, and distance to each compared policy with its standard score.
 pub fn format_rollout_line(progress: &RolloutReport) -> String {
     let iteration = &progress.iteration;
     let evidence = iteration.evidence.iter();

@@ -253,7 +253,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     }
 
     /// Returns `true` if a rollout was assigned to policy 0, the first one of all.
-    pub(super) fn has_trained(&self) -> bool {
+    fn has_trained(&self) -> bool {
         self.policies[0].buffer.num_offered() > 0
     }
 

@@ -98,38 +98,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             if decision.changepoint.is_some() || decision.group_changed {
                 self.rollout.keep_latest(0);
             }
-            let mut passes = true;
-            if decision.trial == RequiredTrial::Episodes
-                && !iteration.policy_created
-                && iteration.may_discard()
-                && let Some(probe) = self.probe(env, iteration)?
-            {
-                passes =
-                    self.passes_trial(self.observed_episodes_in(&probe), decision, iteration)?;
-            }
-            if passes {
-                if decision.group_changed {
-                    self.rollout.keep_latest(0);
-                }
-                let actor = self.current;
-                let state = self.begin_episodes(env, &mut iteration.seconds)?;
-                self.roll_out(env, state, iteration)?;
-                let may_end = iteration.policy_created || decision.group_changed;
-                let is_final =
-                    decision.trial == RequiredTrial::None || (may_end && !iteration.may_discard());
-                let is_confirmed =
-                    is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)?;
-                let is_waived = !is_confirmed && decision.trial == RequiredTrial::Waived;
-                if is_waived || is_confirmed {
-                    if decision.group_changed {
-                        // earlier collections are of another group
-                        self.rollout.keep_latest(1);
-                    }
-                    if is_waived {
-                        self.adapt_rollout()?;
-                    }
-                    return Ok(Some(actor));
-                }
+            if let Some(actor) = self.try_current_policy(env, decision, iteration)? {
+                return Ok(Some(actor));
             }
             if decision.policy == AssignedPolicy::Undecided {
                 return Ok(None);
@@ -138,6 +108,49 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
                 iteration.discarded += 1;
             }
         }
+    }
+
+    /// Lets the current policy, which `decision` named, collect a rollout, and first a few episodes
+    /// if the decision demands that. Returns the policy that collected the rollout if the current
+    /// policy may train on it; otherwise `decision` is the grouping's next one.
+    fn try_current_policy(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        decision: &mut GroupingDecision,
+        iteration: &mut IterationReport,
+    ) -> Result<Option<usize>, LearnerError> {
+        if decision.trial == RequiredTrial::Episodes
+            && !iteration.policy_created
+            && iteration.may_discard()
+            && let Some(probe) = self.probe(env, iteration)?
+        {
+            if !self.passes_trial(self.observed_episodes_in(&probe), decision, iteration)? {
+                return Ok(None);
+            }
+            if decision.group_changed {
+                self.rollout.keep_latest(0);
+            }
+        }
+        let actor = self.current;
+        let state = self.begin_episodes(env, &mut iteration.seconds)?;
+        self.roll_out(env, state, iteration)?;
+        let may_end = iteration.policy_created || decision.group_changed;
+        let is_final =
+            decision.trial == RequiredTrial::None || (may_end && !iteration.may_discard());
+        let is_confirmed =
+            is_final || self.passes_trial(self.observe_rollout()?, decision, iteration)?;
+        let is_waived = !is_confirmed && decision.trial == RequiredTrial::Waived;
+        if !is_confirmed && !is_waived {
+            return Ok(None);
+        }
+        if decision.group_changed {
+            // earlier collections are of another group
+            self.rollout.keep_latest(1);
+        }
+        if is_waived {
+            self.adapt_rollout()?;
+        }
+        Ok(Some(actor))
     }
 
     /// Returns `true` if the policy that `decision` names may train on a rollout of another policy.
