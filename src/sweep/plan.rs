@@ -338,7 +338,7 @@ mod tests {
         for (name, plan) in others {
             let (seeds, number) = match name.split('-').next() {
                 Some("efficiency") => (20..30, Some(10)),
-                Some("groups") => (30..40, Some(10)),
+                Some("groups") => (130..140, Some(10)),
                 Some("ten") => (40..45, Some(5)),
                 Some("all") => (49..50, Some(1)),
                 Some("mt10") => (46..49, Some(3)),
