@@ -14,10 +14,10 @@ const STRIDE: usize = 2;
 const SEED: u64 = 0;
 
 /// Fixed bank of random convolution filters, which describes the content of an image. Each filter
-/// gives two features, averaged over the four flips of the filter: the mean response over the
-/// image, as far as it exceeds a noise floor, and the largest one. The floor is four times the lower
-/// quartile of the magnitudes of the filter's responses to the same image, so noise on plain ground
-/// hardly counts.
+/// gives two features, averaged over the four flips of the filter: the mean over the image of the
+/// responses above a noise floor, and the largest response. The floor is four times the lower
+/// quartile of the magnitudes of the filter's responses to the same image, and at most a quarter of
+/// the largest response. It keeps the camera's noise on plain ground out of the mean.
 ///
 /// The features are equal for the four mirror images of an image, to the bit: pixels and weights
 /// are integers, so sums are exact and do not depend on their order. Weights of each filter
@@ -74,9 +74,9 @@ impl RandomFilters {
         Ok(Self { image, kernel, count, weights: weights(kernel, channels, count) })
     }
 
-    /// Returns the features of an image `[height, width, channels]`: the mean response of each
-    /// filter above its noise floor, times 10, then the largest of each, together scaled to
-    /// Euclidean norm 1; zeros if no filter responds.
+    /// Returns the features of an image `[height, width, channels]`: for each filter the mean of
+    /// the responses above the noise floor, times 10, then the largest response of each, together
+    /// scaled to Euclidean norm 1; zeros if no filter responds.
     ///
     /// # Errors
     /// An image of another size.
@@ -139,27 +139,28 @@ impl RandomFilters {
 }
 
 /// Noise floor of a filter as a multiple of the lower quartile of its responses' magnitudes.
-// A quarter of the positions shows plain ground in most images, where a filter responds to the
-// camera's noise alone. Of Gaussian noise, a fifth exceeds four times the quartile. Without the
-// floor, one in three worlds with rising noise gets superfluous policies
-// (docs/assignment_figures.md).
+// More than a quarter of the positions shows plain ground in most images, where a filter responds
+// to the camera's noise alone. A tenth of the responses to Gaussian noise exceeds the floor.
 const NOISE_FLOOR: f32 = 4.0;
+/// Largest noise floor as a share of the filter's largest response: texture that fills an image
+/// stays above it.
+const MAX_NOISE_FLOOR: f32 = 0.25;
 
-/// Returns for the responses `[positions]` of the four flips of a filter the sum over positions and
-/// flips, as far as they exceed the noise floor, and the sum over flips of the largest ones, at
-/// least 0. In `f64` these sums of integers are exact.
+/// Returns two sums over the four flips of a filter, from their responses `[positions]`: of the
+/// responses above the noise floor, over all positions, and of each flip's largest response (at
+/// least 0). In `f64` these sums of integers are exact.
 fn pool(responses: [&[f32]; 4]) -> (f64, f64) {
+    let largest = responses.map(|of_flip| of_flip.iter().copied().fold(0.0, f32::max));
     let magnitudes = responses.iter().flat_map(|of_flip| of_flip.iter().map(|r| r.abs()));
     let mut magnitudes: Vec<f32> = magnitudes.collect();
     let quarter = magnitudes.len() / 4;
-    let floor = NOISE_FLOOR * *magnitudes.select_nth_unstable_by(quarter, f32::total_cmp).1;
-    let (mut sum, mut peaks) = (0.0, 0.0);
-    for of_flip in responses {
-        sum += of_flip.iter().map(|r| f64::from((r - floor).max(0.0))).sum::<f64>();
-        // above the floor it would be 0 in a texture that fills the image
-        peaks += f64::from(of_flip.iter().copied().fold(0.0, f32::max));
-    }
-    (sum, peaks)
+    let quartile = *magnitudes.select_nth_unstable_by(quarter, f32::total_cmp).1;
+    let bound = MAX_NOISE_FLOOR * largest.iter().copied().fold(0.0, f32::max);
+    let floor = (NOISE_FLOOR * quartile).min(bound.floor());
+    // from 0 at the floor to the whole response at twice the floor, so that strong ones keep theirs
+    let above = |r: &f32| (2.0 * (r - floor)).min(*r).max(0.0);
+    let sum = responses.iter().flat_map(|of_flip| *of_flip).map(|r| f64::from(above(r))).sum();
+    (sum, largest.into_iter().map(f64::from).sum())
 }
 
 /// Weight of the mean filter responses relative to the largest ones in the features of an image.
@@ -230,27 +231,61 @@ mod tests {
         }
     }
 
+    fn image_with_noise(
+        noise: i16,
+        rng: &mut ChaCha8Rng,
+        level: impl Fn([usize; 3]) -> i16,
+    ) -> Vec<u8> {
+        let values = (0..48 * 48 * 3).map(|i| level([i / 144, i % 144 / 3, i % 3]));
+        values.map(|level| (level + rng.random_range(-noise..=noise)) as u8).collect()
+    }
+
     #[test]
     fn noise_hardly_changes_the_features_of_an_object_on_plain_ground() {
         let filters = RandomFilters::new([48, 48, 3], 32).unwrap();
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let mut picture = |noise: i16, colour: [i16; 3]| {
-            let level = |i: usize| {
-                let [row, col] = [i / 144, i % 144 / 3];
-                let is_object = (20..30).contains(&row) && (10..20).contains(&col);
-                let level = if is_object { colour[i % 3] } else { 120 };
-                (level + rng.random_range(-noise..=noise)) as u8
+        let mut features = |noise: i16, side: usize, colour: [i16; 3]| {
+            let object = 10..10 + side;
+            let level = |[row, col, channel]: [usize; 3]| {
+                if object.contains(&row) && object.contains(&col) { colour[channel] } else { 120 }
             };
-            let image: Vec<u8> = (0..48 * 48 * 3).map(level).collect();
-            filters.features(&image).unwrap()
+            filters.features(&image_with_noise(noise, &mut rng, level)).unwrap()
         };
         let distance = |a: &[f32], b: &[f32]| -> f32 {
             a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f32>().sqrt()
         };
-        let clean = picture(0, [60, 140, 220]);
-        let by_noise = distance(&picture(20, [60, 140, 220]), &clean);
-        let by_colour = distance(&picture(0, [60, 220, 140]), &clean);
-        assert!(by_noise < 0.5 * by_colour, "{by_noise} {by_colour}");
+        for side in [10, 26] {
+            let clean = features(0, side, [60, 140, 220]);
+            let by_noise = distance(&features(20, side, [60, 140, 220]), &clean);
+            let by_colour = distance(&features(0, side, [60, 220, 140]), &clean);
+            assert!(by_noise < 0.5 * by_colour, "{side}: {by_noise} {by_colour}");
+        }
+    }
+
+    #[test]
+    fn mirror_images_with_noise_have_the_same_features() {
+        let filters = RandomFilters::new([48, 48, 3], 8).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let image = image_with_noise(9, &mut rng, |[row, col, _]| (row * col % 200 + 20) as i16);
+        let features = filters.features(&image).unwrap();
+        for g in D2::ALL {
+            let mirrored = g.transform_image(&image, 48, 48, 3);
+            assert_eq!(filters.features(&mirrored).unwrap(), features, "{g:?}");
+        }
+    }
+
+    #[test]
+    fn texture_that_fills_the_image_stays_above_the_noise_floor() {
+        let filters = RandomFilters::new([48, 48, 3], 8).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut means = |level: fn([usize; 3]) -> i16| {
+            filters.features(&image_with_noise(0, &mut rng, level)).unwrap()[..8].to_vec()
+        };
+        let gradient = means(|[row, col, _]| (2 * row + col) as i16);
+        let checkerboard = means(|[row, col, _]| 80 * ((row / 4 + col / 4) % 2) as i16);
+        for means in [gradient, checkerboard] {
+            assert!(means.iter().all(|mean| *mean > 0.0), "{means:?}");
+        }
     }
 
     #[test]
