@@ -317,10 +317,10 @@ def assignment():
         axes.plot(shares, [row, row], color=GREY, linewidth=1)
         for share, style in zip(shares, styles.values()):
             mark(axes, share, row, style)
-        exact = " / ".join(f"{data[f'{kind}, exact worlds of 4', system]:.0f}" for system in styles)
+        exact = " / ".join(f"{data[f'{kind}, exact worlds', system]:.0f}" for system in styles)
         beside(axes, row, exact)
-    beside(axes, -1, "exact, of 4")
-    axes.set_xlim(-2, 90)
+    beside(axes, -1, "exact, %")
+    axes.set_xlim(-2, 95)
     axes.set_xlabel("% of rounds that trained the wrong policy")
     legend(figure, {"covers": styles["covers, evidence"], "the paper's rule: W1 of at most 1.0": styles["paper's rule, threshold 1.0"]})
     figure.tight_layout(rect=(0, 0.045, 0.99, 1))
