@@ -237,7 +237,7 @@ mod tests {
         level: impl Fn([usize; 3]) -> i16,
     ) -> Vec<u8> {
         let values = (0..48 * 48 * 3).map(|i| level([i / 144, i % 144 / 3, i % 3]));
-        values.map(|level| (level + rng.random_range(-noise..=noise)) as u8).collect()
+        values.map(|value| (value + rng.random_range(-noise..=noise)) as u8).collect()
     }
 
     #[test]
@@ -283,8 +283,8 @@ mod tests {
         };
         let gradient = means(|[row, col, _]| (2 * row + col) as i16);
         let checkerboard = means(|[row, col, _]| 80 * ((row / 4 + col / 4) % 2) as i16);
-        for means in [gradient, checkerboard] {
-            assert!(means.iter().all(|mean| *mean > 0.0), "{means:?}");
+        for found in [gradient, checkerboard] {
+            assert!(found.iter().all(|mean| *mean > 0.0), "{found:?}");
         }
     }
 
