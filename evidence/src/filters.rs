@@ -141,6 +141,7 @@ impl RandomFilters {
 /// Noise floor of a filter as a multiple of the lower quartile of its responses' magnitudes.
 // More than a quarter of the positions shows plain ground in most images, where a filter responds
 // to the camera's noise alone. A tenth of the responses to Gaussian noise exceeds the floor.
+// docs/assignment_figures.md compares other floors.
 const NOISE_FLOOR: f32 = 4.0;
 /// Largest noise floor as a share of the filter's largest response: texture that fills an image
 /// stays above it.
