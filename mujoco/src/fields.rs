@@ -136,9 +136,6 @@ pub(crate) mod model {
         ACTUATOR_CTRLNUM = actuator_ctrlnum: [i32; nu, 1],
         #[cfg(actuator_counts)]
         ACTUATOR_OUTNUM = actuator_outnum: [i32; nu, 1],
-        ACTUATOR_CTRLLIMITED = actuator_ctrllimited: [u8; nu, 1],
-        ACTUATOR_CTRLRANGE = actuator_ctrlrange: [f64; nu, 2],
-        BODY_INVWEIGHT0 = body_invweight0: [f64; nbody, 2],
         BODY_IPOS = body_ipos: [f64; nbody, 3],
         BODY_IQUAT = body_iquat: [f64; nbody, 4],
         BODY_MOCAPID = body_mocapid: [i32; nbody, 1],

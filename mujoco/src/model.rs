@@ -7,13 +7,12 @@ use std::sync::Arc;
 use crate::error::ModelError;
 use crate::fields::ArrayField;
 use crate::fields::model::{
-    ACTUATOR_CTRLLIMITED, ACTUATOR_CTRLRANGE, BODY_INVWEIGHT0, BODY_MOCAPID, GEOM_BODYID,
-    GEOM_CONAFFINITY, GEOM_CONTYPE, GEOM_GROUP, GEOM_RGBA, GEOM_SIZE, GEOM_TYPE, JNT_BODYID,
-    JNT_DOFADR, JNT_LIMITED, JNT_QPOSADR, JNT_RANGE, JNT_TYPE,
+    BODY_MOCAPID, GEOM_BODYID, GEOM_CONAFFINITY, GEOM_CONTYPE, GEOM_GROUP, GEOM_RGBA, GEOM_SIZE,
+    GEOM_TYPE, JNT_BODYID, JNT_DOFADR, JNT_LIMITED, JNT_QPOSADR, JNT_RANGE, JNT_TYPE,
 };
 use crate::ids::{
-    ActuatorId, ActuatorIdMarker, BodyId, BodyIdMarker, CameraIdMarker, GeomId, GeomIdMarker, Id,
-    JointId, JointIdMarker, Lookup, MocapId, NamedObjectKind, SiteIdMarker,
+    ActuatorIdMarker, BodyId, BodyIdMarker, CameraIdMarker, GeomId, GeomIdMarker, Id, JointId,
+    JointIdMarker, Lookup, MocapId, NamedObjectKind, SiteIdMarker,
 };
 use crate::load::{check_file_references, load};
 use crate::{raw, releases};
@@ -221,18 +220,6 @@ impl Model {
     pub fn joint_range(&self, joint: JointId) -> Option<[f64; 2]> {
         let limited = self.value(&JNT_LIMITED, joint) != 0;
         limited.then(|| self.rows(&JNT_RANGE)[joint.index()])
-    }
-
-    /// Returns the lower and upper limit of an actuator's control; `None` if it is not limited.
-    pub fn ctrl_range(&self, actuator: ActuatorId) -> Option<[f64; 2]> {
-        let limited = self.value(&ACTUATOR_CTRLLIMITED, actuator) != 0;
-        limited.then(|| self.rows(&ACTUATOR_CTRLRANGE)[actuator.index()])
-    }
-
-    /// Returns MuJoCo's inverse weight of a body (mean inverse inertia) in the model's initial
-    /// configuration: translation in 1/kg, rotation in 1/(kg m^2).
-    pub fn body_invweight0(&self, body: BodyId) -> [f64; 2] {
-        self.rows(&BODY_INVWEIGHT0)[body.index()]
     }
 
     /// Returns the body that a geom is fixed to.

@@ -14,7 +14,8 @@ use crate::error::ModelError;
 /// Rejects references that would make MuJoCo look for a file outside of `files`: an absolute path,
 /// or an absolute folder, of a file that is not given.
 ///
-/// Only `main` and the files that it includes are checked, as these are all that MuJoCo reads.
+/// Only `main` and the files that it includes or names as models are checked, as these are all that
+/// MuJoCo reads as XML.
 pub(crate) fn reject_outside_references(
     main: &str,
     files: &[(&str, &[u8])],
@@ -115,7 +116,11 @@ impl References {
 
     /// Adds the file references of an XML element; returns the name of the file that it includes.
     fn take(&mut self, element: &BytesStart) -> quick_xml::Result<Option<String>> {
-        let includes = element.name().as_ref().eq_ignore_ascii_case(b"include");
+        let name = element.name();
+        // MuJoCo 3.2 and later also read the file of `<asset><model>`
+        let includes = [&b"include"[..], b"model"]
+            .into_iter()
+            .any(|read| name.as_ref().eq_ignore_ascii_case(read));
         let mut included = None;
         for attribute in element.attributes().with_checks(false) {
             let attribute = attribute?;

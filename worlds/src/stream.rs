@@ -37,7 +37,7 @@ impl GroupVisit {
 pub enum StreamError {
     /// Stream of tasks without visits or without environments, or visit without rounds.
     #[error("{what} is 0, expected at least 1")]
-    NoVisitsOrEnvs {
+    ZeroCount {
         /// Name of the number that is 0: that of visits, of environments, or of rounds.
         what: &'static str,
     },
@@ -58,6 +58,14 @@ pub enum StreamError {
         got: usize,
         /// Number of values expected: two for each environment.
         expected: usize,
+    },
+    /// Action that is NaN or infinite.
+    #[error("action {index} is {value}, expected finite numbers")]
+    NonFiniteAction {
+        /// Index in the list of actions.
+        index: usize,
+        /// Value of the action.
+        value: f32,
     },
     /// Step of a stream before its first reset.
     #[error("the environments were never reset: call `reset` before `step`")]
@@ -93,7 +101,7 @@ impl TaskStream {
     ) -> Result<Self, StreamError> {
         for (what, size) in [("the number of visits", visits.len()), ("num_envs", num_envs)] {
             if size == 0 {
-                return Err(StreamError::NoVisitsOrEnvs { what });
+                return Err(StreamError::ZeroCount { what });
             }
         }
         for (index, visit) in visits.iter().enumerate() {
@@ -155,7 +163,7 @@ impl TaskStream {
     ///
     /// # Errors
     /// [`StreamError::UnknownGroup`] for a group that the world does not have,
-    /// [`StreamError::NoVisitsOrEnvs`] for a visit of no rounds.
+    /// [`StreamError::ZeroCount`] for a visit of no rounds.
     pub fn insert_visit(&mut self, visit: GroupVisit) -> Result<(), StreamError> {
         let next = self.round + usize::from(!self.episodes.is_empty());
         let index = self.visit_index_in_round(next);
@@ -180,7 +188,7 @@ impl TaskStream {
     fn visit_index_in_round(&self, round: usize) -> usize {
         let mut end = 0;
         let visit = self.visits.iter().position(|visit| {
-            end += visit.rounds;
+            end = visit.rounds.saturating_add(end);
             round < end
         });
         visit.unwrap_or(self.visits.len() - 1)
@@ -225,7 +233,7 @@ impl TaskStream {
 fn check_visit(world: &World, index: usize, visit: &GroupVisit) -> Result<(), StreamError> {
     let (group, groups) = (visit.group, world.groups.len());
     if visit.rounds == 0 {
-        return Err(StreamError::NoVisitsOrEnvs { what: "the number of rounds of a visit" });
+        return Err(StreamError::ZeroCount { what: "the number of rounds of a visit" });
     }
     if group < groups {
         Ok(())
@@ -262,6 +270,9 @@ impl VectorEnv for TaskStream {
         if self.episodes.is_empty() {
             return Err(StreamError::NotReset.into());
         }
+        if let Some(index) = actions.iter().position(|action| !action.is_finite()) {
+            return Err(StreamError::NonFiniteAction { index, value: actions[index] }.into());
+        }
         for (env, episode) in self.episodes.iter_mut().enumerate() {
             let (reward, success) = episode.step([actions[2 * env], actions[2 * env + 1]]);
             out.rewards[env] = reward;
@@ -269,7 +280,7 @@ impl VectorEnv for TaskStream {
             out.success_at_end[env] = success;
         }
         self.step += 1;
-        let ends = self.step == self.horizon;
+        let ends = self.step >= self.horizon;
         out.outcomes.fill(if ends { StepOutcome::Truncated } else { StepOutcome::Running });
         if ends {
             self.show(&mut out.final_observations);

@@ -194,15 +194,18 @@ fn groups_change_between_rounds_whatever_resets() {
 fn what_cannot_be_shown_is_refused() {
     let world = World::random(WorldKind::Reward, 1000);
     let refuse = |visits, envs| TaskStream::new(world.clone(), visits, envs).unwrap_err();
-    assert!(matches!(refuse(vec![], 1), StreamError::NoVisitsOrEnvs { .. }));
-    assert!(matches!(refuse(visits(&[0], 1), 0), StreamError::NoVisitsOrEnvs { .. }));
-    assert!(matches!(refuse(visits(&[0], 0), 1), StreamError::NoVisitsOrEnvs { .. }));
+    assert!(matches!(refuse(vec![], 1), StreamError::ZeroCount { .. }));
+    assert!(matches!(refuse(visits(&[0], 1), 0), StreamError::ZeroCount { .. }));
+    assert!(matches!(refuse(visits(&[0], 0), 1), StreamError::ZeroCount { .. }));
     let error = refuse(visits(&[0, 9], 1), 1);
     assert!(error.to_string().starts_with("visit 1 is of group 9"), "{error}");
     let mut stream = TaskStream::new(world, visits(&[0], 1), 2).unwrap();
     let mut transition = Transition::new(stream.spec());
     let step_error = stream.step(&[0.0; 3], &mut transition).unwrap_err();
     assert!(step_error.to_string().starts_with("got 3 actions, expected 4"), "{step_error}");
+    stream.reset(&mut transition.observations).unwrap();
+    let refused = stream.step(&[0.0, f32::NAN, 0.0, 0.0], &mut transition).unwrap_err();
+    assert!(refused.to_string().starts_with("action 1 is NaN"), "{refused}");
 }
 
 /// An inserted visit begins after the round that runs, mirrored as it says, and the list goes on.
