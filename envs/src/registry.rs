@@ -136,11 +136,6 @@ impl TaskRegistry {
         Self { groups: TaskGroup::STANDARD.to_vec() }
     }
 
-    /// Creates a registry of [`TaskGroup::MT10`].
-    pub fn with_mt10() -> Self {
-        Self { groups: TaskGroup::MT10.to_vec() }
-    }
-
     /// Creates a registry of [`TaskGroup::ALL`].
     pub fn with_all() -> Self {
         Self { groups: TaskGroup::ALL.to_vec() }
@@ -254,15 +249,6 @@ mod tests {
     }
 
     #[test]
-    fn every_group_has_a_name_of_its_own() {
-        let all = TaskRegistry::with_all();
-        let names: std::collections::HashSet<_> =
-            all.groups().iter().map(|group| group.name()).collect();
-        assert_eq!(names.len(), 14);
-        assert_eq!(TaskRegistry::with_mt10().groups(), TaskGroup::MT10);
-    }
-
-    #[test]
     fn sets_hold_each_group_once_and_no_set_is_called_like_a_group() {
         let all = TaskRegistry::with_all();
         for (name, size) in [("standard", 4), ("ten", 10), ("mt10", 10), ("all", 14)] {
@@ -276,12 +262,5 @@ mod tests {
         assert_eq!(all.find_set("push").unwrap(), [TaskGroup::PUSH]);
         let message = all.find_set("mt50").unwrap_err().to_string();
         assert!(message.contains("`mt50`") && message.contains("peg-insert-side"), "{message}");
-    }
-
-    #[test]
-    fn there_are_sixteen_variants_of_the_standard_groups() {
-        let all = TaskGroup::STANDARD.into_iter().flat_map(TaskGroup::variants);
-        let distinct: std::collections::HashSet<_> = all.collect();
-        assert_eq!(distinct.len(), 16);
     }
 }

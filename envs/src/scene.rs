@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
-use mujoco::{BodyId, CameraId, Data, JointType, MocapId, Model, SiteId, State};
+use mujoco::{BodyId, CameraId, Data, JointId, JointType, MocapId, Model, SiteId, State};
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
 
@@ -96,8 +96,9 @@ impl Scene {
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`] for an invalid camera, an offset or joint position that is not
-    /// finite, a loose joint that is not free or is beside a mocap body `object`, or a handed task
-    /// without objects; [`EnvError::InvalidTaskName`], [`EnvError::InvalidEmbodimentName`], or
+    /// finite, a hand target out of bounds, a start joint that is neither a slide joint nor a hinge,
+    /// a loose joint that is not free or is beside a mocap body `object`, or a handed task without
+    /// objects; [`EnvError::InvalidTaskName`], [`EnvError::InvalidEmbodimentName`], or
     /// MuJoCo's error for the model.
     pub fn new(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Result<Self, EnvError> {
         Self::new_in_layout(Layout::Symmetric, group, embodiment, camera)
@@ -128,7 +129,7 @@ impl Scene {
         let of_meta_world = meta_world.map_or(&[][..], |spec| spec.start_joints);
         // the layout's come last and win over the task's own
         let start_joints = [parts.start_joints, of_meta_world].concat();
-        check_parts(&parts, &start_joints, target_bounds)?;
+        check_parts(&parts, &start_joints, hand_target_start, target_bounds)?;
         let model = Arc::new(compile(layout, group, embodiment, &camera)?);
         let mocap = |name| model.mocap_body(name);
         let mirrored_model = mirrored(&model, &parts, layout)?;
@@ -139,7 +140,7 @@ impl Scene {
             embodiment,
             target_bounds,
             meta_world,
-            decoy_qpos_address: meta_world.and_then(|spec| decoy(&model, &spec)),
+            decoy_qpos_address: meta_world.map_or(Ok(None), |spec| decoy(&model, &spec))?,
             camera,
             camera_id: model.camera("top")?,
             perspective_id: model.camera("perspective")?,
@@ -247,16 +248,15 @@ pub(crate) fn check_placement(placement: &Placement) -> Result<(), EnvError> {
 fn check_parts(
     parts: &TaskSceneParts<'_>,
     start_joints: &[(&str, f64)],
+    hand_target: DVec3,
     [lowest, highest]: [DVec3; 2],
 ) -> Result<(), EnvError> {
     let offset = parts.object_offset;
     let expected = "finite numbers of metres";
     require(offset.is_finite(), "object_offset", &offset, expected)?;
-    if let Some(hand) = parts.hand_target {
-        let is_inside = hand.cmpge(lowest).all() && hand.cmple(highest).all();
-        let expected_place = "a place within the bounds of the hand's target";
-        require(is_inside, "hand_target", &hand, expected_place)?;
-    }
+    let is_inside = hand_target.cmpge(lowest).all() && hand_target.cmple(highest).all();
+    let expected_place = "a place within the bounds of the hand's target";
+    require(is_inside, "hand_target", &hand_target, expected_place)?;
     for (joint, position) in start_joints {
         let value = format!("{position} for the joint `{joint}`");
         let expected_position = "finite positions";
@@ -325,13 +325,22 @@ pub(crate) struct LooseJoint {
 fn loose_joint(model: &Model, parts: &TaskSceneParts<'_>) -> Result<Option<LooseJoint>, EnvError> {
     let Some(name) = parts.loose_joint else { return Ok(None) };
     let joint = model.joint(name)?;
-    let joint_type = model.joint_type(joint);
-    let value = format!("`{name}` of type {joint_type:?}");
-    require(joint_type == JointType::Free, "loose_joint", &value, "a free joint")?;
+    require_free(model, joint, "loose_joint", name)?;
     let beside = format!("`{name}` beside a mocap body `object`");
     require(model.mocap_body("object").is_err(), "loose_joint", &beside, "one of the two")?;
     let (qpos, qvel) = (model.joint_qpos_address(joint), model.joint_dof_address(joint));
     Ok(Some(LooseJoint { qpos, qvel }))
+}
+
+fn require_free(
+    model: &Model,
+    joint: JointId,
+    what: &'static str,
+    name: &str,
+) -> Result<(), EnvError> {
+    let joint_type = model.joint_type(joint);
+    let value = format!("`{name}` of type {joint_type:?}");
+    require(joint_type == JointType::Free, what, &value, "a free joint")
 }
 
 /// Returns the body of the pad on a side of the gripper, or of the claw if it has none.
@@ -341,16 +350,24 @@ fn pad(model: &Model, side: &str) -> Result<BodyId, EnvError> {
 }
 
 fn addresses(model: &Model, joints: &[(&str, f64)]) -> Result<Vec<(usize, f64)>, EnvError> {
-    let address = |&(name, position)| Ok((model.joint_qpos_address(model.joint(name)?), position));
+    let address = |&(name, position): &(&str, f64)| {
+        let joint = model.joint(name)?;
+        let joint_type = model.joint_type(joint);
+        let has_one_coordinate = matches!(joint_type, JointType::Slide | JointType::Hinge);
+        let value = format!("`{name}` of type {joint_type:?}");
+        require(has_one_coordinate, "start_joints", &value, "slide joints and hinges")?;
+        Ok((model.joint_qpos_address(joint), position))
+    };
     joints.iter().map(address).collect()
 }
 
 /// Returns the address in `qpos` of the loose cylinder of Meta-World's reach task, if the scene has
 /// it. A task's own joint called `decoy` is left alone.
-fn decoy(model: &Model, spec: &MetaWorldTaskSettings<'_>) -> Option<usize> {
-    spec.extra_mjcf?;
-    let joint = model.joint("decoy").ok()?;
-    Some(model.joint_qpos_address(joint))
+fn decoy(model: &Model, spec: &MetaWorldTaskSettings<'_>) -> Result<Option<usize>, EnvError> {
+    let joint = spec.extra_mjcf.and_then(|_| model.joint("decoy").ok());
+    let Some(joint) = joint else { return Ok(None) };
+    require_free(model, joint, "extra_mjcf", "decoy")?;
+    Ok(Some(model.joint_qpos_address(joint)))
 }
 
 impl HandStart {

@@ -215,7 +215,11 @@ impl SubEnvs {
                 Entry::Vacant(entry) => entry.insert(ViewRenderer::new(table.scene(), *view)?),
             };
             let rendered = renderer.render(table, row_mut(pictures, row, picture));
-            rendered.map_err(|error| error.in_env(slot.index))?;
+            if let Err(error) = rendered {
+                // the OpenGL context may be lost; the next call makes new renderers
+                self.views.clear();
+                return Err(error.in_env(slot.index));
+            }
         }
         Ok(())
     }
@@ -246,7 +250,11 @@ impl SubEnvs {
             let (table, slot) = (&mut self.tables[row], &mut self.slots[row]);
             table.restore(&snapshot.table).map_err(|error| error.in_env(slot.index))?;
             let renderer = renderer_of(&mut self.renderers, table)?;
-            renderer.render_backdrop(table, &mut slot.backdrop)?;
+            if let Err(error) = renderer.render_backdrop(table, &mut slot.backdrop) {
+                // the OpenGL context may be lost; the next call makes a new renderer
+                self.renderers.remove(&table.scene().group);
+                return Err(error);
+            }
             row_mut(&mut rows.batch.images, row, image).copy_from_slice(&snapshot.image);
             row_mut(&mut rows.batch.vectors, row, VECTOR_OBSERVATION_DIM)
                 .copy_from_slice(&snapshot.vector);

@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use envs::{
-    Camera, Embodiment, EnvError, Layout, Scene, StepBuffers, TableTop, TaskGroup, VecEnv,
-    VecEnvSettings,
+    Camera, Embodiment, Layout, Scene, StepBuffers, TableTop, TaskGroup, VecEnv, VecEnvSettings,
 };
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -19,19 +18,6 @@ fn table(layout: Layout, group: TaskGroup) -> TableTop {
 
 fn rng() -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(0)
-}
-
-#[test]
-fn a_snapshot_of_another_scene_is_refused() {
-    let mut button = table(Layout::Symmetric, TaskGroup::BUTTON_PRESS);
-    assert!(matches!(button.save(), Err(EnvError::NotReset)));
-    button.reset(D2::FlipX, &mut rng()).unwrap();
-    let mut drawer = table(Layout::Symmetric, TaskGroup::DRAWER_CLOSE);
-    let refused = drawer.restore(&button.save().unwrap()).unwrap_err();
-    let message = refused.to_string();
-    for group in ["button-press", "drawer-close"] {
-        assert!(message.contains(group), "{message}");
-    }
 }
 
 /// A door has its hinges on the left or on the right, and each is a model of its own.

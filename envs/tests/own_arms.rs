@@ -284,9 +284,9 @@ fn fingers_that_cannot_be_used_are_refused() {
     let tool = "<link name=\"tool\"/><joint name=\"tool\" type=\"fixed\">\
                 <parent link=\"flange\"/><child link=\"tool\"/></joint></robot>";
     for (hand, fingers, changed, says) in [
-        ("gripper", Some(["finger_1", "thumb"]), &[][..], "no such links on the hand"),
-        ("gripper", Some(["finger_1", "flange"]), &[], "no such links on the hand"),
-        ("tool", own, &[("</robot>", tool)], "no such links on the hand"),
+        ("gripper", Some(["finger_1", "thumb"]), &[][..], "the hand has no such links"),
+        ("gripper", Some(["finger_1", "flange"]), &[], "the hand has no such links"),
+        ("tool", own, &[("</robot>", tool)], "the hand has no such links"),
         ("grip", own, &[], "no link `grip`"),
         ("link_6", Some(["finger_1", "flange"]), &[], "they have none"),
         ("link_5", Some(["finger_1", "link_7"]), &[], "one joint must move both"),

@@ -60,6 +60,14 @@ impl CalibrationBall {
         }
     }
 
+    /// Rejects a colour that is too close to grey to be found.
+    ///
+    /// # Errors
+    /// [`InpaintingError::InvalidValue`].
+    pub fn check(&self) -> Result<(), InpaintingError> {
+        self.hue().map(drop)
+    }
+
     fn hue(&self) -> Result<Hue, InpaintingError> {
         let chroma = chroma(self.color);
         let strength = length(chroma);

@@ -224,13 +224,7 @@ impl Comparison {
         sites: [Option<(ModelObjectKind, usize)>; 2],
     ) -> DQuat {
         let Comparer { snapshot, pairs, .. } = *comparer;
-        let flips = sites.map(|object| {
-            let (kind, site) = object?;
-            let [one, other] = [site, pairs.counterpart_of(kind, site)?]
-                .map(|index| DMat3::from_quat(snapshot.rotation(Num::SiteQuat, index)));
-            let mirror = self.mirrors[snapshot.body_of_object(kind, site)?]?;
-            Some(other.transpose() * mirror.turn * one)
-        });
+        let flips = sites.map(|object| self.site_directions(snapshot, pairs, object?.1));
         match flips {
             [Some(first), Some(second)] => {
                 let turn = DQuat::from_mat3(&(first * second.transpose()));

@@ -225,14 +225,9 @@ fn sensor_map(
     for sensor in 0..snapshot.count(ModelObjectKind::Sensor) {
         let other = pairs.counterpart_of(ModelObjectKind::Sensor, sensor)?;
         let [to, from] = [other, sensor].map(|sensor| snapshot.index(Int::SensorAdr, sensor));
-        let (kind, object) = snapshot.target_object(ModelObjectKind::Sensor, sensor)?;
+        let (_, object) = snapshot.target_object(ModelObjectKind::Sensor, sensor)?;
         // vectors are in the frame of their site
-        let turn = || {
-            let [one, image] = [object, pairs.counterpart_of(kind, object)?]
-                .map(|site| DMat3::from_quat(snapshot.rotation(Num::SiteQuat, site)));
-            let body = comparison.mirrors[snapshot.body_of_object(kind, object)?]?;
-            Some(image.transpose() * body.turn * one)
-        };
+        let turn = || comparison.site_directions(snapshot, pairs, object);
         match snapshot.integer(Int::SensorType, sensor).cast_unsigned() {
             raw::mjSENS_TOUCH | raw::mjSENS_RANGEFINDER => map.set(to, from, [[1.0]])?,
             raw::mjSENS_ACCELEROMETER

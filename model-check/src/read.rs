@@ -28,7 +28,8 @@ pub fn read_model(path: &Path) -> Result<Model, ModelSymmetryError> {
 }
 
 /// Adds a file, and if it is XML, the files that it names, each by its plain name. They are looked
-/// for in `folders` and in those that the file names.
+/// for in `folders` and in those that the file names, as MuJoCo does: files of XML in the model's
+/// folder first, and others in the named folders first.
 ///
 /// MuJoCo finds files by their plain names here, so two different files of one name are refused.
 fn add_file(
@@ -48,8 +49,7 @@ fn add_file(
         return Err(invalid("the model names another file of this name, too: rename one".into()));
     }
     files.push((name, content.clone()));
-    let is_xml = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("xml"));
-    if !is_xml {
+    if !is_xml_name(path) {
         return Ok(());
     }
     let text = String::from_utf8(content).map_err(|error| invalid(error.to_string()))?;
@@ -60,11 +60,19 @@ fn add_file(
     let own = own.map(|folder| root.join(folder.value()));
     let all: Vec<PathBuf> = folders.iter().cloned().chain(own).collect();
     for named in attributes().filter(|attribute| attribute.name().starts_with("file")) {
-        let places = all.iter().map(|folder| folder.join(named.value()));
+        let mut places: Vec<PathBuf> =
+            all.iter().map(|folder| folder.join(named.value())).collect();
+        if !is_xml_name(Path::new(named.value())) {
+            places.reverse();
+        }
         // MuJoCo reports a file that is missing
         if let Some(place) = places.into_iter().find(|place| place.is_file()) {
             add_file(&place, root, &all, files)?;
         }
     }
     Ok(())
+}
+
+fn is_xml_name(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("xml"))
 }

@@ -157,6 +157,30 @@ fn two_files_of_one_name_are_refused() {
     assert!(message.contains("right/part.xml") && message.contains("rename one"), "{message}");
 }
 
+/// MuJoCo looks for a mesh in `meshdir` alone.
+#[test]
+fn a_mesh_is_read_from_the_folder_that_the_model_names() {
+    let folder = std::env::temp_dir().join(format!("covers-meshdir-{}", std::process::id()));
+    std::fs::create_dir_all(folder.join("meshes")).unwrap();
+    let object = |size: &str| {
+        format!(
+            "v 0 0 0\nv {size} 0 0\nv 0 {size} 0\nv 0 0 {size}\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+        )
+    };
+    std::fs::write(folder.join("part.obj"), object("0.5")).unwrap();
+    std::fs::write(folder.join("meshes/part.obj"), object("0.1")).unwrap();
+    let model = folder.join("robot.xml");
+    let xml = "<mujoco><compiler meshdir='meshes'/><asset><mesh name='part' file='part.obj'/>\
+               </asset><worldbody><body><geom name='part' type='mesh' mesh='part'/></body>\
+               </worldbody></mujoco>";
+    std::fs::write(&model, xml).unwrap();
+    let read = read_model(&model);
+    std::fs::remove_dir_all(&folder).unwrap();
+    let read = read.unwrap();
+    let size = read.geom_size(read.geom("part").unwrap());
+    assert!(size[0] < 0.1, "{size:?}");
+}
+
 #[test]
 fn a_geom_on_one_side_has_no_counterpart() {
     let sound = cart(LEFT, RIGHT, AHEAD, "45");
@@ -291,4 +315,39 @@ fn a_robots_settings_lead_to_its_model() {
         text.contains("body arm_left | arm_right: centre of mass differs by 20.00 mm"),
         "{text}"
     );
+}
+
+/// Two legs on ball hips and two rotors at sites, whose actuators have the given gears.
+fn hips_and_rotors([hip_l, hip_r, rotor_l, rotor_r]: [&str; 4]) -> String {
+    let side = |name: &str, y: f64| {
+        format!(
+            "<body name='leg_{name}' pos='0 {y} 0'><joint name='hip_{name}' type='ball'/>\
+             <geom type='sphere' size='0.05' pos='0 0 -0.2'/></body>\
+             <site name='rotor_{name}' pos='0 {y} 0.2'/>"
+        )
+    };
+    format!(
+        "<mujoco><worldbody><body name='trunk'><freejoint/><geom type='sphere' size='0.1'/>{}{}\
+         </body></worldbody><actuator><motor name='hip_l' joint='hip_l' gear='{hip_l}'/>\
+         <motor name='hip_r' joint='hip_r' gear='{hip_r}'/>\
+         <motor name='rotor_l' site='rotor_l' gear='{rotor_l}'/>\
+         <motor name='rotor_r' site='rotor_r' gear='{rotor_r}'/></actuator></mujoco>",
+        side("l", 0.3),
+        side("r", -0.3),
+    )
+}
+
+#[test]
+fn directions_of_torques_and_forces_are_mirrored() {
+    let check = |gears| checked(&hips_and_rotors(gears), PlaneAndPairCorrections::default());
+    // across y the torques about x and z change their sign, and the force along z does not
+    let sound = check(["1 0 0", "1 0 0", "0 0 1 0 0 0.02", "0 0 1 0 0 -0.02"]);
+    assert_eq!(properties(&sound), [""; 0], "{}", sound.text());
+    assert_eq!(sound.maps.unwrap().ctrl.signs, [-1, -1, 1, 1]);
+    let along_y = check(["0 1 0", "0 1 0", "0 0 1 0 0 0.02", "0 0 1 0 0 -0.02"]);
+    assert_eq!(along_y.maps.unwrap().ctrl.signs, [1, 1, 1, 1]);
+    let same_spin = check(["1 0 0", "1 0 0", "0 0 1 0 0 0.02", "0 0 1 0 0 0.02"]);
+    assert_eq!(properties(&same_spin), ["actuator gear"], "{}", same_spin.text());
+    let other_axis = check(["1 0 0", "0 1 0", "0 0 1 0 0 0.02", "0 0 1 0 0 -0.02"]);
+    assert_eq!(properties(&other_axis), ["actuator gear"], "{}", other_axis.text());
 }

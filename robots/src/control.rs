@@ -1,7 +1,6 @@
 //! Cartesian control: converts twists of the tip into positions and velocities of joints.
 
 use std::f64::consts::TAU;
-use std::ops::RangeInclusive;
 
 use crate::chain::{Chain, ChainJoint};
 use crate::description::{JointMotionKind, JointMotionSpec, check_length};
@@ -61,39 +60,34 @@ impl TwistControlSettings {
     /// # Errors
     /// [`ControlError::InvalidSetting`].
     pub fn check(&self) -> Result<(), ControlError> {
-        for (name, value) in self.positive() {
-            let in_range = value > 0.0 && value <= MAX_NUMBER;
-            check_number(name, value, in_range, "a positive number up to 1e6")?;
-        }
-        for (name, value, range, expected) in self.ranges() {
-            check_number(name, value, range.contains(&value), expected)?;
-        }
-        self.orientation.check()
-    }
-
-    fn positive(&self) -> [(&'static str, f64); 7] {
         let limits = &self.limits;
-        [
+        for (name, value) in [
             ("max_speed", limits.max_speed),
             ("max_angular_speed", limits.max_angular_speed),
             ("max_acceleration", limits.max_acceleration),
             ("max_angular_acceleration", limits.max_angular_acceleration),
-            ("correction_rate", self.correction_rate),
             ("tolerance", self.tolerance),
             ("angular_tolerance", self.angular_tolerance),
-        ]
-    }
-
-    fn ranges(&self) -> [(&'static str, f64, RangeInclusive<f64>, &'static str); 4] {
+        ] {
+            let in_range = value > 0.0 && value <= MAX_NUMBER;
+            check_number(name, value, in_range, "a positive number up to 1e6")?;
+        }
         // at a higher rate one step would move beyond the target
-        let rates = 0.0..=1.0 / STEP;
-        let correction = self.correction_rate;
-        [
-            ("correction_rate", correction, rates.clone(), "40 at most"),
-            ("posture_rate", self.posture_rate, rates, "0 to 40"),
+        let max_rate = 1.0 / STEP;
+        for (name, value, range, expected) in [
+            (
+                "correction_rate",
+                self.correction_rate,
+                f64::MIN_POSITIVE..=max_rate,
+                "above 0 to 40",
+            ),
+            ("posture_rate", self.posture_rate, 0.0..=max_rate, "0 to 40"),
             ("damping", self.damping, 1e-4..=1.0, "1e-4 to 1"),
             ("lookahead_s", self.lookahead_s, 0.0..=LONGEST, "0 to 10"),
-        ]
+        ] {
+            check_number(name, value, range.contains(&value), expected)?;
+        }
+        self.orientation.check()
     }
 }
 
@@ -271,7 +265,8 @@ impl TwistController {
 
     fn follow(&mut self, seconds: f64) -> Result<(), ControlError> {
         let twist = self.settings.limits.ramp_twist(self.twist, self.wanted, seconds);
-        if twist == Twist::ZERO {
+        // a twist that is reversed may pass zero
+        if twist == Twist::ZERO && self.wanted == Twist::ZERO {
             self.stop();
             return Ok(());
         }

@@ -220,7 +220,7 @@ pub enum DescriptionError {
         shapes: Vec<String>,
     },
     /// A folder of the settings that does not exist.
-    #[error("`{setting}` is `{}`, which is no folder; give one that exists", .folder.display())]
+    #[error("`{setting}` is `{}`, which is not a folder; give one that exists", .folder.display())]
     InvalidFolder {
         /// Name of the setting.
         setting: String,

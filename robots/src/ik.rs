@@ -305,13 +305,13 @@ impl Chain {
         self.joints().iter().map(|joint| joint.motion.range).collect()
     }
 
-    /// Returns the speed (m/s) that the tip can reach in every direction in `configuration`
-    /// `[len]`, without turning except where `orientation` leaves it free: the least of its speeds
-    /// along the axes of the world. Joints without maximum speed count as infinitely fast.
+    /// Returns the least of the speeds (m/s) that the tip can reach along the three axes of the
+    /// world in `configuration` `[len]`, without turning except where `orientation` leaves it free.
+    /// Between the axes it may be slower. Joints without maximum speed count as infinitely fast.
     ///
     /// # Panics
     /// If `configuration` is not as long as the chain.
-    pub fn slowest_direction_tip_speed(
+    pub fn slowest_axis_tip_speed(
         &self,
         configuration: &[f64],
         orientation: OrientationConstraint,

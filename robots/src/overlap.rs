@@ -71,7 +71,8 @@ impl<'a> Solid<'a> {
         let limit = self.radius + other.radius + CLEARANCE;
         // differences of a point of one solid and a point of the other: the one nearest to zero so
         // far, and the corners of the simplex that contains it
-        let mut nearest = self.pose.position - other.pose.position;
+        let between = self.pose.position - other.pose.position;
+        let mut nearest = self.support(-between) - other.support(between);
         let mut corners = vec![nearest];
         for _ in 0..STEPS {
             let distance = nearest.length();
@@ -231,6 +232,23 @@ mod tests {
                 let found = [one.touch(&other), other.touch(&one)];
                 assert_eq!(found, [touch; 2], "{lower:?} {upper:?} {gap}");
             }
+        }
+    }
+
+    /// The middle of a hull's bounding box may lie outside the hull.
+    #[test]
+    fn a_hull_does_not_touch_what_is_near_the_middle_of_its_box() {
+        let tetrahedron = [crate::hull::mesh_shape(&[DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::Z])];
+        let tetrahedron = Solids::new(&tetrahedron, &Pose::IDENTITY);
+        // the face x + y + z = 1 is 0.289 m away from the ball's middle
+        for (radius, touch) in [(0.05, false), (0.28, false), (0.29, true)] {
+            let ball = [PlacedShape {
+                pose: Pose::from_position(DVec3::splat(0.5)),
+                shape: Shape::Sphere { radius },
+            }];
+            let ball = Solids::new(&ball, &Pose::IDENTITY);
+            let found = [tetrahedron.touch(&ball), ball.touch(&tetrahedron)];
+            assert_eq!(found, [touch; 2], "{radius}");
         }
     }
 

@@ -376,7 +376,7 @@ fn a_tip_is_as_fast_as_its_slowest_direction() {
         let robot = RobotDescription::from_urdf(&format!("<robot name=\"r\">{parts}</robot>"));
         let tip = format!("l{}", axes.len());
         let chain = Chain::new(&robot.unwrap(), &tip).unwrap();
-        chain.slowest_direction_tip_speed(&vec![0.0; axes.len()], OrientationConstraint::Full)
+        chain.slowest_axis_tip_speed(&vec![0.0; axes.len()], OrientationConstraint::Full)
     };
     let speed = slides(&[("1 0 0", 0.7), ("0 1 0", 0.5), ("0 0 1", 0.9)]);
     assert!((speed - 0.5).abs() < 1e-5, "{speed}");

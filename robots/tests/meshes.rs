@@ -169,7 +169,7 @@ fn folders_of_the_settings_must_exist() {
             ),
         ] {
             let error = folder.read_with(SIX_JOINT, &settings).unwrap_err().to_string();
-            let expected = format!("`{name}` is `{}`, which is no folder", path.display());
+            let expected = format!("`{name}` is `{}`, which is not a folder", path.display());
             assert!(error.contains(&expected), "{error}");
         }
     }

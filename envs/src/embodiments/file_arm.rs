@@ -202,7 +202,7 @@ impl OwnFingers {
             Some([hand_index, one?, other?])
         });
         let Some(indices @ [_, one, other]) = found else {
-            return Err(refuse("there are no such links on the hand"));
+            return Err(refuse("the hand has no such links"));
         };
         if [one, other].iter().any(|&link| robot.links()[link].shapes.is_empty()) {
             return Err(refuse("their tips are those of their shapes, and they have none"));

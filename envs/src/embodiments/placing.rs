@@ -161,7 +161,7 @@ impl BasePlacementSearch<'_> {
             let mut placement = BasePlacement {
                 base: robot.base_pose(),
                 quarter_turns,
-                slowest_tip_speed: chain.slowest_direction_tip_speed(&ready, orientation),
+                slowest_tip_speed: chain.slowest_axis_tip_speed(&ready, orientation),
                 ready,
                 orientation,
                 reached: 0,
@@ -189,8 +189,8 @@ impl BasePlacement {
         for position in required_hand_positions() {
             let solved = solve(chain, position, rotation, &self.ready, self.orientation);
             let above = solved.filter(|joints| lowest(robot, chain, joints) > MIN_JOINT_HEIGHT);
-            let speed = above
-                .map_or(0.0, |joints| chain.slowest_direction_tip_speed(&joints, self.orientation));
+            let speed =
+                above.map_or(0.0, |joints| chain.slowest_axis_tip_speed(&joints, self.orientation));
             self.slowest_tip_speed = self.slowest_tip_speed.min(speed);
             // a hand that cannot move in some direction is at the end of its reach
             if speed > 0.0 {

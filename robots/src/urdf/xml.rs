@@ -133,7 +133,7 @@ pub(super) fn parse<T>(text: &str, name: &str, read: impl FnOnce(Node) -> T) -> 
                 } else {
                     "correct the tag or quote there"
                 };
-                return Err(format!("line {line}: this is no valid XML ({error}); {advice}"));
+                return Err(format!("line {line}: this is not valid XML ({error}); {advice}"));
             }
         }
     }
