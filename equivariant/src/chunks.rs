@@ -129,6 +129,7 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
         f: impl Fn(Range<usize>, &mut W, &mut [T]) -> S + Sync,
     ) -> Vec<S> {
         assert_eq!(gradient.len(), self.num_params, "wrong number of parameters");
+        assert!(self.num_params > 0, "there are no parameters, and so no gradient");
         let (count, width) = (self.prepare(num_samples), self.num_params);
         let mut buffers = std::mem::take(&mut self.gradients);
         buffers.resize(buffers.len().max(count.min(MAX_CHUNK_GRADIENTS) * width), T::ZERO);
@@ -143,7 +144,7 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
                 self.run(count, |workspace| f(range, workspace, buffer))
             };
             let own_buffers = &mut buffers[own.start * width..own.end * width];
-            let chunks = own.into_par_iter().zip(own_buffers.par_chunks_mut(width.max(1)));
+            let chunks = own.into_par_iter().zip(own_buffers.par_chunks_mut(width));
             let own_results = chunks.map(run_chunk).collect();
             results.extend(complete(buffers, own_results));
             add_gradients_in_order(gradient, buffers);

@@ -71,8 +71,8 @@ pub enum EvidenceError {
     },
     /// Stored state of a recogniser in the format of another version.
     #[error(
-        "the state has format {got}, expected {expected}: go on with the version that wrote it, or \
-         begin anew"
+        "the state has format {got}, expected {expected}: continue with the version that wrote it, or \
+         start again"
     )]
     StateVersion {
         /// Format number of the stored state.

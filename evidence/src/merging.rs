@@ -74,6 +74,8 @@ impl Recogniser {
         if policy == duplicate || is_merged(policy) || is_merged(duplicate) {
             return Ok(());
         }
+        // as many as its comparison needed
+        self.in_order(of_duplicate)?;
         let test = self.test_collector(policy, again, rng)?;
         if test.is_rejected() || !self.tester().keeps_return(&test) {
             return Ok(());

@@ -16,7 +16,7 @@ use crate::policy_test::{
     EvidenceSource, PolicyRole, PolicyTestResult, TestStage, frames, whole_episodes,
 };
 use crate::probability::{CandidatePolicy, TaskGroupProbabilities, weight};
-use crate::settings::RecogniserSettings;
+use crate::settings::{CHANGEPOINT_ORDERS, RecogniserSettings};
 use crate::summary::EpisodeSummary;
 use crate::tester::PolicyTester;
 
@@ -135,10 +135,6 @@ const MAX_UNDECIDED: usize = 16;
 // one of ten pairs of one group waits for a third rollout. Of 72 worlds with visits of one or two
 // rollouts 82 % had as many policies as groups, 79 % with 0.2 and 47 % with 0.02 (seeds 1000 on).
 pub(crate) const SAME_GROUP: f64 = 0.1;
-
-/// Number of random orders of a changepoint test for each random split of a screening test.
-// Energy distances of an order are cheap: one pass over the pairs of episodes.
-const ORDERS: usize = 4;
 
 /// Number of policies without training from which on rollouts of new task groups are kept undecided
 /// instead of creating a policy.
@@ -647,7 +643,7 @@ impl Recogniser {
         }
         let points = sources.iter().map(|&source| frames(&seen, source));
         let points = points.collect::<Result<Vec<_>>>()?;
-        let test = changepoint_test(&points, &candidates, ORDERS * permutations, rng)?;
+        let test = changepoint_test(&points, &candidates, CHANGEPOINT_ORDERS * permutations, rng)?;
         let start = seen[test.changepoint].began;
         let place = summaries.partition_point(|summary| summary.began < start);
         Ok((test.p_value <= self.settings.cut).then_some(place))

@@ -30,7 +30,7 @@ pub struct RecogniserSettings {
     /// p-value.
     pub level: f64,
     /// Significance level of the changepoint test, over all places where a rollout may be cut, in
-    /// `(0, 1)` and at least `1 / (1 + permutations)`.
+    /// `(0, 1)` and at least `1 / (1 + 4 permutations)`.
     pub cut: f64,
     /// Least ratio of the distance of images or vectors to its mean over random splits for a
     /// rejection, at least 1: less counts as drift. The excess over 1 is 2.5 times as large
@@ -79,12 +79,16 @@ impl RecogniserSettings {
         size("min_episodes", self.min_episodes, 4, "at least 4")?;
         size("memory", self.memory, self.min_episodes, "at least min_episodes")?;
         size("permutations", self.permutations, 20, "at least 20")?;
-        let smallest = 1.0 / (1.0 + self.permutations as f64);
-        let reachable = "at least 1 / (1 + permutations), the smallest exact p-value";
-        for (name, value) in [("doubt", self.doubt), ("cut", self.cut)] {
+        let smallest = |splits: usize| 1.0 / (1.0 + splits as f64 * self.permutations as f64);
+        let of_test = "at least 1 / (1 + permutations), the smallest exact p-value";
+        let of_changepoint = "at least 1 / (1 + 4 permutations), the smallest exact p-value";
+        for (name, value, least, reachable) in [
+            ("doubt", self.doubt, smallest(1), of_test),
+            ("cut", self.cut, smallest(CHANGEPOINT_ORDERS), of_changepoint),
+        ] {
             let is_probability = value > 0.0 && value < 1.0;
             check_range(name, value, is_probability, "a probability above 0 and below 1")?;
-            check_range(name, value, value >= smallest, reachable)?;
+            check_range(name, value, value >= least, reachable)?;
         }
         let Self { level, min_ratio, min_motion, min_loss, .. } = *self;
         let below_doubt = level > 0.0 && level <= self.doubt;
@@ -97,6 +101,10 @@ impl RecogniserSettings {
         check_range("min_loss", min_loss, is_share, "a share above 0 and at most 1")
     }
 }
+
+/// Number of random orders of a changepoint test for each random split of a screening test.
+// Energy distances of an order are cheap: one pass over the pairs of episodes.
+pub(crate) const CHANGEPOINT_ORDERS: usize = 4;
 
 /// Returns an error for a setting that is not `inside` its range, which `expected` says in words.
 fn check_range(name: &'static str, value: f64, inside: bool, expected: &'static str) -> Result<()> {
@@ -119,7 +127,7 @@ mod tests {
         let message = wrong.check().unwrap_err().to_string();
         assert!(message.starts_with("setting `min_loss` is NaN"), "{message}");
         let coarse = RecogniserSettings { permutations: 20, ..settings };
-        let unreachable_cut = RecogniserSettings { permutations: 60, ..settings };
+        let unreachable_cut = RecogniserSettings { cut: 0.002, ..settings };
         for (case, name) in [(coarse, "`doubt`"), (unreachable_cut, "`cut`")] {
             let refusal = case.check().unwrap_err().to_string();
             let says = refusal.contains(name) && refusal.contains("smallest exact");

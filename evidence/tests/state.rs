@@ -71,7 +71,7 @@ fn damaged_states_are_refused() {
         ("", "heirs", 1.into(), "unknown field `heirs`"),
         ("/policies/0", "heirs", 1.into(), "unknown field `heirs`"),
         ("/policies/0/accounts/7", "heirs", 1.into(), "unknown field `heirs`"),
-        ("", "format", 4.into(), "the state has format 4, expected 3: go on with"),
+        ("", "format", 4.into(), "the state has format 4, expected 3: continue with"),
     ];
     for (place, field, value, part) in cases {
         let mut damaged = whole.clone();

@@ -112,7 +112,7 @@ pub enum LearnerError {
         nearest: Option<String>,
     },
     /// Text of settings that is no valid JSON.
-    #[error("the settings are no JSON: {source}")]
+    #[error("the settings are not valid JSON: {source}")]
     NotJson {
         /// Error of the JSON parser, with position and reason.
         source: serde_json::Error,
@@ -187,7 +187,7 @@ impl LearnerError {
     /// Adds the path of a file to an error of its contents; other errors stay as they are.
     pub(crate) fn with_path(self, path: &Path) -> Self {
         match self {
-            Self::Rl(_) | Self::Cluster(_) | Self::InvalidSetting { .. } => {
+            Self::Rl(_) | Self::Cluster(_) | Self::Evidence(_) | Self::InvalidSetting { .. } => {
                 Self::cannot_read(path, self)
             }
             other => other,

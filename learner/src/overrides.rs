@@ -30,6 +30,14 @@ pub struct SettingOverride {
     value: Value,
 }
 
+impl SettingOverride {
+    /// Returns `true` if the override sets the field at `path` or one that holds it.
+    pub fn sets(&self, path: &str) -> bool {
+        let rest = short_path(path).strip_prefix(short_path(&self.path));
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    }
+}
+
 impl FromStr for SettingOverride {
     type Err = LearnerError;
 
@@ -166,7 +174,7 @@ pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, LearnerError> {
 /// Reads a file of text. Devices and pipes are refused, since they may never end.
 fn read_text(path: &Path) -> io::Result<String> {
     let problem = match std::fs::metadata(path)? {
-        file if !file.is_file() => "it is no regular file".to_owned(),
+        file if !file.is_file() => "it is not a regular file".to_owned(),
         file if file.len() > LARGEST_FILE => {
             format!("it has {} bytes, expected at most {LARGEST_FILE}", file.len())
         }

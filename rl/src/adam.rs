@@ -109,13 +109,15 @@ impl Adam {
         let root = bias_correction(beta2, self.steps).sqrt();
         let first = &mut self.first_moment[range.clone()];
         let second = &mut self.second_moment[range.clone()];
-        for (((p, g), m), v) in
-            params[range.clone()].iter_mut().zip(&gradient[range]).zip(first).zip(second)
-        {
-            *m = beta1 * *m + (1.0 - beta1) * g;
-            *v = beta2 * *v + (1.0 - beta2) * g * g;
-            *p -= rate * *m / (v.sqrt() / root + epsilon);
-        }
+        let numbers = params[range.clone()].iter_mut().zip(&gradient[range]).zip(first).zip(second);
+        // roots and quotients are exact on every instruction set
+        pulp::Arch::new().dispatch(|| {
+            for (((p, g), m), v) in numbers {
+                *m = beta1 * *m + (1.0 - beta1) * g;
+                *v = beta2 * *v + (1.0 - beta2) * g * g;
+                *p -= rate * *m / (v.sqrt() / root + epsilon);
+            }
+        });
     }
 }
 

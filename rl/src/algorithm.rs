@@ -165,21 +165,3 @@ macro_rules! named {
 }
 
 pub(crate) use {named, sums};
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_state_of_another_algorithm_is_refused_with_both_layouts() {
-        let state = |velocity| AlgorithmState {
-            tensors: vec![("velocity", velocity)],
-            counters: vec![("steps", 3)],
-        };
-        let (own, other) = (state(&[0.0; 4]), state(&[0.0; 3]));
-        assert!(own.check_same_layout(&own).is_ok());
-        let error = other.check_same_layout(&own).unwrap_err().to_string();
-        let expected = r#"holds: "velocity" [3], "steps"; expected: "velocity" [4], "steps""#;
-        assert!(error.contains(expected), "{error}");
-    }
-}

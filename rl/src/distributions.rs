@@ -128,10 +128,15 @@ impl ActionDistribution<'_> {
     }
 }
 
-/// Writes the one-hot vectors of the choices with the largest scores.
+/// Writes the one-hot vectors of the choices with the largest scores; NaN for scores with NaN, which
+/// callers find in the action.
 fn write_choices(scores: &[f64], choices: &[usize], action: &mut [f32]) {
     action.fill(0.0);
     for part in choice_ranges(choices) {
+        if scores[part.clone()].iter().any(|score| score.is_nan()) {
+            action[part].fill(f32::NAN);
+            continue;
+        }
         let best = part.max_by(|&i, &j| scores[i].total_cmp(&scores[j]));
         best.into_iter().for_each(|i| action[i] = 1.0);
     }

@@ -1,7 +1,5 @@
 //! Image encoders, from images to one vector of regular fields.
 
-use std::f64::consts::SQRT_2;
-
 use equivariant::{
     FieldType, Layer, MaxPool, R2Conv, Relu, Scalar, Sequential, Shape, SlidingWindow,
 };
@@ -132,15 +130,6 @@ impl EncoderSettings {
             Self::Blind => return Ok(None),
         };
         Ok(Some(Sequential::new(layers)?))
-    }
-
-    /// Returns the gain of the initial weights of the encoder's last layer: sqrt(2) before a ReLU,
-    /// otherwise 1.
-    pub(crate) fn last_layer_gain(&self) -> f64 {
-        match self {
-            Self::Strided { .. } | Self::Pooled { .. } => SQRT_2,
-            Self::Blind => 1.0,
-        }
     }
 }
 

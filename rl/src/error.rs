@@ -75,11 +75,11 @@ pub enum RlError {
     },
     /// Discrete actions where only continuous ones are possible.
     #[error(
-        "{what} takes continuous actions alone, but EnvSpec::choices declares discrete ones; use \
+        "{what} supports only continuous actions, but EnvSpec::choices declares discrete ones; use \
          Ppo on the CPU without a symmetry loss"
     )]
     DiscreteActions {
-        /// Name of the part that takes continuous actions alone.
+        /// Name of the part that supports only continuous actions.
         what: &'static str,
     },
     /// A network with neither an image nor a vector as input.
@@ -480,6 +480,11 @@ pub(crate) fn require_memory(what: &'static str, sizes: &[usize]) -> Result<(), 
     }
     let bytes = sizes.iter().map(|&size| size as f64).product();
     Err(RlError::NotEnoughMemory { what, bytes })
+}
+
+/// Rejects a network whose parameters, gradient and moments exceed this machine's memory.
+pub(crate) fn require_network_memory(num_params: usize) -> Result<(), RlError> {
+    require_memory("the network", &[num_params, 4 * size_of::<f32>()])
 }
 
 /// Rejects a setting that is not a finite number above 0.

@@ -11,10 +11,8 @@
 //! | a new | implements | example |
 //! |---|---|---|
 //! | environment | [`VectorEnv`] | below |
-//! | actor | [`Actor`] and its [`ActorMemory`]; [`OnPolicyActor`] for rollouts | `tests/memory.rs`
-//! |
-//! | algorithm | [`Algorithm`]; [`ExperienceBuffer`] for a new buffer | `src/replay.rs`,
-//! `src/sac.rs` |
+//! | actor | [`Actor`], [`ActorMemory`]; [`OnPolicyActor`] for rollouts | `tests/memory.rs` |
+//! | algorithm | [`Algorithm`]; [`ExperienceBuffer`] for a new buffer | `src/sac.rs` |
 //!
 //! - The policy is exactly equivariant under D2, the group of flips of x and y, or a subgroup of
 //!   choice: if the observation is flipped, the policy's mean action is flipped, and its value and

@@ -8,7 +8,7 @@ use symmetry::irrep_major_permutation;
 
 use crate::activity::UnitActivity;
 use crate::env::EnvSpec;
-use crate::error::RlError;
+use crate::error::{RlError, require_network_memory};
 use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::trunk::{
     HasTrunk, HasTrunkWorkspace, LayerWorkspace, ParamAllocator, Trunk, TrunkWorkspace, head,
@@ -67,12 +67,14 @@ impl<T: Scalar> ActorCritic<T> {
         let trunk = Trunk::new(settings, spec)?;
         let action = FieldType::from_irreps(settings.group, &spec.action_irreps);
         let hidden = settings.regular_field_type(settings.actor_fields);
-        Ok(Self {
+        let network = Self {
             actor: head(trunk.out_type(), hidden, action)?,
             critic: critic(settings, &trunk)?,
             action_order: irrep_major_permutation(settings.group, &spec.action_irreps),
             trunk,
-        })
+        };
+        require_network_memory(network.num_params())?;
+        Ok(network)
     }
 
     /// Returns the number of parameters of the network, which is the length of its flat parameter
@@ -177,15 +179,6 @@ pub struct ActorCriticWorkspace<T> {
     trunk: TrunkWorkspace<T>,
     actor: LayerWorkspace<T>,
     critic: LayerWorkspace<T>,
-    /// Length n * F of the last forward pass's features, for n samples with F features each.
-    features_len: usize,
-}
-
-impl<T: Scalar> ActorCriticWorkspace<T> {
-    /// Returns the invariant features `[n, F]` of the n samples of the last forward pass.
-    pub fn features(&self) -> &[T] {
-        &self.trunk.features()[..self.features_len]
-    }
 }
 
 impl<T: Scalar> ActorCritic<T> {
@@ -202,7 +195,6 @@ impl<T: Scalar> ActorCritic<T> {
             trunk: self.trunk.new_workspace(capacity),
             actor: LayerWorkspace::new(&self.actor, capacity),
             critic: LayerWorkspace::new(&self.critic, capacity),
-            features_len: 0,
         }
     }
 
@@ -222,17 +214,21 @@ impl<T: Scalar> ActorCritic<T> {
         self.trunk.load_observation(slot, image, vector, &mut workspace.trunk);
     }
 
-    /// Runs the network forward on the samples in slots 0..n: fills `mean`, `value`, `log_std` and
-    /// the features of the workspace.
+    /// Runs the network forward on the samples in slots 0..n: fills `mean`, `value` and `log_std` of
+    /// the workspace.
     ///
     /// # Panics
     /// If `params` is not [`ActorCritic::num_params`] long or n is beyond the capacity.
     pub fn forward(&self, params: &[T], n: usize, workspace: &mut ActorCriticWorkspace<T>) {
         let (ranges, w) = (self.param_ranges(), workspace);
-        self.forward_features(params, n, w);
+        self.trunk.forward(&params[self.trunk.param_range()], n, &mut w.trunk);
+        w.actor.x.copy_from_slice(w.trunk.feature_fields());
         w.actor.forward(&self.actor, &params[ranges.actor], n);
         w.critic.x.copy_from_slice(match self.settings().critic {
-            CriticSettings::Pooled { .. } => w.trunk.features(),
+            CriticSettings::Pooled { .. } => {
+                self.trunk.pool_features(n, &mut w.trunk);
+                w.trunk.features()
+            }
             CriticSettings::Joint { .. } => w.trunk.feature_fields(),
         });
         w.critic.forward(&self.critic, &params[ranges.critic], n);
@@ -262,24 +258,6 @@ impl<T: Scalar> ActorCritic<T> {
         sums.extend(w.actor.unit_activation_sums(&self.actor, &params[ranges.actor], n));
         sums.extend(w.critic.unit_activation_sums(&self.critic, &params[ranges.critic], n));
         UnitActivity::from_layer_sums(sums)
-    }
-
-    /// Runs only the layers that actor and critic share on the samples in slots 0..n, as far as the
-    /// invariant features.
-    ///
-    /// # Panics
-    /// Like [`ActorCritic::forward`].
-    pub fn forward_features(
-        &self,
-        params: &[T],
-        n: usize,
-        workspace: &mut ActorCriticWorkspace<T>,
-    ) {
-        let (own, w) = (&params[self.trunk.param_range()], workspace);
-        self.trunk.forward(own, n, &mut w.trunk);
-        w.actor.x.copy_from_slice(w.trunk.feature_fields());
-        self.trunk.pool_features(n, &mut w.trunk);
-        w.features_len = n * self.feature_dim();
     }
 
     /// Adds the gradient of the loss with respect to all parameters to `dparams`, for the n samples
@@ -488,18 +466,6 @@ mod tests {
             })
         });
         assert!(cloned == stayed);
-    }
-
-    /// Rows of an earlier pass over more samples must not be returned.
-    #[test]
-    fn features_are_those_of_the_samples_that_were_run() {
-        let network = network();
-        let params = network.init_params(&mut ChaCha8Rng::seed_from_u64(0));
-        let mut workspace = network.new_workspace(4);
-        for n in [0, 4, 2] {
-            network.forward_features(&params, n, &mut workspace);
-            assert_eq!(workspace.features().len(), n * network.feature_dim());
-        }
     }
 
     fn load(image: &[u8], vector: &[f32]) {

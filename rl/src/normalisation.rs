@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use symmetry::Irrep;
 
-use crate::env::{EnvSpec, Observations, Transition, VectorEnv};
+use crate::env::{EnvSpec, MAX_ABS_OBSERVATION, Observations, Transition, VectorEnv};
 use crate::error::{
     BoxedEnvError, RlError, check_len, require_positive, require_saved, require_share,
 };
@@ -177,7 +177,7 @@ impl<E: VectorEnv> NormalisedEnv<E> {
         let (moments, clip) = (&self.state.observations, f64::from(self.settings.clip));
         let components = observations.vectors.iter_mut().enumerate();
         // the caller rejects other numbers, which the clip would hide
-        for (i, component) in components.filter(|(_, component)| component.is_finite()) {
+        for (i, component) in components.filter(|(_, component)| is_allowed(component)) {
             let k = i % irreps.len();
             let (std, root_mean_square) = moments.scales(k);
             let scaled = match irreps[k] {
@@ -194,8 +194,7 @@ impl<E: VectorEnv> NormalisedEnv<E> {
             return;
         }
         // other numbers would spoil the statistics for good
-        let finite = observations.vectors.iter().all(|component| component.is_finite());
-        if self.is_training && finite {
+        if self.is_training && observations.vectors.iter().all(is_allowed) {
             self.state.observations.add(observations.vectors.iter().map(|&v| f64::from(v)));
         }
         self.normalise(observations);
@@ -245,4 +244,9 @@ impl<E: VectorEnv> VectorEnv for NormalisedEnv<E> {
         }
         Ok(())
     }
+}
+
+/// Returns `true` for a number that environments may return.
+fn is_allowed(component: &f32) -> bool {
+    component.abs() <= MAX_ABS_OBSERVATION
 }

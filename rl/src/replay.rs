@@ -495,6 +495,9 @@ impl ReplaySettings {
         require("capacity", capacity as f32, "1 to 2^32 - 1 steps", allowed)?;
         let has_steps = self.steps > 0;
         require("steps", self.steps as f32, "at least 1 step", has_steps)?;
+        if self.warm_up > 0 {
+            spec.require_continuous("a warm-up of random actions")?;
+        }
         let expected = "at most the channels of an image";
         let has_channels = still <= spec.image_shape[2];
         require("still_channels", still as f32, expected, has_channels)

@@ -149,14 +149,14 @@ pub(crate) fn step(
     transition: &mut Transition,
 ) -> Result<(), RlError> {
     let spec = env.spec();
-    let next = |index: usize| episodes.get(index).map(|episode| episode.length + 1);
+    let taken = |index: usize| episodes.get(index).map(|episode| episode.length);
     let expected = spec.num_envs * spec.action_irreps.len();
     check_len("actions", "[N, A]", actions.len(), expected)?;
     // before the step: a NaN can break the state of a simulation for good
     check_rows_finite("an action", actions, spec.action_irreps.len())
-        .map_err(|error| error.with_step(next))?;
+        .map_err(|error| error.with_step(taken))?;
     env.step(actions, transition).map_err(RlError::Environment)?;
-    transition.check(env.spec()).map_err(|error| error.with_step(next))
+    transition.check(env.spec()).map_err(|error| error.with_step(|index| Some(taken(index)? + 1)))
 }
 
 fn new_episode(env: usize) -> EpisodeStats {

@@ -130,8 +130,7 @@ impl<T: Scalar> Trunk<T> {
     pub fn init_params(&self, num_params: usize, rng: &mut dyn Rng) -> Vec<T> {
         let mut params = vec![T::ZERO; num_params];
         if let Some(encoder) = &self.encoder {
-            let gain = self.settings.encoder.last_layer_gain();
-            encoder.init_with_gain(rng, gain, &mut params[self.encoder_param_range()]);
+            encoder.init(rng, &mut params[self.encoder_param_range()]);
         }
         if let Some(vector) = &self.vector {
             vector.init(rng, &mut params[self.vector_params()]);

@@ -5,8 +5,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ActorCriticPolicy, Algorithm, Decisions, EncoderSettings, EnvSpec, EvaluateActions,
-    ExportPolicy, NetworkSettings, Observations, Ppo, PpoSettings, RlError, SacPolicy,
-    SymmetryLossSettings, VectorEnv, check_env_symmetry, evaluate_policy,
+    ExportPolicy, NetworkSettings, Observations, Ppo, PpoSettings, ReplayBuffer, ReplaySettings,
+    RlError, SacPolicy, SymmetryLossSettings, VectorEnv, check_env_symmetry, evaluate_policy,
 };
 use symmetry::{D2, Group, Irrep};
 
@@ -121,6 +121,15 @@ fn choices_are_learnt_in_one_environment_and_in_64() {
 }
 
 #[test]
+fn a_diverged_policy_is_found_in_an_evaluation() {
+    let network = joint(EncoderSettings::Blind, 2);
+    let mut policy = ActorCriticPolicy::new(&network, &spec(2), 0).unwrap();
+    policy.params_mut().fill(f32::NAN);
+    let error = evaluate_policy(&mut Sides::envs(2), &mut policy, 1).unwrap_err();
+    assert!(matches!(error, RlError::NotFinite { .. }), "{error}");
+}
+
+#[test]
 fn the_check_of_irreps_knows_choices() {
     let check = |irreps: &[Irrep]| {
         let mut env = Sides::envs(100).declaring(&[X, Y], irreps);
@@ -135,12 +144,17 @@ fn the_check_of_irreps_knows_choices() {
 fn what_takes_continuous_actions_alone_and_choices_that_do_not_fit_are_refused() {
     let network = joint(EncoderSettings::Blind, 2);
     let message = SacPolicy::new(&network, None, &spec(1), 0).unwrap_err().to_string();
-    assert!(message.starts_with("soft actor-critic takes continuous actions alone"), "{message}");
+    assert!(message.starts_with("soft actor-critic supports only continuous actions"), "{message}");
     let policy = ActorCriticPolicy::new(&network, &spec(1), 0).unwrap();
     let symmetry = Some(SymmetryLossSettings::default());
     let refused = Ppo::new(PpoSettings { symmetry, ..PpoSettings::default() }, &policy);
     assert!(matches!(refused, Err(RlError::DiscreteActions { .. })));
     assert!(matches!(policy.export(), Err(RlError::NotExportable { .. })));
+    // a warm-up would draw numbers that are no choices
+    let random = ReplayBuffer::new(ReplaySettings::default(), &spec(1));
+    assert!(matches!(random, Err(RlError::DiscreteActions { .. })));
+    let replay = ReplayBuffer::new(ReplaySettings { warm_up: 0, ..Default::default() }, &spec(1));
+    assert!(replay.is_ok());
     for choices in [vec![7], vec![3, 3], vec![0, 3, 4], vec![1, 6]] {
         let wrong = EnvSpec { choices, ..spec(1) };
         // one choice of seven is well-formed

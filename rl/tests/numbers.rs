@@ -213,7 +213,10 @@ fn names_that_read_like_another_layout_are_refused() {
     assert!(own.check_same_layout(&own).is_ok());
     for other in [joined, moved] {
         match other.check_same_layout(&own) {
-            Err(RlError::StateMismatch { got, expected }) => assert_ne!(got, expected),
+            Err(RlError::StateMismatch { got, expected }) => {
+                assert_ne!(got, expected);
+                assert_eq!(expected, r#""a" [3], "b" [2], "c""#);
+            }
             result => panic!("{result:?}"),
         }
     }

@@ -159,11 +159,13 @@ fn normalised_vectors_have_unit_variance_and_stay_symmetric_and_bad_numbers_are_
             let message = restored.unwrap_err().to_string();
             assert!(message.contains(&format!("the saved `count` holds {expected}")), "{message}");
         }
-        let infinite = Spread { env: Bandit::envs(2, 1.0), factor: f32::INFINITY, offset: 0.0 };
-        let mut wrong = NormalisedEnv::new(infinite, NormalisationSettings::default()).unwrap();
-        let policy = ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), wrong.spec(), 2);
-        let error = RolloutState::from_env_reset(&mut wrong, &policy.unwrap()).unwrap_err();
-        assert!(error.to_string().contains("environment 0, component 0, step 0"), "{error}");
+        for factor in [f32::INFINITY, 1e30] {
+            let large = Spread { env: Bandit::envs(2, 1.0), factor, offset: 0.0 };
+            let mut wrong = NormalisedEnv::new(large, NormalisationSettings::default()).unwrap();
+            let policy = ActorCriticPolicy::new(&joint(EncoderSettings::Blind, 2), wrong.spec(), 2);
+            let error = RolloutState::from_env_reset(&mut wrong, &policy.unwrap()).unwrap_err();
+            assert!(error.to_string().contains("environment 0, component 0, step 0"), "{error}");
+        }
     }
 }
 

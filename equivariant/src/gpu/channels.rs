@@ -84,18 +84,7 @@ impl ChannelLayout {
         slot: BufferSlot,
     ) -> KernelDispatch {
         let kernel = kernel.add_input_buffer(name, "f32", slot);
-        self.add_load_to_kernel(kernel, name, name)
-    }
-
-    /// Adds the WGSL function `load_NAME(pixel, field)`, which reads a field from a buffer that the
-    /// kernel has already.
-    pub fn add_load_to_kernel(
-        &self,
-        kernel: KernelDispatch,
-        buffer: &str,
-        name: &str,
-    ) -> KernelDispatch {
-        let body = self.statements(|lane, at| format!("v{lane} = {buffer}[{at}];"));
+        let body = self.statements(|lane, at| format!("v{lane} = {name}[{at}];"));
         let head = format!("fn load_{name}(pixel: u32, field: u32) -> Field {{ var v = Field();");
         kernel.add_wgsl(&format!("{head} {body} return v; }}"))
     }
@@ -109,18 +98,7 @@ impl ChannelLayout {
         slot: BufferSlot,
     ) -> KernelDispatch {
         let kernel = kernel.add_output_buffer(name, "f32", slot);
-        self.add_store_to_kernel(kernel, name, name)
-    }
-
-    /// Adds the WGSL function `store_NAME(pixel, field, v)`, which writes a field to a buffer that
-    /// the kernel has already.
-    pub fn add_store_to_kernel(
-        &self,
-        kernel: KernelDispatch,
-        buffer: &str,
-        name: &str,
-    ) -> KernelDispatch {
-        let body = self.statements(|lane, at| format!("{buffer}[{at}] = v{lane};"));
+        let body = self.statements(|lane, at| format!("{name}[{at}] = v{lane};"));
         let head = format!("fn store_{name}(pixel: u32, field: u32, v: Field) {{");
         kernel.add_wgsl(&format!("{head} {body} }}"))
     }

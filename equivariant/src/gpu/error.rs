@@ -51,7 +51,7 @@ pub enum GpuError {
     },
     /// Lost device: the driver was reset or updated, or the hardware was removed or failed.
     #[error(
-        "{adapter}: the device is lost: {reason}; go on from the last checkpoint on another device"
+        "{adapter}: the device is lost: {reason}; continue from the last checkpoint on another device"
     )]
     DeviceLost {
         /// Name of the lost adapter.

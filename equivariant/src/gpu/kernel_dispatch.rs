@@ -29,11 +29,6 @@ impl WorkgroupCount {
         WorkgroupCount { each: 0, fixed, tile: WORKGROUP_THREADS, times: 1 }
     }
 
-    /// Returns the number of workgroups of a kernel with `each` workgroups for every sample.
-    pub fn for_workgroups_per_sample(each: usize) -> WorkgroupCount {
-        WorkgroupCount { each, fixed: 0, tile: 1, times: 1 }
-    }
-
     /// Returns the number of workgroups of a kernel with `fixed` workgroups, independent of the
     /// number of samples.
     pub fn for_fixed_workgroups(fixed: usize) -> WorkgroupCount {

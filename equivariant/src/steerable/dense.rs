@@ -104,16 +104,6 @@ impl OrdinaryConv<'_> {
         kernel
     }
 
-    /// Returns the bias `[C_out]` in the regular basis: equal for all elements of a field.
-    ///
-    /// # Panics
-    /// As [`kernel`](OrdinaryConv::kernel).
-    pub fn regular_basis_bias<T: Real>(&self, params: &[T]) -> Vec<T> {
-        let mut bias = self.bias(params);
-        change_channels(self.out_type(), &mut bias, 1);
-        bias
-    }
-
     /// Returns the steerable kernel that is closest to the dense kernel `kernel`, which is in the
     /// irrep basis.
     ///

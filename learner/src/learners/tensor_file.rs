@@ -146,7 +146,7 @@ fn check_checksum(
 ) -> Result<(), LearnerError> {
     let damaged = |problem| Err(LearnerError::damaged_file(path, problem));
     let Some(place) = checksum_range(length, metadata) else {
-        return damaged(format!("it holds no `{CHECKSUM}`: this is no checkpoint of covers"));
+        return damaged(format!("it holds no `{CHECKSUM}`: this is not a checkpoint of covers"));
     };
     let found = checksum(bytes, place.clone());
     let (written, _) = bytes[place].as_chunks::<4>();
@@ -237,7 +237,7 @@ impl<'a> TensorFile<'a> {
     /// Returns the array of bytes called `name` as UTF-8 text.
     pub fn read_text(&self, name: &str) -> Result<String, LearnerError> {
         let text = String::from_utf8(self.read_bytes(name)?.1);
-        text.map_err(|error| self.damaged_error(format!("`{name}` is no text: {error}")))
+        text.map_err(|error| self.damaged_error(format!("`{name}` is not text: {error}")))
     }
 
     fn tensor(&self, name: &str, dtype: Dtype) -> Result<TensorView<'_>, LearnerError> {

@@ -163,6 +163,10 @@ impl Episode {
     /// Writes image `t` of the episode, in 0..=T, as the environment returned it.
     pub fn write_image(&self, sizes: &Sizes, t: usize, out: &mut [u8]) {
         let moving = &self.moving[t * sizes.moving_channels_len()..][..sizes.moving_channels_len()];
+        if sizes.still == 0 {
+            out.copy_from_slice(moving);
+            return;
+        }
         let channels = sizes.moving + sizes.still;
         // channel by channel: a copy for every pixel would be a call for a few bytes each
         for (first, own, from) in

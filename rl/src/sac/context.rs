@@ -6,7 +6,7 @@ use rand::Rng;
 use symmetry::{Irrep, irrep_major_permutation};
 
 use crate::env::EnvSpec;
-use crate::error::{RlError, require};
+use crate::error::{RlError, require, require_width};
 use crate::sac::settings::RecurrentContextSettings;
 
 /// Layer that computes the input of an actor or critic: the observation's fields h, followed by the
@@ -213,7 +213,8 @@ impl Context {
         spec: &EnvSpec,
     ) -> Result<Self, RlError> {
         let (group, size) = (fields.group(), settings.size);
-        let allowed = size > 0 && size.is_multiple_of(group.order());
+        require_width("context.size", size)?;
+        let allowed = size.is_multiple_of(group.order());
         let expected = "a multiple of the order of the network's group, at least that";
         require("context.size", size as f32, expected, allowed)?;
         let in_range = (1..=64).contains(&settings.length);

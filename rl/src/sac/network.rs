@@ -8,7 +8,7 @@ use symmetry::{Irrep, irrep_major_permutation};
 
 use crate::distributions::unsquash_log_std;
 use crate::env::EnvSpec;
-use crate::error::{RlError, require};
+use crate::error::{RlError, require, require_network_memory};
 use crate::network_settings::{CriticSettings, NetworkSettings};
 use crate::sac::context::ContextReader;
 use crate::sac::settings::RecurrentContextSettings;
@@ -99,7 +99,7 @@ impl<T: Scalar> SacNetwork<T> {
         let critic_input = Concat::new(Shape::vector(reader.out_type()), action)?;
         let hidden = settings.regular_field_type(settings.actor_fields);
         let to = FieldType::from_irreps(group, &output);
-        Ok(Self {
+        let network = Self {
             actor: head(reader.out_type(), hidden, to)?,
             critic: head(critic_input.out_shape().fields, fields, group.trivial_type(1))?,
             critic_input,
@@ -108,7 +108,9 @@ impl<T: Scalar> SacNetwork<T> {
             trunk,
             reader,
             context,
-        })
+        };
+        require_network_memory(network.num_params())?;
+        Ok(network)
     }
 
     /// Returns the number of parameters of the network, which is the length of its flat parameter

@@ -42,8 +42,9 @@ use super::{CandidateClouds, PolicyCollection, PolicyEntry, no_nearest_policy};
 const ACTIVITY_INTERVAL: usize = 10;
 
 impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
-    /// Runs lines 4 to 16 of Algorithm 1 once. Lines 2, 3 and 18 count the steps up to the next
-    /// assignment: here every rollout is assigned, since `N_u` and `N_s` are equal.
+    /// Runs lines 4 to 14 of Algorithm 1 until a rollout may train a policy, then lines 15 and 16.
+    /// Lines 2, 3 and 18 count the steps up to the next assignment: here every rollout is assigned,
+    /// since `N_u` and `N_s` are equal.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<IterationReport, LearnerError> {
         let (mut iteration, policies) = (IterationReport::default(), self.policies.len());
         let last = self.current;
@@ -57,7 +58,8 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
             let mut observed = self.observe_rollout()?;
 
             // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
-            // Extension: a single rollout may be too little to decide, and trains no policy then.
+            // Extension: a single rollout may be too little to decide, and trains no policy then. A
+            // collector that did not train last returns, and its group may look a little different.
             let allow_undecided = iteration.may_discard();
             let is_returning = collector != last;
             let request = AssignmentPurpose::Assign { allow_undecided, is_returning };
@@ -66,11 +68,13 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
                 self.discard(&mut iteration);
                 continue;
             }
+            // Extension: if the group changed within the rollout, only the later episodes count.
             observed.drop_frames_before_changepoint(decision.changepoint);
 
             // Lines 11 and 12: a new random policy with B = O; lines 13 and 14: the nearest policy,
             // whose B takes O. Extension: D of another policy is off-policy, so the one that was
-            // assigned may have to collect it anew.
+            // assigned may have to collect it anew (`actor` is the policy that collected D in the
+            // end), or D is discarded if that shows another group.
             iteration.policy_created = self.make_current(&decision, observed.frames)?;
             if let Some(actor) =
                 self.prepare_training_rollout(env, collector, &mut decision, &mut iteration)?
@@ -82,8 +86,8 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
         // Extension: a grouping that remembers whole episodes is updated, too.
         let memory_update = self.update_grouping(actor, &decision, &mut iteration.seconds)?;
 
-        // Lines 15 and 16: update the current policy with D, which the next rollout overwrites:
-        // `Ppo::update` (rl/src/ppo.rs) through `PpoTrainer`, or soft actor-critic.
+        // Lines 15 and 16: update the current policy with D: by `Sac::update` (rl/src/sac.rs) from
+        // the policy's replay, to which D is added, or by `Ppo::update` (rl/src/ppo.rs).
         // Extension: policies that turn out to serve one group are merged.
         let update = self.update(&mut iteration.seconds)?;
         iteration.policy = self.current;

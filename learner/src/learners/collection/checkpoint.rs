@@ -179,7 +179,8 @@ impl<'a> Checkpoint<'a> {
         if let Some(settings) = settings {
             header.settings = Cow::Owned(settings.clone());
         }
-        let mut grouping = grouping(&header.settings)?;
+        let mut grouping =
+            grouping(&header.settings).map_err(|error| error.with_path(self.path))?;
         // the settings determine the sizes of arrays, so they are checked first
         let common = header.settings.common();
         common
