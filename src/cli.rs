@@ -195,11 +195,16 @@ impl TrainOptions {
     /// # Errors
     /// A settings file that cannot be read, an invalid override, or a missing GPU.
     pub fn experiment(&self) -> Result<Experiment, RunError> {
+        let settings = &self.run_options.settings;
         let experiment = match &self.config {
-            Some(path) => Experiment::read(path)?,
-            None => self.budget.preset_experiment(self.preset),
+            Some(path) => settings.apply_to_experiment(Experiment::read(path)?)?,
+            None => {
+                let preset = self.budget.preset_experiment(self.preset);
+                let run = settings.apply_to_experiment(preset)?;
+                self.preset.adapt_to_stream(run, &settings.set.overrides)
+            }
         };
-        self.run_options.settings.apply_to_experiment(experiment)?.with_device(self.device)
+        experiment.with_device(self.device)
     }
 
     /// Returns the name of the run's folder: the settings file or the method, the budget unless it

@@ -231,7 +231,7 @@ fn say_or_stop(out: &mut impl Write, line: &str, style: &Style, stop: &StopSigna
 }
 
 /// Prints a line to standard error.
-fn warn(line: &str) {
+pub(crate) fn warn(line: &str) {
     // a closed terminal must not make the run fail
     let _ = writeln!(stderr(), "{line}");
 }
@@ -267,9 +267,10 @@ pub fn summarise_or_checkpoint(
     }
     run.save_checkpoint()?;
     let rollouts = run.stats().rollouts;
-    let device = run.device_option();
-    let ending =
-        format!("stopped after {rollouts} rollouts; continue with: covers resume {folder}{device}");
+    let (program, word, device) = (program_name(), shell_word(&folder), run.device_option());
+    let ending = format!(
+        "stopped after {rollouts} rollouts; continue with: {program} resume {word}{device}"
+    );
     if print_escaped(out, &ending).is_err() {
         warn(&ending);
     }
@@ -337,12 +338,12 @@ fn with_env_overrides(
     let envs = VecEnvSettings { threads: experiment.envs.threads, ..changed.envs };
     let accepted = Experiment { envs, ..experiment };
     if let Some(refused) = differing_settings(&changed, &accepted)?.first() {
-        return Err(RunError::InvalidSetting {
-            name: "--set",
-            value: short_path(&refused.path).to_owned(),
-            expected: "a path below `envs`; there are `--episodes`, `--seed` and `--threads`, and \
+        return Err(RunError::invalid(
+            "--set",
+            short_path(&refused.path),
+            "a path below `envs`; there are `--episodes`, `--seed` and `--threads`, and \
                        policies are evaluated as they are",
-        });
+        ));
     }
     accepted.check_environments()?;
     Ok(accepted)

@@ -115,19 +115,19 @@ impl DoctorOptions {
 /// left out where memory is too short for them. Training is measured on this many threads; `runs`
 /// is the folder that runs would be written to.
 pub fn check_machine(threads: usize, runs: &Path) -> Vec<MachineCheckResult> {
-    let memory = the_memory(threads);
+    let memory = check_memory(threads);
     // rendering libraries that find no memory would end the process, and with it the report
     let may_draw = memory::check_environment_memory(threads).is_ok();
-    let mut others = vec![memory, the_disk(runs), the_simulator()];
+    let mut others = vec![memory, check_disk(runs), check_simulator()];
     if may_draw {
-        others.extend([the_pictures(), the_learning(threads)]);
+        others.extend([check_pictures(), check_learning(threads)]);
     }
-    [vec![the_cpu()], the_gpus(), others].concat()
+    [vec![check_cpu()], check_gpus(), others].concat()
 }
 
 /// Returns a finding for each GPU that can update policies; empty without the feature `wgpu`.
 #[cfg(feature = "wgpu")]
-fn the_gpus() -> Vec<MachineCheckResult> {
+fn check_gpus() -> Vec<MachineCheckResult> {
     let adapters = rl::gpu::available_gpu_adapters();
     let fix =
         "policies are updated on the CPU: install the Vulkan driver of a GPU, if there is one";
@@ -145,11 +145,11 @@ fn the_gpus() -> Vec<MachineCheckResult> {
 }
 
 #[cfg(not(feature = "wgpu"))]
-fn the_gpus() -> Vec<MachineCheckResult> {
+fn check_gpus() -> Vec<MachineCheckResult> {
     Vec::new()
 }
 
-fn the_cpu() -> MachineCheckResult {
+fn check_cpu() -> MachineCheckResult {
     let name = processor_name().unwrap_or_else(|| "unknown".to_owned());
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let sets = cpu_instruction_sets().join(", ");
@@ -159,7 +159,7 @@ fn the_cpu() -> MachineCheckResult {
     MachineCheckResult::good("CPU", found).unless(fast, MachineHealth::Fair, fix)
 }
 
-fn the_memory(threads: usize) -> MachineCheckResult {
+fn check_memory(threads: usize) -> MachineCheckResult {
     if let Err(limit) = memory::check_environment_memory(1) {
         return MachineCheckResult::bad(
             "memory",
@@ -186,7 +186,7 @@ fn the_memory(threads: usize) -> MachineCheckResult {
         .unless(free >= needed, MachineHealth::Bad, "close other programs, or use fewer threads")
 }
 
-fn the_disk(runs: &Path) -> MachineCheckResult {
+fn check_disk(runs: &Path) -> MachineCheckResult {
     match free_disk(runs) {
         Ok(free) => {
             let (gibibytes, rooms) = (free as f64 / f64::from(1 << 30), free / RUN);
@@ -208,7 +208,7 @@ fn the_disk(runs: &Path) -> MachineCheckResult {
 /// first existing ancestor.
 ///
 /// # Errors
-/// A path that is no folder, or one that this process may not write to.
+/// A path that is not a folder, or one that this process may not write to.
 fn free_disk(folder: &Path) -> std::io::Result<u64> {
     let absolute = std::path::absolute(folder)?;
     let existing = absolute.ancestors().find(|parent| parent.exists()).unwrap_or(&absolute);
@@ -220,7 +220,7 @@ fn free_disk(folder: &Path) -> std::io::Result<u64> {
     Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
 
-fn the_simulator() -> MachineCheckResult {
+fn check_simulator() -> MachineCheckResult {
     let version = library_version();
     let fix = format!(
         "published results used MuJoCo {REFERENCE_RELEASE}: `make deps` installs it, if the system's packages \
@@ -233,7 +233,7 @@ fn the_simulator() -> MachineCheckResult {
     )
 }
 
-fn the_pictures() -> MachineCheckResult {
+fn check_pictures() -> MachineCheckResult {
     match time_pictures() {
         Ok(time) => {
             let renderer = envs::mujoco::opengl_description().unwrap_or("unknown");
@@ -274,7 +274,7 @@ fn time_pictures() -> Result<Duration, EnvError> {
     Ok(times[times.len() / 2])
 }
 
-fn the_learning(threads: usize) -> MachineCheckResult {
+fn check_learning(threads: usize) -> MachineCheckResult {
     let experiment = Budget::Full.preset_experiment(Method::default());
     match time_learning(experiment.with_threads(threads)) {
         Ok(rate) => {
@@ -354,8 +354,8 @@ mod tests {
     fn this_machine_simulates_draws_and_learns() {
         let is_reference = is_reference_release();
         let simulator = if is_reference { MachineHealth::Good } else { MachineHealth::Fair };
-        assert_eq!(the_simulator().health, simulator, "{:?}", the_simulator());
-        assert_eq!(the_pictures().health, MachineHealth::Good, "{:?}", the_pictures());
+        assert_eq!(check_simulator().health, simulator, "{:?}", check_simulator());
+        assert_eq!(check_pictures().health, MachineHealth::Good, "{:?}", check_pictures());
         let mut experiment = Budget::Smoke.preset_experiment(Method::default());
         assert!(time_learning(experiment.clone()).unwrap() > 0.0);
         experiment.envs.num_envs = 0;
@@ -368,11 +368,10 @@ mod tests {
         let to_come = there.join("covers-doctor-to-come").join("runs");
         assert!(free_disk(&there).unwrap() > 0);
         let file = Path::new(env!("CARGO_MANIFEST_PATH"));
-        assert_eq!(the_disk(file).health, MachineHealth::Bad, "a file is no folder");
-        assert_eq!(the_disk(&to_come).part, "disk");
-        assert!(the_disk(&to_come).description.contains("covers-doctor-to-come"));
+        assert_eq!(check_disk(file).health, MachineHealth::Bad, "a file is not a folder");
+        assert!(check_disk(&to_come).description.contains("covers-doctor-to-come"));
         // a file system without room
-        let full = the_disk(Path::new("/proc/self"));
+        let full = check_disk(Path::new("/proc/self"));
         assert_eq!(full.health, MachineHealth::Bad, "{full:?}");
         assert!(full.fix.is_some_and(|fix| fix.contains("--runs")));
     }
@@ -380,7 +379,7 @@ mod tests {
     #[cfg(feature = "wgpu")]
     #[test]
     fn every_adapter_is_listed_and_software_is_only_fair() {
-        let (found, adapters) = (the_gpus(), rl::gpu::available_gpu_adapters());
+        let (found, adapters) = (check_gpus(), rl::gpu::available_gpu_adapters());
         let any = adapters.iter().any(|adapter| adapter.kind.is_hardware());
         assert_eq!(found.len(), adapters.len().max(1));
         for (finding, adapter) in found.iter().zip(adapters) {

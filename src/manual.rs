@@ -51,10 +51,12 @@ impl ManualOptions {
     fn chosen<'a>(&self, program: &'a Command) -> Result<&'a Command, RunError> {
         let mut words = self.command.iter();
         let chosen = words.try_fold(program, |command, word| command.find_subcommand(word));
-        chosen.ok_or_else(|| RunError::InvalidSetting {
-            name: "command",
-            value: self.command.join(" "),
-            expected: "a command that `covers --help` lists",
+        chosen.ok_or_else(|| {
+            RunError::invalid(
+                "command",
+                self.command.join(" "),
+                "a command that `covers --help` lists",
+            )
         })
     }
 }

@@ -109,7 +109,7 @@ impl RobotMjcfOptions {
 fn check_text(check: &RobotCheckReport) -> String {
     let RobotCheckReport { name, links, joints, mass_kg, hand, .. } = check;
     let mut text =
-        format!("{name}: {links} links, {} joints that move, {mass_kg:.3} kg\n", { joints.len() });
+        format!("{name}: {links} links, {} joints that move, {mass_kg:.3} kg\n", joints.len());
     // writing to a String cannot fail
     let _ = match check.approach_axis {
         Some(axis) => writeln!(text, "hand {hand}, which points down along its axis {axis:?}"),
@@ -120,7 +120,9 @@ fn check_text(check: &RobotCheckReport) -> String {
     } else if check.has_fixed_claws {
         text += "nothing moves on the hand: two fixed claws, 0.1 m apart, are added to it\n";
     }
-    let _ = writeln!(text, "joints to the hand: {}", check.chain.join(", "));
+    if !check.chain.is_empty() {
+        let _ = writeln!(text, "joints to the hand: {}", check.chain.join(", "));
+    }
     if let Some(reach) = check.reach_m {
         let _ = writeln!(text, "reach: the hand is at most {reach:.3} m from the first joint");
     }
@@ -137,7 +139,9 @@ fn check_text(check: &RobotCheckReport) -> String {
             let _ = writeln!(text, "its time ran out: {left} more poses were not tried");
         }
     }
-    text += "joint                      lowest    highest      speed     effort\n";
+    if !joints.is_empty() {
+        text += "joint                      lowest    highest      speed     effort\n";
+    }
     joints.iter().for_each(|joint| text += &joint_line(joint));
     let pairs = |pairs: &[[String; 2]]| -> Vec<String> {
         pairs.iter().map(|[one, other]| format!("{one} and {other}")).collect()

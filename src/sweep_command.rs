@@ -8,6 +8,7 @@ use clap::{ArgGroup, Args};
 
 use crate::CoversError;
 use crate::cli::{CommandOutcome, device_parser, program_name, shell_word};
+use crate::commands::warn;
 use crate::sweep::{
     self, ArrayJob, KubernetesOptions, SweepJob, SweepPlan, SweepWorkerOutcome, SweepWorkerSettings,
 };
@@ -101,18 +102,23 @@ impl SweepOptions {
     /// # Errors
     /// An invalid plan, [`CoversError::SweepJobsFailed`], or an `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<CommandOutcome, CoversError> {
-        let jobs = SweepPlan::read(&self.plan)?.jobs()?;
+        let plan = SweepPlan::read(&self.plan)?;
+        let jobs = plan.jobs()?;
+        if let Some(warning) = plan.stream_warning(&jobs) {
+            warn(&warning);
+        }
         if self.slurm || self.hyperqueue || self.kubernetes.is_some() {
             print_escaped(out, self.array_job(&jobs)?.trim_end())?;
             return Ok(CommandOutcome::Done);
         }
         let chosen = match self.job {
             None => &jobs[..],
-            Some(job) => jobs.get(job..=job).ok_or_else(|| RunError::InvalidSetting {
-                name: "job",
-                value: job.to_string(),
-                expected:
+            Some(job) => jobs.get(job..=job).ok_or_else(|| {
+                RunError::invalid(
+                    "job",
+                    job,
                     "the index of a job of the plan, from 0 to one less than its number of jobs",
+                )
             })?,
         };
         let settings = SweepWorkerSettings {

@@ -80,6 +80,10 @@ fn policies_of_every_kind_are_written_with_golden_outputs() {
         // two observations of each of two groups
         assert!(golden.values().all(|shape| shape[0] == 4), "{golden:?}");
         assert_eq!(golden["action"], [4, 4]);
+        let about = fs::read_to_string(folder.join("policy.json")).unwrap();
+        let about: serde_json::Value = serde_json::from_str(&about).unwrap();
+        let sees = network(&mut experiment.clone()).encoder != EncoderSettings::Blind;
+        assert_eq!(about["inputs"].get("image").is_some(), sees, "{about}");
         assert_eq!(
             golden.contains_key("value"),
             matches!(experiment.learner, LearnerSettings::Covers(_))

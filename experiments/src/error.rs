@@ -285,6 +285,11 @@ impl From<LearnerError> for RunError {
 }
 
 impl RunError {
+    /// Returns a [`RunError::InvalidSetting`].
+    pub fn invalid(name: &'static str, value: impl ToString, expected: &'static str) -> Self {
+        Self::InvalidSetting { name, value: value.to_string(), expected }
+    }
+
     /// Returns a [`RunError::Read`] for the file at `path`, which could not be read because of
     /// `source`.
     pub fn cannot_read(path: &Path, source: impl Into<BoxedEnvError>) -> Self {

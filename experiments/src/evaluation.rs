@@ -15,6 +15,7 @@ use symmetry::D2;
 use crate::error::RunError;
 use crate::experiment::Experiment;
 use crate::schedule::TaskSchedule;
+use crate::schema::{DormantUnitsRow, RecognitionRow};
 use crate::stop::StopSignal;
 use crate::stream::SwitchableVecEnv;
 use learner::{Learner, PolicyEvaluationResult, RecognisedPolicy, TaskLabel};
@@ -22,8 +23,8 @@ use learner::{Learner, PolicyEvaluationResult, RecognisedPolicy, TaskLabel};
 use cache::{CacheKey, EvaluationCache};
 use dormancy::UnitActivities;
 
-pub use dormancy::{DORMANCY_THRESHOLD, DormantUnitCounts};
-pub use recognition::{RECOGNITION_EPISODE_COUNTS, RecognitionAnswerCount};
+pub use dormancy::DORMANCY_THRESHOLD;
+pub use recognition::RECOGNITION_EPISODE_COUNTS;
 pub use score::{GroupScore, OwnPolicyByGroup, PolicyScore, VariantScore, average_scores_by_group};
 
 /// Number of the ChaCha stream that learners draw from during recognition. Environments use streams
@@ -36,7 +37,7 @@ pub struct EvaluationResults {
     /// Score of each task variant, in the order of scoring.
     pub scores: Vec<VariantScore>,
     /// Counts of the policies that the learner named for shown episodes; empty if it was not asked.
-    pub recognitions: Vec<RecognitionAnswerCount>,
+    pub recognitions: Vec<RecognitionRow>,
     /// Causes of failures of environments, of many the first ones. The episode of a failed
     /// environment counts as one that ended there.
     pub environment_failures: Vec<String>,
@@ -44,10 +45,14 @@ pub struct EvaluationResults {
 }
 
 impl EvaluationResults {
-    /// Returns the numbers of units and of dormant units of each scored policy, over all variants
-    /// that it was scored on, in the order of the policies.
-    pub fn dormant_unit_counts(&self) -> Vec<DormantUnitCounts> {
-        self.activities.dormant_unit_counts()
+    /// Returns the rows of `units.csv` of the scored policies, over all variants that each was
+    /// scored on, for an evaluation after `rollouts` rollouts and `decisions` decisions.
+    pub(crate) fn dormant_unit_rows(
+        &self,
+        rollouts: usize,
+        decisions: usize,
+    ) -> Vec<DormantUnitsRow> {
+        self.activities.dormant_unit_rows(rollouts, decisions)
     }
 }
 
@@ -184,11 +189,7 @@ impl Evaluator {
         results: &mut EvaluationResults,
     ) -> Result<(), RunError> {
         if rounds == 0 {
-            return Err(RunError::InvalidSetting {
-                name: "rounds",
-                value: "0".to_owned(),
-                expected: "at least 1",
-            });
+            return Err(RunError::invalid("rounds", "0", "at least 1"));
         }
         let policy = self.recognise_policy(learner, variant)?.policy;
         let chosen = self.play(learner, variant, policy, rounds)?;

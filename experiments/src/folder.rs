@@ -324,8 +324,7 @@ impl RunFolder {
     /// Reads the run's settings, from the newest intact checkpoint if their file is lost.
     ///
     /// # Errors
-    /// [`RunError::NoRun`], [`RunError::Read`], [`RunError::WithoutCheckpoints`],
-    /// [`RunError::NoCheckpoint`],
+    /// [`RunError::NoRun`], [`RunError::Read`], [`RunError::NoCheckpoint`],
     /// [`learner::LearnerError::NewerFormat`].
     pub fn read_experiment(&self) -> Result<Experiment, RunError> {
         if self.holds_settings() {
@@ -356,8 +355,9 @@ impl RunFolder {
     /// Loads the learner of the newest checkpoint, for acting and recognition.
     ///
     /// # Errors
-    /// As [`LearnerSettings::load_for_acting`], [`RunError::NoCheckpoint`], and
-    /// [`RunError::DamagedCheckpoint`] if only an older checkpoint is intact.
+    /// As [`LearnerSettings::load_for_acting`], [`RunError::NoCheckpoint`],
+    /// [`RunError::WithoutCheckpoints`], and [`RunError::DamagedCheckpoint`] if only an older
+    /// checkpoint is intact.
     pub fn load_learner(
         &self,
         learner: &LearnerSettings,

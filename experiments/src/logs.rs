@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 
 use crate::error::RunError;
-use crate::evaluation::{DormantUnitCounts, RecognitionAnswerCount, VariantScore};
+use crate::evaluation::VariantScore;
 
 use crate::folder::{RunFolder, SAVED_TIMINGS_FILE, TIMINGS_FILE, crc32_hex};
 use crate::progress::{EvaluationReport, RolloutReport};
 use crate::rows::TableSnapshots;
-use crate::schema::{DormantUnitsRow, RecognitionRow, ScoreRow, TimingRow};
+use crate::schema::{ScoreRow, TimingRow};
 use crate::table::CsvFile;
 use crate::timings::{TimingSums, first_timing_rows};
 
@@ -95,9 +95,9 @@ impl RunTables {
         let results = &evaluation.results;
         let row = |score| score_row(evaluation, score);
         self.scores.append_rows(results.scores.iter().map(row))?;
-        let dormancy_row = |dormancy| units_row(evaluation, dormancy);
-        self.units.append_rows(results.dormant_unit_counts().iter().map(dormancy_row))?;
-        self.recognition.append_rows(results.recognitions.iter().map(recognition_row))
+        let (rollouts, decisions) = (evaluation.rollouts, evaluation.decisions);
+        self.units.append_rows(results.dormant_unit_rows(rollouts, decisions))?;
+        self.recognition.append_rows(&results.recognitions)
     }
 }
 
@@ -131,26 +131,6 @@ fn score_row(evaluation: &EvaluationReport, score: &VariantScore) -> ScoreRow {
         own_success: score.own_policy_score.map(|own| own.success),
         own_success_at_end: score.own_policy_score.map(|own| own.success_at_end),
         own_reward: score.own_policy_score.map(|own| own.reward),
-    }
-}
-
-fn units_row(evaluation: &EvaluationReport, dormancy: &DormantUnitCounts) -> DormantUnitsRow {
-    DormantUnitsRow {
-        rollouts: evaluation.rollouts,
-        decisions: evaluation.decisions,
-        policy: dormancy.policy,
-        unit_count: dormancy.unit_count,
-        dormant_count: dormancy.dormant_count,
-    }
-}
-
-fn recognition_row(recognition: &RecognitionAnswerCount) -> RecognitionRow {
-    RecognitionRow {
-        group: recognition.group.name().to_owned(),
-        element: recognition.element.to_string(),
-        episodes_shown: recognition.episodes_shown,
-        policy: recognition.policy,
-        count: recognition.count,
     }
 }
 

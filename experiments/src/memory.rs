@@ -108,7 +108,8 @@ fn replay_bytes(experiment: &Experiment) -> u64 {
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Limit {
     name: String,
-    /// Number of bytes that the process may still take below the limit.
+    /// Number of bytes that the process may take; of a container's limit all of it, although other
+    /// processes of the container may use a part.
     left: u64,
 }
 

@@ -8,6 +8,7 @@ use symmetry::{D2, Group};
 
 use crate::experiment::{CheckpointPlan, EvaluationPlan, Experiment};
 use crate::schedule::TaskSchedule;
+use learner::overrides::SettingOverride;
 use learner::{CoversSettings, GroupingSettings, LearnerSettings, OffPolicySettings};
 
 /// Number of environments of a run, so that a rollout of 500 decisions in all is one episode of 50
@@ -138,6 +139,15 @@ impl Method {
             budgets.any(|budget| budget.preset_with_run_settings(*method, run) == *run)
         };
         Self::ALL.into_iter().find(is)
+    }
+
+    /// Returns the settings of a run, changed by `overrides`, with the noise that this method's
+    /// preset has for the run's stream, unless an override sets the noise.
+    pub fn adapt_to_stream(self, mut run: Experiment, overrides: &[SettingOverride]) -> Experiment {
+        if !overrides.iter().any(|change| change.sets("off_policy.noise_correlation")) {
+            adapt_noise(&mut run.learner, self, &run.schedule);
+        }
+        run
     }
 
     /// Returns `true` if the method's observations include a close-up of the table below the hand.

@@ -331,8 +331,8 @@ impl Run {
     fn score(&mut self, rounds: usize) -> Result<Option<EvaluationReport>, RunError> {
         let stop = self.stop.clone();
         // recognition is tested after the stream only
-        let looks = self.visit().map_or_else(|| recognition_repeats(&self.experiment), |_| 0);
-        let Some(results) = self.scoring(&stop).score(rounds, looks)? else {
+        let repeats = self.visit().map_or_else(|| recognition_repeats(&self.experiment), |_| 0);
+        let Some(results) = self.scoring(&stop).score(rounds, repeats)? else {
             return Ok(None);
         };
         let evaluation = EvaluationReport {

@@ -295,7 +295,7 @@ fn check_rollouts(path: &Path, rollouts: &[RolloutRow]) -> Result<(), RunError> 
         } else if !exists(row) {
             "`policy` is a policy that cannot exist yet"
         } else if !row.success.is_none_or(share) {
-            "`success` is no share in [0, 1]"
+            "`success` is not a share in [0, 1]"
         } else if !finite(row) {
             "a reward, distance or score is not finite"
         } else {
@@ -360,13 +360,13 @@ fn check_units(path: &Path, units: &[DormantUnitsRow], rollouts: usize) -> Resul
     }
 }
 
-/// Rejects rows of `recognition.csv` that no run can have. A learner is asked `looks` times about
+/// Rejects rows of `recognition.csv` that no run can have. A learner is asked `repeats` times about
 /// each scored variant with each number of episodes.
 fn check_recognition(
     path: &Path,
     answers: &[RecognitionRow],
     scores: &[ScoreRow],
-    looks: usize,
+    repeats: usize,
 ) -> Result<(), RunError> {
     let scored = |group: &str| scores.iter().any(|row| row.group == group);
     let sound = |row: &RecognitionRow| {
@@ -398,15 +398,15 @@ fn check_recognition(
     {
         let asked = times.get(&(row.group.as_str(), row.element.as_str(), episodes));
         let asked = asked.copied().unwrap_or(0);
-        if asked != looks {
+        if asked != repeats {
             let (group, element) = (&row.group, &row.element);
             let problem = format!(
                 "recognition.csv holds {asked} answers to {episodes} episodes of {group}, {element}, \
-                 expected {looks} as `evaluation.looks` has it: the file is incomplete or changed"
+                 expected {repeats} as `evaluation.looks` has it: the file is incomplete or changed"
             );
             return Err(unfit(path, &problem));
         }
-        expected += looks;
+        expected += repeats;
     }
     if times.values().sum::<usize>() != expected {
         let problem = "recognition.csv holds answers to variants that were not scored at the end";

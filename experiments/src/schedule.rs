@@ -71,17 +71,6 @@ pub enum VisitOrder {
     Switching,
 }
 
-/// Visit of the training stream to one task group: its variants and its length.
-#[derive(Clone, Debug, PartialEq)]
-pub struct GroupVisit {
-    /// Name of the visited task group; the learner does not see it.
-    pub group: String,
-    /// Elements of D2 whose variants the episodes of the visit are drawn from.
-    pub variants: Vec<D2>,
-    /// Number of decisions of the visit.
-    pub decisions: usize,
-}
-
 impl TaskSchedule {
     /// Creates a shuffled schedule on [`StreamClock::EnvironmentTime`] with all variants of these
     /// groups; each pair holds a group and the decisions of one visit.
@@ -128,6 +117,16 @@ impl TaskSchedule {
     /// more, which [`TaskSchedule::check`] rejects.
     pub fn total_decisions(&self) -> usize {
         self.checked_decisions().unwrap_or(MAX_STREAM_DECISIONS)
+    }
+
+    /// Returns the largest number of decisions of one group in the stream; with
+    /// [`VisitOrder::Switching`], whose visits are random, the whole stream.
+    pub(crate) fn max_group_decisions(&self) -> usize {
+        let longest = self.groups.iter().map(|plan| plan.decisions).max().unwrap_or(0);
+        match self.order {
+            VisitOrder::Switching => self.total_decisions(),
+            VisitOrder::Fixed | VisitOrder::Shuffled => longest.saturating_mul(self.cycles),
+        }
     }
 
     /// Returns the decisions of the whole stream; `None` above [`MAX_STREAM_DECISIONS`].
@@ -188,18 +187,16 @@ impl TaskSchedule {
     /// Draws the visits of the whole training stream, in order. [`VisitOrder::Switching`] may
     /// switch groups every `period` decisions. The schedule must have passed
     /// [`TaskSchedule::check`].
-    pub fn draw_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<GroupVisit> {
+    pub fn draw_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<GroupSchedule> {
         match self.order {
-            VisitOrder::Fixed => (0..self.cycles)
-                .flat_map(|_| self.groups.iter().map(GroupSchedule::visit))
-                .collect(),
+            VisitOrder::Fixed => (0..self.cycles).flat_map(|_| self.groups.clone()).collect(),
             VisitOrder::Shuffled => self.shuffled_visits(rng),
             VisitOrder::Switching => self.switching_visits(period, rng),
         }
     }
 
-    fn shuffled_visits(&self, rng: &mut ChaCha8Rng) -> Vec<GroupVisit> {
-        let mut visits: Vec<GroupVisit> = Vec::with_capacity(self.groups.len() * self.cycles);
+    fn shuffled_visits(&self, rng: &mut ChaCha8Rng) -> Vec<GroupSchedule> {
+        let mut visits: Vec<GroupSchedule> = Vec::with_capacity(self.groups.len() * self.cycles);
         for _ in 0..self.cycles {
             let mut order: Vec<usize> = (0..self.groups.len()).collect();
             for last in (1..order.len()).rev() {
@@ -209,22 +206,24 @@ impl TaskSchedule {
             if visits.last().map(|visit| &visit.group) == Some(&self.groups[order[0]].group) {
                 order.rotate_left(1);
             }
-            visits.extend(order.into_iter().map(|i| self.groups[i].visit()));
+            visits.extend(order.into_iter().map(|i| self.groups[i].clone()));
         }
         visits
     }
 
-    fn switching_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<GroupVisit> {
+    fn switching_visits(&self, period: usize, rng: &mut ChaCha8Rng) -> Vec<GroupSchedule> {
+        let empty_visit =
+            |group: usize| GroupSchedule { decisions: 0, ..self.groups[group].clone() };
         let others = self.groups.len() - 1;
         let mut current = rng.random_range(0..=others);
-        let mut visits = vec![self.groups[current].empty_visit()];
+        let mut visits = vec![empty_visit(current)];
         for nth in 0..self.total_decisions().div_ceil(period) {
             let mean = self.groups[current].decisions.div_ceil(period);
             // leaving with probability 1 / mean gives visits of `mean` periods on average
             let leaves = rng.random_range(0..mean) == 0;
             if nth > 0 && leaves {
                 current = (current + 1 + rng.random_range(0..others)) % self.groups.len();
-                visits.push(self.groups[current].empty_visit());
+                visits.push(empty_visit(current));
             }
             if let Some(visit) = visits.last_mut() {
                 visit.decisions += period;
@@ -235,7 +234,7 @@ impl TaskSchedule {
 }
 
 fn refuse(name: &'static str, value: &str, expected: &'static str) -> Result<(), RunError> {
-    Err(RunError::InvalidSetting { name, value: value.to_owned(), expected })
+    Err(RunError::invalid(name, value, expected))
 }
 
 impl GroupSchedule {
@@ -260,26 +259,18 @@ impl GroupSchedule {
         }
         Ok(())
     }
-
-    fn visit(&self) -> GroupVisit {
-        GroupVisit { decisions: self.decisions, ..self.empty_visit() }
-    }
-
-    fn empty_visit(&self) -> GroupVisit {
-        GroupVisit { group: self.group.clone(), variants: self.variants.clone(), decisions: 0 }
-    }
 }
 
 /// Visits of a training stream to task groups, with the decisions at which they end.
 #[derive(Clone, Debug)]
 pub(crate) struct Timetable {
-    visits: Vec<GroupVisit>,
+    visits: Vec<GroupSchedule>,
     /// Number of decisions from the start of the stream to the end of each visit.
     ends: Vec<usize>,
 }
 
 impl Timetable {
-    pub fn new(visits: Vec<GroupVisit>) -> Self {
+    pub fn new(visits: Vec<GroupSchedule>) -> Self {
         let mut end = 0;
         let ends = visits.iter().map(|visit| {
             end += visit.decisions;
@@ -296,7 +287,7 @@ impl Timetable {
     }
 
     /// Returns the visit to a task group with index `index`, and all earlier visits.
-    pub fn visit_and_earlier(&self, index: usize) -> (&GroupVisit, &[GroupVisit]) {
+    pub fn visit_and_earlier(&self, index: usize) -> (&GroupSchedule, &[GroupSchedule]) {
         (&self.visits[index], &self.visits[..index])
     }
 }
@@ -312,11 +303,11 @@ mod tests {
         TaskSchedule::shuffled(cycles, &visits)
     }
 
-    fn visits(schedule: &TaskSchedule, seed: u64) -> Vec<GroupVisit> {
+    fn visits(schedule: &TaskSchedule, seed: u64) -> Vec<GroupSchedule> {
         schedule.draw_visits(1, &mut ChaCha8Rng::seed_from_u64(seed))
     }
 
-    fn never_twice_running(visits: &[GroupVisit]) -> bool {
+    fn never_twice_running(visits: &[GroupSchedule]) -> bool {
         visits.windows(2).all(|pair| pair[0].group != pair[1].group)
     }
 
@@ -411,7 +402,7 @@ mod tests {
 
     #[test]
     fn a_visit_ends_where_the_next_begins() {
-        let visit = |decisions: usize| GroupVisit {
+        let visit = |decisions: usize| GroupSchedule {
             group: decisions.to_string(),
             variants: Vec::new(),
             decisions,

@@ -6,7 +6,7 @@ use rl::{BoxedEnvError, EnvSpec, Observations, StepOutcome, Transition, VectorEn
 use crate::error::RunError;
 use crate::experiment::{Experiment, SeedSequence};
 use crate::latest_frame::LatestFrame;
-use crate::schedule::{GroupVisit, StreamClock, Timetable};
+use crate::schedule::{GroupSchedule, StreamClock, Timetable};
 use crate::stream::SwitchableVecEnv;
 use learner::TaskLabel;
 
@@ -106,7 +106,7 @@ impl ScheduledVecEnv {
     }
 
     /// Returns the visit to a task group with index `index`, and all earlier visits.
-    pub fn visit_and_earlier(&self, index: usize) -> (&GroupVisit, &[GroupVisit]) {
+    pub fn visit_and_earlier(&self, index: usize) -> (&GroupSchedule, &[GroupSchedule]) {
         self.timetable.visit_and_earlier(index)
     }
 

@@ -1,6 +1,6 @@
-//! Schema of a run's tables: one row type for each, shared by writers and readers.
-//!
-//! `metrics.csv` has further columns, the metrics that learners log ([`learner::Metrics`]).
+//! Schema of a run's tables: one row type for each, shared by writers and readers, except that
+//! `metrics.csv` is written with further columns, the metrics that learners log
+//! ([`learner::Metrics`]).
 
 use std::fmt::Display;
 use std::str::FromStr;
@@ -50,11 +50,11 @@ pub struct RolloutRow {
     /// the grouping measures none.
     #[serde(default, deserialize_with = "numbers")]
     pub distances: Vec<Option<f64>>,
-    /// For each compared policy, the largest distance under permutation, which chance alone can
-    /// reach.
+    /// For each compared policy, the largest joint score of the random splits, which chance alone
+    /// can reach.
     #[serde(default, rename = "null_maxima", deserialize_with = "numbers")]
     pub permutation_maxima: Vec<Option<f64>>,
-    /// For each compared policy, the standard score of its distance under permutation.
+    /// For each compared policy, the joint score of its distances over all sources.
     #[serde(default, rename = "scores", deserialize_with = "numbers")]
     pub permutation_z_scores: Vec<Option<f64>>,
 }

@@ -43,12 +43,12 @@ impl<'a> StoppableEvaluation<'a> {
     }
 
     /// Scores all variants with `rounds` episodes in each environment, then asks the learner for
-    /// the policy of each variant, `looks` times with each number of shown episodes; `None` after a
+    /// the policy of each variant, `repeats` times with each number of shown episodes; `None` after a
     /// stop.
     pub fn score(
         &mut self,
         rounds: usize,
-        looks: usize,
+        repeats: usize,
     ) -> Result<Option<EvaluationResults>, RunError> {
         let mut results = EvaluationResults::default();
         let own = self.own.clone();
@@ -56,9 +56,9 @@ impl<'a> StoppableEvaluation<'a> {
             evaluator.score_variant(learner, variant, &own, rounds, &mut results)
         })?;
         let done = scored
-            && (looks == 0
+            && (repeats == 0
                 || self.each(|evaluator, learner, variant| {
-                    let answers = evaluator.test_recognition(learner, variant, looks)?;
+                    let answers = evaluator.test_recognition(learner, variant, repeats)?;
                     results.recognitions.extend(answers);
                     Ok(())
                 })?);

@@ -11,8 +11,7 @@ use rl::ProcessRanks;
 
 use crate::error::RunError;
 
-/// Flag by which a run that it is given to is asked to stop at the next moment at which nothing is
-/// lost. Clones share one request.
+/// Flag that asks runs to stop at the next point where no work is lost. Clones share one request.
 #[derive(Clone, Debug, Default)]
 pub struct StopSignal {
     requested: Arc<AtomicBool>,

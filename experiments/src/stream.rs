@@ -89,11 +89,9 @@ impl SwitchableVecEnv {
         groups: &[TaskGroup],
         ranks: ProcessRanks,
     ) -> Result<Self, RunError> {
-        let first = *groups.first().ok_or_else(|| RunError::InvalidSetting {
-            name: "groups",
-            value: "empty".to_owned(),
-            expected: "at least one task group",
-        })?;
+        let first = *groups
+            .first()
+            .ok_or_else(|| RunError::invalid("groups", "empty", "at least one task group"))?;
         let share = ranks.local_range(settings.num_envs);
         let mut env = VecEnv::new_shard(settings, first, &D2::ALL, share)?;
         env.prepare_task_groups(groups)?;

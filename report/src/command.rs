@@ -12,6 +12,7 @@ use render::film_groups_to_gifs;
 use symmetry::D2;
 
 use super::error::ReportError;
+use super::method::MethodRuns;
 use super::report::Report;
 
 /// Options of `covers report`.
@@ -57,6 +58,8 @@ impl ReportOptions {
         let mut runs = runs.collect::<Result<Vec<_>, _>>()?;
         let mut film_lines = Vec::new();
         if self.films {
+            // films take minutes, which runs that do not compare would waste
+            MethodRuns::group_by_method(runs.clone())?;
             let runs_with_paths = self.runs.iter().zip(&mut runs);
             film_lines =
                 runs_with_paths.map(|(path, run)| film(path, run)).collect::<Result<_, _>>()?;

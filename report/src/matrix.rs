@@ -110,15 +110,15 @@ pub fn confusion_table(methods: &[MethodRuns], groups: &[String]) -> Option<Repo
     let mut header = vec!["method", "shown", "group"];
     header.extend(groups.iter().map(String::as_str));
     header.extend(["another policy", "no policy"]);
-    let caption = "Confusion of groups: rollouts of each group, and looks at the first frame of one \
-        episode after the stream, by the group whose own policy got the rollout or was named; all \
-        runs together. Another policy belongs to none of these groups.";
+    let caption = "Confusion of groups: rollouts of each group, and answers to the first frame of one \
+        episode of it after the stream, by the group whose own policy got the rollout or was named; \
+        all runs together. Another policy belongs to none of these groups.";
     let mut table = ReportTable::new(caption, &header);
     for method in recognising {
-        let ConfusionCounts { rollouts, looks } = ConfusionCounts::of_runs(&method.runs, groups);
+        let ConfusionCounts { rollouts, answers } = ConfusionCounts::of_runs(&method.runs, groups);
         // runs that were not asked have no answers
-        let asked = looks.iter().flatten().any(|&count| count > 0);
-        let answers = if asked { looks } else { Vec::new() };
+        let asked = answers.iter().flatten().any(|&count| count > 0);
+        let answers = if asked { answers } else { Vec::new() };
         for (shown, counts) in [("a rollout", rollouts), ("1 episode", answers)] {
             for (group, row) in groups.iter().zip(counts) {
                 let mut cells = vec![method_cell(&mut table, method), shown.into(), group.clone()];
@@ -134,13 +134,13 @@ pub fn confusion_table(methods: &[MethodRuns], groups: &[String]) -> Option<Repo
 /// policy last.
 struct ConfusionCounts {
     rollouts: Vec<Vec<usize>>,
-    looks: Vec<Vec<usize>>,
+    answers: Vec<Vec<usize>>,
 }
 
 impl ConfusionCounts {
     fn of_runs(runs: &[RunData], groups: &[String]) -> Self {
         let zeros = || vec![vec![0; groups.len() + 2]; groups.len()];
-        let mut counts = Self { rollouts: zeros(), looks: zeros() };
+        let mut counts = Self { rollouts: zeros(), answers: zeros() };
         for run in runs {
             let owned = groups.iter().map(|group| own_policy_of_group(&run.rollouts, group));
             let owned: Vec<Option<usize>> = owned.collect();
@@ -160,7 +160,7 @@ impl ConfusionCounts {
             let shown = run.recognitions.iter();
             for row in shown.filter(|row| row.episodes_shown == EPISODES_SHOWN) {
                 if let Some(own) = index(&row.group) {
-                    counts.looks[own][column(own, row.policy)] += row.count;
+                    counts.answers[own][column(own, row.policy)] += row.count;
                 }
             }
         }

@@ -52,7 +52,8 @@ impl MethodRuns {
                 let [first, own] = [&first.runs[0], &run].map(|run| world(&run.experiment));
                 refuse(&run, own_value_last(setting_differences(&first, &own)?), OTHER_STREAM)?;
             }
-            let name = run.name.split(SEED).next().unwrap_or(&run.name).to_owned();
+            let name =
+                run.name.rsplit_once(SEED).map_or(&run.name[..], |(name, _)| name).to_owned();
             match methods.iter_mut().find(|method| method.name == name) {
                 Some(method) => method.add(run)?,
                 None => {
@@ -124,8 +125,8 @@ fn unseeded(run: &RunData) -> Experiment {
 }
 
 /// Returns the settings that all methods of a report share, the stream and the evaluation, with the
-/// rest replaced by defaults. Methods may differ in their learner, their images (size,
-/// oversampling, extra images, randomisation, misalignment, occlusion) and their number of environments.
+/// rest replaced by defaults. Methods may differ in their learner, their images (size, oversampling,
+/// extra images, randomisation, misalignment, occlusion) and their number of environments.
 fn world(experiment: &Experiment) -> Experiment {
     let mut world = experiment.clone().with_threads(1);
     let (envs, rollout) = (world.envs.num_envs, world.learner.rollout_steps());

@@ -17,6 +17,7 @@ const UNSCORED: UndefinedReason =
     "no evaluation at that moment (`evaluation.visit_rounds` makes them)";
 const FIRST: UndefinedReason = "there was no training before the group's first visit";
 const NO_RETURN: UndefinedReason = "no group came back";
+const NO_ROLLOUT: UndefinedReason = "no rollout of one group was assigned";
 const NO_EPISODES: UndefinedReason = "no episode ended in training";
 const ONE_POLICY: UndefinedReason = "there is one policy for everything";
 const NEVER_ALONE: UndefinedReason =
@@ -92,24 +93,24 @@ pub struct GroupMetrics {
 impl RunMetrics {
     /// Computes the metrics of a run from its tables.
     pub fn of_run(run: &RunData) -> Self {
-        let ledger = RunStats::from_rollouts(&run.rollouts);
+        let stats = RunStats::from_rollouts(&run.rollouts);
         let is_grouped = run.experiment.learner.may_hold_several_policies();
         // a learner with one policy assigns nothing: 0 or 1 would mislead
-        let accuracy = |share: Option<f64>| {
-            if is_grouped { share.ok_or(NO_RETURN) } else { Err(ONE_POLICY) }
+        let accuracy = |share: Option<f64>, reason| {
+            if is_grouped { share.ok_or(reason) } else { Err(ONE_POLICY) }
         };
-        let own = ledger.own_policies();
+        let own = stats.own_policies();
         let groups = run.scored_groups().into_iter();
         Self {
             groups: groups
                 .map(|group| GroupMetrics::new(run, group, own.get(group).copied()))
                 .collect(),
-            assignment_accuracy: accuracy(ledger.assignment_accuracy()),
-            revisit_accuracy: accuracy(ledger.revisit_accuracy()),
+            assignment_accuracy: accuracy(stats.assignment_accuracy(), NO_ROLLOUT),
+            revisit_accuracy: accuracy(stats.revisit_accuracy(), NO_RETURN),
             training_success: training_success(run),
             dormant_share: dormant(run),
-            policy_count: ledger.created_for_group.len(),
-            rollout_and_switch_counts: [ledger.rollouts, ledger.switch_rollouts],
+            policy_count: stats.created_for_group.len(),
+            rollout_and_switch_counts: [stats.rollouts, stats.switch_rollouts],
             decisions: run.rollouts.last().map_or(0, |row| row.decisions),
         }
     }
@@ -226,7 +227,9 @@ fn best_before(run: &RunData, group: &str, end: usize) -> Result<f64, UndefinedR
 
 /// Returns the mean change of success in a group over the pauses between its visits.
 fn backward_transfer(run: &RunData, group: &str) -> Result<f64, UndefinedReason> {
-    let ends = visits::visit_end_rollouts(&run.rollouts, group);
+    let mut ends = visits::visit_end_rollouts(&run.rollouts, group);
+    // two visits may end within one rollout, before the same pause
+    ends.dedup();
     let success = |rollouts| {
         let scored = run.mean_group_score_after(rollouts, group, |row| row.success);
         scored.map(|(_, success)| success).ok_or(UNSCORED)

@@ -18,9 +18,9 @@ pub fn success_per_visit_table(methods: &[MethodRuns], groups: &[String]) -> Opt
     }
     let mut header = vec!["method"];
     header.extend(groups.iter().map(String::as_str));
-    let caption = "Success in a group after each of its visits, when the turn was over in which it \
-        ended, means over seeds and variants; after the last visit of the stream, in the evaluation \
-        after the stream. Where not every run was scored then, there is none.";
+    let caption = "Success in a group after each of its visits, at the end of the iteration in which \
+        the visit ended, means over seeds and variants; after the last visit of the stream, in the \
+        evaluation after the stream. Where not every run was scored then, there is none.";
     let mut table = ReportTable::new(caption, &header);
     for method in methods {
         let mut row = vec![method_cell(&mut table, method)];

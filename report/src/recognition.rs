@@ -21,11 +21,13 @@ pub fn recognition_table(methods: &[MethodRuns], groups: &[String]) -> Option<Re
     let mut header = vec!["method", "episodes shown"];
     header.extend(groups.iter().map(String::as_str));
     header.extend(["average", "named none"]);
-    let caption = "Recognition after the stream: share of looks at some first frames of a group from \
-        which the policy that belongs to it was named, and share from which none was; means over \
-        variants and seeds. A group that no policy belongs to has no right answers.";
+    let caption = "Recognition after the stream: how often the policy that belongs to a group was \
+        named from first frames of episodes of it, and how often no policy; means over variants and \
+        seeds. A group that no policy belongs to has no right answers. Methods with one policy for \
+        everything and those that are told the group are left out.";
     let mut table = ReportTable::new(caption, &header);
-    for method in methods {
+    let can_be_asked = |run: &RunData| run.experiment.learner.recognition_obstacle().is_none();
+    for method in methods.iter().filter(|method| method.runs.iter().any(can_be_asked)) {
         for episodes in RECOGNITION_EPISODE_COUNTS {
             let mut row = vec![method_cell(&mut table, method), episodes.to_string()];
             for group in groups {
@@ -74,9 +76,6 @@ fn share(
     episodes: usize,
     counts: fn(Option<usize>, Option<usize>) -> bool,
 ) -> Result<f64, UndefinedReason> {
-    if let Some(reason) = run.experiment.learner.recognition_obstacle() {
-        return Err(reason);
-    }
     let share_of = |group: &String| {
         let own = own_policy_of_group(&run.rollouts, group);
         let answers = run.recognitions.iter();
@@ -154,12 +153,10 @@ mod tests {
     }
 
     #[test]
-    fn who_cannot_be_asked_says_why() {
-        for (method, reason) in [
-            (Method::Cnn, "one policy"),
-            (Method::CoversGt, "told the group"),
-            (Method::Covers, "did not ask"),
-        ] {
+    fn methods_that_cannot_be_asked_are_left_out_and_others_say_why() {
+        for (method, can_be_asked) in
+            [(Method::Cnn, false), (Method::CoversGt, false), (Method::Covers, true)]
+        {
             let groups = ["a".to_owned()];
             let silent = run(method, &[]);
             let alone = MethodRuns::group_by_method(vec![silent.clone()]).unwrap();
@@ -167,9 +164,12 @@ mod tests {
             let asked = run(Method::CoversCnn, &[("a", 1, Some(0), 4)]);
             let both = MethodRuns::group_by_method(vec![silent, asked]).unwrap();
             let table = recognition_table(&both, &groups).unwrap();
-            assert_eq!(table.rows[0][2..], ["- (1)", "- (1)", "- (1)"]);
-            assert_eq!(table.rows[3][2], "1.000");
-            assert!(table.footnotes[0].contains(reason), "{:?}", table.footnotes);
+            assert_eq!(table.rows.len(), if can_be_asked { 6 } else { 3 });
+            assert_eq!(table.rows[table.rows.len() - 3][2], "1.000");
+            if can_be_asked {
+                assert_eq!(table.rows[0][2..], ["- (1)", "- (1)", "- (1)"]);
+                assert!(table.footnotes[0].contains("did not ask"), "{:?}", table.footnotes);
+            }
         }
     }
 }

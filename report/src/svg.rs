@@ -56,7 +56,8 @@ impl SvgPlot {
     pub fn new(end: f64, axis: &str) -> Self {
         Self {
             text: String::new(),
-            end: end.max(f64::MIN_POSITIVE),
+            // an axis of nothing has ticks, too
+            end: if end > 0.0 { end } else { 1.0 },
             axis: axis.to_owned(),
             length: 880.0,
             sides: SIDES,

@@ -142,7 +142,7 @@ impl ReportTable {
 
 /// Returns `true` for a cell that begins with a number, or stands for one that is missing.
 fn is_figure(cell: &str) -> bool {
-    let digits = cell.trim_start_matches(['(', '+', '-']);
+    let digits = cell.trim_start_matches(['(', '[', '<', '+', '-', ' ']);
     digits.starts_with(|first: char| first.is_ascii_digit()) || matches!(cell, "-" | "never")
 }
 

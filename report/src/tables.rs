@@ -166,8 +166,8 @@ fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     let caption = format!(
         "Over seeds: mean and interquartile mean of success with intervals of 95 % by a bootstrap \
          over runs and placements; success during training is weighted by decisions; forgetting, \
-         transfer and accuracy are means over groups and seeds. Dormant units put out at most \
-         {DORMANCY_THRESHOLD} of their layer's mean."
+         transfer and accuracy are means over groups and seeds. The mean output of a dormant unit \
+         is at most {DORMANCY_THRESHOLD} of its layer's."
     );
     let mut table = ReportTable::new(&caption, &OVER_SEEDS);
     for method in methods {

@@ -105,7 +105,7 @@ fn parse(name: &str, bytes: &[u8]) -> Result<Array, String> {
     let header = rest
         .get(start..start + len)
         .and_then(|header| std::str::from_utf8(header).ok())
-        .ok_or_else(|| damaged("its header ends early or is no text"))?;
+        .ok_or_else(|| damaged("its header ends early or is not text"))?;
     let shape = shape(header).ok_or_else(|| damaged("its header has no shape in C order"))?;
     let values = values(name, kind(header), &rest[start + len..])?;
     let count = shape.iter().try_fold(1, |n: usize, &size| n.checked_mul(size));

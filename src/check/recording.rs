@@ -115,7 +115,7 @@ impl Recording {
     pub(crate) fn read(path: &Path, scene: &Scene) -> Result<Self, String> {
         let group = scene.group;
         let contents = CONTENTS.iter().find(|contents| contents.group == group);
-        let contents = contents.ok_or_else(|| format!("{group} is no task of Meta-World"))?;
+        let contents = contents.ok_or_else(|| format!("{group} is not a task of Meta-World"))?;
         let mut npz = Npz::open(path)?;
         let reward = npz.array("reward", &[0, 0])?;
         let (e, t) = (reward.shape()[0], reward.shape()[1]);

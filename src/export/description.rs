@@ -63,29 +63,35 @@ fn inputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
             "offset": input.offset, "factor": input.factor,
         })
     });
-    json!({
-        "image": {
+    // a policy without one of them has no such input in its ONNX model
+    let mut inputs = json!({});
+    if policy.image.is_some() {
+        inputs["image"] = json!({
             "shape": ["B", height, width, channels], "type": "uint8",
             "channels": pictures.collect::<Vec<_>>().join("; "),
             "camera": camera,
             "axes": "row 0 is the largest y, column 0 the smallest x",
             "scaling": "byte / 255 - 0.5, which the ONNX model does itself",
-        },
-        "vector": {
+        });
+    }
+    if policy.vector.is_some() {
+        inputs["vector"] = json!({
             "shape": ["B", policy.spec.vector_irreps.len()], "type": "float32",
             "scaling": "(value - offset) * factor, before the model; goals that are hidden are 0",
             "components": components,
-        },
-    })
+        });
+    }
+    inputs
 }
 
 fn outputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
     let width = policy.spec.action_irreps.len();
     let control = &run.envs.control;
-    let distribution = match policy.distribution {
-        ExportedActionDistribution::Gaussian { .. } => json!({"kind": "gaussian"}),
+    let (distribution, deviations) = match policy.distribution {
+        ExportedActionDistribution::Gaussian { .. } => (json!({"kind": "gaussian"}), "actions"),
         ExportedActionDistribution::TanhGaussian { log_std } => {
-            json!({"kind": "tanh_gaussian", "log_std_range": log_std})
+            let kind = json!({"kind": "tanh_gaussian", "log_std_range": log_std});
+            (kind, "the Gaussian before a tanh")
         }
     };
     let mut outputs = json!({
@@ -100,7 +106,7 @@ fn outputs(policy: &ExportedPolicy, run: &Experiment) -> Value {
         },
         "log_std": {
             "shape": ["B", width], "type": "float32",
-            "meaning": "logarithms of standard deviations, of the Gaussian before a tanh",
+            "meaning": format!("logarithms of the standard deviations of {deviations}"),
         },
         "distribution": distribution,
     });

@@ -104,11 +104,11 @@ impl SweepPlan {
         let arms = self.arms()?;
         let count = self.seeds.len() * arms.len() * self.methods.len();
         if count > MAX_JOBS {
-            return Err(RunError::InvalidSetting {
-                name: "seeds",
-                value: format!("a list that makes {count} jobs"),
-                expected: "at most 100000 jobs in one plan: split it",
-            });
+            return Err(RunError::invalid(
+                "seeds",
+                format!("a list that makes {count} jobs"),
+                "at most 100000 jobs in one plan: split it",
+            ));
         }
         let mut settings = Vec::with_capacity(arms.len() * self.methods.len());
         for arm in &arms {
@@ -127,6 +127,20 @@ impl SweepPlan {
             })
         });
         Ok(jobs.collect())
+    }
+
+    /// Returns a warning if methods of the plan see different streams; `jobs` are those of the plan.
+    pub fn stream_warning(&self, jobs: &[SweepJob]) -> Option<String> {
+        let [first, other] = jobs.chunks(self.methods.len()).find_map(|of_variant| {
+            let (first, others) = of_variant.split_first()?;
+            let stream = &first.experiment.schedule;
+            let other = others.iter().find(|job| job.experiment.schedule != *stream)?;
+            Some([first, other].map(|job| &job.folder_name))
+        })?;
+        Some(format!(
+            "{first} and {other} see different streams, which `covers report` does not compare: \
+             set `schedule.groups` in the plan, or write a plan for each"
+        ))
     }
 
     /// Returns the variants with all their overrides; without variants, one arm without a name.
@@ -149,13 +163,13 @@ impl SweepPlan {
             [0, 1].map(|seed| overrides::apply_overrides(&arm.set, preset.clone().with_seed(seed)));
         let (settings, other) = (settings?, other?);
         if settings.learner.seed() == other.learner.seed() {
-            return Err(RunError::InvalidSetting {
-                name: "set",
-                value: serde_json::json!(arm.text).to_string(),
-                expected: "no seed: `seeds` lists them",
-            });
+            return Err(RunError::invalid(
+                "set",
+                serde_json::json!(arm.text),
+                "no seed: `seeds` lists them",
+            ));
         }
-        Ok(settings.with_threads(1))
+        Ok(method.adapt_to_stream(settings, &arm.set).with_threads(1))
     }
 }
 
@@ -188,12 +202,12 @@ fn folder_part(name: &str) -> Result<&str, RunError> {
     {
         return Ok(name);
     }
-    Err(RunError::InvalidSetting {
-        name: "variants",
-        value: serde_json::json!(name).to_string(),
-        expected: "a name of at most 100 letters, digits, dots and hyphens, of which no part \
+    Err(RunError::invalid(
+        "variants",
+        serde_json::json!(name),
+        "a name of at most 100 letters, digits, dots and hyphens, of which no part \
             begins with `seed`",
-    })
+    ))
 }
 
 impl SweepJob {
@@ -209,11 +223,11 @@ fn different(settings: &[(String, Experiment)]) -> Result<(), RunError> {
     for (name, experiment) in settings {
         let text = serde_json::json!(experiment).to_string();
         if let Some(same) = names.insert(text, name) {
-            return Err(RunError::InvalidSetting {
-                name: "variants",
-                value: format!("{same} and {name}, which are the same run"),
-                expected: "settings that differ, those of the preset included",
-            });
+            return Err(RunError::invalid(
+                "variants",
+                format!("{same} and {name}, which are the same run"),
+                "settings that differ, those of the preset included",
+            ));
         }
     }
     Ok(())
@@ -231,7 +245,7 @@ fn distinct<T: Eq + Hash + Display>(name: &'static str, values: &[T]) -> Result<
         None if values.is_empty() => ("empty".to_owned(), "at least one value"),
         None => return Ok(()),
     };
-    Err(RunError::InvalidSetting { name, value, expected })
+    Err(RunError::invalid(name, value, expected))
 }
 
 #[cfg(test)]
@@ -275,6 +289,24 @@ mod tests {
     }
 
     #[test]
+    fn methods_that_see_different_streams_are_told() {
+        let warning = |text: &str| {
+            let plan = SweepPlan::parse(text).unwrap();
+            plan.stream_warning(&plan.jobs().unwrap())
+        };
+        assert_eq!(warning(TEXT), None);
+        let plan = r#"{"methods": ["covers", "covers-sac"], "seeds": [1], "budget": "short"}"#;
+        let told = warning(plan).unwrap();
+        assert!(told.starts_with("covers-seed1 and covers-sac-seed1 see different"), "{told}");
+        let groups = r#"[{"group": "goal-reach", "decisions": 4000, "variants": ["identity"]}]"#;
+        let set = serde_json::json!([format!("schedule.groups={groups}")]);
+        assert_eq!(
+            warning(&plan.replace("\"short\"", &format!("\"short\", \"set\": {set}"))),
+            None
+        );
+    }
+
+    #[test]
     fn variants_that_set_what_the_preset_has_are_refused() {
         let own =
             r#""variants": [{"name": "own"}, {"name": "same", "set": ["covers.ppo.clip=0.2"]}],"#;
@@ -304,7 +336,7 @@ mod tests {
         assert!(made.unwrap().success());
         for path in ["/dev/zero", "/dev/null", "/dev"].map(Path::new).into_iter().chain([&*pipe]) {
             let message = SweepPlan::read(path).unwrap_err().to_string();
-            assert!(message.contains("it is no regular file"), "{message}");
+            assert!(message.contains("it is not a regular file"), "{message}");
         }
         std::fs::remove_file(pipe).unwrap();
     }

@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use envs::{TaskGroup, TaskVariant};
+use envs::TaskVariant;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde::Serialize;
-use symmetry::D2;
 
 use crate::error::RunError;
+use crate::schema::RecognitionRow;
 use learner::Learner;
 
 use super::Evaluator;
@@ -22,25 +21,8 @@ pub const RECOGNITION_EPISODE_COUNTS: [usize; 3] = [1, 4, 20];
 /// draws.
 const EPISODES: u64 = u64::MAX - 1;
 
-/// Number of times that a learner named one policy for a task variant whose frames it was shown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct RecognitionAnswerCount {
-    /// Task group whose episodes were shown.
-    pub group: TaskGroup,
-    /// Element of D2 (a flip, half turn or identity) that transforms the shown variant's scene.
-    pub element: D2,
-    /// Number of episodes shown each time the learner was asked.
-    #[serde(rename = "episodes")]
-    pub episodes_shown: usize,
-    /// Index of the policy that the learner named; `None` if no policy fitted.
-    pub policy: Option<usize>,
-    /// Number of times that the learner gave this answer.
-    #[serde(rename = "times")]
-    pub count: usize,
-}
-
 impl Evaluator {
-    /// Shows the learner the first frames of 1, 4 and 20 episodes of a variant, `looks` times each,
+    /// Shows the learner the first frames of 1, 4 and 20 episodes of a variant, `repeats` times each,
     /// and counts how often it names each policy or none. Each time the episodes are different;
     /// they depend on the evaluation's seed alone.
     ///
@@ -50,8 +32,8 @@ impl Evaluator {
         &mut self,
         learner: &mut dyn Learner,
         variant: TaskVariant,
-        looks: usize,
-    ) -> Result<Vec<RecognitionAnswerCount>, RunError> {
+        repeats: usize,
+    ) -> Result<Vec<RecognitionRow>, RunError> {
         let TaskVariant { group, element } = variant;
         self.labels.set(group.name());
         self.stream.switch_task_group(group, &[element])?;
@@ -60,16 +42,16 @@ impl Evaluator {
         let mut found = Vec::new();
         for episodes in RECOGNITION_EPISODE_COUNTS {
             let mut answers: BTreeMap<Option<usize>, usize> = BTreeMap::new();
-            for _ in 0..looks {
+            for _ in 0..repeats {
                 let seed: u64 = seeds.random();
                 self.stream.reseed(seed)?;
                 let rng = &mut super::recognition_rng(seed);
                 let answer = learner.recognise_policy(&mut self.stream, Some(episodes), rng)?;
                 *answers.entry(answer.accepted_policy()).or_default() += 1;
             }
-            found.extend(answers.into_iter().map(|(policy, times)| RecognitionAnswerCount {
-                group,
-                element,
+            found.extend(answers.into_iter().map(|(policy, times)| RecognitionRow {
+                group: group.name().to_owned(),
+                element: element.to_string(),
                 episodes_shown: episodes,
                 policy,
                 count: times,

@@ -1,6 +1,7 @@
 //! Tests that presets can finish, and differ only as documented.
 
 use envs::{Camera, TaskRegistry};
+use learner::overrides::apply_overrides;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -80,6 +81,20 @@ fn noise_lasts_in_streams_of_many_groups_alone() {
     };
     assert_eq!([Budget::Ten, Budget::Mt10, Budget::All].map(noise), [0.5; 3]);
     assert_eq!([Budget::Smoke, Budget::Short, Budget::Full].map(noise), [0.0; 3]);
+    let group = r#"[{"group": "door-open", "decisions": 9500, "variants": ["identity"]}]"#;
+    let stream = format!("schedule.groups={group}");
+    for (set, expected) in [
+        (vec![&stream[..]], 0.5),
+        (vec![&stream, "off_policy.noise_correlation=0.25"], 0.25),
+        (vec!["off_policy.sac.gamma=0.9"], 0.0),
+    ] {
+        let set: Vec<SettingOverride> = set.iter().map(|text| text.parse().unwrap()).collect();
+        let preset = Budget::Full.preset_experiment(Method::CoversSac);
+        let run = apply_overrides(&set, preset).unwrap();
+        let run = Method::CoversSac.adapt_to_stream(run, &set);
+        let LearnerSettings::OffPolicy(settings) = run.learner else { panic!("not off-policy") };
+        assert_eq!(settings.noise_correlation, expected, "{set:?}");
+    }
 }
 
 /// Streams of many groups visit each twice, in an order that the seed draws, and rollouts of two

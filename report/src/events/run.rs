@@ -55,6 +55,9 @@ fn name(run: &Path) -> Result<OsString, RunError> {
     if !folder.holds_run() {
         return Err(folder.no_run());
     }
+    if folder.is_packed() {
+        return Err(RunError::PackedRun { folder: run.to_owned() });
+    }
     // a path such as `.` or `runs/..` has no name of its own
     let path = run.canonicalize().map_err(RunError::read_error_mapper(run))?;
     Ok(path.file_name().unwrap_or(path.as_os_str()).to_owned())

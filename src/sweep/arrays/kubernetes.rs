@@ -138,11 +138,11 @@ fn check_name(option: &'static str, name: &str) -> Result<(), RunError> {
     if is_name {
         return Ok(());
     }
-    Err(RunError::InvalidSetting {
-        name: option,
-        value: name.to_owned(),
-        expected: "1 to 50 lower-case letters, digits and hyphens, with no hyphen at an end",
-    })
+    Err(RunError::invalid(
+        option,
+        name,
+        "1 to 50 lower-case letters, digits and hyphens, with no hyphen at an end",
+    ))
 }
 
 /// Returns a path on the volume, escaped as an argument of a container.
@@ -151,11 +151,11 @@ fn on_the_volume(name: &'static str, path: &Path) -> Result<String, RunError> {
     match path.to_str() {
         // Kubernetes replaces `$(NAME)` in arguments, and reads `$$` as one `$`
         Some(text) if path.starts_with(MOUNT) && !climbs => Ok(text.replace('$', "$$")),
-        _ => Err(RunError::InvalidSetting {
+        _ => Err(RunError::invalid(
             name,
-            value: path.display().to_string(),
-            expected: "an absolute path inside /covers, where containers see the volume",
-        }),
+            path.display(),
+            "an absolute path inside /covers, where containers see the volume",
+        )),
     }
 }
 

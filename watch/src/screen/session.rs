@@ -107,7 +107,7 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// FullScreenTerminal of a run that trains in this process, with the means to stop the run.
+/// Screen of a run that trains in this process, with the means to stop the run.
 struct Viewer {
     quit: QuitListener,
     snapshot: RunSnapshot,
