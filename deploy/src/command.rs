@@ -11,7 +11,7 @@ use envs::{TaskGroup, TaskRegistry};
 use crate::DeployError;
 use experiments::cli::{print_escaped, progress_bar};
 use experiments::{RunError, RunFolder};
-use learner::disk::{LocalDisk, write_atomically};
+use learner::disk::{LocalDisk, check_path_writable, write_atomically};
 use render::encode_gif;
 
 use super::deployment::Deployment;
@@ -148,9 +148,14 @@ impl DeployOptions {
         let groups = self.groups()?;
         if self.dry_run {
             let report = deployment.dry_run(rig, arm, &self.first(groups[0]));
-            let report = self.run_and_rig.camera.name_file_in_error(report)?;
+            let report = self.run_and_rig.name_file_in_error(report)?;
             print_escaped(out, report.text().trim_end())?;
             return Ok(Vec::new());
+        }
+        if let Some(folder) = &self.video {
+            // before an arm moves in vain
+            std::fs::create_dir_all(folder).map_err(RunError::write_error_mapper(folder))?;
+            check_path_writable(&LocalDisk, &folder.join("trial.png"))?;
         }
         let batch = Batch { groups: &groups, trials: self.trials, video: self.video.as_deref() };
         let scores = self.trials(out, deployment, rig, arm, batch)?;
@@ -191,17 +196,13 @@ impl DeployOptions {
     ) -> Result<Vec<SweepSettings>, DeployError> {
         let mut sweeps: Vec<SweepSettings> = Vec::new();
         for FaultSweep { fault, amounts } in &self.sweep {
-            let refused = |expected| RunError::InvalidSetting {
-                name: "sweep",
-                value: fault.name().to_owned(),
-                expected,
-            };
+            let refused = |expected| RunError::invalid("sweep", fault.name(), expected);
             if sweeps.iter().any(|(of, _)| of == fault) {
                 return Err(refused("each fault once").into());
             }
             let replaced =
                 matches!(fault, SimulatedFault::PositionError | SimulatedFault::AngleError);
-            if replaced && self.run_and_rig.camera.calibration.is_some() {
+            if replaced && self.run_and_rig.calibration.is_some() {
                 return Err(refused(
                     "another fault, or no --calibration: the file takes the place of the \
                      calibration that would be wrong, so all amounts would be one",
@@ -269,7 +270,7 @@ impl DeployOptions {
                 let trial = Trial { variant, index: number, seed: self.run_and_rig.rig.seed };
                 let mut strip = video.map(|_| FilmStrip::default());
                 let score = deployment.run_trial(rig, arm, &trial, strip.as_mut());
-                let score = self.run_and_rig.camera.name_file_in_error(score)?;
+                let score = self.run_and_rig.name_file_in_error(score)?;
                 if let (Some(folder), Some(strip)) = (video, strip) {
                     self.keep(folder, &trial, &score, &strip)?;
                 }
@@ -300,8 +301,6 @@ impl DeployOptions {
         let outcome = if score.success { "solved" } else { "failed" };
         let ending = if self.gif { "gif" } else { "png" };
         let path = folder.join(format!("{variant}-{}-{outcome}.{ending}", trial.index));
-        let written = |error| RunError::cannot_write(&path, error);
-        std::fs::create_dir_all(folder).map_err(written)?;
         let bytes = if self.gif {
             let ended = if score.success { "solved" } else { "not solved" };
             let title = format!("{}, trial {}: {ended}", trial.variant, trial.index);

@@ -30,9 +30,9 @@ use super::settings::VisionSettings;
 use super::table::TrialResult;
 use super::trial::{FirstPictureEnv, TrialEnv};
 
-/// Largest distance (mm) of the hand that a robot tells from that of the arm's model.
+/// Largest distance (mm) of the hand that a robot reports from that of the arm's model.
 const MAX_MODEL_ERROR_MM: f64 = 30.0;
-/// Largest angle (degrees) between the hand that a robot tells and that of the arm's model.
+/// Largest angle (degrees) between the hand that a robot reports and that of the arm's model.
 const MAX_MODEL_ERROR_DEG: f64 = 6.0;
 
 /// Policies of a run, ready to act on a rig, with the camera and a picture of the empty table of
@@ -180,7 +180,8 @@ impl Deployment {
         strip: Option<&'a mut FilmStrip>,
     ) -> Result<TrialEnv<'a>, DeployError> {
         let set_up = rig.set_up(trial).map_err(|source| DeployError::Rig { source })?;
-        check_goal(trial, set_up.goal)?;
+        let goal = set_up.goal;
+        check_goal(trial, goal)?;
         let start = rig.state()?;
         check_state(arm, &start)?;
         let controller = ActionController::new(arm, &self.control, &start);
@@ -192,7 +193,7 @@ impl Deployment {
             observer,
             spec: self.spec.clone(),
             control: self.control,
-            goal: set_up.goal.unwrap_or(DVec3::ZERO),
+            goal: goal.unwrap_or(DVec3::ZERO),
             first_picture: Vec::new(),
             first_observation: Observations::new(&self.spec),
             actions: Vec::new(),
@@ -226,14 +227,16 @@ impl Deployment {
     }
 }
 
-/// Rejects a goal that the policy does not observe, or that the hand cannot be sent to.
+/// Rejects a missing goal, one that the policy does not observe, and one that the hand cannot be
+/// sent to.
 fn check_goal(trial: &Trial, goal: Option<DVec3>) -> Result<(), DeployError> {
-    let Some(goal) = goal else {
-        return Ok(());
-    };
     let group = trial.variant.group;
+    let is_observed = group.identity_task().parts().goal_observable;
+    let Some(goal) = goal else {
+        return if is_observed { Err(DeployError::MissingGoal { group }) } else { Ok(()) };
+    };
     let [low, high] = Layout::Symmetric.hand_target_bounds();
-    if !group.identity_task().parts().goal_observable {
+    if !is_observed {
         return Err(DeployError::ImplausibleGoal {
             goal,
             expected: format!("none: policies of {group} do not observe one"),
@@ -275,9 +278,8 @@ pub(super) fn check_training_conditions(
     learner: &LearnerSettings,
     envs: &VecEnvSettings,
 ) -> Result<(), DeployError> {
-    let refuse = |name, value: String, expected| {
-        Err(RunError::InvalidSetting { name, value, expected }.into())
-    };
+    let refuse =
+        |name, value: String, expected| Err(RunError::invalid(name, value, expected).into());
     if envs.layout != Layout::Symmetric {
         return refuse("envs.layout", envs.layout.to_string(), "`symmetric`");
     }

@@ -28,9 +28,9 @@ pub(crate) struct DryRig {
     /// `true` to refuse every command.
     pub refusing: bool,
     pub last_command: Option<ArmCommand>,
-    /// Vector from the hand to where the robot tells it (metres).
+    /// Vector from the hand to where the robot reports it (metres).
     pub shift: DVec3,
-    /// Angular velocity about z of the hand that the robot tells, without a command (rad/s).
+    /// Angular velocity about z of the hand that the robot reports, without a command (rad/s).
     pub spin: f64,
     pub goal: DVec3,
     /// Colour (RGB) of the table when it is set up.

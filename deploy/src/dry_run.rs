@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 use std::time::Duration;
 
-use envs::ACTION_DIM;
 use envs::embodiments::Arm;
+use envs::{ACTION_DIM, Layout};
 use inpainting::{CameraCalibration, Intrinsics};
 use rl::BoxedEnvError;
 use robots::{ArmCommand, ControlError, Robot, RobotState, Twist, TwistController, TwistLimits};
@@ -167,8 +167,8 @@ impl Robot for DryRunRig<'_> {
 
 impl Rig for DryRunRig<'_> {
     /// Takes a picture of the table and the arm as they are. What the arm hides is treated as empty
-    /// table.
-    fn set_up(&mut self, _: &Trial) -> Result<PreparedTrial, BoxedEnvError> {
+    /// table. An observed goal is the middle of the places that the hand can be sent to.
+    fn set_up(&mut self, trial: &Trial) -> Result<PreparedTrial, BoxedEnvError> {
         let Intrinsics { width, height, .. } = self.calibration().intrinsics;
         let mut background = vec![0; 3 * width * height];
         // an old picture may show another table
@@ -176,7 +176,10 @@ impl Rig for DryRunRig<'_> {
             DeployError::Rig { source } => source,
             other => other.into(),
         })?;
-        Ok(PreparedTrial { background, parked_state: self.rig.state()?, goal: None })
+        let [low, high] = Layout::Symmetric.hand_target_bounds();
+        let is_observed = trial.variant.group.identity_task().parts().goal_observable;
+        let goal = is_observed.then(|| low.midpoint(high));
+        Ok(PreparedTrial { background, parked_state: self.rig.state()?, goal })
     }
 
     fn calibration(&self) -> CameraCalibration {

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use envs::TaskGroup;
 use experiments::RunError;
 use glam::DVec3;
 use learner::LearnerError;
@@ -47,7 +48,8 @@ pub enum DeployError {
     },
     /// Camera whose clock is ahead of the robot's.
     #[error(
-        "the camera's newest picture was taken {} ms from now: expected one clock for robot and camera",
+        "the camera's newest picture has a time {} ms in the future: expected one clock for robot and \
+         camera",
         ahead.as_millis()
     )]
     CameraClockAhead {
@@ -99,20 +101,28 @@ pub enum DeployError {
         /// Allowed goals, in words.
         expected: String,
     },
+    /// Trial of a task with an observed goal, for which the rig has none.
+    #[error(
+        "the rig has no goal, expected one in `PreparedTrial::goal`: policies of {group} see it"
+    )]
+    MissingGoal {
+        /// Group of the trial.
+        group: TaskGroup,
+    },
     /// State of the robot with another number of joints than the arm has.
     #[error(
-        "the robot tells {got} joint positions, expected {expected}, one for each joint that moves"
+        "the robot reports {got} joint positions, expected {expected}, one for each joint that moves"
     )]
     JointCount {
-        /// Number of joint positions that the robot tells.
+        /// Number of joint positions that the robot reports.
         got: usize,
         /// Number of joints that move.
         expected: usize,
     },
     /// State of the robot whose hand is not where the arm's model has it.
     #[error(
-        "the robot tells a hand {way_mm:.0} mm and {turn_deg:.1} degrees from where its joints put \
-         that of the arm's model: expected joints in radians, lengths in metres, the hand in the \
+        "the robot reports its hand {way_mm:.0} mm and {turn_deg:.1} degrees from where the arm's \
+         model places it: expected joints in radians, lengths in metres, the hand in the \
          frame of the table, and the model of this robot"
     )]
     ImplausibleState {

@@ -96,12 +96,12 @@ impl SimulatedFault {
         if in_range {
             return Ok(settings);
         }
-        Err(RunError::InvalidSetting {
-            name: self.name(),
-            value: amount.to_string(),
-            expected: "a picture-latency of at most 400 ms, a command-latency of whole control \
+        Err(RunError::invalid(
+            self.name(),
+            amount,
+            "a picture-latency of at most 400 ms, a command-latency of whole control \
                        steps of 12.5 ms up to 1000 ms, a mask-growth of at most 1000 mm",
-        }
+        )
         .into())
     }
 }
@@ -119,8 +119,7 @@ impl FromStr for FaultSweep {
     type Err = DeployError;
 
     fn from_str(text: &str) -> Result<Self, DeployError> {
-        let refused =
-            |expected| RunError::InvalidSetting { name: "sweep", value: text.to_owned(), expected };
+        let refused = |expected| RunError::invalid("sweep", text, expected);
         let (fault, amounts) = named(text)?;
         let amounts: Result<Vec<f64>, _> = amounts.split(',').map(str::parse).collect();
         let amounts = amounts.map_err(|_| refused(FORM))?;
@@ -149,19 +148,19 @@ impl FromStr for FaultAmount {
     fn from_str(text: &str) -> Result<Self, DeployError> {
         let (fault, amount) = named(text)?;
         let in_range = |parsed: &f64| *parsed >= 0.0 && parsed.is_finite();
-        let amount =
-            amount.parse().ok().filter(in_range).ok_or_else(|| RunError::InvalidSetting {
-                name: "fault",
-                value: text.to_owned(),
-                expected: "a fault and an amount of it, 0 or more, as `position-error=5`",
-            })?;
+        let amount = amount.parse().ok().filter(in_range).ok_or_else(|| {
+            RunError::invalid(
+                "fault",
+                text,
+                "a fault and an amount of it, 0 or more, as `position-error=5`",
+            )
+        })?;
         Ok(Self { fault, amount })
     }
 }
 
 fn named(text: &str) -> Result<(SimulatedFault, &str), DeployError> {
-    let refused =
-        |expected| RunError::InvalidSetting { name: "fault", value: text.to_owned(), expected };
+    let refused = |expected| RunError::invalid("fault", text, expected);
     let (name, amounts) = text.split_once('=').ok_or_else(|| refused(FORM))?;
     let fault = SimulatedFault::ALL.into_iter().find(|fault| fault.name() == name);
     Ok((fault.ok_or_else(|| refused(NAMES))?, amounts))

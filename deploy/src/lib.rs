@@ -41,7 +41,7 @@ pub use error::DeployError;
 pub use faults::{FaultAmount, FaultSweep, SimulatedFault};
 pub use film_strip::FilmStrip;
 pub use latency::{DecisionStage, LatencyProfile};
-pub use options::{CalibrationFileOptions, FaultPreset, RigOptions, RunAndRigOptions};
+pub use options::{FaultPreset, RigOptions, RunAndRigOptions};
 pub use rig::{PreparedTrial, Rig, TaskVerdict, Trial};
 pub use settings::{RigAndVisionSettings, VisionSettings};
 pub use simulated::{SimulatedRig, SimulatedRigSettings};

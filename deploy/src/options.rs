@@ -60,11 +60,11 @@ impl RigOptions {
         for (number, FaultAmount { fault, amount }) in self.fault_amounts.iter().enumerate() {
             // a second amount would silently replace the first
             if self.fault_amounts[..number].iter().any(|of| of.fault == *fault) {
-                return Err(RunError::InvalidSetting {
-                    name: "fault",
-                    value: format!("{}, twice", fault.name()),
-                    expected: "each fault once",
-                }
+                return Err(RunError::invalid(
+                    "fault",
+                    format!("{}, twice", fault.name()),
+                    "each fault once",
+                )
                 .into());
             }
             settings = fault.set_amount(*amount, settings)?;
@@ -84,31 +84,23 @@ impl RigOptions {
         swept: impl IntoIterator<Item = SimulatedFault>,
     ) -> Result<(), DeployError> {
         if let Some(robot) = self.robot {
-            return Err(RunError::InvalidSetting {
-                name: "robot",
-                value: robot.name().to_owned(),
-                expected: "none: a rig that is not simulated has its own robot",
-            }
+            return Err(RunError::invalid(
+                "robot",
+                robot.name(),
+                "none: a rig that is not simulated has its own robot",
+            )
             .into());
         }
         let single = self.fault_amounts.iter().map(|of| of.fault);
         single.chain(swept).next().map_or(Ok(()), |fault| {
-            Err(RunError::InvalidSetting {
-                name: "fault",
-                value: fault.name().to_owned(),
-                expected: "none: faults are set in simulated rigs alone",
-            }
+            Err(RunError::invalid(
+                "fault",
+                fault.name(),
+                "none: faults are set in simulated rigs alone",
+            )
             .into())
         })
     }
-}
-
-/// Option for a camera's calibration from a file.
-#[derive(Clone, Debug, Args)]
-pub struct CalibrationFileOptions {
-    /// Calibration of the camera, written by `covers calibrate`, in place of the robot's own.
-    #[arg(long, value_name = "FILE")]
-    pub calibration: Option<PathBuf>,
 }
 
 /// Options that choose the policies, the robot and the camera's calibration.
@@ -120,9 +112,9 @@ pub struct RunAndRigOptions {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub rig: RigOptions,
-    #[command(flatten)]
-    #[allow(missing_docs)]
-    pub camera: CalibrationFileOptions,
+    /// Calibration of the camera, written by `covers calibrate`, in place of the robot's own.
+    #[arg(long, value_name = "FILE")]
+    pub calibration: Option<PathBuf>,
 }
 
 impl RunAndRigOptions {
@@ -130,26 +122,12 @@ impl RunAndRigOptions {
     /// the calibration in it in place of that of `vision`.
     ///
     /// # Errors
-    /// As [`CalibrationFileOptions::apply_calibration`] and [`Deployment::load`].
+    /// As [`CameraCalibrationFile::read`] and [`Deployment::load`].
     pub fn load_deployment(&self, vision: VisionSettings) -> Result<Deployment, DeployError> {
-        Deployment::load(
-            &RunFolder::from_path(&self.run_folder),
-            self.camera.apply_calibration(vision)?,
-        )
-    }
-}
-
-impl CalibrationFileOptions {
-    /// Returns `settings` with the calibration from the option's file, if one is given.
-    ///
-    /// # Errors
-    /// As [`CameraCalibrationFile::read`].
-    pub fn apply_calibration(
-        &self,
-        settings: VisionSettings,
-    ) -> Result<VisionSettings, DeployError> {
         let read = self.calibration.as_deref().map(CameraCalibrationFile::read);
-        Ok(VisionSettings { calibration: read.transpose()?.or(settings.calibration), ..settings })
+        let calibration = read.transpose()?.or(vision.calibration);
+        let vision = VisionSettings { calibration, ..vision };
+        Deployment::load(&RunFolder::from_path(&self.run_folder), vision)
     }
 
     /// Adds the path of the calibration file to an error that its calibration causes.

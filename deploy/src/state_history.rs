@@ -1,6 +1,7 @@
 //! Recent states of an arm, to look up its pose at the time of a picture that arrives later.
 
 use std::collections::VecDeque;
+use std::f64::consts::TAU;
 use std::time::Duration;
 
 use robots::RobotState;
@@ -53,10 +54,11 @@ impl StateHistory {
 }
 
 /// Interpolates between two states of the arm; the pose of the hand is that of the nearer one.
+/// Joints go the shorter way round, since an arm may report continuous ones modulo one turn.
 fn between(from: &RobotState, to: &RobotState, share: f64) -> RobotState {
     let joints = from.joints.iter().zip(&to.joints);
     RobotState {
-        joints: joints.map(|(a, b)| a + share * (b - a)).collect(),
+        joints: joints.map(|(a, b)| a + share * (b - a - TAU * ((b - a) / TAU).round())).collect(),
         tip: if share < 0.5 { from.tip } else { to.tip },
         gripper_closure: from.gripper_closure + share * (to.gripper_closure - from.gripper_closure),
     }
@@ -90,21 +92,29 @@ mod tests {
     }
 
     #[test]
-    fn between_two_notes_the_arm_is_on_the_straight_way() {
+    fn between_two_records_the_arm_is_on_the_straight_way() {
         let history = history(60);
         for t in [0, 7, 20, 35, 59, 60] {
             let was = history.state_at(millis(t));
             let angle = t as f64 / 10.0;
             assert!((was.joints[0] - angle).abs() < 1e-12, "{t}: {was:?}");
             assert!((was.gripper_closure - angle / 10.0).abs() < 1e-12, "{t}: {was:?}");
-            // the hand is not interpolated: it stands at one of the notes
+            // the hand is not interpolated: it stands at one of the records
             let nearest = 2.0 * (t as f64 / 20.0).round();
             assert_eq!(was.tip.position.x, nearest, "{t}");
         }
     }
 
     #[test]
-    fn before_the_first_and_after_the_last_note_it_is_there() {
+    fn a_joint_that_is_reported_modulo_one_turn_goes_the_shorter_way() {
+        let mut history = StateHistory::new((millis(0), state(TAU - 0.02)), millis(100));
+        history.record(millis(20), state(0.02));
+        let angle = history.state_at(millis(15)).joints[0];
+        assert!((angle - (TAU + 0.01)).abs() < 1e-12, "{angle}");
+    }
+
+    #[test]
+    fn before_the_first_and_after_the_last_record_it_is_there() {
         let mut history = StateHistory::new((millis(40), state(4.0)), millis(100));
         assert_eq!(history.state_at(millis(10)), state(4.0));
         history.record(millis(60), state(6.0));

@@ -132,7 +132,7 @@ fn a_camera_that_fails_or_stops_stops_the_arm() {
     let freezes: Camera = |now| Ok(now.min(Duration::from_millis(300)));
     let ahead: Camera = |now| Ok(now + Duration::from_millis(2));
     for (camera, says) in
-        [(fails, "the cable is loose"), (freezes, "ms old"), (ahead, "2 ms from now")]
+        [(fails, "the cable is loose"), (freezes, "ms old"), (ahead, "2 ms in the future")]
     {
         let mut rig = dry_rig(camera);
         let failed = deployment().run_trial(&mut rig, &arm(), &TRIAL, None);
@@ -227,7 +227,7 @@ fn calibrations_are_held_to_the_same_camera_in_every_trial() {
 fn a_dry_run_takes_no_old_background() {
     let ahead: Camera = |now| Ok(now + Duration::from_millis(2));
     for (camera, says) in
-        [((|_| Ok(Duration::ZERO)) as Camera, "1000 ms old"), (ahead, "2 ms from now")]
+        [((|_| Ok(Duration::ZERO)) as Camera, "1000 ms old"), (ahead, "2 ms in the future")]
     {
         let mut rig = dry_rig(camera);
         rig.wait(Duration::from_secs(1)).unwrap();

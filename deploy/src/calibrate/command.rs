@@ -75,12 +75,7 @@ impl FromStr for NumberTriple {
         let finite = numbers.iter().all(|number| number.is_finite());
         match (<[f64; 3]>::try_from(numbers), finite) {
             (Ok(numbers), true) => Ok(Self(numbers)),
-            _ => Err(RunError::InvalidSetting {
-                name: "three numbers",
-                value: text.to_owned(),
-                expected: "numbers as 1,2.5,-3",
-            }
-            .into()),
+            _ => Err(RunError::invalid("three numbers", text, "numbers as 1,2.5,-3").into()),
         }
     }
 }
@@ -106,7 +101,7 @@ impl CalibrateOptions {
         let [place, angle] =
             distance_mm_and_angle_deg(&calibrated.estimate.calibration, &rig.true_calibration());
         let simulated = format!(
-            "the simulated camera is in truth {place:.1} mm and {angle:.2} degrees from that"
+            "the true simulated camera is {place:.1} mm and {angle:.2} degrees from this result"
         );
         Ok(print_escaped(out, &simulated)?)
     }
@@ -156,11 +151,11 @@ impl CalibrateOptions {
     /// [`RunError::InvalidSetting`] for a fault of the mask, which a calibration does not use.
     fn simulation(&self) -> Result<SimulatedRigSettings, DeployError> {
         if self.rig.fault_amounts.iter().any(|of| of.fault == SimulatedFault::MaskMargin) {
-            return Err(RunError::InvalidSetting {
-                name: "fault",
-                value: SimulatedFault::MaskMargin.name().to_owned(),
-                expected: "a fault of the camera or the arm: a calibration makes no mask",
-            }
+            return Err(RunError::invalid(
+                "fault",
+                SimulatedFault::MaskMargin.name(),
+                "a fault of the camera or the arm: a calibration makes no mask",
+            )
             .into());
         }
         Ok(self.rig.settings()?.simulation)
@@ -174,11 +169,11 @@ impl CalibrateOptions {
         let levels = self.ball_color.0;
         let is_level = |level: &f64| (0.0..=255.0).contains(level) && level.fract() == 0.0;
         if !levels.iter().all(is_level) {
-            return Err(RunError::InvalidSetting {
-                name: "color",
-                value: format!("{levels:?}"),
-                expected: "three whole levels of 0 to 255",
-            }
+            return Err(RunError::invalid(
+                "color",
+                format!("{levels:?}"),
+                "three whole levels of 0 to 255",
+            )
             .into());
         }
         let camera = self.camera_file.as_deref().map(|path| {
@@ -295,7 +290,9 @@ fn text(calibrated: &CameraCalibrationResult, estimated: bool, refusal: Option<&
         sensitivity.angle_sd.length().to_degrees()
     ));
     let [place, angle] = distance_mm_and_angle_deg(&found.calibration, previous);
-    lines.push(format!("it was taken to be {place:.1} mm and {angle:.2} degrees from there"));
+    lines.push(format!(
+        "the rig's earlier calibration was {place:.1} mm and {angle:.2} degrees from this result"
+    ));
     lines.extend(refusal.map(|why| {
         format!(
             "`covers deploy` will refuse this file until the rig's own calibration is corrected: \

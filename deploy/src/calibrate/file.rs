@@ -71,20 +71,22 @@ impl CameraCalibrationFile {
 
     fn calibration(self) -> Result<CameraCalibration, DeployError> {
         if self.position.iter().any(|place| place.abs() > FARTHEST) {
-            return Err(RunError::InvalidSetting {
-                name: "position",
-                value: format!("{:?}", self.position),
-                expected: "metres, each at most 100",
-            }
+            return Err(RunError::invalid(
+                "position",
+                format!("{:?}", self.position),
+                "metres, each at most 100",
+            )
             .into());
         }
         let mut radial = [0.0; 6];
         let given = radial.get_mut(..self.radial.len());
         let given = given.filter(|given| matches!(given.len(), 2 | 3 | 6));
-        let given = given.ok_or_else(|| RunError::InvalidSetting {
-            name: "radial",
-            value: format!("{:?}", self.radial),
-            expected: "2, 3 or 6 numbers: k1 and k2, k1 to k3, or k1 to k6",
+        let given = given.ok_or_else(|| {
+            RunError::invalid(
+                "radial",
+                format!("{:?}", self.radial),
+                "2, 3 or 6 numbers: k1 and k2, k1 to k3, or k1 to k6",
+            )
         })?;
         given.copy_from_slice(&self.radial);
         let [width, height] = self.size;
@@ -179,7 +181,7 @@ mod tests {
             ("[640,480]", "[640]", "size"),
             ("[640,480]", "[0,480]", "picture size"),
             ("[615.0,615.0]", "[615.0,-1]", "focal length"),
-            ("[615.0,615.0]", "[615.0,1e999]", "no JSON"),
+            ("[615.0,615.0]", "[615.0,1e999]", "not valid JSON"),
             ("0.01,", "3.0,", "distortion"),
             ("0.01,", "0.0,0.0,0.01,", "k1 to k6"),
             ("n\":[[", "n\":[[3.0,0.0,0.0],[", "rotation"),

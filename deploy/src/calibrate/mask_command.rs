@@ -82,7 +82,7 @@ impl CheckMaskOptions {
         self.pictures.as_deref().map_or(Ok(()), prepare)?;
         let trial = Trial::on_empty_table(self.run_and_rig.rig.seed);
         let check = MaskCheck::run_on_rig(deployment, rig, arm, &calibration_poses(arm), &trial);
-        let check = self.run_and_rig.camera.name_file_in_error(check)?;
+        let check = self.run_and_rig.name_file_in_error(check)?;
         print_escaped(
             out,
             &if self.json { mask_check_json(&check).to_string() } else { table(&check) },

@@ -65,6 +65,7 @@ pub fn calibrate_camera(
     trial: &Trial,
 ) -> Result<CameraCalibrationResult, DeployError> {
     settings.hand_eye.check()?;
+    settings.ball.check()?;
     let seen = carry(rig, arm, settings, poses, trial);
     let (sightings, mut skipped_poses) = stop_after(rig, seen)?;
     // without a skipped pose, too few poses were given, which `HandEyeCalibration::solve` reports

@@ -74,6 +74,10 @@ fn files_that_cannot_be_written_are_told_before_the_arm_moves() {
     let mask = mask_options(&["--pictures", concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml/m")]);
     let error = mask.run_on_rig(&mut rig, &arm(), &mut Vec::new()).err().unwrap();
     assert!(matches!(error, DeployError::Run(RunError::Write { .. })), "{error}");
+    let out = std::env::temp_dir().join(format!("covers-grey-{}.json", std::process::id()));
+    let grey = options(&["--out", out.to_str().unwrap(), "--color", "120,110,100"]);
+    let message = grey.run_on_rig(&mut rig, &arm(), &mut Vec::new()).unwrap_err().to_string();
+    assert!(message.contains("far from grey"), "{message}");
     assert!(rig.now().is_zero());
 }
 
