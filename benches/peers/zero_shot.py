@@ -6,10 +6,11 @@ wide-zero-shot.json, in folders covers-sac-NETWORK-seedN
 mean success of the seen variant and of the three others after the stream, by the policies that the
 learner recognised and by the groups' own, and the share of unseen variants whose own policy was
 recognised. Below, the average over groups of the unseen variants, played by their own policies, is
-compared between networks, by Welch's t-test over seeds.
+compared between networks, by Welch's t-test and an exact permutation test over seeds.
 """
 
 import csv
+import itertools
 import json
 import re
 import sys
@@ -80,11 +81,18 @@ def interval(values):
     return f"{fmean(values):.3f} ± {half:.3f}"
 
 
-def p_value(values, others):
-    """p-value of Welch's t-test, or a dash where it is undefined."""
+def p_values(values, others):
+    """p-values of Welch's t-test and of a permutation test, or dashes where they are undefined."""
     if min(len(values), len(others)) < 2 or len({*values}) == len({*others}) == 1:
-        return "-"
-    return f"{stats.ttest_ind(values, others, equal_var=False).pvalue:.1e}"
+        return ["-", "-"]
+    both, count = [*values, *others], len(values)
+    total = sum(both)
+    observed = abs(sum(values) / count - sum(others) / len(others))
+    splits = itertools.combinations(both, count)
+    gaps = (abs(sum(part) / count - (total - sum(part)) / len(others)) for part in splits)
+    reached = [gap >= observed - 1e-12 for gap in gaps]
+    welch = stats.ttest_ind(values, others, equal_var=False).pvalue
+    return [f"{welch:.1e}", f"{fmean(reached):.1e}"]
 
 
 def main(runs):
@@ -102,12 +110,14 @@ def main(runs):
                       for run in of_seeds.values()] for key, of_seeds in scores.items()}
     best = averages["d2"]
     print("\n| unseen variants, own policies | seeds | average (95 % by Student's t) | lowest seed "
-          "| difference from the equivariant | p (Welch's t) |")
-    print("|---|---|---|---|---|---|")
+          "| difference from the equivariant | p (Welch's t) | p (permutations of seeds) |")
+    print("|---|---|---|---|---|---|---|")
     for key, values in averages.items():
-        cells = [NETWORKS[key], str(len(values)), interval(values), f"{min(values):.3f}", "-", "-"]
-        if key != "d2":
-            cells[4:] = [f"{fmean(values) - fmean(best):+.3f}", p_value(values, best)]
+        cells = [NETWORKS[key], str(len(values)), interval(values), f"{min(values):.3f}"]
+        if key == "d2":
+            cells += ["-"] * 3
+        else:
+            cells += [f"{fmean(values) - fmean(best):+.3f}", *p_values(values, best)]
         print("| " + " | ".join(cells) + " |")
 
 
