@@ -25,8 +25,8 @@ fn main() -> ExitCode {
 }
 
 fn learn(options: &ContinualStreamExampleOptions) -> Result<CommandOutcome, CoversError> {
-    let experiment = options.budget.preset_experiment(Method::default());
-    let experiment = options.run_options.settings.apply_to_experiment(experiment)?;
+    let settings = &options.run_options.settings;
+    let experiment = settings.preset_experiment(options.budget, Method::default())?;
     experiment.check(&TaskRegistry::with_all())?;
     let name =
         run_name(&format!("{}-{}", Method::default().name(), options.budget.name()), &experiment);

@@ -101,6 +101,20 @@ impl SettingsOptions {
         // last, so that `--set` wins over the other options
         Ok(overrides::apply_overrides(&self.set.overrides, experiment)?)
     }
+
+    /// Returns the preset of `method` under `budget` with these options. What the preset derives
+    /// from the stream follows an overridden one ([`Method::adapt_to_stream`]).
+    ///
+    /// # Errors
+    /// As [`SettingsOptions::apply_to_experiment`].
+    pub fn preset_experiment(
+        &self,
+        budget: Budget,
+        method: Method,
+    ) -> Result<Experiment, RunError> {
+        let run = self.apply_to_experiment(budget.preset_experiment(method))?;
+        Ok(method.adapt_to_stream(run, &self.set.overrides))
+    }
 }
 
 /// Options for the folder of a run and the output.
@@ -198,11 +212,7 @@ impl TrainOptions {
         let settings = &self.run_options.settings;
         let experiment = match &self.config {
             Some(path) => settings.apply_to_experiment(Experiment::read(path)?)?,
-            None => {
-                let preset = self.budget.preset_experiment(self.preset);
-                let run = settings.apply_to_experiment(preset)?;
-                self.preset.adapt_to_stream(run, &settings.set.overrides)
-            }
+            None => settings.preset_experiment(self.budget, self.preset)?,
         };
         experiment.with_device(self.device)
     }

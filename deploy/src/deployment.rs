@@ -229,7 +229,7 @@ impl Deployment {
 
 /// Rejects a missing goal, one that the policy does not observe, and one that the hand cannot be
 /// sent to.
-fn check_goal(trial: &Trial, goal: Option<DVec3>) -> Result<(), DeployError> {
+pub(super) fn check_goal(trial: &Trial, goal: Option<DVec3>) -> Result<(), DeployError> {
     let group = trial.variant.group;
     let is_observed = group.identity_task().parts().goal_observable;
     let Some(goal) = goal else {

@@ -10,7 +10,7 @@ use robots::Robot;
 use symmetry::D2;
 
 use super::controller::ActionController;
-use super::deployment::check_training_conditions;
+use super::deployment::{check_goal, check_training_conditions};
 use super::dry_rig::{Camera, DryRig, arm, dry_rig, untouched};
 use super::dry_run::DryRunRig;
 use super::{
@@ -36,6 +36,23 @@ pub fn pretrained(name: &str, calibration: Option<CameraCalibration>) -> Deploym
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets").join(name);
     let vision = VisionSettings { calibration, ..VisionSettings::default() };
     Deployment::load(&RunFolder::from_path(&folder), vision).unwrap()
+}
+
+#[test]
+fn goals_that_the_policy_lacks_or_does_not_see_are_refused() {
+    let check = |group, goal| {
+        let variant = TaskVariant { group, ..TRIAL.variant };
+        check_goal(&Trial { variant, ..TRIAL }, goal)
+    };
+    let goal = Some(DVec3::new(0.1, 0.1, 0.2));
+    check(TaskGroup::GOAL_REACH, goal).unwrap();
+    check(TaskGroup::DRAWER_CLOSE, None).unwrap();
+    let missing = check(TaskGroup::GOAL_REACH, None).unwrap_err();
+    assert!(matches!(missing, DeployError::MissingGoal { .. }), "{missing}");
+    let unseen = check(TaskGroup::DRAWER_CLOSE, goal).unwrap_err();
+    assert!(matches!(unseen, DeployError::ImplausibleGoal { .. }), "{unseen}");
+    let far = check(TaskGroup::GOAL_REACH, Some(DVec3::X)).unwrap_err();
+    assert!(matches!(far, DeployError::ImplausibleGoal { .. }), "{far}");
 }
 
 /// Returns `true` if the hand moves in the next second.

@@ -19,8 +19,8 @@ pub type NamedJointPositions = Vec<(String, f64)>;
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum HandActuation {
-    /// Weld that pulls the body `hand` to the mocap body `hand_target`. The first two actuators,
-    /// `right_finger` and `left_finger`, get the finger action and its negative.
+    /// Weld that pulls the body `hand` to the mocap body `hand_target`. The model's only two
+    /// actuators, `right_finger` and `left_finger`, get the finger action and its negative.
     Weld,
     /// Servo motors in the joints, as in a real arm; inverse kinematics gives their targets.
     Servos(Box<ServoArmController>),

@@ -6,6 +6,7 @@ use envs::{
     ACTION_DIM, Camera, ControlSettings, Embodiment, EnvError, Scene, StepBuffers, TableTop,
     TableTopSnapshot, TaskGroup, TaskSceneParts, VecEnv, VecEnvSettings,
 };
+use glam::DVec3;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use symmetry::D2;
@@ -127,14 +128,25 @@ fn objects_that_cannot_be_placed_or_mirrored_are_refused() {
         "type=\"slide\" axis=\"0 1 0\" range=\"-0.01 0.14\" limited=\"true\"",
         "type=\"ball\"",
     );
-    let with_ball = PushBlock { scene: ball, ..PushBlock::default() };
+    let with_ball = || PushBlock { scene: ball.clone(), ..PushBlock::default() };
     let turning =
-        Spoilt { task: with_ball, parts: |parts| parts.handed = true, ..Spoilt::default() };
+        Spoilt { task: with_ball(), parts: |parts| parts.handed = true, ..Spoilt::default() };
+    let started_ball = Spoilt {
+        task: with_ball(),
+        parts: |parts| parts.start_joints = &[("push", 0.1)],
+        ..Spoilt::default()
+    };
+    let far = Spoilt {
+        parts: |parts| parts.hand_target = Some(DVec3::new(0.0, -0.4, 0.2)),
+        ..Spoilt::default()
+    };
     for (spoilt, says) in [
         (sliding, "setting `loose_joint` is `push` of type Slide, expected a free joint"),
         (both, "`push` beside a mocap body `object`, expected one of the two"),
         (empty, "setting `handed` is true, expected false, or a scene with"),
         (turning, "cannot be mirrored: it has a ball joint"),
+        (started_ball, "setting `start_joints` is `push` of type Ball, expected slide joints and"),
+        (far, "setting `hand_target` is [0, -0.4, 0.2], expected a place within"),
     ] {
         let message = scene(spoilt.group()).unwrap_err().to_string();
         assert!(message.contains(says), "{message}");

@@ -94,7 +94,7 @@ impl<T: Real, W: Send> ParallelChunks<T, W> {
     /// `chunk_gradient`, which starts at zero. Returns what `f` returned, in chunk order.
     ///
     /// # Panics
-    /// When `gradient` does not hold `num_params` values.
+    /// When `gradient` does not hold `num_params` values, or there are no parameters.
     pub fn accumulate_gradients<S: Send>(
         &mut self,
         num_samples: usize,

@@ -292,13 +292,13 @@ impl Experiment {
                 "off_policy.warm_up",
                 warm_up,
                 warm_up < decisions,
-                "fewer decisions than a policy trains on in the stream: it would never act",
+                "fewer decisions than the stream has of any group: a policy might never act",
             ),
             (
                 "off_policy.sac.burn_in",
                 burn_in,
                 burn_in < decisions,
-                "fewer decisions than a policy trains on in the stream: it would never learn",
+                "fewer decisions than the stream has of any group: a policy might never learn",
             ),
         ] {
             if !fits {

@@ -31,10 +31,10 @@ pub struct SettingOverride {
 }
 
 impl SettingOverride {
-    /// Returns `true` if the override sets the field at `path` or one that holds it.
+    /// Returns `true` if the override sets the learner's field at `path` or one that holds it.
     pub fn sets(&self, path: &str) -> bool {
         let rest = short_path(path).strip_prefix(short_path(&self.path));
-        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+        self.path == LEARNER || rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
     }
 }
 

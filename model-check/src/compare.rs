@@ -244,67 +244,6 @@ impl Comparison {
         }
     }
 
-    fn compare_actuators(&mut self, comparer: &Comparer, pair: [usize; 2]) {
-        let subject = Subject { kind: ModelObjectKind::Actuator, pair };
-        let row = |array, width| pair.map(|at| comparer.snapshot.row(array, at, width).to_vec());
-        let [mut gear, other_gear] = row(Num::ActuatorGear, 6);
-        let image = self.gear_image(comparer, pair[0], &gear);
-        let sign = match comparer.snapshot.target_object(ModelObjectKind::Actuator, pair[0]) {
-            Some((ModelObjectKind::Joint, joint)) => {
-                self.joint_signs[joint] * (gear[0] * other_gear[0]).signum()
-            }
-            Some((ModelObjectKind::Tendon, tendon)) => {
-                self.tendon_signs[tendon] * (gear[0] * other_gear[0]).signum()
-            }
-            // the length of a slider-crank is the same on both sides
-            _ if comparer.snapshot.integer(Int::ActuatorTrntype, pair[0]).cast_unsigned()
-                == raw::mjTRN_SLIDERCRANK =>
-            {
-                (gear[0] * other_gear[0]).signum()
-            }
-            _ => 1.0,
-        };
-        let sign = image.as_ref().map_or(sign, |image| {
-            let along: f64 = image.iter().zip(&other_gear).map(|(one, other)| one * other).sum();
-            1_f64.copysign(along)
-        });
-        pair.iter().for_each(|&actuator| self.control_signs[actuator] = sign);
-        match image {
-            Some(image) => gear = image.iter().map(|one| sign * one).collect(),
-            None => {
-                let entries = gear.iter_mut().zip(&other_gear);
-                entries.for_each(|(one, other)| *one = one.abs().copysign(*other));
-            }
-        }
-        let [mut bias, other_bias] = row(Num::ActuatorBiasprm, 10);
-        bias[0] *= sign;
-        let range = |array| row(array, 2).map(|range| [range[0], range[1]]);
-        let mirrored = |array| {
-            let [one, other] = range(array);
-            [mirrored_range(one, sign).to_vec(), other.to_vec()]
-        };
-        for (property, array, measure, values) in [
-            ("gear", Num::ActuatorGear, Share, [gear, other_gear]),
-            ("gain", Num::ActuatorGainprm, Share, row(Num::ActuatorGainprm, 10)),
-            ("bias", Num::ActuatorBiasprm, Share, [bias, other_bias]),
-            ("control range", Num::ActuatorCtrlrange, Scale, mirrored(Num::ActuatorCtrlrange)),
-            ("force range", Num::ActuatorForcerange, Scale, mirrored(Num::ActuatorForcerange)),
-            ("dynamics", Num::ActuatorDynprm, Share, row(Num::ActuatorDynprm, 10)),
-            ("crank length", Num::ActuatorCranklength, Share, row(Num::ActuatorCranklength, 1)),
-        ] {
-            let edit = Some((array, pair[1]));
-            self.differences.extend(comparer.compare(subject, property, measure, &values, edit));
-        }
-        for (property, array) in [
-            ("dynamics type", Int::ActuatorDyntype),
-            ("bias type", Int::ActuatorBiastype),
-            ("control limited", Int::ActuatorCtrllimited),
-            ("force limited", Int::ActuatorForcelimited),
-        ] {
-            self.differences.extend(comparer.integers(subject, property, array));
-        }
-    }
-
     /// Returns the map of directions in the frame of a site to their mirror images in the frame of
     /// its counterpart.
     pub fn site_directions(
@@ -318,36 +257,6 @@ impl Comparison {
             [site, other].map(|of| DMat3::from_quat(snapshot.rotation(Num::SiteQuat, of)));
         let body = snapshot.body_of_object(ModelObjectKind::Site, site)?;
         Some(image.transpose() * self.mirrors[body]?.turn * one)
-    }
-
-    /// Returns the mirror image of the gear of an actuator on a ball joint, a free joint or a site,
-    /// which is the direction of a torque or of a force and a torque; `None` for other actuators.
-    fn gear_image(&self, comparer: &Comparer, actuator: usize, gear: &[f64]) -> Option<Vec<f64>> {
-        let snapshot = comparer.snapshot;
-        let transmission = snapshot.integer(Int::ActuatorTrntype, actuator).cast_unsigned();
-        let (kind, object) = snapshot.target_object(ModelObjectKind::Actuator, actuator)?;
-        let [first, second] = [0, 3].map(|at| DVec3::from_slice(&gear[at..at + 3]));
-        let image = match kind {
-            ModelObjectKind::Joint if !snapshot.is_scalar_joint(object) => {
-                let own = snapshot.body_of_object(kind, object)?;
-                let in_parent = transmission == raw::mjTRN_JOINTINPARENT;
-                let body = if in_parent { snapshot.parent(own) } else { own };
-                let turn = self.mirrors[body]?.turn;
-                if snapshot.joint_type(object) == raw::mjJNT_BALL {
-                    [-(turn * first), second]
-                } else {
-                    [self.mirrors[0]?.turn * first, -(turn * second)]
-                }
-            }
-            ModelObjectKind::Site if transmission == raw::mjTRN_SITE => {
-                let reference = snapshot.integer(Int::ActuatorTrnid, 2 * actuator + 1);
-                let site = usize::try_from(reference).unwrap_or(object);
-                let turn = self.site_directions(snapshot, comparer.pairs, site)?;
-                [turn * first, -(turn * second)]
-            }
-            _ => return None,
-        };
-        Some(image.into_iter().flat_map(|vector| vector.to_array()).collect())
     }
 
     fn compare_keyframes(&mut self, comparer: &Comparer, keys: [usize; 2]) {

@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod actuators;
 mod check;
 mod compare;
 mod connections;

@@ -317,37 +317,57 @@ fn a_robots_settings_lead_to_its_model() {
     );
 }
 
-/// Two legs on ball hips and two rotors at sites, whose actuators have the given gears.
-fn hips_and_rotors([hip_l, hip_r, rotor_l, rotor_r]: [&str; 4]) -> String {
-    let side = |name: &str, y: f64| {
+/// Two legs on ball hips, turned by a quarter, and two rotors at sites, whose motors have these
+/// attributes; the right leg is turned a little further.
+fn hips_and_rotors(further: f64, [hip_l, hip_r, rotor_l, rotor_r]: [&str; 4]) -> String {
+    let side = |name: &str, y: f64, turn: f64| {
         format!(
-            "<body name='leg_{name}' pos='0 {y} 0'><joint name='hip_{name}' type='ball'/>\
+            "<body name='leg_{name}' pos='0 {y} 0' axisangle='0 0 1 {turn}'>\
+             <joint name='hip_{name}' type='ball'/>\
              <geom type='sphere' size='0.05' pos='0 0 -0.2'/></body>\
              <site name='rotor_{name}' pos='0 {y} 0.2'/>"
         )
     };
+    let quarter = std::f64::consts::FRAC_PI_2;
     format!(
-        "<mujoco><worldbody><body name='trunk'><freejoint/><geom type='sphere' size='0.1'/>{}{}\
-         </body></worldbody><actuator><motor name='hip_l' joint='hip_l' gear='{hip_l}'/>\
-         <motor name='hip_r' joint='hip_r' gear='{hip_r}'/>\
-         <motor name='rotor_l' site='rotor_l' gear='{rotor_l}'/>\
-         <motor name='rotor_r' site='rotor_r' gear='{rotor_r}'/></actuator></mujoco>",
-        side("l", 0.3),
-        side("r", -0.3),
+        "<mujoco><compiler angle='radian'/><worldbody><body name='trunk'><freejoint/>\
+         <geom type='sphere' size='0.1'/><site name='hub' pos='0 0 0.2'/>{}{}</body></worldbody>\
+         <actuator><motor name='hip_l' {hip_l}/><motor name='hip_r' {hip_r}/>\
+         <motor name='rotor_l' site='rotor_l' {rotor_l}/>\
+         <motor name='rotor_r' site='rotor_r' {rotor_r}/></actuator></mujoco>",
+        side("l", 0.3, quarter),
+        side("r", -0.3, quarter + further),
     )
 }
 
 #[test]
 fn directions_of_torques_and_forces_are_mirrored() {
-    let check = |gears| checked(&hips_and_rotors(gears), PlaneAndPairCorrections::default());
-    // across y the torques about x and z change their sign, and the force along z does not
-    let sound = check(["1 0 0", "1 0 0", "0 0 1 0 0 0.02", "0 0 1 0 0 -0.02"]);
-    assert_eq!(properties(&sound), [""; 0], "{}", sound.text());
-    assert_eq!(sound.maps.unwrap().ctrl.signs, [-1, -1, 1, 1]);
-    let along_y = check(["0 1 0", "0 1 0", "0 0 1 0 0 0.02", "0 0 1 0 0 -0.02"]);
-    assert_eq!(along_y.maps.unwrap().ctrl.signs, [1, 1, 1, 1]);
-    let same_spin = check(["1 0 0", "1 0 0", "0 0 1 0 0 0.02", "0 0 1 0 0 0.02"]);
-    assert_eq!(properties(&same_spin), ["actuator gear"], "{}", same_spin.text());
-    let other_axis = check(["1 0 0", "0 1 0", "0 0 1 0 0 0.02", "0 0 1 0 0 -0.02"]);
-    assert_eq!(properties(&other_axis), ["actuator gear"], "{}", other_axis.text());
+    let rotors = ["gear='0 0 1 0 0 0.02'", "gear='0 0 1 0 0 -0.02'"];
+    let check = |hips: [&str; 2], spin: [&str; 2]| {
+        let motors = [hips[0], hips[1], spin[0], spin[1]];
+        checked(&hips_and_rotors(1e-5, motors), PlaneAndPairCorrections::default())
+    };
+    // a mirror across y reverses torques about x and z, and not forces along z; in the legs' frames
+    // x is the world's y
+    for joint in ["joint", "jointinparent"] {
+        for (gear, sign) in [("1 0 0", 1), ("0 1 0", -1), ("0 0 1", -1)] {
+            let hips = ["hip_l", "hip_r"].map(|hip| format!("{joint}='{hip}' gear='{gear}'"));
+            let found = check([&hips[0], &hips[1]], rotors);
+            assert_eq!(properties(&found), [""; 0], "{gear}: {}", found.text());
+            assert_eq!(found.maps.unwrap().ctrl.signs, [sign, sign, 1, 1], "{joint} {gear}");
+        }
+    }
+    let hips = ["joint='hip_l' gear='1 0 0'", "joint='hip_r' gear='1 0 0'"];
+    let other_axis = [hips[0], "joint='hip_r' gear='0 1 0'"];
+    let same_spin = [rotors[0]; 2];
+    let weak_spin = [rotors[0], "gear='0 0 1 0 0 -0.0201'"];
+    let from_hub = [rotors[0], "gear='0 0 1 0 0 -0.02' refsite='hub'"];
+    for (found, property) in [
+        (check(other_axis, rotors), "actuator gear"),
+        (check(hips, same_spin), "actuator gear"),
+        (check(hips, weak_spin), "actuator gear"),
+        (check(hips, from_hub), "actuator reference site"),
+    ] {
+        assert_eq!(properties(&found), [property], "{}", found.text());
+    }
 }

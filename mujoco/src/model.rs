@@ -76,8 +76,8 @@ impl Model {
     /// Compiles the MJCF (or URDF) file `main`, one of `files` (names and contents).
     ///
     /// Included files, meshes and textures are looked up among `files` by their plain names,
-    /// whatever their folder. The disk is never read. With MuJoCo 3 the flag `midphase` is off,
-    /// whatever the XML says.
+    /// whatever their folder. The disk is not read, except by MuJoCo 3 for included files that are
+    /// missing. With MuJoCo 3 the flag `midphase` is off, whatever the XML says.
     ///
     /// # Errors
     /// Errors of [`Model::from_xml`]. [`ModelError::NoMainFile`] if `main` is not among `files`;

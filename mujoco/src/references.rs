@@ -242,6 +242,8 @@ mod tests {
         assert_eq!(check(&[start[0], start[1], ("other.xml", bad)]), Ok(()));
         let deep = [b"<include file='deep.xml'/>".as_slice(), part].concat();
         assert_refused(check(&[start[0], ("part.xml", &deep), ("deep.xml", bad)]), "absolute path");
+        let model: (&str, &[u8]) = ("main.xml", b"<asset><model file='part.xml'/></asset>");
+        assert_refused(check(&[model, ("part.xml", b"<mesh file='/tmp/cube.obj'/>")]), "absolute");
         // without the file that it includes
         assert_refused(check(&[start[0], start[1], ("Part.XML", good)]), "absolute path");
     }

@@ -27,8 +27,9 @@ def policy_settings(folder: Folder) -> dict[str, Any]:
     """
     about = _description(folder)
     action, environment = about["outputs"]["action"], about["environment"]
-    return environment | {
-        "camera": about["inputs"]["image"]["camera"],
+    # policies may see no images
+    images = [about["inputs"]["image"]] if "image" in about["inputs"] else []
+    return environment | {"camera": image["camera"] for image in images} | {
         "action_repeat": action["control_steps_per_decision"],
         "displacement": action["displacement"],
     }
@@ -49,7 +50,7 @@ class OnnxPolicy:
         import onnxruntime
 
         require_equal(base_env(env).settings, policy_settings(folder), "policy_settings")
-        components = _description(folder)["inputs"]["vector"]["components"]
+        components = _description(folder)["inputs"].get("vector", {"components": []})["components"]
         self._offset = np.array([each["offset"] for each in components], np.float32)
         self._factor = np.array([each["factor"] for each in components], np.float32)
         path = Path(folder) / "policy.onnx"
@@ -60,7 +61,8 @@ class OnnxPolicy:
         """Returns the policy's mean actions, float32 `[N, 4]` in [-1, 1]; `[4]` for one environment."""
         one = observation["vector"].ndim == 1
         rows = {name: array[None] if one else array for name, array in observation.items()}
-        rows["vector"] = (rows["vector"] - self._offset) * self._factor
+        if "vector" in self._inputs:
+            rows["vector"] = (rows["vector"] - self._offset) * self._factor
         (actions,) = self._session.run(["action"], {name: rows[name] for name in self._inputs})
         actions = actions.clip(-1, 1)
         return actions[0] if one else actions
@@ -100,5 +102,5 @@ def require_equal(settings: dict[str, Any], expected: dict[str, Any], source: st
 
 def _compared(settings: dict[str, Any]) -> dict[str, Any]:
     """Returns the settings that must agree: those of images and of the effect of actions. The embodiment may differ."""
-    camera = {f"camera.{name}": value for name, value in settings["camera"].items()}
+    camera = {f"camera.{name}": value for name, value in settings.get("camera", {}).items()}
     return camera | {name: settings[name] for name in ("layout", "action_repeat", "displacement")}

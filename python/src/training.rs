@@ -47,7 +47,8 @@ impl TrainingRun {
             .collect::<PyResult<Vec<_>>>()?;
         let preset = budget.preset_experiment(method).with_seed(seed).with_threads(threads);
         let started = py.detach(|| {
-            let experiment = apply_overrides(&overrides, preset)?;
+            let run = apply_overrides(&overrides, preset)?;
+            let experiment = method.adapt_to_stream(run, &overrides);
             // before the folder is created, so that a refused run leaves nothing
             experiment.check(&TaskRegistry::with_all())?;
             memory::check_run_memory(&experiment)?;

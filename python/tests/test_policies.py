@@ -86,6 +86,16 @@ def test_the_default_images_are_refused():
         covers_envs.OnnxPolicy(POLICIES / "0", None)
 
 
+def test_a_policy_without_images_has_no_camera(tmp_path):
+    shutil.copytree(POLICIES / "0", tmp_path / "policy")
+    path = tmp_path / "policy" / "policy.json"
+    about = json.loads(path.read_text())
+    assert "camera" in covers_envs.policy_settings(tmp_path / "policy")
+    del about["inputs"]["image"]
+    path.write_text(json.dumps(about))
+    assert "camera" not in covers_envs.policy_settings(tmp_path / "policy")
+
+
 @pytest.mark.parametrize(("field", "value"), [("format", "covers-policy 0"), ("environment", None)])
 def test_a_description_of_another_version_is_refused(tmp_path, field, value):
     shutil.copytree(POLICIES / "0", tmp_path / "policy")

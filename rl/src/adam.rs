@@ -15,7 +15,7 @@ const STEPS: &str = "adam.steps";
 pub struct ParamGroup {
     /// Positions of the group's parameters in the flat parameter vector of a network.
     pub range: Range<usize>,
-    /// Adam's step size for the parameters in `range`, above 0.
+    /// Adam's step size for the parameters in `range`, at least 0.
     pub learning_rate: f32,
 }
 
@@ -110,7 +110,8 @@ impl Adam {
         let first = &mut self.first_moment[range.clone()];
         let second = &mut self.second_moment[range.clone()];
         let numbers = params[range.clone()].iter_mut().zip(&gradient[range]).zip(first).zip(second);
-        // roots and quotients are exact on every instruction set
+        // the bits are those of every instruction set: roots and quotients are rounded correctly,
+        // and nothing is fused
         pulp::Arch::new().dispatch(|| {
             for (((p, g), m), v) in numbers {
                 *m = beta1 * *m + (1.0 - beta1) * g;

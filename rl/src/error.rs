@@ -103,8 +103,8 @@ pub enum RlError {
     NeedsEpisode,
     /// A policy that cannot be exported, because ordinary layers cannot express it.
     #[error(
-        "{part} has no form in ordinary layers: only policies with the encoders `strided`, \
-         `pooled` or `blind` and without a context can be exported"
+        "{part} has no form in ordinary layers: only policies without a context, with continuous \
+         actions and with square images can be exported"
     )]
     NotExportable {
         /// Description of the part of the policy that cannot be exported.

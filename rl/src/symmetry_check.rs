@@ -28,13 +28,13 @@ const ROUNDING_TOLERANCE: f64 = 1e-9;
 ///
 /// If observations, actions and rewards transform under the group as declared, an episode and its
 /// transformed episode are equally likely. So the mean of every quantity that changes its sign is
-/// zero: of components of the vector and moments of the images and of their changes in a step, of
-/// products of two of these, and of their products and those of the action with rewards and with
-/// changes, also times the feature that changes. Quantities that no element changes enter with
-/// their mean subtracted. Deviations, in standard errors, are compared with
-/// the largest one of the same episodes, each transformed by a random element (a randomisation
-/// test). An environment that declares its irreps correctly is rejected in at most 1 of 1000
-/// checks, whatever the distributions.
+/// zero. With features f (components of the vector, moments of the images), their changes d in a
+/// step, action components a and the reward r, these quantities are f, d, f r, a r, products of two
+/// features, a d, a d f of one feature, and a f r. Features that no element changes, and the reward,
+/// enter with their mean subtracted. Deviations, in standard errors, are compared with the largest one of the same
+/// episodes, each transformed by a random element (a randomisation test). An environment that
+/// declares its irreps correctly is rejected in at most 1 of 1000 checks, whatever the
+/// distributions.
 ///
 /// The check assumes that the *distribution* of first states is symmetric (an environment that
 /// always begins on one side is rejected), and that episodes, also of different environments, are

@@ -418,7 +418,7 @@ fn reversed(joint: &Joint) -> Option<DescriptionError> {
 
 fn body(link: &Link, pose: &Pose, settings: &MjcfSettings) -> String {
     let name = match &link.name[..] {
-        // MuJoCo's own name of the world's body; reading a URDF allows it for a bare root only
+        // MuJoCo's own name of the world's body; `check_world` allows it for a bare root only
         "world" => String::new(),
         name => format!(" name=\"{}\"", xml_escaped(name)),
     };

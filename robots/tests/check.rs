@@ -362,7 +362,7 @@ fn added_links_and_prefixes_keep_to_the_limits() {
 
 /// Three slides move the tip as fast as the slowest of them, and two move it in a plane alone.
 #[test]
-fn a_tip_is_as_fast_as_its_slowest_direction() {
+fn a_tip_is_as_fast_as_along_its_slowest_axis() {
     let slides = |axes: &[(&str, f64)]| {
         let mut parts = "<link name=\"l0\"/>".to_owned();
         for (index, (axis, speed)) in axes.iter().enumerate() {

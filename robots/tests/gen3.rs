@@ -71,7 +71,7 @@ fn the_flange_is_where_the_user_guide_has_it() {
     }
 }
 
-/// Returns MuJoCo's frames of all bodies of `model`, by the names of links.
+/// Compares MuJoCo's frames of all bodies of `model` with those of the arm's links.
 fn check_against(model: Model, arm: &RobotDescription) {
     let model = Arc::new(model);
     let mut data = Data::new(Arc::clone(&model));

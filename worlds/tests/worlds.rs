@@ -206,6 +206,11 @@ fn what_cannot_be_shown_is_refused() {
     stream.reset(&mut transition.observations).unwrap();
     let refused = stream.step(&[0.0, f32::NAN, 0.0, 0.0], &mut transition).unwrap_err();
     assert!(refused.to_string().starts_with("action 1 is NaN"), "{refused}");
+    // a horizon that has passed already ends the episode
+    (0..3).for_each(|_| stream.step(&[0.0; 4], &mut transition).unwrap());
+    let mut shorter = stream.with_horizon(2);
+    shorter.step(&[0.0; 4], &mut transition).unwrap();
+    assert!(transition.outcomes.iter().all(|outcome| outcome.is_ended()));
 }
 
 /// An inserted visit begins after the round that runs, mirrored as it says, and the list goes on.

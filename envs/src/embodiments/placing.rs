@@ -53,7 +53,8 @@ pub(super) struct BasePlacement {
     reached: usize,
     /// First required position that the hand does not reach.
     missed: Option<DVec3>,
-    /// Smallest of the speeds (m/s) that the hand has in every direction at the required positions.
+    /// Smallest of the speeds (m/s) that the hand has along the world's axes at the required
+    /// positions.
     slowest_tip_speed: f64,
 }
 
@@ -192,7 +193,7 @@ impl BasePlacement {
             let speed =
                 above.map_or(0.0, |joints| chain.slowest_axis_tip_speed(&joints, self.orientation));
             self.slowest_tip_speed = self.slowest_tip_speed.min(speed);
-            // a hand that cannot move in some direction is at the end of its reach
+            // a hand that cannot move along some axis is at the end of its reach
             if speed > 0.0 {
                 self.reached += 1;
             } else {

@@ -83,10 +83,13 @@ fn noise_lasts_in_streams_of_many_groups_alone() {
     assert_eq!([Budget::Smoke, Budget::Short, Budget::Full].map(noise), [0.0; 3]);
     let group = r#"[{"group": "door-open", "decisions": 9500, "variants": ["identity"]}]"#;
     let stream = format!("schedule.groups={group}");
+    let own = serde_json::to_string(&Budget::Full.preset_experiment(Method::CoversSac).learner);
+    let own = own.unwrap().replace("\"noise_correlation\":0.0", "\"noise_correlation\":0.125");
     for (set, expected) in [
         (vec![&stream[..]], 0.5),
         (vec![&stream, "off_policy.noise_correlation=0.25"], 0.25),
         (vec!["off_policy.sac.gamma=0.9"], 0.0),
+        (vec![&stream, &format!("learner={own}")], 0.125),
     ] {
         let set: Vec<SettingOverride> = set.iter().map(|text| text.parse().unwrap()).collect();
         let preset = Budget::Full.preset_experiment(Method::CoversSac);

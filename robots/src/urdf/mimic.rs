@@ -6,7 +6,7 @@ use crate::error::MAX_NUMBER;
 /// Rounding of a file's numbers (radians, metres): a follower may leave its range by this much, and
 /// a range that is no wider counts as empty.
 const ROUNDING: f64 = 1e-6;
-/// Range of a hinge without limits: no number of a file is larger.
+/// Range that stands for no limits: the largest numbers that a file may hold.
 const ENDLESS: [f64; 2] = [-MAX_NUMBER, MAX_NUMBER];
 
 /// Reduces the ranges of free joints until each joint that follows one stays in its own range.

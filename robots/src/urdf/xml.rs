@@ -20,9 +20,9 @@ const MAX_NAMESPACES: usize = 32;
 /// Maximum number of attributes of an element, since each is compared with all others.
 const MAX_ATTRIBUTES: usize = 1000;
 
-/// Smallest angle of `rpy` (radians) whose unit looks wrong: just above a turn.
+/// Largest angle of `rpy` (radians) whose unit does not look wrong: just above a turn.
 const LARGEST_ANGLE: f64 = 6.3;
-/// Length of the shortest axis that is accepted.
+/// Smallest size of the largest component of an axis that is accepted.
 const SHORTEST_AXIS: f64 = 1e-6;
 /// Elements that are skipped with everything inside, so that they may hold anything.
 const SKIPPED: [&str; 6] =
