@@ -109,16 +109,13 @@ impl Adam {
         let root = bias_correction(beta2, self.steps).sqrt();
         let first = &mut self.first_moment[range.clone()];
         let second = &mut self.second_moment[range.clone()];
-        let numbers = params[range.clone()].iter_mut().zip(&gradient[range]).zip(first).zip(second);
-        // the bits are those of every instruction set: roots and quotients are rounded correctly,
-        // and nothing is fused
-        pulp::Arch::new().dispatch(|| {
-            for (((p, g), m), v) in numbers {
-                *m = beta1 * *m + (1.0 - beta1) * g;
-                *v = beta2 * *v + (1.0 - beta2) * g * g;
-                *p -= rate * *m / (v.sqrt() / root + epsilon);
-            }
-        });
+        for (((p, g), m), v) in
+            params[range.clone()].iter_mut().zip(&gradient[range]).zip(first).zip(second)
+        {
+            *m = beta1 * *m + (1.0 - beta1) * g;
+            *v = beta2 * *v + (1.0 - beta2) * g * g;
+            *p -= rate * *m / (v.sqrt() / root + epsilon);
+        }
     }
 }
 

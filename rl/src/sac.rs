@@ -252,11 +252,9 @@ impl Sac {
 
 /// Moves averages by a share `rate` towards the latest values.
 fn move_towards(averages: &mut [f32], latest: &[f32], rate: f32) {
-    pulp::Arch::new().dispatch(|| {
-        for (average, value) in averages.iter_mut().zip(latest) {
-            *average += rate * (value - *average);
-        }
-    });
+    for (average, value) in averages.iter_mut().zip(latest) {
+        *average += rate * (value - *average);
+    }
 }
 
 impl<T: Scalar> Losses<'_, T> {
