@@ -5,7 +5,7 @@ use re_sdk_types::archetypes::{EncodedImage, Scalars};
 use rl::{BoxedEnvError, EnvSpec, Observations, Transition, VectorEnv};
 
 use covers::RunError;
-use covers::render::{SingleEpisodeFilmEnv, FilmView, PolicyPlayer};
+use covers::render::{FilmView, PolicyPlayer, SingleEpisodeFilmEnv};
 
 use crate::recording::{DECISION, Recording, refused};
 use crate::scene::ShapeRecorder;

@@ -57,7 +57,8 @@ impl RerunOptions {
         file.prepare_folder()?;
         let run = RunData::read_partial(&self.run)?;
         let schedule = &run.experiment.schedule;
-        let groups = schedule.resolve_group_or_all(self.group.as_deref(), &TaskRegistry::with_all())?;
+        let groups =
+            schedule.resolve_group_or_all(self.group.as_deref(), &TaskRegistry::with_all())?;
         let threads = self.threads.count();
         let mut show = PolicyPlayer::load(&RunFolder::from_path(&self.run), threads)?;
         let recording = Recording::new(path, &run.name, blueprint::of(&run, &groups))?;
