@@ -1,5 +1,6 @@
 //! Options of the command line.
 
+use std::io::{Write, stderr};
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -245,6 +246,12 @@ pub(crate) fn device_parser() -> impl TypedValueParser<Value = DeviceChoice> {
 pub(crate) fn program_name() -> String {
     let name = std::env::args_os().next();
     name.map_or_else(|| "covers".to_owned(), |name| shell_word(&name.to_string_lossy()))
+}
+
+/// Prints a line to standard error.
+pub(crate) fn warn(line: &str) {
+    // a closed terminal must not make the run fail
+    let _ = writeln!(stderr(), "{line}");
 }
 
 /// Returns a word of a shell command, in quotes where it needs them.

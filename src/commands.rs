@@ -1,7 +1,7 @@
 //! Subcommands of `covers` that train, resume, evaluate and pack learners.
 
 use std::fs::create_dir_all;
-use std::io::{Write, sink, stderr};
+use std::io::{Write, sink};
 use std::path::PathBuf;
 
 use clap::builder::RangedU64ValueParser;
@@ -13,6 +13,7 @@ use crate::CoversError;
 pub use crate::cli::CommandOutcome;
 use crate::cli::{
     OverrideOptions, ThreadAndJsonOptions, TrainOptions, device_parser, program_name, shell_word,
+    warn,
 };
 use crate::ranks::on_ranks;
 use crate::sweep_command::SweepOptions;
@@ -228,12 +229,6 @@ fn say_or_stop(out: &mut impl Write, line: &str, style: &Style, stop: &StopSigna
         warn(&format!("{error}: the run stops"));
         stop.request();
     }
-}
-
-/// Prints a line to standard error.
-pub(crate) fn warn(line: &str) {
-    // a closed terminal must not make the run fail
-    let _ = writeln!(stderr(), "{line}");
 }
 
 /// Prints the summary of a finished run; of a stopped one, writes a checkpoint and prints the

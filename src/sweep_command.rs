@@ -7,8 +7,7 @@ use std::time::Duration;
 use clap::{ArgGroup, Args};
 
 use crate::CoversError;
-use crate::cli::{CommandOutcome, device_parser, program_name, shell_word};
-use crate::commands::warn;
+use crate::cli::{CommandOutcome, device_parser, program_name, shell_word, warn};
 use crate::sweep::{
     self, ArrayJob, KubernetesOptions, SweepJob, SweepPlan, SweepWorkerOutcome, SweepWorkerSettings,
 };

@@ -180,8 +180,7 @@ impl Deployment {
         strip: Option<&'a mut FilmStrip>,
     ) -> Result<TrialEnv<'a>, DeployError> {
         let set_up = rig.set_up(trial).map_err(|source| DeployError::Rig { source })?;
-        let goal = set_up.goal;
-        check_goal(trial, goal)?;
+        check_goal(trial, set_up.goal)?;
         let start = rig.state()?;
         check_state(arm, &start)?;
         let controller = ActionController::new(arm, &self.control, &start);
@@ -193,7 +192,7 @@ impl Deployment {
             observer,
             spec: self.spec.clone(),
             control: self.control,
-            goal: goal.unwrap_or(DVec3::ZERO),
+            goal: set_up.goal.unwrap_or(DVec3::ZERO),
             first_picture: Vec::new(),
             first_observation: Observations::new(&self.spec),
             actions: Vec::new(),

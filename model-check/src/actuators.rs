@@ -14,26 +14,14 @@ impl Comparison {
         let row = |array, width| pair.map(|at| comparer.snapshot.row(array, at, width).to_vec());
         let [mut gear, other_gear] = row(Num::ActuatorGear, 6);
         let image = self.gear_image(comparer, pair[0], &gear);
-        let sign = match comparer.snapshot.target_object(ModelObjectKind::Actuator, pair[0]) {
-            Some((ModelObjectKind::Joint, joint)) => {
-                self.joint_signs[joint] * (gear[0] * other_gear[0]).signum()
-            }
-            Some((ModelObjectKind::Tendon, tendon)) => {
-                self.tendon_signs[tendon] * (gear[0] * other_gear[0]).signum()
-            }
-            // the length of a slider-crank is the same on both sides
-            _ if comparer.snapshot.integer(Int::ActuatorTrntype, pair[0]).cast_unsigned()
-                == raw::mjTRN_SLIDERCRANK =>
-            {
-                (gear[0] * other_gear[0]).signum()
-            }
-            _ => 1.0,
-        };
         let is_directed = image.is_some();
-        let sign = image.as_ref().map_or(sign, |image| {
-            let along: f64 = image.iter().zip(&other_gear).map(|(one, other)| one * other).sum();
-            1_f64.copysign(along)
-        });
+        let sign = match &image {
+            Some(image) => {
+                let along = image.iter().zip(&other_gear).map(|(one, other)| one * other);
+                1_f64.copysign(along.sum())
+            }
+            None => self.length_sign(comparer, pair[0], (gear[0] * other_gear[0]).signum()),
+        };
         pair.iter().for_each(|&actuator| self.control_signs[actuator] = sign);
         match image {
             Some(image) => gear = image.iter().map(|one| sign * one).collect(),
@@ -79,6 +67,23 @@ impl Comparison {
             ("force limited", Int::ActuatorForcelimited),
         ] {
             self.differences.extend(comparer.integers(subject, property, array));
+        }
+    }
+
+    /// Returns the sign by which the control of an actuator is mirrored that changes a length or an
+    /// angle, where its gear and that of its counterpart have equal (1) or opposite (-1) signs.
+    fn length_sign(&self, comparer: &Comparer, actuator: usize, of_gears: f64) -> f64 {
+        let snapshot = comparer.snapshot;
+        match snapshot.target_object(ModelObjectKind::Actuator, actuator) {
+            Some((ModelObjectKind::Joint, joint)) => self.joint_signs[joint] * of_gears,
+            Some((ModelObjectKind::Tendon, tendon)) => self.tendon_signs[tendon] * of_gears,
+            // the length of a slider-crank is the same on both sides
+            _ if snapshot.integer(Int::ActuatorTrntype, actuator).cast_unsigned()
+                == raw::mjTRN_SLIDERCRANK =>
+            {
+                of_gears
+            }
+            _ => 1.0,
         }
     }
 
