@@ -30,11 +30,11 @@ const ROUNDING_TOLERANCE: f64 = 1e-9;
 /// transformed episode are equally likely. So the mean of every quantity that changes its sign is
 /// zero. With features f (components of the vector, moments of the images), their changes d in a
 /// step, action components a and the reward r, these quantities are f, d, f r, a r, products of two
-/// features, a d, a d f of one feature, and a f r. Features that no element changes, and the reward,
-/// enter with their mean subtracted. Deviations, in standard errors, are compared with the largest one of the same
-/// episodes, each transformed by a random element (a randomisation test). An environment that
-/// declares its irreps correctly is rejected in at most 1 of 1000 checks, whatever the
-/// distributions.
+/// features, a d, a d f of one feature, and a f r. Features that no element changes, and the
+/// reward, enter with their mean subtracted. Deviations, in standard errors, are compared with the
+/// largest one of the same episodes, each transformed by a random element (a randomisation test).
+/// An environment that declares its irreps correctly is rejected in at most 1 of 1000 checks,
+/// whatever the distributions.
 ///
 /// The check assumes that the *distribution* of first states is symmetric (an environment that
 /// always begins on one side is rejected), and that episodes, also of different environments, are
