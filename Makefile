@@ -17,7 +17,7 @@ PYTHON := python3
   prebuilt mujoco3 faults slurm mpi hyperqueue fuzz sanitise book deps
 
 stream: deps
-	@echo "compiling takes about 4 minutes the first time, training then 4, on two cores"
+	@echo "compiling takes about 4 minutes the first time, training then 3, on two cores"
 	cargo run --release --locked --bin covers -- train --budget short
 
 # The learner and all below it compile for these targets, where their standard libraries are
