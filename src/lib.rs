@@ -56,7 +56,7 @@ pub use learner::{
     GroupingDecision, GroupingSettings, GroupingUpdateInput, GroupingUpdateResult, IterationReport,
     IterationSeconds, Learner, LearnerError, LearnerSettings, LearningDevice, MetricValue, Metrics,
     NewPolicyInit, OffPolicyLearner, OffPolicySettings, PolicyCollection, PolicyCollectionSettings,
-    PolicyEvaluationResult, ReassignedRolloutHandling, RecognisedPolicy, RequiredTrial,
-    RolloutEpisodes, SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
+    PolicyEvaluationResult, PreviousParameters, ReassignedRolloutHandling, RecognisedPolicy,
+    RequiredTrial, RolloutEpisodes, SinglePolicyGrouping, TaskLabel, ThresholdGrouping,
 };
 pub use {deploy, experiments, render, report, watch};

@@ -35,7 +35,9 @@ pub use error::EvidenceError;
 pub use filters::RandomFilters;
 pub use policy_test::PolicyTestResult;
 pub use probability::TaskGroupProbabilities;
-pub use recogniser::{Recogniser, RequiredTrial, RolloutDecision, RolloutDecisionContext};
+pub use recogniser::{
+    PreviousParameters, Recogniser, RequiredTrial, RolloutDecision, RolloutDecisionContext,
+};
 pub use settings::RecogniserSettings;
 pub use summary::{EpisodeSummariser, EpisodeSummary, ImageFeatureCache, Trajectory};
 

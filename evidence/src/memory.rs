@@ -26,12 +26,25 @@ pub(crate) struct PolicyMemory {
     /// Index of the policy that this one was merged into, which now acts for its task group.
     #[serde(rename = "heir")]
     pub(crate) merged_into: Option<usize>,
+    /// Episodes after an update that changed how the policy acts; they are remembered when it
+    /// trains next.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) after_update: Vec<EpisodeSummary>,
 }
 
 impl PolicyMemory {
     /// Returns `true` if the policy was merged into another one.
     pub(crate) fn is_merged(&self) -> bool {
         self.merged_into.is_some()
+    }
+
+    /// Remembers that the latest update changed how the policy acts, as in the episodes
+    /// `after_update`: motion and returns of earlier episodes, and of those that it trains on next,
+    /// count no more.
+    // Its next episodes would differ from these, too.
+    pub(crate) fn record_changing_update(&mut self, after_update: Vec<EpisodeSummary>) {
+        self.summaries.iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
+        self.after_update = after_update;
     }
 
     /// Records the summaries of episodes that the policy trains on; keeps the latest `most` of all.
@@ -43,7 +56,15 @@ impl PolicyMemory {
         let mean = mean_return(summaries.iter().copied());
         self.initial_return = self.initial_return.or(mean);
         self.is_trained = true;
-        self.append(summaries.into_iter().cloned(), most);
+        let after_update = std::mem::take(&mut self.after_update);
+        let is_earlier = !after_update.is_empty();
+        let summaries = summaries.into_iter().cloned().map(|mut summary| {
+            if is_earlier {
+                summary.keep_only_first_observation();
+            }
+            summary
+        });
+        self.append(summaries.chain(after_update), most);
     }
 
     /// Appends episode summaries to the memory and keeps the latest `most` of all.
@@ -143,7 +164,7 @@ pub(crate) fn check_merges(memories: &[PolicyMemory]) -> Result<()> {
 pub(crate) fn all_summaries(
     memories: &[PolicyMemory],
 ) -> impl Iterator<Item = &EpisodeSummary> + Clone {
-    memories.iter().flat_map(|memory| &memory.summaries)
+    memories.iter().flat_map(|memory| memory.summaries.iter().chain(&memory.after_update))
 }
 
 /// Checks that episode summaries can be compared: all numbers are finite, and the points of each

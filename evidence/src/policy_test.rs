@@ -121,6 +121,11 @@ impl PolicyTestResult {
         self.test.as_ref().map_or(1.0, |test| test.overall.tail_p_value)
     }
 
+    /// Returns the exact p-value of all sources of evidence together; 1 if nothing was tested.
+    pub(crate) fn p_value(&self) -> f64 {
+        self.test.as_ref().map_or(1.0, |test| test.overall.p_value)
+    }
+
     pub(crate) fn is_rejected(&self) -> bool {
         self.verdict == PolicyVerdict::Rejected
     }

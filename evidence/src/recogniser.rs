@@ -65,6 +65,9 @@ pub enum RequiredTrial {
     /// one. If that one only acted for a few episodes, the named policy collects a rollout for
     /// review.
     Waived,
+    /// One rollout that the policy which acted collects with its parameters from before its latest
+    /// update, of an undecided decision: that update may explain why motion or returns differ.
+    PreviousParameters,
 }
 
 impl RequiredTrial {
@@ -99,9 +102,24 @@ pub struct RolloutDecisionContext<'a> {
     /// `true` if another policy trained last, so that the task group of the acting one may have
     /// drifted meanwhile.
     pub is_returning: bool,
+    /// Availability of the acting policy's parameters from before its latest update.
+    pub previous_parameters: PreviousParameters,
     /// `true` if the decision may be [`AssignedPolicy::Undecided`], so that another rollout is
     /// collected.
     pub allow_undecided: bool,
+}
+
+/// Availability of a policy's parameters from before its latest update. A policy whose update made
+/// it worse looks like one in a foreign group, unless these parameters serve as well as before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PreviousParameters {
+    /// The policy cannot act with them.
+    #[default]
+    Unavailable,
+    /// The policy can act with them in the next rollout.
+    Available,
+    /// The policy acted with them, as [`RequiredTrial::PreviousParameters`] asked.
+    Acted,
 }
 
 impl RolloutDecisionContext<'_> {
@@ -271,7 +289,9 @@ impl Recogniser {
     /// policy, and `New`, ask for a rollout of that policy and for
     /// [`Recogniser::review_proposed_policy`]. A rollout that is too little to decide is kept, and
     /// judged together with the next similar one. `Undecided`, if `context` allows it, asks for
-    /// another rollout; no policy may train on this one. After a changepoint, only the later
+    /// another rollout; no policy may train on this one. With
+    /// [`RequiredTrial::PreviousParameters`] the policy that acted collects it with earlier
+    /// parameters; if these are accepted, its doubted rollout is remembered, too. After a changepoint, only the later
     /// episodes count, but the policy that acted is named only if the earlier ones fit it, too,
     /// since it trains on those.
     ///
@@ -290,7 +310,11 @@ impl Recogniser {
         let place = self.find_changepoint(&summaries, rng)?;
         let case = Case { summaries: &summaries[place.unwrap_or(0)..], context };
         let mut decision = self.screen(case, rng)?;
-        if decision.policy == AssignedPolicy::Undecided {
+        let serves_as_before = context.previous_parameters == PreviousParameters::Acted
+            && decision.policy == AssignedPolicy::Existing(context.collector);
+        if serves_as_before && decision.tests[context.collector].p_value() >= SAME_GROUP {
+            self.remember_doubted_rollout(context.collector);
+        } else if serves_as_before || decision.policy == AssignedPolicy::Undecided {
             decision = self.decide_with_kept(case, decision, rng)?;
         }
         decision.changepoint = place.map(|place| summaries[place].began);
@@ -310,6 +334,31 @@ impl Recogniser {
         Ok(decision)
     }
 
+    /// Returns `true` if the latest update of the policy that acted may explain why it is rejected:
+    /// images and vectors are as remembered, and motion or returns differ, which depend on its
+    /// parameters.
+    fn update_may_explain(
+        &self,
+        context: RolloutDecisionContext,
+        tests: &[PolicyTestResult],
+    ) -> bool {
+        let looks_alike =
+            |own: &PolicyTestResult| !own.first_observation_differs(self.settings.doubt);
+        context.allow_undecided
+            && context.previous_parameters == PreviousParameters::Available
+            && tests.get(context.collector).is_some_and(looks_alike)
+    }
+
+    /// Lets `policy` remember the rollout that was kept last, which it collected: the group is the
+    /// same, and its latest update explains the difference.
+    fn remember_doubted_rollout(&mut self, policy: usize) {
+        if self.undecided.back().is_some_and(|kept| kept.collector == policy)
+            && let Some(kept) = self.undecided.pop_back()
+        {
+            self.memories[policy].record_changing_update(kept.summaries);
+        }
+    }
+
     /// Returns `true` if the evidence accepts the policy that acted, in the given role and stage.
     pub(crate) fn fits_collector(
         &self,
@@ -324,24 +373,27 @@ impl Recogniser {
         Ok(test.verdict == PolicyVerdict::Accepted)
     }
 
-    /// Decides on episodes that screening left undecided, together with a kept undecided rollout of
-    /// the same task group; without such, keeps them if the context allows it.
+    /// Decides on episodes together with a kept undecided rollout of the same task group. Without
+    /// such a rollout, the decision of the screening test holds, and undecided episodes are kept if
+    /// the context allows it.
     pub(crate) fn decide_with_kept(
         &mut self,
         case: Case,
-        undecided: RolloutDecision,
+        screened: RolloutDecision,
         rng: &mut impl Rng,
     ) -> Result<RolloutDecision> {
+        let collector = case.context.collector;
         let earlier = self.take_similar_undecided(case, rng)?;
         if earlier.is_empty() && case.context.allow_undecided {
-            self.keep_undecided(case);
-            return Ok(undecided);
+            if screened.policy == AssignedPolicy::Undecided {
+                self.keep_undecided(case);
+            }
+            return Ok(screened);
         }
         let all: Vec<_> = earlier.iter().chain(case.summaries.iter().copied()).collect();
         let case = Case { summaries: &all, ..case };
         let decision = self.decide(case, case.context.role(), rng)?;
-        if case.context.allow_undecided && self.knows_too_little(&decision, case.context.collector)
-        {
+        if case.context.allow_undecided && self.knows_too_little(&decision, collector) {
             self.keep_undecided(case);
             return Ok(RolloutDecision { policy: AssignedPolicy::Undecided, ..decision });
         }
@@ -364,8 +416,10 @@ impl Recogniser {
     }
 
     /// Creates the policy that a decision asks for, which remembers the images and vectors of the
-    /// episodes. If there are `max_policies` already, the most similar one is named instead,
-    /// without a trial. If too many wait for their first training, the episodes are kept.
+    /// episodes, unless the latest update of the policy that acted may explain the difference and
+    /// its previous parameters have not acted yet. If there are `max_policies` already, the most
+    /// similar one is named instead, without a trial. If too many wait for their first training,
+    /// the episodes are kept.
     pub(crate) fn create_policy(
         &mut self,
         case: Case,
@@ -373,6 +427,11 @@ impl Recogniser {
     ) -> Result<RolloutDecision> {
         if decision.policy != AssignedPolicy::New {
             return Ok(decision);
+        }
+        if self.update_may_explain(case.context, &decision.tests) {
+            self.keep_undecided(case);
+            let trial = RequiredTrial::PreviousParameters;
+            return Ok(RolloutDecision { policy: AssignedPolicy::Undecided, trial, ..decision });
         }
         if self.memories.len() >= self.settings.max_policies {
             let similar = self.most_similar(&decision.tests);
@@ -476,13 +535,14 @@ impl Recogniser {
         for (index, kept) in self.undecided.iter().enumerate() {
             let summaries = kept.summaries.clone().into();
             let memory = PolicyMemory { summaries, ..PolicyMemory::default() };
-            let is_own = kept.collector == collector;
-            let role = if is_own { PolicyRole::Collector } else { PolicyRole::Other };
+            // motion and returns depend on the parameters that acted
+            let acts_alike = kept.collector == collector
+                && case.context.previous_parameters != PreviousParameters::Acted;
+            let role = if acts_alike { PolicyRole::Collector } else { PolicyRole::Other };
             let stage = TestStage::Screening;
             let result = self.tester().test(&memory, case.summaries, role, stage, &mut own)?;
             let score = result.first_observation_score();
-            let may_be_same =
-                result.test.as_ref().is_some_and(|test| test.overall.p_value >= SAME_GROUP);
+            let may_be_same = result.test.is_some() && result.p_value() >= SAME_GROUP;
             if may_be_same && best.is_none_or(|(_, least)| score < least) {
                 best = Some((index, score));
             }

@@ -2,8 +2,8 @@
 
 use cluster::{AssignedPolicy, PolicyVerdict};
 use evidence::{
-    EpisodeSummariser, EpisodeSummary, ImageFeatureCache, Recogniser, RecogniserSettings,
-    RequiredTrial, RolloutDecisionContext,
+    EpisodeSummariser, EpisodeSummary, ImageFeatureCache, PreviousParameters, Recogniser,
+    RecogniserSettings, RequiredTrial, RolloutDecisionContext,
 };
 use symmetry::{D2, Irrep};
 use worlds::WorldKind;
@@ -329,4 +329,59 @@ fn a_new_policy_remembers_only_the_group_it_was_created_for() {
     let other = recogniser
         .task_group_probabilities(&rollout(WorldKind::Appearance, 1000, 2, 0), &mut rng());
     assert_eq!(other.unwrap().most_probable_policy(), None);
+}
+
+/// Episodes that look like those a policy trained on, with other motion and without returns: its
+/// latest update made it worse, or the group is another one.
+#[test]
+fn a_policy_that_its_own_update_made_worse_is_told_from_a_foreign_group() {
+    let mut generator = rng();
+    let mut trained = fresh();
+    for returns in [0.0, 1.0, 1.0] {
+        let mut seen = episodes(20, 1.0, 1.0, &mut generator);
+        set_returns(&mut seen, |_| returns);
+        trained.record_training(0, &seen, &mut generator).unwrap();
+    }
+    let mut changed = || {
+        let mut seen = episodes(20, 1.0, 9.0, &mut generator);
+        set_returns(&mut seen, |_| 0.0);
+        seen
+    };
+    let [first, second, third, later] = [changed(), changed(), changed(), changed()];
+    let as_before = episodes(20, 1.0, 1.0, &mut generator);
+    let mut look_different = || episodes(20, 9.0, 1.0, &mut generator);
+    let other_images = [look_different(), look_different()];
+    let context = |previous_parameters| RolloutDecisionContext {
+        previous_parameters,
+        ..RolloutDecisionContext::for_collector(0)
+    };
+    let unavailable = context(PreviousParameters::Unavailable);
+    let available = context(PreviousParameters::Available);
+    let acted = context(PreviousParameters::Acted);
+    let mut decide = |recogniser: &mut Recogniser, seen: &[EpisodeSummary], context| {
+        let decision = recogniser.assign_rollout(seen, context, &mut generator).unwrap();
+        (decision.policy, decision.trial == RequiredTrial::PreviousParameters)
+    };
+    let (same, new) = ((AssignedPolicy::Existing(0), false), (AssignedPolicy::New, false));
+    let (undecided, retry) =
+        ((AssignedPolicy::Undecided, false), (AssignedPolicy::Undecided, true));
+
+    // without the previous parameters two such rollouts create a policy
+    let mut recogniser = trained.clone();
+    assert_eq!(decide(&mut recogniser, &first, unavailable), undecided);
+    assert_eq!(decide(&mut recogniser, &second, unavailable), new);
+
+    let mut recogniser = trained.clone();
+    assert_eq!(decide(&mut recogniser, &first, available), undecided);
+    assert_eq!(decide(&mut recogniser, &second, available), retry);
+    let mut in_foreign_group = recogniser.clone();
+    assert_eq!(decide(&mut in_foreign_group, &third, acted), new);
+    // the previous parameters serve: the group is the same, and the doubted rollouts are remembered
+    assert_eq!(decide(&mut recogniser, &as_before, acted), same);
+    recogniser.record_training(0, &as_before, &mut rng()).unwrap();
+    assert_eq!(decide(&mut recogniser, &later, available), same);
+
+    // images that differ are not due to an update
+    assert_eq!(decide(&mut trained, &other_images[0], available), undecided);
+    assert_eq!(decide(&mut trained, &other_images[1], available), new);
 }

@@ -15,7 +15,7 @@ mod learners;
 pub mod overrides;
 
 pub use error::LearnerError;
-pub use evidence::RequiredTrial;
+pub use evidence::{PreviousParameters, RequiredTrial};
 pub use groupings::{
     AssignmentData, AssignmentPurpose, EpisodeRequirements, EvidenceGrouping, Grouping,
     GroupingDecision, GroupingSettings, GroupingUpdateInput, GroupingUpdateResult,

@@ -5,6 +5,7 @@
 mod algorithm;
 mod bars;
 mod off_policy;
+mod previous_parameters;
 mod trials;
 
 #[path = "../../rl/tests/common/guess.rs"]

@@ -3,7 +3,7 @@
 use cluster::{
     AssignedPolicy, NearerPolicyInputs, PolicyAssignment, PolicyEvidence, RolloutAndBufferFeatures,
 };
-use evidence::{RequiredTrial, Trajectory};
+use evidence::{PreviousParameters, RequiredTrial, Trajectory};
 use rand_chacha::ChaCha8Rng;
 use rl::EnvSpec;
 use serde_json::Value;
@@ -95,6 +95,9 @@ pub enum AssignmentPurpose<'a> {
         allow_undecided: bool,
         /// `true` if another policy than the collector trained last.
         is_returning: bool,
+        /// Availability of the collector's parameters from before its latest update, with which an
+        /// undecided decision may ask it to act next ([`RequiredTrial::PreviousParameters`]).
+        previous_parameters: PreviousParameters,
     },
     /// Request for the policy that fits one or more episodes, which are not used for training.
     Recognise,

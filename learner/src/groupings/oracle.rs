@@ -121,13 +121,17 @@ pub(super) fn unlabelled() -> LearnerError {
 #[cfg(test)]
 mod tests {
     use cluster::{NearerPolicyInputs, RolloutAndBufferFeatures};
+    use evidence::PreviousParameters;
     use rand::SeedableRng;
 
     use super::*;
     use crate::groupings::grouping::RolloutEpisodes;
 
-    const ROLLOUT: AssignmentPurpose<'static> =
-        AssignmentPurpose::Assign { allow_undecided: true, is_returning: false };
+    const ROLLOUT: AssignmentPurpose<'static> = AssignmentPurpose::Assign {
+        allow_undecided: true,
+        is_returning: false,
+        previous_parameters: PreviousParameters::Unavailable,
+    };
 
     /// An oracle must not look at pictures.
     struct Blind;

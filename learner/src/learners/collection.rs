@@ -53,6 +53,8 @@ pub struct PolicyCollection<S: PolicyCollectionSettings> {
 struct PolicyEntry<S: PolicyCollectionSettings> {
     policy: PolicyInCollection<S>,
     training: S::Trainer,
+    /// Policy from before its latest update; `None` if it was never updated.
+    previous: Option<PolicyInCollection<S>>,
     buffer: Reservoir<FirstFrames>,
 }
 
@@ -110,7 +112,7 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         };
         let training = self.settings.new_training(&self.spec, &policy)?;
         let buffer = Reservoir::new(self.settings.common().buffer_capacity())?;
-        self.policies.push(PolicyEntry { policy, training, buffer });
+        self.policies.push(PolicyEntry { policy, training, previous: None, buffer });
         Ok(self.policies.len() - 1)
     }
 
@@ -132,6 +134,13 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
 }
 
 impl<S: PolicyCollectionSettings> PolicyEntry<S> {
+    /// Swaps the policy with that from before its latest update, if it was updated.
+    fn swap_previous(&mut self) {
+        if let Some(previous) = &mut self.previous {
+            std::mem::swap(&mut self.policy, previous);
+        }
+    }
+
     /// Fills `rollout` with the episodes of this policy that begin in `state`, and counts them in
     /// `iteration`.
     fn act(

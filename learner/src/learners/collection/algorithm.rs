@@ -15,7 +15,7 @@
 use std::path::Path;
 
 use cluster::AssignedPolicy;
-use evidence::Trajectory;
+use evidence::{PreviousParameters, RequiredTrial, Trajectory};
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ExperienceBuffer, ExportPolicy, ExportedPolicy, MeasureUnitActivity, Observations,
@@ -48,13 +48,20 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<IterationReport, LearnerError> {
         let (mut iteration, policies) = (IterationReport::default(), self.policies.len());
         let last = self.current;
+        let mut doubted = None;
         let (actor, decision) = loop {
             // Lines 4 to 7: roll out N_s steps with the current policy into D (`self.rollout`); O
             // (`observed`) takes the first k frames of each episode.
             // Extension: another policy collects it if the first observations are of its group.
             let state = self.choose_collector(env, &mut iteration.seconds)?;
+            // After a doubt that its latest update may explain, it acts as before that update.
             let collector = self.current;
-            self.roll_out(env, state, &mut iteration)?;
+            let previous_parameters = self.previous_parameters(doubted.take());
+            if previous_parameters == PreviousParameters::Acted {
+                self.roll_out_as_before(env, state, &mut iteration)?;
+            } else {
+                self.roll_out(env, state, &mut iteration)?;
+            }
             let mut observed = self.observe_rollout()?;
 
             // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
@@ -62,9 +69,12 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
             // collector that did not train last returns, and its group may look a little different.
             let allow_undecided = iteration.may_discard();
             let is_returning = collector != last;
-            let request = AssignmentPurpose::Assign { allow_undecided, is_returning };
+            let request =
+                AssignmentPurpose::Assign { allow_undecided, is_returning, previous_parameters };
             let mut decision = self.assign(request, &observed, &mut iteration.seconds)?;
             if decision.policy == AssignedPolicy::Undecided {
+                let is_retry = decision.trial == RequiredTrial::PreviousParameters;
+                doubted = is_retry.then_some(collector);
                 self.discard(&mut iteration);
                 continue;
             }
@@ -299,8 +309,9 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         seconds: &mut IterationSeconds,
     ) -> Result<Vec<(String, f64)>, LearnerError> {
         let clock = Instant::now();
-        let PolicyEntry { policy, training, .. } = &mut self.policies[self.current];
+        let PolicyEntry { policy, training, previous, .. } = &mut self.policies[self.current];
         let rng = &mut self.generators.updates;
+        *previous = Some(policy.clone());
         let logged = training.learn(policy, &mut self.rollout, rng)?;
         seconds.update += clock.elapsed().as_secs_f64();
         Ok(logged)

@@ -25,6 +25,9 @@ use super::{Generators, PolicyCollection, PolicyEntry};
 // Not in the header: that of a safetensors file has at most 100 MB, and a note grows with its run.
 const NOTE: &str = "note";
 
+/// Name of the checkpoint array of a policy's parameters from before its latest update.
+const PREVIOUS: &str = "previous_params";
+
 fn note_tensor(note: &str) -> CheckpointTensor {
     let bytes = note.as_bytes().to_vec();
     CheckpointTensor::from_bytes(NOTE.to_owned(), vec![bytes.len()], bytes)
@@ -59,6 +62,9 @@ struct Header<'a, S: Clone> {
 struct EntryHeader {
     /// Counters of the training algorithm by name; `None` if its state was left out.
     counters: Option<BTreeMap<String, u64>>,
+    /// `true` if the file has the policy's parameters from before its latest update.
+    #[serde(default)]
+    has_previous: bool,
     /// Number of episodes whose first frames were offered to the policy's buffer so far.
     seen: u64,
 }
@@ -212,10 +218,15 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
             CheckpointExtent::Everything => {
                 let counters = self.training.algorithm_state().counters.into_iter();
                 let counters = counters.map(|(name, count)| (name.to_owned(), count)).collect();
-                EntryHeader { counters: Some(counters), seen: self.buffer.num_offered() }
+                EntryHeader {
+                    counters: Some(counters),
+                    has_previous: self.previous.is_some(),
+                    seen: self.buffer.num_offered(),
+                }
             }
             CheckpointExtent::Policies { .. } => {
-                EntryHeader { counters: None, seen: self.kept(extent).len() as u64 }
+                let seen = self.kept(extent).len() as u64;
+                EntryHeader { counters: None, has_previous: false, seen }
             }
         }
     }
@@ -243,6 +254,7 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
         };
         let mut tensors = vec![flat("params", S::params(&self.policy))];
         if extent == CheckpointExtent::Everything {
+            tensors.extend(self.previous.iter().map(|before| flat(PREVIOUS, S::params(before))));
             let state = self.training.algorithm_state().tensors.into_iter();
             tensors.extend(state.map(|(array, values)| flat(array, values)));
             tensors.extend(self.training.extra_tensors(&name("")));
@@ -292,10 +304,16 @@ impl<S: PolicyCollectionSettings> Arrays<'_, S> {
         if let Some(counters) = &header.counters {
             self.restore_training(&name, counters, &mut training)?;
         }
+        let previous = if header.counters.is_some() && header.has_previous {
+            let (_, params) = self.file.read_floats(&name(PREVIOUS))?;
+            Some(self.settings.policy_with_params(self.spec, params)?)
+        } else {
+            None
+        };
         let episodes = self.episodes(&name("images"), &name("vectors"))?;
         let capacity = self.settings.common().buffer_capacity();
         let buffer = Reservoir::from_parts(capacity, header.seen, episodes)?;
-        Ok(PolicyEntry { policy, training, buffer })
+        Ok(PolicyEntry { policy, training, previous, buffer })
     }
 
     fn restore_training(

@@ -3,7 +3,7 @@
 //! merges of policies.
 
 use cluster::AssignedPolicy;
-use evidence::{RequiredTrial, Trajectory};
+use evidence::{PreviousParameters, RequiredTrial, Trajectory};
 use rl::{Actor as _, ExperienceBuffer as _, RlError, RolloutState, VectorEnv};
 use web_time::Instant;
 
@@ -48,6 +48,30 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
             state.memory = self.policies[chosen].policy.new_memory(self.spec.num_envs);
         }
         Ok(state)
+    }
+
+    /// Returns the availability of the current policy's parameters from before its latest update;
+    /// it is to act with them if it is `doubted`.
+    pub(super) fn previous_parameters(&self, doubted: Option<usize>) -> PreviousParameters {
+        let has_previous = self.policies[self.current].previous.is_some();
+        match doubted {
+            _ if !has_previous => PreviousParameters::Unavailable,
+            Some(policy) if policy == self.current => PreviousParameters::Acted,
+            Some(_) | None => PreviousParameters::Available,
+        }
+    }
+
+    /// Collects a rollout with the current policy's parameters from before its latest update.
+    pub(super) fn roll_out_as_before(
+        &mut self,
+        env: &mut dyn VectorEnv,
+        state: RolloutStateInCollection<S>,
+        iteration: &mut IterationReport,
+    ) -> Result<(), LearnerError> {
+        self.policies[self.current].swap_previous();
+        let rolled_out = self.roll_out(env, state, iteration);
+        self.policies[self.current].swap_previous();
+        rolled_out
     }
 
     /// Resets the environments; returns the beginnings of their episodes, in which the current
