@@ -8,7 +8,7 @@ use crate::error::{EvidenceError, Result, check_finite, check_len};
 use crate::policy_test::{EvidenceSource, mean_return};
 use crate::summary::EpisodeSummary;
 
-/// Summaries of the latest episodes that a policy trained on, by which its task group is
+/// Summaries of the latest episodes that a policy trained on or collected, by which its task group is
 /// recognised.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -26,8 +26,8 @@ pub(crate) struct PolicyMemory {
     /// Index of the policy that this one was merged into, which now acts for its task group.
     #[serde(rename = "heir")]
     pub(crate) merged_into: Option<usize>,
-    /// Episodes after an update that changed how the policy acts; they are remembered when it
-    /// trains next.
+    /// Episodes that the policy collected after an update that changed how it acts; they are
+    /// remembered when it trains next.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(crate) after_update: Vec<EpisodeSummary>,
 }
@@ -38,10 +38,10 @@ impl PolicyMemory {
         self.merged_into.is_some()
     }
 
-    /// Remembers that the latest update changed how the policy acts, as in the episodes
-    /// `after_update`: motion and returns of earlier episodes, and of those that it trains on next,
-    /// count no more.
-    // Its next episodes would differ from these, too.
+    /// Records that the latest update changed how the policy acts, as in the episodes
+    /// `after_update`: motion and returns of remembered episodes, and of those that it trains on
+    /// next, no longer count.
+    // Its next episodes would differ from them, too.
     pub(crate) fn record_changing_update(&mut self, after_update: Vec<EpisodeSummary>) {
         self.summaries.iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
         self.after_update = after_update;
@@ -57,9 +57,9 @@ impl PolicyMemory {
         self.initial_return = self.initial_return.or(mean);
         self.is_trained = true;
         let after_update = std::mem::take(&mut self.after_update);
-        let is_earlier = !after_update.is_empty();
+        let is_superseded = !after_update.is_empty();
         let summaries = summaries.into_iter().cloned().map(|mut summary| {
-            if is_earlier {
+            if is_superseded {
                 summary.keep_only_first_observation();
             }
             summary

@@ -39,7 +39,7 @@ pub struct RolloutDecision {
     pub rejected: Vec<usize>,
     /// Indices of the policies that images or vectors of the episodes reject at the final level.
     pub differing: Vec<usize>,
-    /// Trial that the named policy must pass, unless it is the one that acted.
+    /// Trial before the decision is final; none if it names the policy that acted.
     pub trial: RequiredTrial,
     /// `true` if the named policy is provisional: evidence from before it acted rejects it, because
     /// images or vectors differ or it was merged, so its returns must show that it serves the
@@ -47,9 +47,9 @@ pub struct RolloutDecision {
     pub is_provisional: bool,
 }
 
-/// Trial that the policy named by a decision must pass before the decision is final: none, a
-/// rollout that it collects itself, or a few episodes first; waived where it would come too late.
-/// The policy that acted needs none.
+/// Trial before a decision is final. The policy that the decision names collects a rollout, or a few
+/// episodes first, unless it acted already; waived where that would come too late. An undecided
+/// decision may ask the policy that acted for a rollout with earlier parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RequiredTrial {
     /// No trial of the named policy: the decision is final.
@@ -109,8 +109,9 @@ pub struct RolloutDecisionContext<'a> {
     pub allow_undecided: bool,
 }
 
-/// Availability of a policy's parameters from before its latest update. A policy whose update made
-/// it worse looks like one in a foreign group, unless these parameters serve as well as before.
+/// Availability of a policy's parameters from before its latest update. A policy that its latest
+/// update made worse looks like one in a foreign group; if the earlier parameters still serve, the
+/// group is the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PreviousParameters {
     /// The policy cannot act with them.
@@ -166,6 +167,10 @@ pub(crate) struct UndecidedRollout {
     pub(crate) collector: usize,
     #[serde(rename = "accounts")]
     pub(crate) summaries: Vec<EpisodeSummary>,
+    /// `true` if the policy that acted has trained since, so that its latest update cannot explain
+    /// why the rollout was doubted.
+    #[serde(default)]
+    is_before_update: bool,
 }
 
 /// Recogniser of task groups: remembers the episodes that each policy trained on, and decides which
@@ -228,6 +233,9 @@ impl Recogniser {
             self.memories.push(PolicyMemory::default());
         }
         self.undo_merge(policy);
+        for kept in self.undecided.iter_mut().filter(|kept| kept.collector == policy) {
+            kept.is_before_update = true;
+        }
         let memory = &mut self.memories[policy];
         if is_outdated {
             memory.summaries.clear();
@@ -291,9 +299,9 @@ impl Recogniser {
     /// judged together with the next similar one. `Undecided`, if `context` allows it, asks for
     /// another rollout; no policy may train on this one. With
     /// [`RequiredTrial::PreviousParameters`] the policy that acted collects it with earlier
-    /// parameters; if these are accepted, its doubted rollout is remembered, too. After a changepoint, only the later
-    /// episodes count, but the policy that acted is named only if the earlier ones fit it, too,
-    /// since it trains on those.
+    /// parameters; if these are accepted, the undecided episodes are remembered, too. After a
+    /// changepoint, only the later episodes count, but the policy that acted is named only if the
+    /// earlier ones fit it, too, since it trains on those.
     ///
     /// # Errors
     /// [`EvidenceError::NoPolicy`] for a collector above [`policy_count`](Self::policy_count); too
@@ -310,10 +318,11 @@ impl Recogniser {
         let place = self.find_changepoint(&summaries, rng)?;
         let case = Case { summaries: &summaries[place.unwrap_or(0)..], context };
         let mut decision = self.screen(case, rng)?;
-        let serves_as_before = context.previous_parameters == PreviousParameters::Acted
+        let serves_as_before = place.is_none()
+            && context.previous_parameters == PreviousParameters::Acted
             && decision.policy == AssignedPolicy::Existing(context.collector);
         if serves_as_before && decision.tests[context.collector].p_value() >= SAME_GROUP {
-            self.remember_doubted_rollout(context.collector);
+            self.remember_doubted_rollouts(context.collector);
         } else if serves_as_before || decision.policy == AssignedPolicy::Undecided {
             decision = self.decide_with_kept(case, decision, rng)?;
         }
@@ -334,25 +343,28 @@ impl Recogniser {
         Ok(decision)
     }
 
-    /// Returns `true` if the latest update of the policy that acted may explain why it is rejected:
-    /// images and vectors are as remembered, and motion or returns differ, which depend on its
-    /// parameters.
+    /// Returns `true` if the latest update of the policy that acted may explain why a decision asks
+    /// for a new one: images and vectors are as remembered, and motion or returns differ, which
+    /// depend on its parameters.
     fn update_may_explain(
         &self,
         context: RolloutDecisionContext,
-        tests: &[PolicyTestResult],
+        decision: &RolloutDecision,
     ) -> bool {
         let looks_alike =
             |own: &PolicyTestResult| !own.first_observation_differs(self.settings.doubt);
-        context.allow_undecided
+        decision.policy == AssignedPolicy::New
+            && context.allow_undecided
             && context.previous_parameters == PreviousParameters::Available
-            && tests.get(context.collector).is_some_and(looks_alike)
+            && decision.tests.get(context.collector).is_some_and(looks_alike)
     }
 
-    /// Lets `policy` remember the rollout that was kept last, which it collected: the group is the
-    /// same, and its latest update explains the difference.
-    fn remember_doubted_rollout(&mut self, policy: usize) {
-        if self.undecided.back().is_some_and(|kept| kept.collector == policy)
+    /// Lets `policy` remember the rollouts that were kept last, which it collected since its latest
+    /// update: the group is the same, and that update explains the difference.
+    fn remember_doubted_rollouts(&mut self, policy: usize) {
+        let is_doubted =
+            |kept: &UndecidedRollout| kept.collector == policy && !kept.is_before_update;
+        if self.undecided.back().is_some_and(is_doubted)
             && let Some(kept) = self.undecided.pop_back()
         {
             self.memories[policy].record_changing_update(kept.summaries);
@@ -384,6 +396,9 @@ impl Recogniser {
     ) -> Result<RolloutDecision> {
         let collector = case.context.collector;
         let earlier = self.take_similar_undecided(case, rng)?;
+        let is_since_update =
+            earlier.as_ref().is_some_and(|e| e.collector == collector && !e.is_before_update);
+        let earlier = earlier.map_or_else(Vec::new, |earlier| earlier.summaries);
         if earlier.is_empty() && case.context.allow_undecided {
             if screened.policy == AssignedPolicy::Undecided {
                 self.keep_undecided(case);
@@ -396,6 +411,11 @@ impl Recogniser {
         if case.context.allow_undecided && self.knows_too_little(&decision, collector) {
             self.keep_undecided(case);
             return Ok(RolloutDecision { policy: AssignedPolicy::Undecided, ..decision });
+        }
+        if is_since_update && self.update_may_explain(case.context, &decision) {
+            self.keep_undecided(case);
+            let trial = RequiredTrial::PreviousParameters;
+            return Ok(RolloutDecision { policy: AssignedPolicy::Undecided, trial, ..decision });
         }
         self.create_policy(case, decision)
     }
@@ -416,10 +436,8 @@ impl Recogniser {
     }
 
     /// Creates the policy that a decision asks for, which remembers the images and vectors of the
-    /// episodes, unless the latest update of the policy that acted may explain the difference and
-    /// its previous parameters have not acted yet. If there are `max_policies` already, the most
-    /// similar one is named instead, without a trial. If too many wait for their first training,
-    /// the episodes are kept.
+    /// episodes. If there are `max_policies` already, the most similar one is named instead,
+    /// without a trial. If too many wait for their first training, the episodes are kept.
     pub(crate) fn create_policy(
         &mut self,
         case: Case,
@@ -427,11 +445,6 @@ impl Recogniser {
     ) -> Result<RolloutDecision> {
         if decision.policy != AssignedPolicy::New {
             return Ok(decision);
-        }
-        if self.update_may_explain(case.context, &decision.tests) {
-            self.keep_undecided(case);
-            let trial = RequiredTrial::PreviousParameters;
-            return Ok(RolloutDecision { policy: AssignedPolicy::Undecided, trial, ..decision });
         }
         if self.memories.len() >= self.settings.max_policies {
             let similar = self.most_similar(&decision.tests);
@@ -520,7 +533,8 @@ impl Recogniser {
         let first = case.summaries.len().saturating_sub(self.settings.memory);
         let summaries = case.summaries[first..].iter().copied().cloned().collect();
         let collector = case.context.collector;
-        self.undecided.push_back(UndecidedRollout { collector, summaries });
+        let is_before_update = false;
+        self.undecided.push_back(UndecidedRollout { collector, summaries, is_before_update });
     }
 
     /// Removes and returns the kept undecided rollout that is most similar to the episodes of
@@ -529,7 +543,7 @@ impl Recogniser {
         &mut self,
         case: Case,
         rng: &mut impl Rng,
-    ) -> Result<Vec<EpisodeSummary>> {
+    ) -> Result<Option<UndecidedRollout>> {
         let collector = case.context.collector;
         let (mut own, mut best) = (ChaCha8Rng::seed_from_u64(rng.random()), None);
         for (index, kept) in self.undecided.iter().enumerate() {
@@ -547,13 +561,11 @@ impl Recogniser {
                 best = Some((index, score));
             }
         }
-        let Some(mut kept) = best.and_then(|(index, _)| self.undecided.remove(index)) else {
-            return Ok(Vec::new());
-        };
-        if kept.collector != collector {
+        let mut found = best.and_then(|(index, _)| self.undecided.remove(index));
+        if let Some(kept) = found.as_mut().filter(|kept| kept.collector != collector) {
             kept.summaries.iter_mut().for_each(EpisodeSummary::keep_only_first_observation);
         }
-        Ok(kept.summaries)
+        Ok(found)
     }
 
     /// Returns the probability that episodes belong to each policy's task group, from the first

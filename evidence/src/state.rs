@@ -79,6 +79,9 @@ impl Recogniser {
             let mut named = memory.distinct_from.iter().chain(&memory.merged_into);
             named.try_for_each(|&policy| exists(policy, policies))?;
             fits(memory.summaries.len())?;
+            if !memory.after_update.is_empty() {
+                fits(memory.after_update.len())?;
+            }
             check_finite("initial return", memory.initial_return.unwrap_or(0.0))?;
         }
         check_merges(memories)?;

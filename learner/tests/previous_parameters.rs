@@ -11,7 +11,7 @@ use learner::{
 use rand_chacha::ChaCha8Rng;
 use rl::{PpoSettings, VectorEnv as _};
 
-use crate::bars::{Bars, covers_settings, scratch};
+use crate::bars::{Bars, covers_settings, number, scratch};
 
 /// Availability of previous parameters in a request, and the largest action of its rollout.
 type Request = (PreviousParameters, f32);
@@ -48,20 +48,21 @@ impl Grouping for Doubting {
     }
 }
 
-/// The first update makes actions many times larger, and those of a doubted policy are as
-/// small as before, also when the run continues from a checkpoint.
+/// The first update makes actions many times larger. Those of a doubted policy are as small as
+/// before, also when the run continues from a checkpoint, and the latest parameters are trained.
 #[test]
 fn a_doubted_policy_acts_once_as_before_its_latest_update() {
-    let fast = PpoSettings { head_learning_rate: 3.0, max_kl: 1e9, ..covers_settings().ppo };
+    let fast = PpoSettings { head_learning_rate: 3.0, ..covers_settings().ppo };
     let settings = CoversSettings { ppo: fast, ..covers_settings() };
     let grouping = Doubting::default();
     let (mut env, path) = (Bars::new(), scratch("previous"));
+    let whole = CheckpointExtent::Everything;
     let mut covers =
         CoversLearner::with_grouping(settings, env.spec(), Box::new(grouping.clone())).unwrap();
     covers.learn(&mut env).unwrap();
-    covers.save(&path, CheckpointExtent::Everything, "").unwrap();
+    covers.save(&path, whole, "").unwrap();
     let loaded = CoversLearner::load_with_grouping(&path, env.spec(), Box::new(grouping.clone()));
-    std::fs::remove_file(&path).unwrap();
+    let mut trained = Vec::new();
     for mut learner in [covers, loaded.unwrap().0] {
         let latest = learner.policy_parameters(0).unwrap().to_vec();
         let iteration = learner.learn(&mut env.clone()).unwrap();
@@ -71,6 +72,15 @@ fn a_doubted_policy_acts_once_as_before_its_latest_update() {
         assert_eq!(available, PreviousParameters::Available);
         assert_eq!(acted, PreviousParameters::Acted);
         assert!(large > 100.0 && small < 10.0, "{large} {small}");
-        assert_ne!(learner.policy_parameters(0).unwrap(), latest, "the update begins with these");
+        learner.save(&path, whole, "").unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+        let before = file.tensor("policy.0.previous_params").unwrap();
+        let latest: Vec<u8> = latest.iter().flat_map(|value| value.to_le_bytes()).collect();
+        assert!(before.data() == latest, "other parameters than the latest were trained");
+        assert!(number(&iteration, "steps") >= 1.0, "nothing was trained");
+        trained.push(learner.policy_parameters(0).unwrap().to_vec());
     }
+    std::fs::remove_file(&path).unwrap();
+    assert!(trained[0] == trained[1], "a learner that was loaded trains differently");
 }

@@ -166,7 +166,8 @@ pub struct GroupingDecision {
     /// on earlier rollouts.
     pub group_changed: bool,
     /// Trial that the named policy must pass, with episodes that it collects, before the decision
-    /// is final.
+    /// is final. After [`RequiredTrial::PreviousParameters`] of an undecided decision, the policy
+    /// that acted collects the next rollout with its parameters from before its latest update.
     pub trial: RequiredTrial,
     /// `true` if the named policy is provisional: there is evidence against it, so it must not
     /// train before its trial.

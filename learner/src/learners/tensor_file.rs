@@ -209,6 +209,11 @@ impl<'a> TensorFile<'a> {
         LearnerError::damaged_file(self.path, problem)
     }
 
+    /// Returns `true` if the file has an array called `name`.
+    pub fn contains(&self, name: &str) -> bool {
+        self.file.tensor(name).is_ok()
+    }
+
     /// Returns shape and values of the single-precision array called `name`, all values finite.
     pub fn read_floats(&self, name: &str) -> Result<(Vec<usize>, Vec<f32>), LearnerError> {
         let tensor = self.tensor(name, Dtype::F32)?;

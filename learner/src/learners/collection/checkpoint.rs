@@ -62,9 +62,6 @@ struct Header<'a, S: Clone> {
 struct EntryHeader {
     /// Counters of the training algorithm by name; `None` if its state was left out.
     counters: Option<BTreeMap<String, u64>>,
-    /// `true` if the file has the policy's parameters from before its latest update.
-    #[serde(default)]
-    has_previous: bool,
     /// Number of episodes whose first frames were offered to the policy's buffer so far.
     seen: u64,
 }
@@ -218,15 +215,10 @@ impl<S: PolicyCollectionSettings> PolicyEntry<S> {
             CheckpointExtent::Everything => {
                 let counters = self.training.algorithm_state().counters.into_iter();
                 let counters = counters.map(|(name, count)| (name.to_owned(), count)).collect();
-                EntryHeader {
-                    counters: Some(counters),
-                    has_previous: self.previous.is_some(),
-                    seen: self.buffer.num_offered(),
-                }
+                EntryHeader { counters: Some(counters), seen: self.buffer.num_offered() }
             }
             CheckpointExtent::Policies { .. } => {
-                let seen = self.kept(extent).len() as u64;
-                EntryHeader { counters: None, has_previous: false, seen }
+                EntryHeader { counters: None, seen: self.kept(extent).len() as u64 }
             }
         }
     }
@@ -304,7 +296,8 @@ impl<S: PolicyCollectionSettings> Arrays<'_, S> {
         if let Some(counters) = &header.counters {
             self.restore_training(&name, counters, &mut training)?;
         }
-        let previous = if header.counters.is_some() && header.has_previous {
+        // a policy that was never updated has no earlier parameters
+        let previous = if header.counters.is_some() && self.file.contains(&name(PREVIOUS)) {
             let (_, params) = self.file.read_floats(&name(PREVIOUS))?;
             Some(self.settings.policy_with_params(self.spec, params)?)
         } else {

@@ -53,15 +53,17 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
     /// Returns the availability of the current policy's parameters from before its latest update;
     /// it is to act with them if it is `doubted`.
     pub(super) fn previous_parameters(&self, doubted: Option<usize>) -> PreviousParameters {
-        let has_previous = self.policies[self.current].previous.is_some();
-        match doubted {
-            _ if !has_previous => PreviousParameters::Unavailable,
-            Some(policy) if policy == self.current => PreviousParameters::Acted,
-            Some(_) | None => PreviousParameters::Available,
+        if self.policies[self.current].previous.is_none() {
+            PreviousParameters::Unavailable
+        } else if doubted == Some(self.current) {
+            PreviousParameters::Acted
+        } else {
+            PreviousParameters::Available
         }
     }
 
-    /// Collects a rollout with the current policy's parameters from before its latest update.
+    /// Collects a rollout with the current policy's parameters from before its latest update, and
+    /// prepares it for training the latest ones.
     pub(super) fn roll_out_as_before(
         &mut self,
         env: &mut dyn VectorEnv,
@@ -71,7 +73,8 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         self.policies[self.current].swap_previous();
         let rolled_out = self.roll_out(env, state, iteration);
         self.policies[self.current].swap_previous();
-        rolled_out
+        rolled_out?;
+        self.adapt_rollout()
     }
 
     /// Resets the environments; returns the beginnings of their episodes, in which the current
