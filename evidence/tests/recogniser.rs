@@ -378,6 +378,10 @@ fn a_policy_that_its_own_update_made_worse_is_no_foreign_group() {
     assert_eq!(decide(&mut in_foreign_group, &third, acted), new);
     // the previous parameters serve: the group is the same, and the doubted rollouts are remembered
     assert_eq!(decide(&mut recogniser, &as_before, acted), same);
+    let state = recogniser.serialise_state(serde_json::value::Serializer).unwrap();
+    let mut restored = fresh();
+    restored.restore_state(state).unwrap();
+    assert_eq!(restored, recogniser);
     recogniser.record_training(0, &as_before, &mut rng()).unwrap();
     assert_eq!(decide(&mut recogniser, &later, available), same);
 

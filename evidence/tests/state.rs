@@ -62,6 +62,7 @@ fn damaged_states_are_refused() {
         ("/policies/0/accounts/3", "vector", json!([0.5]), "vector holds 1 values, expected 2"),
         ("/policies/1", "accounts", json!([]), "got 0 episodes"),
         ("/policies/0", "accounts", many.clone(), "41 episodes of one policy, expected at most 40"),
+        ("/policies/0", "after_update", many.clone(), "41 episodes of one policy"),
         ("/policies/1", "heir", 2.into(), "policy 2 was named, 2 are known"),
         ("/policies/1", "heir", 1.into(), "form a cycle"),
         ("/policies/1", "apart", json!([0, 3]), "policy 3 was named, 2 are known"),
