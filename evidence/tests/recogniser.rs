@@ -351,14 +351,13 @@ fn a_policy_that_its_own_update_made_worse_is_no_foreign_group() {
     let as_before = episodes(20, 1.0, 1.0, &mut generator);
     let mut look_different = || episodes(20, 9.0, 1.0, &mut generator);
     let other_images = [look_different(), look_different()];
-    let context = |previous_parameters| RolloutDecisionContext {
-        previous_parameters,
-        ..RolloutDecisionContext::for_collector(0)
-    };
-    let unavailable = context(PreviousParameters::Unavailable);
-    let available = context(PreviousParameters::Available);
-    let acted = context(PreviousParameters::Acted);
-    let mut decide = |recogniser: &mut Recogniser, seen: &[EpisodeSummary], context| {
+    let [unavailable, available, acted] =
+        [PreviousParameters::Unavailable, PreviousParameters::Available, PreviousParameters::Acted];
+    let mut decide = |recogniser: &mut Recogniser, seen: &[EpisodeSummary], previous_parameters| {
+        let context = RolloutDecisionContext {
+            previous_parameters,
+            ..RolloutDecisionContext::for_collector(0)
+        };
         let decision = recogniser.assign_rollout(seen, context, &mut generator).unwrap();
         (decision.policy, decision.trial == RequiredTrial::PreviousParameters)
     };
@@ -367,9 +366,9 @@ fn a_policy_that_its_own_update_made_worse_is_no_foreign_group() {
         ((AssignedPolicy::Undecided, false), (AssignedPolicy::Undecided, true));
 
     // without the previous parameters two such rollouts create a policy
-    let mut recogniser = trained.clone();
-    assert_eq!(decide(&mut recogniser, &first, unavailable), undecided);
-    assert_eq!(decide(&mut recogniser, &second, unavailable), new);
+    let mut without = trained.clone();
+    assert_eq!(decide(&mut without, &first, unavailable), undecided);
+    assert_eq!(decide(&mut without, &second, unavailable), new);
 
     let mut recogniser = trained.clone();
     assert_eq!(decide(&mut recogniser, &first, available), undecided);
@@ -386,10 +385,10 @@ fn a_policy_that_its_own_update_made_worse_is_no_foreign_group() {
     assert_eq!(decide(&mut recogniser, &later, available), same);
 
     // the latest update cannot explain what was doubted before it
-    let mut recogniser = trained.clone();
-    assert_eq!(decide(&mut recogniser, &first, available), undecided);
-    recogniser.record_training(0, &as_before, &mut rng()).unwrap();
-    assert_eq!(decide(&mut recogniser, &second, available), new);
+    let mut updated = trained.clone();
+    assert_eq!(decide(&mut updated, &first, available), undecided);
+    updated.record_training(0, &as_before, &mut rng()).unwrap();
+    assert_eq!(decide(&mut updated, &second, available), new);
 
     // images that differ are not due to an update
     assert_eq!(decide(&mut trained, &other_images[0], available), undecided);

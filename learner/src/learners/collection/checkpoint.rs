@@ -298,8 +298,8 @@ impl<S: PolicyCollectionSettings> Arrays<'_, S> {
         }
         // a policy that was never updated has no earlier parameters
         let previous = if header.counters.is_some() && self.file.contains(&name(PREVIOUS)) {
-            let (_, params) = self.file.read_floats(&name(PREVIOUS))?;
-            Some(self.settings.policy_with_params(self.spec, params)?)
+            let (_, earlier) = self.file.read_floats(&name(PREVIOUS))?;
+            Some(self.settings.policy_with_params(self.spec, earlier)?)
         } else {
             None
         };
