@@ -88,7 +88,15 @@ impl Arguments {
 fn main() -> Answer<()> {
     let arguments = Arguments::parse();
     let results = StudyResults::open(arguments.csv.as_deref())?;
-    for jobs in arguments.tables() {
+    let tables = arguments.tables();
+    if tables.is_empty() {
+        return Err(
+            "no stream to run: `rare-group` has visits of its own, so leave out --visits and \
+                    --stay, and the number of worlds must be at least 1"
+                .into(),
+        );
+    }
+    for jobs in tables {
         let records = run_all(&jobs, &results)?;
         let StudyRecord { visits, stay, .. } = StudyRecord::new(&jobs[0]);
         println!("Visits: {visits}, of {stay} rounds\n\n{HEADER}");
@@ -157,5 +165,6 @@ mod tests {
         assert_eq!(tables("7 1 target --rule evidence"), [1; 6]);
         assert_eq!(tables("7 1 collapse"), [5]);
         assert_eq!(tables("7 1 --visits 100"), [17 * 5]);
+        assert_eq!(tables("7 1 rare-group --visits 100"), [0; 0], "an error of the program");
     }
 }
