@@ -8,8 +8,8 @@ use crate::error::{EvidenceError, Result, check_finite, check_len};
 use crate::policy_test::{EvidenceSource, mean_return};
 use crate::summary::EpisodeSummary;
 
-/// Summaries of the latest episodes that a policy trained on or collected, by which its task group is
-/// recognised.
+/// Summaries of the latest episodes that a policy trained on, or collected after an update that
+/// changed how it acts; its task group is recognised by them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct PolicyMemory {

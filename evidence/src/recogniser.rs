@@ -47,8 +47,8 @@ pub struct RolloutDecision {
     pub is_provisional: bool,
 }
 
-/// Trial before a decision is final. The policy that the decision names collects a rollout, or a few
-/// episodes first, unless it acted already; waived where that would come too late. An undecided
+/// Trial before a decision is final. The policy that the decision names collects a rollout, or a
+/// few episodes first, unless it acted already; waived where that would come too late. An undecided
 /// decision may ask the policy that acted for a rollout with earlier parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RequiredTrial {

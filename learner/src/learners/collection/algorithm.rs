@@ -15,7 +15,7 @@
 use std::path::Path;
 
 use cluster::AssignedPolicy;
-use evidence::{PreviousParameters, RequiredTrial, Trajectory};
+use evidence::{RequiredTrial, Trajectory};
 use rand_chacha::ChaCha8Rng;
 use rl::{
     ExperienceBuffer, ExportPolicy, ExportedPolicy, MeasureUnitActivity, Observations,
@@ -56,12 +56,8 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
             let state = self.choose_collector(env, &mut iteration.seconds)?;
             // After a doubt that its latest update may explain, it acts as before that update.
             let collector = self.current;
-            let previous_parameters = self.previous_parameters(doubted.take());
-            if previous_parameters == PreviousParameters::Acted {
-                self.roll_out_as_before(env, state, &mut iteration)?;
-            } else {
-                self.roll_out(env, state, &mut iteration)?;
-            }
+            let previous_parameters =
+                self.roll_out_after_doubt(env, state, doubted.take(), &mut iteration)?;
             let mut observed = self.observe_rollout()?;
 
             // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.

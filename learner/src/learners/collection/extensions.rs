@@ -50,31 +50,31 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         Ok(state)
     }
 
-    /// Returns the availability of the current policy's parameters from before its latest update;
-    /// it is to act with them if it is `doubted`.
-    pub(super) fn previous_parameters(&self, doubted: Option<usize>) -> PreviousParameters {
-        if self.policies[self.current].previous.is_none() {
-            PreviousParameters::Unavailable
-        } else if doubted == Some(self.current) {
-            PreviousParameters::Acted
-        } else {
-            PreviousParameters::Available
-        }
-    }
-
-    /// Collects a rollout with the current policy's parameters from before its latest update, and
-    /// prepares it for training the latest ones.
-    pub(super) fn roll_out_as_before(
+    /// Collects a rollout with the current policy. If it is `doubted`, it acts with its parameters
+    /// from before its latest update, and the rollout is prepared for training the latest ones.
+    /// Returns the availability of the earlier parameters.
+    pub(super) fn roll_out_after_doubt(
         &mut self,
         env: &mut dyn VectorEnv,
         state: RolloutStateInCollection<S>,
+        doubted: Option<usize>,
         iteration: &mut IterationReport,
-    ) -> Result<(), LearnerError> {
+    ) -> Result<PreviousParameters, LearnerError> {
+        let has_previous = self.policies[self.current].previous.is_some();
+        if !has_previous || doubted != Some(self.current) {
+            self.roll_out(env, state, iteration)?;
+            return Ok(if has_previous {
+                PreviousParameters::Available
+            } else {
+                PreviousParameters::Unavailable
+            });
+        }
         self.policies[self.current].swap_previous();
         let rolled_out = self.roll_out(env, state, iteration);
         self.policies[self.current].swap_previous();
         rolled_out?;
-        self.adapt_rollout()
+        self.adapt_rollout()?;
+        Ok(PreviousParameters::Acted)
     }
 
     /// Resets the environments; returns the beginnings of their episodes, in which the current
