@@ -1,7 +1,9 @@
 """Draws the charts of docs/results/benchmarks.md from kept data, into docs/media/benchmarks: charts.py.
 
-Figures of other projects, and of ours those that only pages have, are in docs/results/benchmarks.csv. Results of our learners are read from
-docs/results/efficiency and docs/results/table1; studies of `covers-sac` are drawn where their folders exist. Equal data give equal bytes.
+Figures of other projects, and of ours those that only pages have, are in
+docs/results/benchmarks.csv. Results of our learners are read from docs/results/efficiency and
+docs/results/table1; studies of `covers-sac` are drawn where their folders exist. Equal data give
+equal bytes.
 (pip install matplotlib)
 """
 

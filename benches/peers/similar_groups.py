@@ -2,7 +2,8 @@
 
 RUNS_FOLDER holds finished runs of ten groups (docs/results/data/efficiency-ten.tar.gz). For each
 pair of groups with one object, and for all other pairs together, the script prints W1 distances of
-first images over the rollouts of all runs: between a rollout of one group and the policy of the
+first images (of first vectors where all compared images are equal) over the rollouts of all runs:
+between a rollout of one group and the policy of the
 other, and between rollouts of the two groups and their own policies. The policy of a group is the
 one that was created for it. The p-value is the largest of the tests of whole episodes that a
 rollout of one group got against the policy of the other.

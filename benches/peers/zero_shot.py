@@ -9,16 +9,13 @@ recognised. Below, the average over groups of the unseen variants, played by the
 compared between networks, by Welch's t-test and an exact permutation test over seeds.
 """
 
-import csv
-import itertools
-import json
 import re
 import sys
 from collections import defaultdict
 from pathlib import Path
 from statistics import fmean
 
-from scipy import stats
+from final_scores import interval, own, p_values, scores_of, text_of
 
 NETWORKS = {
     "d2": "equivariant",
@@ -27,20 +24,6 @@ NETWORKS = {
     "wide-ordinary": "wide ordinary",
     "wide-mirrored": "wide ordinary, mirrored replay",
 }
-PLACEMENTS = 3  # `evaluation.seed` of the plans
-
-
-def scores_of(folder):
-    """Rows of a finished run's evaluation after the stream."""
-    if not (folder / "summary.json").exists():
-        sys.exit(f"{folder} is not finished")
-    experiment = json.loads((folder / "experiment.json").read_text())
-    if experiment["evaluation"]["seed"] != PLACEMENTS:
-        sys.exit(f"{folder} was not evaluated on the placements of the plan")
-    with open(folder / "evaluation.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    last = max(int(row["rollouts"]) for row in rows)
-    return [row for row in rows if int(row["rollouts"]) == last]
 
 
 def runs_of(runs):
@@ -56,11 +39,6 @@ def runs_of(runs):
     return {key: scores[key] for key in NETWORKS if key in scores}
 
 
-def own(row):
-    """Success of the policy that served the group in most of its rollouts."""
-    return float(row["own_success"])
-
-
 def line(name, group, rows):
     """A row of the first table."""
     seen = [row for row in rows if row["seen"] == "true"]
@@ -71,28 +49,6 @@ def line(name, group, rows):
         cells.append(f"{fmean(float(row['success']) for row in part):.3f}")
         cells.append(f"{fmean(map(own, part)):.3f}")
     return "| " + " | ".join([*cells, f"{right:.2f}"]) + " |"
-
-
-def interval(values):
-    """A mean, with its 95 % interval by Student's t unless all values are equal."""
-    if len(set(values)) < 2:
-        return f"{fmean(values):.3f}"
-    half = stats.sem(values) * stats.t.ppf(0.975, len(values) - 1)
-    return f"{fmean(values):.3f} ± {half:.3f}"
-
-
-def p_values(values, others):
-    """p-values of Welch's t-test and of a permutation test, or dashes where they are undefined."""
-    if min(len(values), len(others)) < 2 or len({*values}) == len({*others}) == 1:
-        return ["-", "-"]
-    both, count = [*values, *others], len(values)
-    total = sum(both)
-    observed = abs(sum(values) / count - sum(others) / len(others))
-    splits = itertools.combinations(both, count)
-    gaps = (abs(sum(part) / count - (total - sum(part)) / len(others)) for part in splits)
-    reached = [gap >= observed - 1e-12 for gap in gaps]
-    welch = stats.ttest_ind(values, others, equal_var=False).pvalue
-    return [f"{welch:.1e}", f"{fmean(reached):.1e}"]
 
 
 def main(runs):
@@ -117,7 +73,7 @@ def main(runs):
         if key == "d2":
             cells += ["-"] * 3
         else:
-            cells += [f"{fmean(values) - fmean(best):+.3f}", *p_values(values, best)]
+            cells += [f"{fmean(values) - fmean(best):+.3f}", *map(text_of, p_values(values, best))]
         print("| " + " | ".join(cells) + " |")
 
 
