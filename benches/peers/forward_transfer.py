@@ -5,8 +5,8 @@ and each ALONE one of runs of one of their groups alone, by the same learner. In
 area under a stream's success in training, divided by the decisions, and B the mean of the same area
 over the runs alone, both over as many of the first decisions in the group as all runs have. Forward
 transfer is (A - B) / (1 - B) (Wolczyk et al., "Continual World", NeurIPS 2021). Positive values
-mean that earlier groups helped. Undecided rollouts count with the success of the rollout that ended
-them. The last row takes the mean of each stream first.
+mean that earlier groups helped. Decisions of undecided rollouts count with the group and success of
+the next row. The last row takes the mean over the second half of each stream's groups first.
 """
 
 import csv
