@@ -16,7 +16,7 @@ from glob import glob
 from pathlib import Path
 from statistics import fmean
 
-from final_scores import interval
+from seed_tests import interval
 
 
 def curves_of(folder):

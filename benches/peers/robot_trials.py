@@ -12,15 +12,7 @@ from collections import Counter
 from pathlib import Path
 from statistics import fmean
 
-from scipy import stats
-
-
-def interval(values):
-    """A mean of streams, with its interval unless all are equal."""
-    if len(set(values)) < 2:
-        return f"{fmean(values):.3f}"
-    half = stats.sem(values) * stats.t.ppf(0.975, len(values) - 1)
-    return f"{fmean(values):.3f} ± {half:.3f}"
+from seed_tests import interval
 
 
 def usual_policies(rows):

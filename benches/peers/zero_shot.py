@@ -15,7 +15,8 @@ from collections import defaultdict
 from pathlib import Path
 from statistics import fmean
 
-from final_scores import interval, own, p_values, scores_of, text_of
+from final_scores import own, scores_of
+from seed_tests import interval, p_values, text_of
 
 NETWORKS = {
     "d2": "equivariant",
