@@ -89,7 +89,7 @@ pub struct JointPermutationTestResult {
 pub fn joint_permutation_test(
     sources: &[EvidenceSourceSamples],
     stages: &[usize],
-    is_decided: impl Fn(&JointPermutationTestResult) -> bool,
+    mut is_decided: impl FnMut(&JointPermutationTestResult) -> bool,
     rng: &mut impl Rng,
 ) -> Result<JointPermutationTestResult> {
     check_positive("splits", stages.iter().copied().min().unwrap_or(1))?;

@@ -175,15 +175,8 @@ impl PolicyTestResult {
     pub(crate) fn source_tests(
         &self,
     ) -> impl Iterator<Item = (EvidenceSource, &EvidenceSourceTestResult)> {
-        self.test.iter().flat_map(|joint| self.source_tests_of(joint))
-    }
-
-    /// Returns each source of evidence with its result in `joint`, a test that may not be finished.
-    pub(crate) fn source_tests_of<'a>(
-        &'a self,
-        joint: &'a JointPermutationTestResult,
-    ) -> impl Iterator<Item = (EvidenceSource, &'a EvidenceSourceTestResult)> {
-        let pairs = self.sources.iter().zip(&joint.sources);
+        let results = self.test.iter().flat_map(|joint| &joint.sources);
+        let pairs = self.sources.iter().zip(results);
         pairs.filter_map(|(&source, test)| Some((source, test.as_ref()?)))
     }
 }

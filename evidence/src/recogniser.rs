@@ -99,9 +99,6 @@ pub struct RolloutDecisionContext<'a> {
     /// Value of [`RolloutDecision::is_provisional`] in the decision that proposed the acting
     /// policy.
     pub is_provisional: bool,
-    /// `true` if another policy trained last, so that the task group of the acting one may have
-    /// drifted meanwhile.
-    pub is_returning: bool,
     /// Availability of the acting policy's parameters from before its latest update.
     pub previous_parameters: PreviousParameters,
     /// `true` if the decision may be [`AssignedPolicy::Undecided`], so that another rollout is
@@ -130,11 +127,6 @@ impl RolloutDecisionContext<'_> {
     pub fn for_collector(collector: usize) -> Self {
         Self { collector, allow_undecided: true, ..Self::default() }
     }
-
-    /// Returns the role of the acting policy in the assignment of a rollout.
-    fn role(&self) -> PolicyRole {
-        if self.is_returning { PolicyRole::Returning } else { PolicyRole::Collector }
-    }
 }
 
 /// Episodes that a decision is about, sorted by time, and their context.
@@ -142,6 +134,19 @@ impl RolloutDecisionContext<'_> {
 pub(crate) struct Case<'a> {
     pub(crate) summaries: &'a [&'a EpisodeSummary],
     pub(crate) context: RolloutDecisionContext<'a>,
+    /// `true` if the policy that acted collected some of the episodes with parameters from before
+    /// its latest update.
+    pub(crate) is_before_update: bool,
+}
+
+impl<'a> Case<'a> {
+    pub(crate) fn new(
+        summaries: &'a [&'a EpisodeSummary],
+        context: RolloutDecisionContext<'a>,
+    ) -> Self {
+        let is_before_update = context.previous_parameters == PreviousParameters::Acted;
+        Self { summaries, context, is_before_update }
+    }
 }
 
 /// Largest number of undecided rollouts that are kept until another one of their task group
@@ -181,6 +186,8 @@ pub struct Recogniser {
     pub(crate) memories: Vec<PolicyMemory>,
     /// Undecided rollouts that are kept, the latest last.
     pub(crate) undecided: VecDeque<UndecidedRollout>,
+    /// Index of the policy that trained last.
+    pub(crate) last_trained: Option<usize>,
 }
 
 impl Recogniser {
@@ -190,7 +197,7 @@ impl Recogniser {
     /// A setting outside its range.
     pub fn new(settings: RecogniserSettings) -> Result<Self> {
         settings.check()?;
-        Ok(Self { settings, memories: Vec::new(), undecided: VecDeque::new() })
+        Ok(Self { settings, memories: Vec::new(), undecided: VecDeque::new(), last_trained: None })
     }
 
     /// Returns the settings of the recogniser.
@@ -233,6 +240,7 @@ impl Recogniser {
             self.memories.push(PolicyMemory::default());
         }
         self.undo_merge(policy);
+        self.last_trained = Some(policy);
         for kept in self.undecided.iter_mut().filter(|kept| kept.collector == policy) {
             kept.is_before_update = true;
         }
@@ -283,7 +291,7 @@ impl Recogniser {
         }
         let summaries: Vec<_> = summaries.iter().collect();
         let context = RolloutDecisionContext::for_collector(current);
-        let case = Case { summaries: &summaries, context };
+        let case = Case::new(&summaries, context);
         let tests = self.test_all(case, TestStage::Screening, PolicyRole::Other, rng)?;
         let choice = PolicyChoice::new(&tests, current);
         // policies that look alike need a trial
@@ -316,7 +324,7 @@ impl Recogniser {
         check_comparable(all_summaries(&self.memories).chain(summaries))?;
         let summaries = self.in_order(summaries)?;
         let place = self.find_changepoint(&summaries, rng)?;
-        let case = Case { summaries: &summaries[place.unwrap_or(0)..], context };
+        let case = Case::new(&summaries[place.unwrap_or(0)..], context);
         let mut decision = self.screen(case, rng)?;
         let serves_as_before = place.is_none()
             && context.previous_parameters == PreviousParameters::Acted
@@ -333,7 +341,7 @@ impl Recogniser {
             && decision.policy == AssignedPolicy::Existing(context.collector)
             && !self.fits_collector(
                 Case { summaries: &summaries[..place], ..case },
-                context.role(),
+                self.role_of_collector(context.collector),
                 TestStage::Screening,
                 rng,
             )?
@@ -385,6 +393,15 @@ impl Recogniser {
         Ok(test.verdict == PolicyVerdict::Accepted)
     }
 
+    /// Returns the role of the policy `collector` in the assignment of a rollout that it collected.
+    fn role_of_collector(&self, collector: usize) -> PolicyRole {
+        if self.last_trained == Some(collector) {
+            PolicyRole::Collector
+        } else {
+            PolicyRole::Returning
+        }
+    }
+
     /// Decides on episodes together with a kept undecided rollout of the same task group. Without
     /// such a rollout, the decision of the screening test holds, and undecided episodes are kept if
     /// the context allows it.
@@ -396,8 +413,10 @@ impl Recogniser {
     ) -> Result<RolloutDecision> {
         let collector = case.context.collector;
         let earlier = self.take_similar_undecided(case, rng)?;
-        let is_since_update =
-            earlier.as_ref().is_some_and(|e| e.collector == collector && !e.is_before_update);
+        let of_collector = earlier.as_ref().filter(|kept| kept.collector == collector);
+        let is_since_update = of_collector.is_some_and(|kept| !kept.is_before_update);
+        let is_before_update =
+            case.is_before_update || of_collector.is_some_and(|kept| kept.is_before_update);
         let earlier = earlier.map_or_else(Vec::new, |earlier| earlier.summaries);
         if earlier.is_empty() && case.context.allow_undecided {
             if screened.policy == AssignedPolicy::Undecided {
@@ -406,8 +425,8 @@ impl Recogniser {
             return Ok(screened);
         }
         let all: Vec<_> = earlier.iter().chain(case.summaries.iter().copied()).collect();
-        let case = Case { summaries: &all, ..case };
-        let decision = self.decide(case, case.context.role(), rng)?;
+        let case = Case { summaries: &all, is_before_update, ..case };
+        let decision = self.decide(case, self.role_of_collector(collector), rng)?;
         if case.context.allow_undecided && self.knows_too_little(&decision, collector) {
             self.keep_undecided(case);
             return Ok(RolloutDecision { policy: AssignedPolicy::Undecided, ..decision });
@@ -505,7 +524,8 @@ impl Recogniser {
     /// Decides on the policy of one rollout by screening tests.
     pub(crate) fn screen(&self, case: Case, rng: &mut impl Rng) -> Result<RolloutDecision> {
         let collector = case.context.collector;
-        let tests = self.test_all(case, TestStage::Screening, case.context.role(), rng)?;
+        let role = self.role_of_collector(collector);
+        let tests = self.test_all(case, TestStage::Screening, role, rng)?;
         let choice = PolicyChoice::new(&tests, collector);
         let others = choice.accepted_others();
         let is_familiar = choice.looks_familiar(self.settings.doubt);
@@ -532,8 +552,8 @@ impl Recogniser {
         }
         let first = case.summaries.len().saturating_sub(self.settings.memory);
         let summaries = case.summaries[first..].iter().copied().cloned().collect();
-        let collector = case.context.collector;
-        let is_before_update = false;
+        let Case { context, is_before_update, .. } = case;
+        let collector = context.collector;
         self.undecided.push_back(UndecidedRollout { collector, summaries, is_before_update });
     }
 
@@ -585,7 +605,7 @@ impl Recogniser {
         let summaries: Vec<_> = summaries.iter().collect();
         // an index beyond all policies: none of them acted
         let context = RolloutDecisionContext::for_collector(self.memories.len());
-        let case = Case { summaries: &summaries, context };
+        let case = Case::new(&summaries, context);
         let tests = self.test_all(case, TestStage::Confirmation, PolicyRole::Other, rng)?;
         let candidates = tests.iter().zip(&self.memories).map(|(test, memory)| {
             let mut rejecting = self.tester().rejecting_sources(test, self.settings.doubt);
@@ -639,7 +659,7 @@ impl Recogniser {
     ) -> Result<Vec<PolicyTestResult>> {
         // each policy has its own generator, so the result does not depend on threads
         let seeds: Vec<u64> = self.memories.iter().map(|_| rng.random()).collect();
-        let Case { summaries, context } = case;
+        let Case { summaries, context, .. } = case;
         let tests = seeds.into_par_iter().enumerate().map(|(policy, seed)| {
             let role = if policy == context.collector { role } else { PolicyRole::Other };
             let (memory, mut own) = (&self.memories[policy], ChaCha8Rng::seed_from_u64(seed));

@@ -33,7 +33,7 @@ impl Recogniser {
         let summaries = self.in_order(summaries)?;
         let is_provisional = context.is_provisional;
         let role = if is_provisional { PolicyRole::Provisional } else { PolicyRole::Returning };
-        let mut case = Case { summaries: &summaries, context };
+        let mut case = Case::new(&summaries, context);
         let mut decision = self.decide(case, role, rng)?;
         let keep = AssignedPolicy::Existing(context.collector);
         let place = self.find_changepoint(&summaries, rng)?;

@@ -22,6 +22,8 @@ struct State<M, U> {
     policies: M,
     #[serde(rename = "held")]
     undecided: U,
+    #[serde(default)]
+    last_trained: Option<usize>,
 }
 
 /// Reads the format number and rejects others before the policies are read, whose fields may
@@ -42,7 +44,8 @@ impl Recogniser {
     /// Errors of the serialiser.
     pub fn serialise_state<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let (policies, undecided) = (&self.memories, &self.undecided);
-        State { format: VERSION, policies, undecided }.serialize(serializer)
+        let last_trained = self.last_trained;
+        State { format: VERSION, policies, undecided, last_trained }.serialize(serializer)
     }
 
     /// Replaces the memories of all policies and the undecided rollouts by a stored state.
@@ -55,17 +58,18 @@ impl Recogniser {
     pub fn restore_state<'de, D: Deserializer<'de>>(&mut self, state: D) -> Result<(), D::Error> {
         let state: State<Vec<PolicyMemory>, VecDeque<UndecidedRollout>> =
             State::deserialize(state)?;
-        self.check_state(&state.policies, &state.undecided).map_err(D::Error::custom)?;
+        self.check_state(&state).map_err(D::Error::custom)?;
         (self.memories, self.undecided) = (state.policies, state.undecided);
+        self.last_trained = state.last_trained;
         Ok(())
     }
 
     /// Checks that a stored state is consistent: a run could have left it.
     fn check_state(
         &self,
-        memories: &[PolicyMemory],
-        undecided: &VecDeque<UndecidedRollout>,
+        state: &State<Vec<PolicyMemory>, VecDeque<UndecidedRollout>>,
     ) -> Result<(), EvidenceError> {
+        let State { policies: memories, undecided, last_trained, .. } = state;
         let (most, policies) = (self.settings().memory, memories.len());
         let exists = |policy: usize, end: usize| {
             if policy < end { Ok(()) } else { Err(EvidenceError::NoPolicy { policy, policies }) }
@@ -84,6 +88,7 @@ impl Recogniser {
             }
             check_finite("initial return", memory.initial_return.unwrap_or(0.0))?;
         }
+        last_trained.iter().try_for_each(|&policy| exists(policy, policies))?;
         check_merges(memories)?;
         for rollout in undecided {
             // the next new policy may have acted

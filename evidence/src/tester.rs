@@ -98,7 +98,10 @@ impl PolicyTester<'_> {
         let all = self.0.permutations;
         let splits = [all / 4, all / 2, all, 3 * all];
         let splits = if stage == TestStage::Screening { &splits[..3] } else { &splits[..] };
-        let decided = |test: &JointPermutationTestResult| self.is_decided(&result, test, stage);
+        let decided = |test: &JointPermutationTestResult| {
+            result.test = Some(test.clone());
+            self.is_decided(&result, stage)
+        };
         let test = joint_permutation_test(&samples(sources, &seen, &known)?, splits, decided, rng)?;
         result.test = Some(test);
         if !is_out {
@@ -110,19 +113,17 @@ impl PolicyTester<'_> {
     /// Returns `true` if more random splits would not change the outcome of a test: enough of them
     /// reach the largest score, or a difference that counts is far more significant than the level
     /// requires.
-    fn is_decided(
-        self,
-        result: &PolicyTestResult,
-        joint: &JointPermutationTestResult,
-        stage: TestStage,
-    ) -> bool {
-        let reaching = joint.overall.p_value * (1 + joint.overall.null.permutations) as f64;
+    fn is_decided(self, result: &PolicyTestResult, stage: TestStage) -> bool {
+        let reaching =
+            result.test.as_ref().map_or(0.0, |JointPermutationTestResult { overall, .. }| {
+                overall.p_value * (1 + overall.null.permutations) as f64
+            });
         let limit = CERTAIN * self.level(stage);
         let is_certain = |(source, test): (EvidenceSource, &EvidenceSourceTestResult)| {
             test.tail_p_value <= limit && self.counts(result, stage, source, test)
         };
         // `reaching` is a whole number but for rounding, hence the half
-        reaching > REACHING - 0.5 || result.source_tests_of(joint).any(is_certain)
+        reaching > REACHING - 0.5 || result.source_tests().any(is_certain)
     }
 
     fn level(self, stage: TestStage) -> f64 {

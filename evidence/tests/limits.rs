@@ -39,7 +39,12 @@ fn motion_that_changed_while_returns_rose_is_training() {
     let verdict = |episodes: &[EpisodeSummary]| settle(&recogniser, episodes, 0).tests[0].verdict;
     assert_eq!(verdict(&seen), PolicyVerdict::Rejected);
     set_returns(&mut seen, |value| value + 100.0);
-    assert_eq!(verdict(&seen), PolicyVerdict::Accepted);
+    let test = settle(&recogniser, &seen, 0).tests[0].clone();
+    assert_eq!(test.verdict, PolicyVerdict::Accepted);
+    // a difference that does not count ends no test early, however certain it is
+    assert!(test.tail_p_value() < 1e-6);
+    let splits = test.test.unwrap().overall.null.permutations;
+    assert_eq!(splits, recogniser.settings().permutations);
 }
 
 /// A false alarm creates a second policy of a group, which looks as right as the first one.
@@ -271,14 +276,18 @@ fn a_few_episodes_that_fit_a_policy_that_differed_show_that_the_group_changed() 
 fn a_policy_that_collects_after_others_trained_may_differ_more() {
     let (recogniser, mut random) = knowing_images(&[0.0, 10.0]);
     let seen = episodes(20, 0.28, 1.0, &mut random);
-    let decided = |is_returning| {
-        let context = RolloutDecisionContext { is_returning, ..must_decide(0) };
-        let found = recogniser.clone().assign_rollout(&seen, context, &mut rng()).unwrap();
+    let first_group = episodes(20, 0.0, 1.0, &mut random);
+    let decided = |trains_again| {
+        let mut own = recogniser.clone();
+        if trains_again {
+            own.record_training(0, &first_group, &mut rng()).unwrap();
+        }
+        let found = own.assign_rollout(&seen, must_decide(0), &mut rng()).unwrap();
         assert!((1.2..1.5).contains(&ratio(&found)), "{}", ratio(&found));
         found.policy
     };
-    assert_eq!(decided(false), AssignedPolicy::New);
-    assert_eq!(decided(true), AssignedPolicy::Existing(0));
+    assert_eq!(decided(true), AssignedPolicy::New);
+    assert_eq!(decided(false), AssignedPolicy::Existing(0));
 }
 
 /// Six remembered episodes are too few to reject the next ones at the final level, and forty are

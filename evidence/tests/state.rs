@@ -69,6 +69,7 @@ fn damaged_states_are_refused() {
         ("/held/0", "collector", 3.into(), "policy 3 was named, 2 are known"),
         ("/held/0", "accounts", json!([]), "got 0 episodes"),
         ("/held/0", "accounts", many, "41 episodes"),
+        ("", "last_trained", 2.into(), "policy 2 was named, 2 are known"),
         ("", "heirs", 1.into(), "unknown field `heirs`"),
         ("/policies/0", "heirs", 1.into(), "unknown field `heirs`"),
         ("/policies/0/accounts/7", "heirs", 1.into(), "unknown field `heirs`"),

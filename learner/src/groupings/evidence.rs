@@ -119,13 +119,9 @@ impl Grouping for EvidenceGrouping {
                 let chosen = self.recogniser.choose_collector(&summaries, collector, rng)?;
                 return Ok(GroupingDecision::for_policy(AssignedPolicy::Existing(chosen)));
             }
-            AssignmentPurpose::Assign { allow_undecided, is_returning, previous_parameters } => {
-                let context = RolloutDecisionContext {
-                    allow_undecided,
-                    is_returning,
-                    previous_parameters,
-                    ..context
-                };
+            AssignmentPurpose::Assign { allow_undecided, previous_parameters } => {
+                let context =
+                    RolloutDecisionContext { allow_undecided, previous_parameters, ..context };
                 self.recogniser.assign_rollout(&summaries, context, rng)?
             }
             AssignmentPurpose::Confirm { proposal, allow_undecided } => {

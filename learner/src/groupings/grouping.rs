@@ -93,8 +93,6 @@ pub enum AssignmentPurpose<'a> {
         /// `true` if the decision may be [`AssignedPolicy::Undecided`]: no policy trains on the
         /// rollout, and another one is collected.
         allow_undecided: bool,
-        /// `true` if another policy than the collector trained last.
-        is_returning: bool,
         /// Availability of the collector's parameters from before its latest update, with which an
         /// undecided decision may ask it to act next ([`RequiredTrial::PreviousParameters`]).
         previous_parameters: PreviousParameters,

@@ -129,7 +129,6 @@ mod tests {
 
     const ROLLOUT: AssignmentPurpose<'static> = AssignmentPurpose::Assign {
         allow_undecided: true,
-        is_returning: false,
         previous_parameters: PreviousParameters::Unavailable,
     };
 

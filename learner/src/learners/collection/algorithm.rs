@@ -47,7 +47,6 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
     /// since `N_u` and `N_s` are equal.
     fn learn(&mut self, env: &mut dyn VectorEnv) -> Result<IterationReport, LearnerError> {
         let (mut iteration, policies) = (IterationReport::default(), self.policies.len());
-        let last = self.current;
         let mut doubted = None;
         let (actor, decision) = loop {
             // Lines 4 to 7: roll out N_s steps with the current policy into D (`self.rollout`); O
@@ -61,12 +60,9 @@ impl<S: PolicyCollectionSettings> Learner for PolicyCollection<S> {
             let mut observed = self.observe_rollout()?;
 
             // Lines 8 to 10: the distances of O from every B_i, the nearest policy, the threshold.
-            // Extension: a single rollout may be too little to decide, and trains no policy then. A
-            // collector that did not train last returns, and its group may look a little different.
+            // Extension: a single rollout may be too little to decide, and trains no policy then.
             let allow_undecided = iteration.may_discard();
-            let is_returning = collector != last;
-            let request =
-                AssignmentPurpose::Assign { allow_undecided, is_returning, previous_parameters };
+            let request = AssignmentPurpose::Assign { allow_undecided, previous_parameters };
             let mut decision = self.assign(request, &observed, &mut iteration.seconds)?;
             if decision.policy == AssignedPolicy::Undecided {
                 let is_retry = decision.trial == RequiredTrial::PreviousParameters;
