@@ -162,7 +162,7 @@ fn check_text(check: &RobotCheckReport) -> String {
 }
 
 /// Returns where the arm stands to do the tasks, or why it cannot do them; adds that to the problems
-/// if the settings place the arm.
+/// unless the arm is only too far away at every place where the search put it.
 fn table_text(file: &RobotFile, check: &mut RobotCheckReport) -> String {
     if !check.problems.is_empty() {
         // the attempt would end with one of them
@@ -172,11 +172,13 @@ fn table_text(file: &RobotFile, check: &mut RobotCheckReport) -> String {
         Ok(arm) => arm,
         Err(error) => {
             let placed = placement(file);
-            if placed.is_empty() {
-                return format!("the arm cannot do the tasks: {error}");
+            // a scene has links and joints with a prefix
+            let reason = error.to_string().replace("robot/", "");
+            let with = if placed.is_empty() { placed.clone() } else { format!(" with {placed}") };
+            let problem = format!("the arm cannot do the tasks{with}: {reason}");
+            if !placed.is_empty() || !matches!(error, EnvError::OutOfReach(_)) {
+                check.problems.push(problem.clone());
             }
-            let problem = format!("the arm cannot do the tasks with {placed}: {error}");
-            check.problems.push(problem.clone());
             return problem;
         }
     };
@@ -276,6 +278,24 @@ mod tests {
             let (code, text) = printed(&["check", path.to_str().unwrap()]);
             let times = text.matches("the arm cannot do the tasks with").count();
             assert!(code == 1 && times == 1 && text.contains(says), "{text}");
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+
+    /// A gripper that cannot be driven is a problem, and one that is found is none.
+    #[test]
+    fn a_check_fails_where_the_gripper_cannot_be_used() {
+        let arm = include_str!("../assets/urdf/seven_joint_gripper.urdf");
+        let path = std::env::temp_dir().join(format!("covers-finger-{}.urdf", std::process::id()));
+        let (arms, finger) = arm.split_at(arm.find("<joint name=\"finger_1\"").unwrap());
+        let limp = finger.replace("velocity=\"0.075\"", "velocity=\"0\"");
+        assert_ne!(limp, finger);
+        for (fingers, expected) in [(finger, 0), (&limp, 1)] {
+            std::fs::write(&path, format!("{arms}{fingers}")).unwrap();
+            let (code, text) = printed(&["check", path.to_str().unwrap()]);
+            assert_eq!(code, expected, "{text}");
+            assert_eq!(text.contains("the arm cannot do the tasks"), expected == 1, "{text}");
+            assert!(!text.contains("robot/"), "{text}");
         }
         std::fs::remove_file(path).unwrap();
     }

@@ -20,8 +20,9 @@ pub struct StepResultsMut<'a> {
     /// Observations to choose the next actions from: where an episode ended, the first of the next
     /// episode.
     pub observations: ObservationsMut<'a>,
-    /// Last observations of episodes that ended; only those of environments with `truncated` are
-    /// written.
+    /// Last observations of episodes that ended, where the environment began the next episode by
+    /// itself; others are not written. After [`EnvCommand::StepNoAutoReset`](crate::EnvCommand::StepNoAutoReset) they are in
+    /// `observations`.
     pub final_observations: ObservationsMut<'a>,
     /// Rewards of the N environments for the decision, in `[0, 1]`.
     pub rewards: &'a mut [f32],

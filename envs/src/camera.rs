@@ -74,7 +74,8 @@ pub struct Camera {
 pub struct Misalignment {
     /// Shift of the camera along x and y, each at most 200 either way (mm).
     pub shift_mm: [f64; 2],
-    /// Rotation of the camera about y, then about x (degrees), each at most 20 either way.
+    /// Rotation of the camera about x and rotation about y (degrees), each at most 20 either way.
+    /// The one about y is done first.
     /// A positive rotation about x turns the view towards +y, one about y towards -x.
     pub tilt_degrees: [f64; 2],
 }

@@ -6,8 +6,10 @@ use crate::error::{EnvError, require};
 
 /// Number of physics steps of 2.5 ms in one control step of 12.5 ms, as in Meta-World.
 pub const PHYSICS_STEPS_PER_CONTROL_STEP: usize = 5;
+/// Duration of a physics step (seconds), which every scene has.
+pub(crate) const PHYSICS_STEP: f64 = 0.0025;
 /// Duration of a control step (seconds).
-const CONTROL_STEP: f64 = 0.0125;
+const CONTROL_STEP: f64 = PHYSICS_STEPS_PER_CONTROL_STEP as f64 * PHYSICS_STEP;
 /// Largest displacement of the hand's target by a full action (metres), more than the table's half
 /// width.
 const MAX_DISPLACEMENT: f64 = 1.0;

@@ -10,7 +10,7 @@ use symmetry::D2;
 
 use crate::actuation::{HandActuation, ServoArmController};
 use crate::camera::Camera;
-use crate::control::{ControlSettings, PHYSICS_STEPS_PER_CONTROL_STEP};
+use crate::control::{ControlSettings, PHYSICS_STEP, PHYSICS_STEPS_PER_CONTROL_STEP};
 use crate::embodiment::Embodiment;
 use crate::error::{EnvError, require};
 use crate::instance_id::InstanceId;
@@ -96,7 +96,7 @@ impl Scene {
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`] for an invalid camera, an offset or joint position that is not
-    /// finite, a hand target out of bounds, a start joint that is neither a slide joint nor a hinge,
+    /// finite, MJCF that changes options of the whole scene, a hand target out of bounds, a start joint that is neither a slide joint nor a hinge,
     /// a loose joint that is not free or is beside a mocap body `object`, or a handed task without
     /// objects; [`EnvError::InvalidTaskName`], [`EnvError::InvalidEmbodimentName`], or
     /// MuJoCo's error for the model.
@@ -254,6 +254,12 @@ fn check_parts(
     let offset = parts.object_offset;
     let expected = "finite numbers of metres";
     require(offset.is_finite(), "object_offset", &offset, expected)?;
+    for element in ["<compiler", "<option"] {
+        let is_missing = !parts.mjcf.is_some_and(|mjcf| mjcf.contains(element));
+        let expected_mjcf = "neither `<compiler` nor `<option`, which change the whole scene: \
+                             angles are in radians, and a physics step takes 2.5 ms";
+        require(is_missing, "mjcf", &format!("with `{element}`"), expected_mjcf)?;
+    }
     let is_inside = hand_target.cmpge(lowest).all() && hand_target.cmple(highest).all();
     let expected_place = "a place within the bounds of the hand's target";
     require(is_inside, "hand_target", &hand_target, expected_place)?;
@@ -288,7 +294,11 @@ fn compile(
     parts.extend(layout.included_files());
     let files: Vec<(&str, &[u8])> =
         parts.iter().map(|&(name, text)| (name, text.as_bytes())).collect();
-    Ok(Model::from_files(MAIN, &files)?)
+    let model = Model::from_files(MAIN, &files)?;
+    let timestep = model.timestep();
+    let expected = "0.0025 seconds, on which control steps and rewards rest";
+    require(timestep == PHYSICS_STEP, "timestep", &timestep, expected)?;
+    Ok(model)
 }
 
 /// Returns the model with mirrored objects, if they are handed and the layout has variants that

@@ -112,6 +112,16 @@ fn parts_that_are_not_numbers_are_refused() {
 }
 
 #[test]
+fn a_scene_that_changes_angles_or_physics_of_all_is_refused() {
+    for element in ["<compiler angle=\"degree\"/>", "<option timestep=\"0.005\"/>"] {
+        let part = format!("<mujocoinclude>{element}");
+        let message =
+            scene(with_scene(common::SCENE.replace("<mujocoinclude>", &part))).unwrap_err();
+        assert!(message.to_string().contains("expected neither `<compiler`"), "{message}");
+    }
+}
+
+#[test]
 fn objects_that_cannot_be_placed_or_mirrored_are_refused() {
     let loose = |parts: &mut TaskSceneParts<'_>| parts.loose_joint = Some("push");
     let sliding = Spoilt { parts: loose, ..Spoilt::default() };

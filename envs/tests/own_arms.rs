@@ -95,6 +95,27 @@ fn an_expert_slides_the_puck_with_a_strong_arm() {
     assert_solves(arm, TaskGroup::PLATE_SLIDE, 1);
 }
 
+/// Efforts of fingers are often placeholders.
+#[test]
+fn servos_of_the_arm_do_not_depend_on_the_effort_of_a_finger() {
+    let folder = Folder::new("placeholder");
+    let text = include_str!("../assets/urdf/seven_joint_gripper.urdf");
+    let (arm, fingers) = text.split_at(text.find("<joint name=\"finger_1\"").unwrap());
+    let turning = [
+        ("prismatic", "revolute"),
+        ("\"0 1 0\"", "\"-1 0 0\""),
+        ("\"0 -1 0\"", "\"1 0 0\""),
+        ("upper=\"0.0425\"", "upper=\"0.8\""),
+    ];
+    let fingers = replaced(fingers, &turning);
+    let servo = |effort| {
+        let fingers = replaced(&fingers, &[("effort=\"235\"", effort)]);
+        let file = folder.write("arm.urdf", &format!("{arm}{fingers}"));
+        Embodiment::from_file(&file).unwrap().arm().unwrap().settings().servo
+    };
+    assert_eq!(servo("effort=\"21\""), servo("effort=\"1000\""));
+}
+
 /// Servos that are too soft fail with seeds 1 and 4 of the first group and 5 of the second.
 #[test]
 fn an_expert_presses_and_slides_with_a_long_arm() {

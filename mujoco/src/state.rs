@@ -14,7 +14,8 @@ use crate::fields::data::{
 /// run restored from it continues to the same bits.
 ///
 /// Forces that a program applies through [`Data::as_mut_ptr`] (`qfrc_applied`, `xfrc_applied`) are
-/// not included: [`Data::restore_state`] sets them to zero.
+/// not included: [`Data::restore_state`] sets them to zero. Equality constraints that a program
+/// turns off with MuJoCo 3 (`eq_active`) are not included either: they stay off.
 #[derive(Clone, Debug, PartialEq)]
 pub struct State {
     values: Vec<f64>,

@@ -212,7 +212,10 @@ fn meshes_that_cannot_be_read_are_named() {
         assert!(message.contains(words) && message.contains("ignore_meshes"), "{message}");
         assert!(message.contains(&format!("link `carriage` collides as the mesh `{file}`")));
         let ignored = UrdfSettings { ignore_meshes: true, ..settings.clone() };
-        folder.with_mesh(file, &ignored).to_mjcf(&MjcfSettings::default()).unwrap();
+        let without = folder.with_mesh(file, &ignored);
+        without.to_mjcf(&MjcfSettings::default()).unwrap();
+        let is_named = |note: &String| note.contains(file) && note.contains("is ignored");
+        assert!(without.import_notes().iter().any(is_named), "{:?}", without.import_notes());
     }
     let text = SIX_JOINT.replace("<sphere radius=\"0.05\"/>", "<mesh filename=\"a.stl\"/>");
     let arm = RobotDescription::from_urdf(&text).unwrap();

@@ -81,7 +81,7 @@ impl Arm {
                 orientation: placed.orientation,
                 ..TwistControlSettings::default()
             },
-            servo: soft_servos(&framed),
+            servo: soft_servos(&Chain::new(&framed, HAND)?),
             max_target_lead: LEAD,
             additions: Vec::new(),
         })
@@ -102,11 +102,13 @@ fn reject_unusable(robot: &RobotDescription, hand: &str) -> Result<(), EnvError>
     Ok(())
 }
 
-/// Returns servos whose stiffest hinge is at most as stiff as [`MAX_STIFFNESS`]. All joints are
-/// softened alike.
-fn soft_servos(robot: &RobotDescription) -> JointServoSettings {
-    let hinges = robot.free_joints().filter(|(_, motion)| motion.kind == JointMotionKind::Hinge);
-    let largest = hinges.filter_map(|(_, motion)| motion.max_effort).fold(0.0, f64::max);
+/// Returns servos with which the stiffest hinge of the arm, `chain`, is at most as stiff as
+/// [`MAX_STIFFNESS`]. All joints of the robot are softened alike.
+// Efforts of fingers are often placeholders, so they must not soften the arm.
+fn soft_servos(chain: &Chain) -> JointServoSettings {
+    let motions = chain.joints().iter().map(|joint| &joint.motion);
+    let hinges = motions.filter(|motion| motion.kind == JointMotionKind::Hinge);
+    let largest = hinges.filter_map(|motion| motion.max_effort).fold(0.0, f64::max);
     let usual = JointServoSettings::default();
     let saturation_error = usual.saturation_error.max(largest / MAX_STIFFNESS);
     JointServoSettings { saturation_error, ..usual }

@@ -52,8 +52,9 @@ pub struct OffPolicySettings {
     /// Number of last channels of a picture that do not change during an episode. The replay stores
     /// them once for each episode.
     pub still_channels: usize,
-    /// Number of last steps of a replay buffer that count as newest; [`SacSettings::newest_share`]
-    /// of every minibatch is drawn from them. Task switches need not be known.
+    /// Number of last steps of a replay buffer that count as newest; has no effect if
+    /// `sac.newest_share` is 0. That share ([`SacSettings::newest_share`]) of every minibatch is
+    /// drawn from them. Task switches need not be known.
     pub newest_steps: u64,
     /// Rule that chooses the policy that a rollout belongs to. Its replay takes rollouts of any
     /// policy, unless they show two groups.

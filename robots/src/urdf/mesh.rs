@@ -68,10 +68,14 @@ impl<'a> Meshes<'a> {
         scale: DVec3,
         report: &mut Report,
     ) -> Option<PlacedShape> {
+        let place = format!("the link `{link}` collides as the mesh `{file}`, which");
         if self.settings.ignore_meshes {
+            report.note(
+                line,
+                &format!("{place} is ignored, so this shape neither touches nor hides"),
+            );
             return None;
         }
-        let place = format!("the link `{link}` collides as the mesh `{file}`, which");
         let file = file.replace('\\', "/");
         let path = self.find(&file, report);
         // the user says where such a package is, so that must not be overlooked
