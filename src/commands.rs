@@ -277,7 +277,10 @@ fn evaluate(options: &EvalOptions, out: &mut impl Write) -> Result<(), RunError>
     let mut experiment =
         folder.read_experiment()?.with_threads(options.threads_and_json.threads.count());
     memory::check_environment_memory(experiment.envs.threads)?;
-    experiment.envs.embodiment = options.embodiment.unwrap_or(experiment.envs.embodiment);
+    match options.embodiment {
+        Some(other) => experiment.envs.embodiment = other,
+        None => folder.verify_robot(&experiment)?,
+    }
     if options.randomised {
         experiment.envs = with_randomisation(experiment.envs);
     } else {

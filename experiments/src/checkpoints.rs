@@ -2,6 +2,7 @@
 //! removed.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::error::RunError;
@@ -61,12 +62,13 @@ pub(crate) fn checkpoint_path(folder: &Path, rollouts: usize) -> PathBuf {
 /// Lists the checkpoints in a folder with their rollout counts, newest first. Symbolic links are
 /// skipped, since they may lead out of the folder.
 pub(crate) fn list_checkpoints(folder: &Path) -> Result<Vec<(usize, PathBuf)>, RunError> {
-    if !folder.exists() {
-        return Ok(Vec::new());
-    }
     let read = |error| RunError::cannot_read(folder, error);
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.map_err(read)?,
+    };
     let mut found = Vec::new();
-    for entry in fs::read_dir(folder).map_err(read)? {
+    for entry in entries {
         let entry = entry.map_err(read)?;
         let is_file = entry.file_type().map_err(read)?.is_file();
         if let (Some(rollouts), true) = (rollouts_in_name(&entry.path()), is_file) {

@@ -177,6 +177,23 @@ pub enum RunError {
         /// Checksum of the table when the run ended.
         expected: String,
     },
+    /// Robot that is not the one with which the run began.
+    #[error(
+        "the robot that {} describes has changed since the run in {} began: its checksum is \
+         {found}, provenance.jsonl says {expected}. Restore the file, its URDF and its meshes, or \
+         begin another run",
+        robot.display(), folder.display()
+    )]
+    ChangedRobot {
+        /// File that describes the robot.
+        robot: PathBuf,
+        /// Folder of the run.
+        folder: PathBuf,
+        /// Checksum of the robot as it is now.
+        found: String,
+        /// Checksum of the robot when the run began.
+        expected: String,
+    },
     /// Run whose files a report cannot be made from.
     #[error("{} cannot be reported: {problem}", folder.display())]
     UnreportableRun {

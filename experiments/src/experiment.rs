@@ -5,7 +5,7 @@ use std::path::Path;
 use envs::{Embodiment, TaskRegistry, VecEnvSettings};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rl::RlError;
+use rl::{RlError, SacSettings};
 use serde::{Deserialize, Serialize};
 use symmetry::{D2, Group};
 
@@ -272,7 +272,7 @@ impl Experiment {
         let decisions = match settings.grouping {
             GroupingSettings::Single => self.schedule.total_decisions(),
             // both numbers count for each policy
-            _ => self.schedule.max_group_decisions(),
+            _ => self.schedule.min_group_decisions(),
         } as u64;
         let (warm_up, burn_in) = (settings.warm_up, settings.sac.burn_in);
         for (name, value, fits, expected) in [
@@ -292,18 +292,28 @@ impl Experiment {
                 "off_policy.warm_up",
                 warm_up,
                 warm_up < decisions,
-                "fewer decisions than the stream has of any group: a policy might never act",
+                "fewer decisions than the stream has of each group: a policy might never act",
             ),
             (
                 "off_policy.sac.burn_in",
                 burn_in,
                 burn_in < decisions,
-                "fewer decisions than the stream has of any group: a policy might never learn",
+                "fewer decisions than the stream has of each group: a policy might never learn",
             ),
         ] {
             if !fits {
                 return Err(RunError::invalid(name, value, expected));
             }
+        }
+        let SacSettings { newest_share, updates_per_step, .. } = settings.sac;
+        if newest_share > 0.0 && settings.newest_steps == 0 {
+            let expected = "0 where `off_policy.newest_steps` is 0";
+            return Err(RunError::invalid("off_policy.sac.newest_share", newest_share, expected));
+        }
+        if ((decisions - burn_in) as f64) * f64::from(updates_per_step) < 1.0 {
+            let (name, expected) =
+                ("off_policy.sac.updates_per_step", "enough for a gradient step in each group");
+            return Err(RunError::invalid(name, updates_per_step, expected));
         }
         Ok(())
     }
@@ -479,7 +489,7 @@ mod tests {
     #[test]
     fn runs_that_could_not_finish_are_refused() {
         type Spoil = fn(&mut Experiment);
-        let cases: [(Spoil, &str); 27] = [
+        let cases: [(Spoil, &str); 28] = [
             (|e| e.schedule.cycles = 0, "cycles"),
             (|e| e.evaluation.episodes_per_env = 0, "evaluation.rounds"),
             (|e| e.evaluation.every = Some(0), "evaluation.every"),
@@ -512,6 +522,13 @@ mod tests {
                 },
                 "new_policy",
             ),
+            (
+                |e| {
+                    covers(e).grouping = GroupingSettings::Single;
+                    covers(e).new_policy = NewPolicyInit::Copy;
+                },
+                "new_policy",
+            ),
             (|e| e.evaluation.episodes_per_env = usize::MAX, "evaluation.rounds"),
             (|e| e.evaluation.visit_episodes_per_env = usize::MAX, "evaluation.visit_rounds"),
             (|e| e.evaluation.recognition_repeats = usize::MAX, "evaluation.looks"),
@@ -528,15 +545,19 @@ mod tests {
     #[test]
     fn replays_from_which_nothing_would_be_learnt_are_refused() {
         type Spoil = fn(&mut OffPolicySettings);
-        let cases: [(Spoil, &str); 4] = [
-            // a group is visited for two rollouts, and the stream has eight
+        let cases: [(Spoil, &str); 7] = [
+            // one group is visited for six rollouts, and the others for two
             (|replay| replay.warm_up = 3 * replay.rollout_steps as u64, "warm_up"),
             (|replay| replay.capacity = replay.rollout_steps - 1, "capacity"),
             (|replay| replay.warm_up = 1_000_000, "warm_up"),
             (|replay| replay.sac.burn_in = 1_000_000, "burn_in"),
+            (|replay| replay.sac.burn_in = 3 * replay.rollout_steps as u64, "burn_in"),
+            (|replay| replay.sac.updates_per_step = 0.0, "updates_per_step"),
+            (|replay| (replay.sac.newest_share, replay.newest_steps) = (0.5, 0), "newest_share"),
         ];
         for (spoil, named) in cases {
-            let sac = Budget::Smoke.preset_experiment(Method::CoversSac).with_threads(1);
+            let mut sac = Budget::Smoke.preset_experiment(Method::CoversSac).with_threads(1);
+            sac.schedule.groups[0].decisions *= 3;
             let spoil_learner = |e: &mut Experiment| match &mut e.learner {
                 LearnerSettings::OffPolicy(settings) => spoil(settings),
                 other => panic!("{other:?}"),

@@ -22,7 +22,7 @@ use learner::{CheckpointExtent, Learner, LearnerSettings, TaskLabel};
 use super::checkpoints;
 use crate::lock::{self, FolderLock, LOCK};
 use crate::note::SavedRun;
-use crate::provenance::Provenance;
+use crate::provenance::{Provenance, robot_checksum};
 
 /// Name of the file with a run's settings.
 const EXPERIMENT: &str = "experiment.json";
@@ -78,6 +78,17 @@ pub struct RunFolder {
     unfenced: Arc<dyn Disk>,
     overwrite: bool,
     ranks: ProcessRanks,
+}
+
+/// Returns `true` if a file or folder exists; `false` below a path that is no folder.
+///
+/// # Errors
+/// [`RunError::Read`] where that cannot be found out.
+pub(crate) fn file_exists(path: &Path) -> Result<bool, RunError> {
+    match path.try_exists() {
+        Err(error) if error.kind() == ErrorKind::NotADirectory => Ok(false),
+        found => found.map_err(RunError::read_error_mapper(path)),
+    }
 }
 
 impl RunFolder {
@@ -205,14 +216,15 @@ impl RunFolder {
             return Ok(());
         }
         let checkpoints = checkpoints::list_checkpoints(&self.checkpoint_folder())?;
-        if self.holds_settings() || !checkpoints.is_empty() {
+        if file_exists(&self.file_path(EXPERIMENT))? || !checkpoints.is_empty() {
             return Err(RunError::FolderHoldsRun { folder: self.path.clone() });
         }
-        let mut paths = FILES.iter().map(|name| self.file_path(name));
-        match paths.find(|path| path.exists()) {
-            Some(path) => Err(RunError::FileExists { path }),
-            None => Ok(()),
+        for path in FILES.iter().map(|name| self.file_path(name)) {
+            if file_exists(&path)? {
+                return Err(RunError::FileExists { path });
+            }
         }
+        Ok(())
     }
 
     /// Removes the files of the run in the folder, so that another can start; other files stay.
@@ -319,6 +331,27 @@ impl RunFolder {
             }
         }
         Ok(())
+    }
+
+    /// Checks that the robot of the run's settings, if a file describes it, is the one with which
+    /// the run began. Runs of older versions pass.
+    ///
+    /// # Errors
+    /// [`RunError::ChangedRobot`], [`RunError::Read`], errors of reading the robot.
+    pub fn verify_robot(&self, settings: &Experiment) -> Result<(), RunError> {
+        let embodiment = settings.envs.embodiment;
+        let Some(found) = robot_checksum(embodiment)? else { return Ok(()) };
+        if !file_exists(&self.file_path(Provenance::FILE_NAME))? {
+            return Ok(());
+        }
+        let began_with = Provenance::read(&self.path)?.into_iter().find_map(|line| line.robot);
+        match began_with.filter(|expected| *expected != found) {
+            Some(expected) => {
+                let (robot, folder) = (embodiment.name().into(), self.path.clone());
+                Err(RunError::ChangedRobot { robot, folder, found, expected })
+            }
+            None => Ok(()),
+        }
     }
 
     /// Reads the run's settings, from the newest intact checkpoint if their file is lost.

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use crate::error::RunError;
 use crate::experiment::Experiment;
 use crate::stream::SwitchableVecEnv;
-use learner::{GroupingSettings, LearnerSettings};
+use learner::{CommonSettings, GroupingSettings, LearnerSettings};
 
 const MEBIBYTE: u64 = 1 << 20;
 /// Name of the machine's memory as a limit.
@@ -78,11 +78,31 @@ fn resident_bytes(threads: usize, data: u64) -> u64 {
     (RESIDENT + further_threads).saturating_add(data)
 }
 
-/// Returns the bytes of a run's rollout and of its replay buffers.
+/// Returns the bytes of a run's rollout, of its replay buffers and of the first frames that it
+/// keeps.
 fn data_bytes(experiment: &Experiment) -> u64 {
     let image: usize = SwitchableVecEnv::env_spec(&experiment.envs).image_shape.iter().product();
     let rollout = (experiment.learner.rollout_steps() as u64).saturating_mul(image as u64);
-    rollout.saturating_add(replay_bytes(experiment))
+    let frames = (num_first_frames(experiment) as u64).saturating_mul(image as u64);
+    rollout.saturating_add(replay_bytes(experiment)).saturating_add(frames)
+}
+
+/// Returns the number of first frames that all policies keep at the end of the stream.
+fn num_first_frames(experiment: &Experiment) -> usize {
+    let CommonSettings { first_frames, buffer_episodes, .. } = experiment.learner.common();
+    let of_all = |each: usize| each.saturating_mul(num_policies(experiment));
+    let most = buffer_episodes.map_or(usize::MAX, of_all);
+    let decisions = experiment.schedule.total_decisions();
+    let episodes = decisions / experiment.envs.control.decisions_per_episode().max(1);
+    episodes.min(most).saturating_mul(first_frames)
+}
+
+/// Returns the expected number of policies, one for each task group but for a single one.
+fn num_policies(experiment: &Experiment) -> usize {
+    match experiment.learner.grouping() {
+        GroupingSettings::Single => 1,
+        _ => experiment.schedule.groups.len(),
+    }
 }
 
 /// Returns the bytes of an off-policy learner's replay buffers at the end of the stream: the
@@ -94,11 +114,7 @@ fn replay_bytes(experiment: &Experiment) -> u64 {
     };
     let [height, width, channels] = SwitchableVecEnv::env_spec(&experiment.envs).image_shape;
     let image = height * width * channels.saturating_sub(settings.still_channels);
-    let replays = match settings.grouping {
-        GroupingSettings::Single => 1,
-        _ => experiment.schedule.groups.len(),
-    };
-    let held = settings.capacity.saturating_mul(replays);
+    let held = settings.capacity.saturating_mul(num_policies(experiment));
     let steps = held.min(experiment.schedule.total_decisions());
     let bytes = (steps as u64).saturating_mul(image as u64);
     bytes.saturating_add(bytes / 4 * 3)
@@ -219,6 +235,20 @@ mod tests {
         experiment.schedule.cycles = 1;
         assert_eq!(replay_bytes(&experiment), 500 * 48 * 48 * 3 / 4 * 7);
         assert_eq!(replay_bytes(&Budget::Full.preset_experiment(Method::Covers)), 0);
+    }
+
+    /// The paper's settings keep the first frames of all episodes.
+    #[test]
+    fn first_frames_take_the_memory_of_their_images() {
+        let mut experiment = Budget::Smoke.preset_experiment(Method::Paper);
+        let episodes =
+            experiment.schedule.total_decisions() / experiment.envs.control.decisions_per_episode();
+        let frames = experiment.learner.common().first_frames;
+        assert_eq!(num_first_frames(&experiment), episodes * frames);
+        if let LearnerSettings::Covers(settings) = &mut experiment.learner {
+            settings.buffer_episodes = Some(1);
+        }
+        assert_eq!(num_first_frames(&experiment), experiment.schedule.groups.len() * frames);
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use crate::error::RunError;
+use crate::folder::file_exists;
 use learner::disk::{LocalDisk, PARTIAL_FILE_EXTENSION, parent_folder, write_atomically};
 
 /// Output file of a command, which must not exist yet.
@@ -16,10 +17,10 @@ impl NewOutputFile {
     /// Returns a handle to an output file that does not exist yet; creates nothing.
     ///
     /// # Errors
-    /// [`RunError::FileExists`].
+    /// [`RunError::FileExists`], [`RunError::Read`].
     pub fn new(path: &Path) -> Result<Self, RunError> {
         let path = path.to_owned();
-        if path.exists() { Err(RunError::FileExists { path }) } else { Ok(Self { path }) }
+        if file_exists(&path)? { Err(RunError::FileExists { path }) } else { Ok(Self { path }) }
     }
 
     /// Creates the output file's folder if needed and checks that it can be written to, so that a

@@ -5,7 +5,11 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
+use envs::Embodiment;
+use envs::robots::RobotFile;
+
 use crate::error::RunError;
+use crate::folder::crc32_hex;
 
 /// Program, libraries and machine of one process that worked on a run: a line of JSON in the
 /// folder's `provenance.jsonl`. Results never depend on it.
@@ -47,6 +51,9 @@ pub struct Provenance {
     /// GPU that policies were updated on; `None` for the CPU.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gpu: Option<String>,
+    /// Checksum of the robot as MuJoCo simulates it, if a file describes it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot: Option<String>,
 }
 
 impl Provenance {
@@ -59,6 +66,7 @@ impl Provenance {
         threads: usize,
         renderer: String,
         gpu: Option<&str>,
+        robot: Option<String>,
     ) -> Self {
         Self {
             rollouts_before: rollouts,
@@ -74,6 +82,7 @@ impl Provenance {
             operating_system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             threads,
             gpu: gpu.map(str::to_owned),
+            robot,
         }
     }
 
@@ -88,6 +97,20 @@ impl Provenance {
         let lines = text.split(|&byte| byte == b'\n');
         Ok(lines.flat_map(serde_json::from_slice).collect())
     }
+}
+
+/// Returns the checksum of a robot that a file describes, as MuJoCo simulates it; `None` for an
+/// embodiment without a file.
+///
+/// # Errors
+/// Errors of reading the robot.
+pub(crate) fn robot_checksum(embodiment: Embodiment) -> Result<Option<String>, RunError> {
+    if !RobotFile::has_supported_extension(Path::new(embodiment.name())) {
+        return Ok(None);
+    }
+    let parts = embodiment.spec().parts()?;
+    let texts: String = parts.included_files.iter().map(|(_, text)| &text[..]).collect();
+    Ok(Some(crc32_hex(format!("{}{texts}", parts.mjcf).as_bytes())))
 }
 
 /// Returns the words of the command that started this process; bytes of paths that are not UTF-8

@@ -24,7 +24,7 @@ use crate::memory;
 use crate::note::RunState;
 use crate::printable::printable_message;
 use crate::progress::{EvaluationReport, RolloutReport, RunEvent, RunSummary};
-use crate::provenance::Provenance;
+use crate::provenance::{Provenance, robot_checksum};
 use crate::run_stats::RunStats;
 use crate::scoring::{StoppableEvaluation, recognition_repeats};
 use crate::start_resume::{self, LockedRun, PreparedRun};
@@ -159,7 +159,8 @@ impl Run {
         let renderer = envs::mujoco::opengl_description().unwrap_or("none").to_owned();
         let (rollouts, threads) = (self.stats.rollouts, self.experiment.envs.threads);
         let gpu = self.experiment.learner.gpu_name();
-        let provenance = Provenance::of_this_process(rollouts, threads, renderer, gpu);
+        let robot = robot_checksum(self.experiment.envs.embodiment)?;
+        let provenance = Provenance::of_this_process(rollouts, threads, renderer, gpu, robot);
         self.folder.record_provenance(&provenance)?;
         self.log(&self.start_message)
     }

@@ -11,7 +11,7 @@ use symmetry::D2;
 use crate::error::RunError;
 use crate::evaluation::RECOGNITION_EPISODE_COUNTS;
 use crate::experiment::Experiment;
-use crate::folder::RunFolder;
+use crate::folder::{RunFolder, file_exists};
 use crate::printable::escape_unprintable;
 use crate::provenance::Provenance;
 use crate::scoring::recognition_repeats;
@@ -460,12 +460,12 @@ fn malformed(path: &Path, error: csv::Error) -> RunError {
 
 /// Reads all rows of a table that not every run has; `None` without the file.
 fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Option<Vec<R>>, RunError> {
-    path.exists().then(|| rows(path)).transpose()
+    file_exists(path)?.then(|| rows(path)).transpose()
 }
 
 /// Reads who worked on a run; nothing for runs of older versions, which have no such file.
 fn read_provenance(path: &Path) -> Result<Vec<Provenance>, RunError> {
-    let is_there = path.join(Provenance::FILE_NAME).exists();
+    let is_there = file_exists(&path.join(Provenance::FILE_NAME))?;
     if is_there { Provenance::read(path) } else { Ok(Vec::new()) }
 }
 

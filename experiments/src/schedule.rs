@@ -119,13 +119,13 @@ impl TaskSchedule {
         self.checked_decisions().unwrap_or(MAX_STREAM_DECISIONS)
     }
 
-    /// Returns the largest number of decisions of one group in the stream; with
+    /// Returns the smallest number of decisions of one group in the stream; with
     /// [`VisitOrder::Switching`], whose visits are random, the whole stream.
-    pub(crate) fn max_group_decisions(&self) -> usize {
-        let longest = self.groups.iter().map(|plan| plan.decisions).max().unwrap_or(0);
+    pub(crate) fn min_group_decisions(&self) -> usize {
+        let shortest = self.groups.iter().map(|plan| plan.decisions).min().unwrap_or(0);
         match self.order {
             VisitOrder::Switching => self.total_decisions(),
-            VisitOrder::Fixed | VisitOrder::Shuffled => longest.saturating_mul(self.cycles),
+            VisitOrder::Fixed | VisitOrder::Shuffled => shortest.saturating_mul(self.cycles),
         }
     }
 

@@ -97,6 +97,7 @@ pub(crate) fn resume(
     }
     let (folder, lock) = folder.lock()?;
     let mut experiment = folder.read_experiment()?.with_device(device)?;
+    folder.verify_robot(&experiment)?;
     experiment.learner.set_process_ranks(folder.process_ranks().clone())?;
     experiment.envs.threads = threads.unwrap_or(experiment.envs.threads);
     experiment.check(&tasks)?;

@@ -57,7 +57,8 @@ impl StopSignal {
     /// Returns a stop signal that all `ranks` see once it is requested on one of them. They must
     /// call [`StopSignal::is_requested`] equally often.
     pub(crate) fn on_ranks(self, ranks: ProcessRanks) -> Self {
-        Self { ranks, ..self }
+        // what one process alone has seen must not keep it from asking the others
+        Self { ranks, seen: Arc::default(), ..self }
     }
 
     /// Returns `true` once a stop of the run was requested, on this rank or another one.
@@ -93,4 +94,20 @@ fn hangup_is_ignored() -> bool {
     let ignored = ignored.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
     // bit 0 of the mask is signal 1
     ignored.is_some_and(|mask| mask >> (SIGHUP - 1) & 1 == 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A terminal asks on one rank alone, which must not decide for that rank.
+    #[test]
+    fn ranks_agree_on_a_stop_that_another_clone_has_seen() {
+        let stop = StopSignal::default();
+        stop.request();
+        assert!(stop.is_requested() && stop.was_seen());
+        let on_ranks = stop.on_ranks(ProcessRanks::default());
+        assert!(!on_ranks.was_seen());
+        assert!(on_ranks.is_requested() && on_ranks.was_seen());
+    }
 }

@@ -2,10 +2,12 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use covers::list::ListRunsOptions;
 use covers::presets::Method;
 use covers::{Provenance, Run, RunError};
+use envs::Embodiment;
 
 use crate::common::{
     Scratch, TABLES, assert_same, begun, bytes, contents, crash_after, expected, finish,
@@ -232,6 +234,29 @@ fn provenance_says_who_worked_on_a_run() {
     assert!(first.renderer.contains("OpenGL"), "{}", first.renderer);
     assert!(!first.command.is_empty() && first.covers_version == env!("CARGO_PKG_VERSION"));
     assert_eq!(first.commit.is_some(), first.clean_checkout.is_some());
+}
+
+/// Another process reads the file of the arm again.
+#[test]
+fn a_run_whose_robot_has_changed_is_refused() {
+    let scratch = Scratch::new("robot");
+    let arm = include_str!("../../assets/urdf/five_joint_hobby.urdf");
+    let path = scratch.0.join("arm.urdf");
+    fs::write(&path, arm).unwrap();
+    let experiment = tiny(Method::Covers).with_embodiment(Embodiment::from_file(&path).unwrap());
+    let folder = crash_after(1, Run::start(experiment, scratch.run("run")).unwrap());
+    let covers = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_covers"));
+        let ended = command.args(arguments).arg(&folder).output().unwrap();
+        (ended.status.code(), String::from_utf8(ended.stderr).unwrap())
+    };
+    assert_eq!(covers(&["eval", "--episodes", "16"]).0, Some(0));
+    fs::write(&path, arm.replace("<mass value=\"0.969\"/>", "<mass value=\"0.9\"/>")).unwrap();
+    for command in ["resume", "eval"] {
+        let (code, said) = covers(&[command]);
+        assert_eq!(code, Some(1), "{said}");
+        assert!(said.contains("arm.urdf describes has changed since the run"), "{said}");
+    }
 }
 
 /// Seconds are differences of a clock that never goes back (`Instant`), so a machine's clock that

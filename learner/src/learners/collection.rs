@@ -81,8 +81,11 @@ impl<S: PolicyCollectionSettings> PolicyCollection<S> {
         grouping: Box<dyn Grouping>,
     ) -> Result<Self, LearnerError> {
         let common = settings.common();
-        // labels measure no distances, so the run would end at its second group
-        if common.new_policy == NewPolicyInit::Copy && common.grouping == GroupingSettings::Oracle {
+        // labels measure no distances, so the run would end at its second group; a single policy
+        // stays the only one
+        let has_distances =
+            !matches!(common.grouping, GroupingSettings::Oracle | GroupingSettings::Single);
+        if common.new_policy == NewPolicyInit::Copy && !has_distances {
             return Err(no_nearest_policy());
         }
         let steps = common.steps_per_env(spec, grouping.requirements().episodes)?;

@@ -91,7 +91,8 @@ impl LearnerSettings {
         })
     }
 
-    fn common(&self) -> CommonSettings {
+    /// Returns the settings that every collection of policies has.
+    pub fn common(&self) -> CommonSettings {
         each!(self, settings => settings.common())
     }
 
