@@ -1,5 +1,6 @@
 //! `covers list`: the runs of a folder with their state, success and size.
 
+use std::collections::HashSet;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -29,22 +30,27 @@ impl ListRunsOptions {
     /// [`RunError::NoRun`] for a folder that does not exist; a folder that cannot be read, or an
     /// `out` that cannot be written to.
     pub fn run(&self, out: &mut impl Write) -> Result<(), RunError> {
-        if !self.folder.exists() {
+        let exists = self.folder.try_exists().map_err(RunError::read_error_mapper(&self.folder))?;
+        if !exists {
             return Err(RunFolder::from_path(&self.folder).no_run());
         }
         let header = ["run", "method", "state", "policies", "success", "MB"];
         let (mut table, mut reasons) = (ReportTable::new("", &header), Vec::new());
-        let mut folders = vec![self.folder.clone()];
+        let (mut folders, mut visited) = (vec![self.folder.clone()], HashSet::new());
         while let Some(folder) = folders.pop() {
+            // a link may lead back to a folder above
+            let real = folder.canonicalize().map_err(RunError::read_error_mapper(&folder))?;
+            if !visited.insert(real) {
+                continue;
+            }
             if RunFolder::from_path(&folder).holds_run() {
                 table.rows.push(row(&folder, &mut reasons));
                 continue;
             }
-            let entries = fs::read_dir(&folder).map_err(RunError::read_error_mapper(&folder))?;
-            // a link may lead back to a folder above
-            let inside =
-                entries.flatten().filter(|entry| entry.file_type().is_ok_and(|t| t.is_dir()));
-            folders.extend(inside.map(|entry| entry.path()));
+            for entry in fs::read_dir(&folder).map_err(RunError::read_error_mapper(&folder))? {
+                let path = entry.map_err(RunError::read_error_mapper(&folder))?.path();
+                folders.extend(path.is_dir().then_some(path));
+            }
         }
         table.rows.sort();
         reasons.sort();

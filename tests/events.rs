@@ -13,7 +13,6 @@ use crate::common::scratch::Scratch;
 
 const METRICS: &str = "rollout,decisions,group,straddles,policy,reward,success,distances,loss\n\
     0,500,goal-reach,false,0,20.5,0.25,,0.5\n\
-    spoiled\n\
     1,1000,button-press,true,1,,,1.5;;0.5,NaN\n\
     2,1500,button-press,false,1,30,0.5,2,1\n\
     3,2000,button-press,false,1,30,0.5,2,0.0";
@@ -230,4 +229,25 @@ fn a_damaged_file_is_found_and_a_folder_without_a_run_refused() {
     }
     let message = report(&scratch.0, &scratch.0).unwrap_err().to_string();
     assert!(message.contains("holds no run"), "{message}");
+}
+
+/// Only the last row may be cut, by a run that goes on.
+#[test]
+fn damaged_tables_are_refused() {
+    let scratch = Scratch::new("events-tables");
+    let (run, boards) = (running(&scratch), scratch.0.join("boards"));
+    let refusal = || report(&run, &boards).unwrap_err().to_string();
+    let metrics = run.join("metrics.csv");
+    fs::write(&metrics, METRICS.replace(",,,1.5;;0.5", "")).unwrap();
+    let ragged = refusal();
+    assert!(ragged.contains("metrics.csv") && ragged.contains("line: 3"), "{ragged}");
+    fs::write(&metrics, METRICS).unwrap();
+    let sums = r#"{"tables": {"metrics.csv": "00000000", "evaluation.csv": "00000000"}}"#;
+    fs::write(run.join("summary.json"), sums).unwrap();
+    let changed = refusal();
+    assert!(changed.contains("evaluation.csv was changed"), "{changed}");
+    fs::remove_file(run.join("evaluation.csv")).unwrap();
+    let missing = refusal();
+    assert!(missing.contains("missing"), "{missing}");
+    assert!(!boards.exists());
 }

@@ -86,6 +86,7 @@ fn what_cannot_be_rendered_is_refused_with_the_reason() {
     for (source, out, more, expected) in [
         (&run, &film, &["--group", "button-pres"][..], "button-press"),
         (&run, &film, &["--group", "drawer-close"], "its groups are goal-reach, button-press"),
+        (&run, &film, &["--views", "seen,perspective", "--twins"], "cannot be mirrored back"),
         (&scratch.0, &film, &[], "holds no run"),
         (&run, &there, &[], "exists already"),
         (&run, &below_a_file, &[], "cannot write"),

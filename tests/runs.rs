@@ -334,6 +334,13 @@ fn a_damaged_run_and_a_folder_of_runs_are_told_apart_from_a_run() {
     let whole = command(&["list", runs]).unwrap();
     assert!(whole.contains("finished") && !whole.contains("unreadable"), "{whole}");
     let run = fs::read_dir(runs).unwrap().next().unwrap().unwrap().path();
+    // runs are often kept on another disk
+    let linked = Scratch::new("linked");
+    std::os::unix::fs::symlink(&run, linked.0.join("elsewhere")).unwrap();
+    std::os::unix::fs::symlink(&linked.0, linked.0.join("circle")).unwrap();
+    let through_link = command(&["list", linked.0.to_str().unwrap()]).unwrap();
+    assert_eq!(through_link.matches("finished").count(), 1, "{through_link}");
+    assert!(through_link.contains("elsewhere"), "{through_link}");
     let table = run.join("metrics.csv");
     let text = fs::read_to_string(&table).unwrap();
     fs::write(&table, &text[..text.len() / 2]).unwrap();

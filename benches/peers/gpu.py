@@ -294,7 +294,7 @@ def ms_a_run(run):
 def frames(session):
     """Milliseconds of a picture and pictures a second with every renderer that there is."""
     for renderer in ["egl", "osmesa"]:
-        session.environment["MUJOCO_GL"] = renderer
+        session.environment["COVERS_GL"] = renderer
         try:
             times = Driver(session, "env_times")
             for embodiment, group in FRAMES:
@@ -302,7 +302,7 @@ def frames(session):
                     session.put("frames", f"{renderer}, {embodiment}, {group}, {measure}, threads {threads}", float(times.ask(measure, embodiment, group, threads)))
         except (RuntimeError, ValueError, OSError) as error:
             session.put("frames", renderer, str(error))
-    session.environment.pop("MUJOCO_GL")
+    session.environment.pop("COVERS_GL")
 
 
 def learn(session):

@@ -1,6 +1,6 @@
 """Reads a recording with Rerun's own package and compares it with the tables of the run.
 
-usage: python rerun_recording.py RUN FILE, after `covers rerun RUN --out FILE`, for a finished run of a method that holds
+usage: python rerun_recording.py RUN FILE, after `covers-rerun RUN --out FILE`, for a finished run of a method that holds
 distances to those of permutations, as `covers` does (pip install rerun-sdk==0.36.3)
 
 Of the stream every figure is compared. Of episodes: that every decision has its actions, its reward in [0, 1] and its pictures, that

@@ -15,8 +15,8 @@ def interval(values):
 
 
 def p_values(values, others):
-    """p-values of Welch's t-test and of a permutation test, or `None` where they are undefined."""
-    if min(len(values), len(others)) < 2 or len({*values}) == len({*others}) == 1:
+    """p-values of Welch's t-test and of a permutation test; `None` for each where it is undefined."""
+    if min(len(values), len(others)) < 2:
         return None, None
     both, count = [*values, *others], len(values)
     total = sum(both)
@@ -24,7 +24,10 @@ def p_values(values, others):
     splits = itertools.combinations(both, count)
     gaps = (abs(sum(part) / count - (total - sum(part)) / len(others)) for part in splits)
     reached = [gap >= observed - 1e-12 for gap in gaps]
-    return stats.ttest_ind(values, others, equal_var=False).pvalue, fmean(reached)
+    # Welch's t has no variance to divide by where all values are equal
+    is_constant = len({*values}) == len({*others}) == 1
+    welch = None if is_constant else stats.ttest_ind(values, others, equal_var=False).pvalue
+    return welch, fmean(reached)
 
 
 def holm(values):

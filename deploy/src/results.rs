@@ -6,7 +6,7 @@ use envs::TaskGroup;
 
 use crate::DeployError;
 use experiments::RunError;
-use learner::disk::{LocalDisk, write_atomically};
+use learner::disk::{LocalDisk, check_path_writable, write_atomically};
 
 use super::faults::SimulatedFault;
 use super::sweep::{FaultSweepResults, fault_sweep_csv, fault_sweep_svg};
@@ -23,7 +23,8 @@ impl ResultsFolder {
     /// later. `faults` are those that will be swept.
     ///
     /// # Errors
-    /// [`RunError::FileExists`] if one of the files exists, and a folder that cannot be created.
+    /// [`RunError::FileExists`] if one of the files exists; a folder that cannot be created or
+    /// written to.
     pub fn create(
         folder: &Path,
         faults: impl Iterator<Item = SimulatedFault>,
@@ -34,9 +35,10 @@ impl ResultsFolder {
         let swept = faults.flat_map(|fault| ["csv", "svg"].map(|ending| results.of(fault, ending)));
         let table = ["table.md", "trials.csv"].map(|name| folder.join(name));
         for path in table.into_iter().chain(swept) {
-            if path.exists() {
+            if path.try_exists().map_err(RunError::read_error_mapper(&path))? {
                 return Err(RunError::FileExists { path }.into());
             }
+            check_path_writable(&LocalDisk, &path)?;
         }
         Ok(results)
     }

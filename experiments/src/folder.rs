@@ -22,7 +22,7 @@ use learner::{CheckpointExtent, Learner, LearnerSettings, TaskLabel};
 use super::checkpoints;
 use crate::lock::{self, FolderLock, LOCK};
 use crate::note::SavedRun;
-use crate::provenance::{Provenance, robot_checksum};
+use crate::provenance::{Provenance, crc32_hex, robot_checksum};
 
 /// Name of the file with a run's settings.
 const EXPERIMENT: &str = "experiment.json";
@@ -48,11 +48,6 @@ const FILES: [&str; 10] = [
     TIMINGS_FILE,
     "units.csv",
 ];
-
-/// Returns the CRC-32 (IEEE 802.3) of a table as eight hexadecimal digits.
-pub(crate) fn crc32_hex(table: &[u8]) -> String {
-    format!("{:08x}", crc32fast::hash(table))
-}
 
 /// Names, lengths and modification times of the files of a run, to be compared with a later
 /// snapshot: no clock of another machine decides anything.

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use crate::error::RunError;
 use crate::evaluation::VariantScore;
 
-use crate::folder::{RunFolder, SAVED_TIMINGS_FILE, TIMINGS_FILE, crc32_hex};
+use crate::folder::{RunFolder, SAVED_TIMINGS_FILE, TIMINGS_FILE};
 use crate::progress::{EvaluationReport, RolloutReport};
+use crate::provenance::crc32_hex;
 use crate::rows::TableSnapshots;
 use crate::schema::{ScoreRow, TimingRow};
 use crate::table::CsvFile;

@@ -9,7 +9,6 @@ use envs::Embodiment;
 use envs::robots::RobotFile;
 
 use crate::error::RunError;
-use crate::folder::crc32_hex;
 
 /// Program, libraries and machine of one process that worked on a run: a line of JSON in the
 /// folder's `provenance.jsonl`. Results never depend on it.
@@ -97,6 +96,11 @@ impl Provenance {
         let lines = text.split(|&byte| byte == b'\n');
         Ok(lines.flat_map(serde_json::from_slice).collect())
     }
+}
+
+/// Returns the CRC-32 (IEEE 802.3) of a file's bytes as eight hexadecimal digits.
+pub(crate) fn crc32_hex(bytes: &[u8]) -> String {
+    format!("{:08x}", crc32fast::hash(bytes))
 }
 
 /// Returns the checksum of a robot that a file describes, as MuJoCo simulates it; `None` for an

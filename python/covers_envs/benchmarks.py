@@ -25,7 +25,7 @@ class FixedGoalsEnv(CoversEnv):
         task: Task of `CoversEnv`.
         split: `train`, or `test` for the list of other goals.
         goal_seed: Seed of the list. Equal ones give equal lists.
-        settings: Settings of `CoversEnv`.
+        settings: Settings of `CoversEnv`; `seed` is that of the order in which goals are drawn.
     """
 
     def __init__(
@@ -34,6 +34,7 @@ class FixedGoalsEnv(CoversEnv):
         if split not in SPLITS:
             raise ValueError(f"setting `split` is {split!r}, expected one of {', '.join(SPLITS)}")
         super().__init__(task, **{"layout": "metaworld"} | settings)
+        gymnasium.Env.reset(self, seed=settings.get("seed"))
         draws = np.random.SeedSequence((goal_seed, SPLITS.index(split))).generate_state(NUM_GOALS, np.uint64)
         # the simulation draws placement and variant from the seed of an episode
         self._goals = [int(goal) for goal in draws]
@@ -60,9 +61,10 @@ def make_mt1(task: str = "goal-reach", *, split: str = "train", goal_seed: int =
 
 def make_mt10(*, split: str = "train", goal_seed: int = 0, **settings: Any) -> SyncVectorEnv:
     """Creates ten environments, one of each task of Meta-World's MT10 in its order. `FixedGoalsEnv` documents the
-    settings."""
+    settings; the environments get the seeds `seed`, `seed` + 1, and so on."""
 
-    def maker(task: str) -> Any:
-        return lambda: FixedGoalsEnv(task, split=split, goal_seed=goal_seed, **settings)
+    def maker(index: int, task: str) -> Any:
+        own = settings if settings.get("seed") is None else settings | {"seed": settings["seed"] + index}
+        return lambda: FixedGoalsEnv(task, split=split, goal_seed=goal_seed, **own)
 
-    return SyncVectorEnv([maker(task) for task in dict(task_sets())["mt10"]])
+    return SyncVectorEnv([maker(index, task) for index, task in enumerate(dict(task_sets())["mt10"])])

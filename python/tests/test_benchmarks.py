@@ -37,6 +37,18 @@ def test_episodes_draw_from_the_list_by_the_seed_of_the_reset():
     np.testing.assert_array_equal(first["image"], again["image"])
 
 
+def test_the_seed_of_an_environment_decides_the_goals_without_a_seed_of_the_reset():
+    def drawn(seed):
+        env = covers_envs.make_mt1("goal-reach", image_size=16, seed=seed)
+        return [env.reset()[1]["goal"] for _ in range(20)]
+
+    assert drawn(5) == drawn(5) != drawn(6)
+    env = covers_envs.make_mt10(**SMALL)
+    goals = env.reset()[1]["goal"]
+    assert len(set(goals)) > 1, "tasks draw goals of their own"
+    assert list(goals) == list(covers_envs.make_mt10(**SMALL).reset()[1]["goal"])
+
+
 def test_the_checker_of_gymnasium_passes():
     check_env(covers_envs.make_mt1("push", **SMALL), skip_render_check=True)
 

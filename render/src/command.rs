@@ -37,7 +37,8 @@ pub struct RenderOptions {
     /// Views of each variant, one row each; several are separated by commas.
     #[arg(long, visible_alias = "view", value_enum, value_delimiter = ',', default_value = "seen")]
     pub views: Vec<FilmView>,
-    /// Below each row, show its pictures mirrored back: four times the same picture.
+    /// Below each row, show its pictures mirrored back: four times the same picture. Not for the
+    /// view `perspective`.
     #[arg(long = "twins")]
     pub with_mirrored_twins: bool,
     /// End the film after this number of decisions (default: with the episode). The printed outcome
@@ -61,9 +62,13 @@ impl RenderOptions {
     /// the outcomes and the film's size to `out`.
     ///
     /// # Errors
-    /// A group that the run was not trained on, a folder without policies, a file that exists, has
-    /// another extension or cannot be written; errors of the environments and the learner.
+    /// A group that the run was not trained on, mirrored pictures of the view from a corner, a
+    /// folder without policies, a file that exists, has another extension or cannot be written;
+    /// errors of the environments and the learner.
     pub fn run(&self, out: &mut impl Write) -> Result<(), RenderError> {
+        if self.with_mirrored_twins && self.views.contains(&FilmView::Perspective) {
+            return Err(RenderError::MirroredPerspective);
+        }
         let target = OutputFile::new(&self.out)?;
         let folder = RunFolder::from_path(&self.run);
         let schedule = folder.read_experiment()?.schedule;

@@ -20,6 +20,12 @@ pub enum RenderError {
         /// List of the supported file extensions.
         expected: &'static str,
     },
+    /// Mirrored pictures of the view from a corner, which are those of no other variant.
+    #[error(
+        "pictures of the view `perspective` cannot be mirrored back, since the mirror image of a view \
+         from one corner is a view from another. Leave out --twins, or choose the views seen, raw and mask"
+    )]
+    MirroredPerspective,
     /// Film in a format that needs `ffmpeg`, which was not found.
     #[error(
         "{} needs `ffmpeg`, which is not on the path: install it, or choose a name that ends in .gif",

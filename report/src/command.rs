@@ -27,8 +27,9 @@ pub struct ReportOptions {
     /// first method is compared with the others.
     #[arg(required = true)]
     pub runs: Vec<PathBuf>,
-    /// Folder for the tables (Markdown, CSV, LaTeX) and the curves (SVG); the tables are printed
-    /// in any case.
+    /// Folder for the tables (Markdown, CSV, LaTeX) and the curves (SVG), of its own: drawings in
+    /// it that are named as those of a report are replaced or removed. The tables are printed in
+    /// any case.
     #[arg(long)]
     pub out: Option<PathBuf>,
     /// Put a GIF of each group's policies at work into `report.html`, some 20 kB each. Runs without

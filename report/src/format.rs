@@ -54,17 +54,23 @@ pub(super) fn score_text(mean: f64, text: String) -> String {
     if mean.is_nan() { NOT_EVALUATED.to_owned() } else { text }
 }
 
-/// Returns a table cell with the mean over the seeds that have a metric; a dash and a footnote with
-/// the reason if none has it.
+/// Returns a table cell with the mean over the seeds that have a metric; with a footnote if some
+/// have none, and a dash and the reason if all have none.
 pub(super) fn mean_cell(
     table: &mut ReportTable,
     metrics: &[Result<f64, UndefinedReason>],
 ) -> String {
     let known: Vec<f64> = metrics.iter().filter_map(|metric| metric.ok()).collect();
-    match (known.is_empty(), metrics.first()) {
-        (true, Some(Err(reason))) => format!("- {}", table.add_footnote(reason)),
-        (true, _) => empty_cell(),
-        (false, _) => format!("{:.3}", mean(&known)),
+    let missing = metrics.iter().find_map(|metric| metric.err());
+    match (known.is_empty(), missing) {
+        (true, Some(reason)) => format!("- {}", table.add_footnote(reason)),
+        (true, None) => empty_cell(),
+        (false, None) => format!("{:.3}", mean(&known)),
+        (false, Some(reason)) => {
+            let (count, all) = (known.len(), metrics.len());
+            let remark = format!("mean over {count} of {all} seeds; in the others, {reason}");
+            format!("{:.3} {}", mean(&known), table.add_footnote(&remark))
+        }
     }
 }
 
@@ -95,6 +101,17 @@ pub(super) fn empty_cell() -> String {
 mod tests {
     use super::*;
     use experiments::presets::{Budget, Method};
+
+    #[test]
+    fn a_mean_says_over_how_many_seeds_it_is() {
+        let mut table = ReportTable::new("", &["method"]);
+        let missing = Err("no group came back");
+        assert_eq!(mean_cell(&mut table, &[Ok(0.25), Ok(0.75)]), "0.500");
+        assert_eq!(mean_cell(&mut table, &[missing, missing]), "- (1)");
+        assert_eq!(mean_cell(&mut table, &[Ok(0.25), missing]), "0.250 (2)");
+        let remark = "mean over 1 of 2 seeds; in the others, no group came back";
+        assert_eq!(table.footnotes, ["no group came back", remark]);
+    }
 
     #[test]
     fn runs_of_the_smoke_budget_alone_have_a_notice() {

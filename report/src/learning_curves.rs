@@ -78,11 +78,15 @@ fn curves_svg(
     axis: &str,
     curve: impl Fn(&RunData) -> Vec<(f64, f64)>,
 ) -> Option<String> {
-    let lines = methods.iter().enumerate().map(|(number, method)| Line {
-        method,
-        is_first: number == 0,
-        stroke: curve_style(number),
-        points: mean_curve(&method.runs.iter().map(&curve).collect::<Vec<_>>()),
+    let lines = methods.iter().enumerate().map(|(number, method)| {
+        let curves: Vec<_> = method.runs.iter().map(&curve).collect();
+        Line {
+            method,
+            is_first: number == 0,
+            stroke: curve_style(number),
+            points: mean_curve(&curves),
+            seed_count: curves.iter().filter(|points| !points.is_empty()).count(),
+        }
     });
     let lines: Vec<Line<'_>> = lines.collect();
     if !lines.iter().any(|line| line.points.len() > 1) {
@@ -118,6 +122,8 @@ struct Line<'a> {
     is_first: bool,
     stroke: LineStyle,
     points: Vec<CurvePoint>,
+    /// Number of seeds that have a curve: those that the points are means over.
+    seed_count: usize,
 }
 
 impl Line<'_> {
@@ -140,7 +146,7 @@ impl Line<'_> {
             drawing.add_line(&points, &self.stroke);
             DOT_RADIUS
         };
-        let (name, seeds) = (&self.method.name, self.method.runs.len());
+        let (name, seeds) = (&self.method.name, self.seed_count);
         for &CurvePoint { spent, mean, low, high } in &self.points {
             let range = match seeds {
                 1 => String::new(),

@@ -166,8 +166,9 @@ fn over_seeds(methods: &[MethodRuns], groups: &[String]) -> ReportTable {
     let caption = format!(
         "Over seeds: mean and interquartile mean of success with intervals of 95 % by a bootstrap \
          over runs and placements; success during training is weighted by decisions; forgetting, \
-         transfer and accuracy are means over groups and seeds. The mean output of a dormant unit \
-         is at most {DORMANCY_THRESHOLD} of its layer's."
+         transfer and accuracy are means over seeds and the groups that have them: not over the \
+         first group for forward transfer, nor over the last for forgetting. The mean output of a \
+         dormant unit is at most {DORMANCY_THRESHOLD} of its layer's."
     );
     let mut table = ReportTable::new(&caption, &OVER_SEEDS);
     for method in methods {

@@ -6,7 +6,7 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
-use csv::{ReaderBuilder, StringRecord};
+use csv::StringRecord;
 
 use crate::ReportError;
 use experiments::{RunError, RunFolder};
@@ -31,7 +31,8 @@ const START: EventTime = EventTime { step: 0, learning_seconds: 0.0 };
 ///
 /// # Errors
 /// [`RunError::NoRun`] for a folder without a run, [`ReportError::DuplicateRunName`] for two runs
-/// of one name, [`RunError::Read`] and [`RunError::Write`] for files.
+/// of one name, [`RunError::ChangedTable`] for a finished run whose table is damaged or missing,
+/// [`RunError::Read`] for a row with too few or too many cells, [`RunError::Write`].
 pub fn write_tensorboard_events(
     runs: &[PathBuf],
     folder: &Path,
@@ -72,6 +73,9 @@ fn write(run: &Path, own: &Path) -> Result<PathBuf, RunError> {
 }
 
 fn events(run: &RunFolder) -> Result<Vec<u8>, RunError> {
+    if run.is_finished() {
+        run.verify_table_checksums()?;
+    }
     let read = |name| Rows::read(&run.file_path(name));
     let (metrics, timings) = (read("metrics.csv")?, read("timings.csv")?);
     let clock = Clock::of(&metrics, &timings);
@@ -191,7 +195,7 @@ impl Clock {
     }
 }
 
-/// Complete rows of a table, as text.
+/// Rows of a table, as text.
 struct Rows {
     names: StringRecord,
     /// Names of the columns whose cells hold one number for each policy.
@@ -205,11 +209,10 @@ impl Rows {
         // a row that is being written ends without a line feed
         let end = text.iter().rposition(|&byte| byte == b'\n');
         let whole = &text[..end.map_or(0, |end| end + 1)];
-        let mut reader = ReaderBuilder::new().flexible(true).from_reader(whole);
+        let mut reader = csv::Reader::from_reader(whole);
         let read_error = |error| RunError::cannot_read(path, error);
         let names = reader.headers().map_err(read_error)?.clone();
-        let mut rows = reader.records().collect::<Result<Vec<_>, _>>().map_err(read_error)?;
-        rows.retain(|row| row.len() == names.len());
+        let rows = reader.records().collect::<Result<Vec<_>, _>>().map_err(read_error)?;
         // a column of lists has cells without a semicolon while there is one policy
         let cells = rows.iter().flat_map(|row| names.iter().zip(row));
         let with_lists = cells.filter(|(_, cell)| cell.contains(';'));
