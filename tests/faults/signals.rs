@@ -94,6 +94,14 @@ fn prepared(name: &str, adapt: impl FnOnce(&mut Experiment)) -> (Scratch, Experi
     (Scratch::new(name), experiment)
 }
 
+/// Makes a run so long that it does not end before a signal reaches it, on a busy machine either; no
+/// checkpoint is written but the one that the signal asks for.
+fn long_without_checkpoints(experiment: &mut Experiment) {
+    experiment.checkpoints.every = 100;
+    // the group that comes second
+    experiment.schedule.groups[0].decisions = 10 * 80;
+}
+
 /// Resumes and expects what a run that nothing happened to writes.
 fn goes_on(scratch: &Scratch, expected: &Bytes) {
     let folder = scratch.0.join("run");
@@ -108,8 +116,7 @@ fn goes_on(scratch: &Scratch, expected: &Bytes) {
 fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
     let mut expected = None;
     for signal in ["INT", "TERM", "HUP"] {
-        // no checkpoint but the one that the signal asks for
-        let (scratch, experiment) = prepared(signal, |e| e.checkpoints.every = 100);
+        let (scratch, experiment) = prepared(signal, long_without_checkpoints);
         let said = stop_in_rollout(train(&scratch, &experiment), signal);
         assert!(said.contains("covers resume"), "{said}");
         goes_on(&scratch, expected.get_or_insert_with(|| reference(&experiment)));
@@ -122,7 +129,7 @@ fn a_signal_ends_the_rollout_and_leaves_a_checkpoint() {
 fn a_second_hangup_or_a_first_sigterm_after_a_hangup_changes_nothing() {
     let mut expected = None;
     for signal in ["HUP", "TERM"] {
-        let (scratch, experiment) = prepared("hangups", |e| e.checkpoints.every = 100);
+        let (scratch, experiment) = prepared("hangups", long_without_checkpoints);
         let mut process = train(&scratch, &experiment);
         process.wait_for_rollout();
         process.signal("HUP");
@@ -150,7 +157,7 @@ fn a_run_under_nohup_ignores_that_the_terminal_closes() {
 
 #[test]
 fn an_output_that_is_closed_ends_the_rollout_and_leaves_a_checkpoint() {
-    let (scratch, experiment) = prepared("pipe", |e| e.checkpoints.every = 100);
+    let (scratch, experiment) = prepared("pipe", long_without_checkpoints);
     let mut process = train(&scratch, &experiment);
     process.wait_for_rollout();
     let Process { mut child, out } = process;
