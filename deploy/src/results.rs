@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use envs::TaskGroup;
 
 use crate::DeployError;
-use experiments::RunError;
-use learner::disk::{LocalDisk, check_path_writable, write_atomically};
+use experiments::new_file::NewOutputFile;
+use learner::disk::{LocalDisk, write_atomically};
 
 use super::faults::SimulatedFault;
 use super::sweep::{FaultSweepResults, fault_sweep_csv, fault_sweep_svg};
@@ -23,22 +23,17 @@ impl ResultsFolder {
     /// later. `faults` are those that will be swept.
     ///
     /// # Errors
-    /// [`RunError::FileExists`] if one of the files exists; a folder that cannot be created or
-    /// written to.
+    /// As [`NewOutputFile::new`] and [`NewOutputFile::prepare_folder`].
     pub fn create(
         folder: &Path,
         faults: impl Iterator<Item = SimulatedFault>,
     ) -> Result<Self, DeployError> {
-        std::fs::create_dir_all(folder).map_err(RunError::write_error_mapper(folder))?;
         // check all files before any trial runs, which takes minutes
         let results = Self { folder: folder.to_owned() };
         let swept = faults.flat_map(|fault| ["csv", "svg"].map(|ending| results.of(fault, ending)));
         let table = ["table.md", "trials.csv"].map(|name| folder.join(name));
         for path in table.into_iter().chain(swept) {
-            if path.try_exists().map_err(RunError::read_error_mapper(&path))? {
-                return Err(RunError::FileExists { path }.into());
-            }
-            check_path_writable(&LocalDisk, &path)?;
+            NewOutputFile::new(&path)?.prepare_folder()?;
         }
         Ok(results)
     }
@@ -104,6 +99,9 @@ mod tests {
         assert!(read("table.md").contains("| button-press | 2 | 0.50 |"));
         let again = create(SimulatedFault::AngleError).err().unwrap();
         assert!(again.to_string().contains("table.md"), "{again}");
+        let below_a_file = folder.join("table.md/results");
+        let unwritable = ResultsFolder::create(&below_a_file, std::iter::empty()).err().unwrap();
+        assert!(unwritable.to_string().contains("cannot write"), "{unwritable}");
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -336,9 +336,6 @@ impl RunFolder {
     pub fn verify_robot(&self, settings: &Experiment) -> Result<(), RunError> {
         let embodiment = settings.envs.embodiment;
         let Some(found) = robot_checksum(embodiment)? else { return Ok(()) };
-        if !file_exists(&self.file_path(Provenance::FILE_NAME))? {
-            return Ok(());
-        }
         let began_with = Provenance::read(&self.path)?.into_iter().find_map(|line| line.robot);
         match began_with.filter(|expected| *expected != found) {
             Some(expected) => {

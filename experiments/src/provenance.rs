@@ -1,5 +1,6 @@
 //! Provenance of a run's numbers: the program, its libraries, and the machine.
 
+use std::io::ErrorKind;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -85,14 +86,17 @@ impl Provenance {
         }
     }
 
-    /// Reads the provenance records of a run's folder, oldest first. Lines torn by a full disk or a
-    /// power cut are skipped.
+    /// Reads the provenance records of a run's folder, oldest first; none for runs of older versions,
+    /// which have no such file. Lines torn by a full disk or a power cut are skipped.
     ///
     /// # Errors
     /// [`RunError::Read`].
     pub fn read(folder: &Path) -> Result<Vec<Self>, RunError> {
         let path = folder.join(Self::FILE_NAME);
-        let text = std::fs::read(&path).map_err(RunError::read_error_mapper(&path))?;
+        let text = match std::fs::read(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+            text => text.map_err(RunError::read_error_mapper(&path))?,
+        };
         let lines = text.split(|&byte| byte == b'\n');
         Ok(lines.flat_map(serde_json::from_slice).collect())
     }

@@ -114,7 +114,7 @@ impl RunData {
                 "timings.csv holds a row that cannot be: seconds must be finite and not negative";
             return Err(unfit(path, problem));
         }
-        let provenance = read_provenance(path)?;
+        let provenance = Provenance::read(path)?;
         Ok(Self {
             name: name_of(path)?,
             is_finished: true,
@@ -146,7 +146,7 @@ impl RunData {
         check(path, &rollouts, &scores)?;
         Ok(Self {
             is_finished: folder.is_finished(),
-            provenance: read_provenance(path)?,
+            provenance: Provenance::read(path)?,
             rollouts,
             timings: whole_rows(&folder.file_path("timings.csv"))?,
             scores,
@@ -461,12 +461,6 @@ fn malformed(path: &Path, error: csv::Error) -> RunError {
 /// Reads all rows of a table that not every run has; `None` without the file.
 fn rows_if_there<R: DeserializeOwned>(path: &Path) -> Result<Option<Vec<R>>, RunError> {
     file_exists(path)?.then(|| rows(path)).transpose()
-}
-
-/// Reads who worked on a run; nothing for runs of older versions, which have no such file.
-fn read_provenance(path: &Path) -> Result<Vec<Provenance>, RunError> {
-    let is_there = file_exists(&path.join(Provenance::FILE_NAME))?;
-    if is_there { Provenance::read(path) } else { Ok(Vec::new()) }
 }
 
 /// Reads the complete rows of a table that is being written; a last row without line end is
