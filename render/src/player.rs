@@ -53,9 +53,11 @@ impl PolicyPlayer {
     /// Loads the policies of the newest intact checkpoint in `folder`.
     ///
     /// # Errors
-    /// As [`RunFolder::read_experiment`] and [`RunFolder::load_learner`].
+    /// As [`RunFolder::read_experiment`], [`RunFolder::verify_robot`] and
+    /// [`RunFolder::load_learner`].
     pub fn load(folder: &RunFolder, threads: usize) -> Result<Self, RunError> {
         let experiment = folder.read_experiment()?.with_threads(threads);
+        folder.verify_robot(&experiment)?;
         let (spec, labels) = (SwitchableVecEnv::env_spec(&experiment.envs), TaskLabel::default());
         let learner = folder.load_learner(&experiment.learner, &spec, &labels)?;
         let evaluator = Evaluator::for_experiment(&experiment, &TaskRegistry::with_all(), labels)?;

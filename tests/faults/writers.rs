@@ -252,8 +252,10 @@ fn a_run_whose_robot_has_changed_is_refused() {
     };
     assert_eq!(covers(&["eval", "--episodes", "16"]).0, Some(0));
     fs::write(&path, arm.replace("<mass value=\"0.969\"/>", "<mass value=\"0.9\"/>")).unwrap();
-    for command in ["resume", "eval"] {
-        let (code, said) = covers(&[command]);
+    let film = scratch.0.join("film.gif");
+    let render = ["render", "--out", film.to_str().unwrap()];
+    for command in [&["resume"][..], &["eval"], &render] {
+        let (code, said) = covers(command);
         assert_eq!(code, Some(1), "{said}");
         assert!(said.contains("arm.urdf describes has changed since the run"), "{said}");
     }
