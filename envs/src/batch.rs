@@ -21,7 +21,8 @@ pub struct StepResultsMut<'a> {
     /// episode.
     pub observations: ObservationsMut<'a>,
     /// Last observations of episodes that ended, where the environment began the next episode by
-    /// itself; others are not written. After [`EnvCommand::StepNoAutoReset`](crate::EnvCommand::StepNoAutoReset) they are in
+    /// itself; others are not written. After
+    /// [`EnvCommand::StepNoAutoReset`](crate::EnvCommand::StepNoAutoReset) they are in
     /// `observations`.
     pub final_observations: ObservationsMut<'a>,
     /// Rewards of the N environments for the decision, in `[0, 1]`.

@@ -96,10 +96,10 @@ impl Scene {
     ///
     /// # Errors
     /// [`EnvError::InvalidSetting`] for an invalid camera, an offset or joint position that is not
-    /// finite, MJCF that changes options of the whole scene, a hand target out of bounds, a start joint that is neither a slide joint nor a hinge,
-    /// a loose joint that is not free or is beside a mocap body `object`, or a handed task without
-    /// objects; [`EnvError::InvalidTaskName`], [`EnvError::InvalidEmbodimentName`], or
-    /// MuJoCo's error for the model.
+    /// finite, MJCF that changes options of the whole scene, a hand target out of bounds, a start
+    /// joint that is neither a slide joint nor a hinge, a loose joint that is not free or is beside
+    /// a mocap body `object`, or a handed task without objects; [`EnvError::InvalidTaskName`],
+    /// [`EnvError::InvalidEmbodimentName`], or MuJoCo's error for the model.
     pub fn new(group: TaskGroup, embodiment: Embodiment, camera: Camera) -> Result<Self, EnvError> {
         Self::new_in_layout(Layout::Symmetric, group, embodiment, camera)
     }

@@ -138,8 +138,8 @@ pub struct TaskSceneParts<'a> {
     /// along x, or the task [`handed`](Self::handed). Visible geoms are in group 1 and are boxes or
     /// upright cylinders, which are drawn as exact mirror images; collision shapes are in group 4.
     /// Everything has a name, and angles are in radians. Elements `compiler` and `option`, which
-    /// would change the whole scene, are refused. A geom that collides keeps the embodiment's `contype` and
-    /// `conaffinity`; one that does not sets both to 0.
+    /// would change the whole scene, are refused. A geom that collides keeps the embodiment's
+    /// `contype` and `conaffinity`; one that does not sets both to 0.
     ///
     /// The part may include the files that the crate's own tasks include: `drawer_stop.xml` and
     /// `puck.xml` of the embodiment; `plunger.xml`, `handle.xml` and `bars.xml` of the layout.
